@@ -1,0 +1,221 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Described parameters: dataclass fields that carry unit, bounds and meaning."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import typing
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from uw_visibility.errors import InputError
+
+
+@dataclasses.dataclass(frozen=True)
+class ParameterInfo:
+    """What a parameter means, and what it may hold.
+
+    Attributes
+    ----------
+    name : str
+        Dotted name, as in the YAML file and on the node.
+    type : type
+        One of bool, int, float, str, or tuple for a list of three floats.
+    default : object
+        Value where nothing is given.
+    description : str
+        One sentence.
+    unit : str
+        Unit, or "" where there is none.
+    minimum, maximum : float or None
+        Inclusive bounds of a number.
+    choices : tuple of str
+        The words allowed, or () where any is.
+    read_only : bool
+        Whether a change needs a restart of the node.
+    """
+
+    name: str
+    type: type
+    default: Any
+    description: str
+    unit: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] = ()
+    read_only: bool = False
+
+    def check(self, value: Any) -> Any:
+        """Convert a value to the parameter's type, or say why it cannot be.
+
+        Parameters
+        ----------
+        value : object
+            The value given, of whatever type.
+
+        Returns
+        -------
+        object
+            The value, of the parameter's type.
+
+        Raises
+        ------
+        InputError
+            If type, bounds or choice do not fit; names the parameter.
+        """
+        value = self._of_type(value)
+        for number in value if isinstance(value, tuple) else (value,):
+            self._check_bounds(number)
+        if self.choices and value not in self.choices:
+            raise InputError(
+                f"parameter {self.name} is {value!r}: give one of {', '.join(self.choices)}"
+            )
+        return value
+
+    def _of_type(self, value: Any) -> Any:
+        if self.type is float and isinstance(value, int) and not isinstance(value, bool):
+            return float(value)
+        if self.type is tuple:
+            numbers = value if isinstance(value, str | bytes) else _numbers(value)
+            if not isinstance(numbers, tuple) or len(numbers) != len(self.default):
+                raise InputError(
+                    f"parameter {self.name} is {value!r}: give {len(self.default)} numbers"
+                )
+            return numbers
+        if type(value) is not self.type:
+            raise InputError(
+                f"parameter {self.name} is {value!r} of type {type(value).__name__}: "
+                f"give a value of type {self.type.__name__}"
+            )
+        return value
+
+    def _check_bounds(self, value: Any) -> None:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return
+        low = -math.inf if self.minimum is None else self.minimum
+        high = math.inf if self.maximum is None else self.maximum
+        if not low <= value <= high:
+            raise InputError(
+                f"parameter {self.name} is {value!r}: give a value between {low:g} and {high:g}"
+                f"{' ' + self.unit if self.unit else ''}"
+            )
+
+
+def parameter(
+    default: Any,
+    description: str,
+    *,
+    unit: str = "",
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: tuple[str, ...] = (),
+    read_only: bool = False,
+) -> Any:
+    """Declare a described parameter as a dataclass field; see `ParameterInfo`."""
+    metadata = {
+        "description": description,
+        "unit": unit,
+        "minimum": minimum,
+        "maximum": maximum,
+        "choices": choices,
+        "read_only": read_only,
+    }
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def section(group: type) -> Any:
+    """Declare a nested group of parameters, held with its defaults."""
+    return dataclasses.field(default_factory=group)
+
+
+def describe(group: type, prefix: str = "") -> Iterator[ParameterInfo]:
+    """Yield every parameter of a dataclass and of its sections, in order."""
+    hints = typing.get_type_hints(group)
+    for field in dataclasses.fields(group):
+        if dataclasses.is_dataclass(hints[field.name]):
+            yield from describe(hints[field.name], f"{prefix}{field.name}.")
+        else:
+            yield ParameterInfo(
+                prefix + field.name, type(field.default), field.default, **field.metadata
+            )
+
+
+def build(group: type, values: Mapping[str, Any], prefix: str = "") -> Any:
+    """Make a dataclass of parameters from dotted names.
+
+    Parameters
+    ----------
+    group : type
+        A dataclass of `parameter` fields and `section` fields.
+    values : mapping of str to object
+        Values by dotted name; what is absent keeps its default.
+
+    Returns
+    -------
+    object
+        An instance of `group`.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown (the nearest known one is named) or a value is
+        not allowed.
+    """
+    check_names(values, (info.name for info in describe(group, prefix)))
+    hints = typing.get_type_hints(group)
+    infos = {info.name: info for info in describe(group, prefix)}
+    arguments = {}
+    for field in dataclasses.fields(group):
+        name = prefix + field.name
+        if dataclasses.is_dataclass(hints[field.name]):
+            inside = {k: v for k, v in values.items() if k.startswith(name + ".")}
+            arguments[field.name] = build(hints[field.name], inside, name + ".")
+        elif name in values:
+            arguments[field.name] = infos[name].check(values[name])
+    return group(**arguments)
+
+
+def check_names(given: Mapping[str, Any], known: Iterator[str]) -> None:
+    """Refuse names that are not known, with the nearest one that is.
+
+    Raises
+    ------
+    InputError
+        Naming the first unknown parameter.
+    """
+    names = list(known)
+    for name in given:
+        if name not in names:
+            near = difflib.get_close_matches(name, names, n=1, cutoff=0.0)
+            raise InputError(f"unknown parameter {name}: did you mean {near[0]}?")
+
+
+def flatten(values: Any, prefix: str = "") -> dict[str, Any]:
+    """Return a dataclass, or nested mappings, as one mapping by dotted name."""
+    if dataclasses.is_dataclass(values):
+        values = {f.name: getattr(values, f.name) for f in dataclasses.fields(values)}
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if dataclasses.is_dataclass(value) or isinstance(value, Mapping):
+            flat.update(flatten(value, f"{prefix}{name}."))
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat
+
+
+def _numbers(value: Any) -> Any:
+    try:
+        items = tuple(value)
+    except TypeError:
+        return value
+    if all(isinstance(i, int | float) and not isinstance(i, bool) for i in items):
+        return tuple(float(i) for i in items)
+    return value
+
+
+__all__ = [
+    "ParameterInfo", "build", "check_names", "describe", "flatten", "parameter", "section",
+]

@@ -1,0 +1,27 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Why an estimate is, or is not, assessable."""
+
+from enum import Enum
+
+
+class Status(str, Enum):
+    """Outcome of an estimate: ``ok``, or the reason why it is not assessable.
+
+    The values are what reports, messages and tables show.
+    """
+
+    OK = "ok"
+    NO_COLOUR = "no colour"
+    TOO_FEW_SUPPORT_POINTS = "too few support points"
+    TOO_FEW_OBSERVATIONS = "too few observations"
+    RANGE_SPREAD_TOO_SMALL = "range spread too small"
+    SATURATED = "saturated"
+    TOO_DARK = "too dark"
+    NO_TEXTURE = "no texture"
+    AMBIENT_LIGHT_UNBOUNDED = "ambient light unbounded"
+    FIT_FAILED = "fit failed"
+    NEGATIVE_DISPARITIES = "negative disparities, are left and right swapped?"
+
+    def __str__(self) -> str:
+        return self.value
