@@ -1,0 +1,361 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Geometry of a stereo rig: disparity and range, and rectification of raw images."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.stereo.calibration import EQUIDISTANT, CameraCalibration
+
+# Calibration tools write the matrices with few digits; more than this is
+# another rig, not rounding.
+RELATIVE_TOLERANCE = 1e-3
+PIXEL_TOLERANCE = 0.5
+
+
+@dataclass(frozen=True)
+class StereoRig:
+    """A rectified pair of cameras.
+
+    Parameters
+    ----------
+    focal_length : float
+        Focal length of the rectified images, px.
+    baseline : float
+        Distance of the two cameras, m; positive.
+    principal_point : tuple of float
+        Principal point (cx, cy) of the left image, px.
+    principal_point_right : tuple of float, optional
+        That of the right image; the left one's where absent.
+    focal_length_y : float, optional
+        Vertical focal length, px, where pixels are not square.
+
+    Raises
+    ------
+    InputError
+        If a length is not positive and finite, or a principal point not finite.
+    """
+
+    focal_length: float
+    baseline: float
+    principal_point: tuple[float, float]
+    principal_point_right: tuple[float, float] | None = None
+    focal_length_y: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_positive("focal length", self.focal_length, "px")
+        _check_positive("baseline", self.baseline, "m")
+        if self.focal_length_y is not None:
+            _check_positive("vertical focal length", self.focal_length_y, "px")
+        _set_point(self, "principal_point", "principal point")
+        if self.principal_point_right is not None:
+            _set_point(self, "principal_point_right", "right principal point")
+
+    @classmethod
+    def from_camera_info(cls, left: Any, right: Any) -> StereoRig:
+        """Take the rig from P of a pair of CameraInfo messages.
+
+        Parameters
+        ----------
+        left, right : object
+            CameraInfo of rclpy or rosbags, of ROS 1 or ROS 2. Region of
+            interest and binning are taken into account.
+
+        Returns
+        -------
+        StereoRig
+
+        Raises
+        ------
+        InputError
+            If a camera is not calibrated, the sizes differ, or P is not that
+            of a rectified pair with the left camera at the origin.
+        """
+        calibrations = _read_pair(left, right)
+        return cls.from_projection(*(c.projection for c in calibrations))
+
+    @classmethod
+    def from_projection(cls, left: ArrayLike, right: ArrayLike) -> StereoRig:
+        """Take the rig from the projection matrices P1 and P2 of a rectified pair.
+
+        Parameters
+        ----------
+        left, right : array_like, (3, 4)
+            Projection matrices; that of the right camera holds -f T in its
+            fourth column.
+
+        Returns
+        -------
+        StereoRig
+
+        Raises
+        ------
+        InputError
+            If a matrix has another form, or if the pair is not rectified.
+        """
+        p1, p2 = _projection(left, "left"), _projection(right, "right")
+        _check_rectified(p1, p2)
+        square = math.isclose(p1[0, 0], p1[1, 1], rel_tol=1e-9)
+        return cls(
+            focal_length=float(p1[0, 0]),
+            baseline=float(-p2[0, 3] / p2[0, 0]),
+            principal_point=(float(p1[0, 2]), float(p1[1, 2])),
+            principal_point_right=(float(p2[0, 2]), float(p2[1, 2])),
+            focal_length_y=None if square else float(p1[1, 1]),
+        )
+
+    @property
+    def offset(self) -> float:
+        """Disparity of a point at infinity, cx of the left minus cx of the right camera, px."""
+        right = self.principal_point_right or self.principal_point
+        return self.principal_point[0] - right[0]
+
+    def ray_lengths(self, shape: tuple[int, ...]) -> NDArray[np.float32]:
+        """Length of each left pixel's ray up to unit depth.
+
+        Parameters
+        ----------
+        shape : tuple of int
+            Height and width of the image.
+
+        Returns
+        -------
+        ndarray, (H, W) float32
+            Read-only, and the same array for the same shape.
+        """
+        return _ray_lengths(
+            self.focal_length, self.focal_length_y or self.focal_length,
+            self.principal_point, (shape[0], shape[1]),
+        )
+
+    def range_from_disparity(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Range along the line of sight, from x_left - x_right.
+
+        Parameters
+        ----------
+        disparity : ndarray, (H, W) float32
+            Disparity in the left image, px; NaN where unknown.
+
+        Returns
+        -------
+        ndarray, (H, W) float32
+            Range, m; NaN where the disparity is NaN, or not positive once
+            the principal points' difference is taken off.
+        """
+        corrected = np.asarray(disparity, np.float32) - np.float32(self.offset)
+        corrected[~(corrected > 0.0)] = np.nan
+        scale = np.float32(self.focal_length * self.baseline)
+        return self.ray_lengths(corrected.shape) * (scale / corrected)
+
+    def disparity_from_range(self, range_map: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Disparity x_left - x_right, from range along the line of sight.
+
+        Parameters
+        ----------
+        range_map : ndarray, (H, W) float32
+            Range, m; NaN where unknown, inf for open water.
+
+        Returns
+        -------
+        ndarray, (H, W) float32
+            Disparity, px; NaN where the range is NaN or not positive.
+        """
+        known = np.array(range_map, np.float32)
+        known[~(known > 0.0)] = np.nan
+        scale = np.float32(self.focal_length * self.baseline)
+        return self.ray_lengths(known.shape) * (scale / known) + np.float32(self.offset)
+
+
+class Rectifier:
+    """Turns raw image pairs into rectified ones.
+
+    Parameters
+    ----------
+    left, right : object
+        CameraInfo messages with K, D, R and P; see `StereoRig.from_camera_info`.
+
+    Attributes
+    ----------
+    rig : StereoRig
+        Geometry of the rectified images.
+    size : tuple of int
+        Width and height of the images, px.
+    valid : ndarray, (H, W) bool
+        Where the rectified left image shows the raw one.
+    valid_window : tuple of int
+        (x, y, width, height) of the smallest window that holds all of `valid`.
+
+    Raises
+    ------
+    InputError
+        If the cameras are not calibrated, their sizes differ, the distortion
+        model is not known, or R and P leave nothing of the image.
+    """
+
+    def __init__(self, left: Any, right: Any) -> None:
+        calibrations = _read_pair(left, right)
+        self.rig = StereoRig.from_projection(*(c.projection for c in calibrations))
+        self.size = calibrations[0].size
+        maps = [
+            _undistortion_maps(calibration, side)
+            for calibration, side in zip(calibrations, ("left", "right"), strict=True)
+        ]
+        # Fixed-point maps are about twice as fast to apply as float ones.
+        self._maps = [cv2.convertMaps(x, y, cv2.CV_16SC2) for x, y in maps]
+        self.valid = _inside(*maps[0], self.size)
+        self.valid.flags.writeable = False
+        if not self.valid.any() or not _inside(*maps[1], self.size).any():
+            raise InputError(
+                "R and P of camera_info leave nothing of the image: calibrate the stereo pair again"
+            )
+        rows, columns = np.flatnonzero(self.valid.any(1)), np.flatnonzero(self.valid.any(0))
+        self.valid_window = (
+            int(columns[0]), int(rows[0]),
+            int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1),
+        )
+
+    def rectify(
+        self, left: NDArray[Any], right: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Rectify a pair of raw images.
+
+        Parameters
+        ----------
+        left, right : ndarray, (H, W) or (H, W, 3), uint8 or uint16
+            Raw images; their channels are not mixed.
+
+        Returns
+        -------
+        left, right : ndarray
+            Like the input; 0 where the raw image does not reach.
+
+        Raises
+        ------
+        InputError
+            If an image has another size than its CameraInfo.
+        """
+        width, height = self.size
+        rectified = []
+        for image, maps, side in zip((left, right), self._maps, ("left", "right"), strict=True):
+            if image.shape[:2] != (height, width):
+                raise InputError(
+                    f"{side} image has {image.shape[1]}x{image.shape[0]} pixels and its "
+                    f"camera_info {width}x{height}: publish the camera_info of this image"
+                )
+            rectified.append(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR))
+        return rectified[0], rectified[1]
+
+
+def _check_positive(name: str, value: float, unit: str) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise InputError(f"{name} is {value:g} {unit}: give a positive, finite number")
+
+
+def _set_point(rig: StereoRig, field: str, name: str) -> None:
+    point = tuple(float(v) for v in getattr(rig, field))
+    if len(point) != 2 or not all(math.isfinite(v) for v in point):
+        raise InputError(f"{name} is {point}: give two finite numbers, cx and cy in px")
+    object.__setattr__(rig, field, point)
+
+
+def _read_pair(left: Any, right: Any) -> tuple[CameraCalibration, CameraCalibration]:
+    pair = (
+        CameraCalibration.from_camera_info(left, "left"),
+        CameraCalibration.from_camera_info(right, "right"),
+    )
+    if pair[0].size != pair[1].size:
+        sizes = " and ".join(f"{w}x{h}" for w, h in (pair[0].size, pair[1].size))
+        raise InputError(
+            f"left and right camera_info differ in size, {sizes} pixels: "
+            "both cameras must send images of one size"
+        )
+    return pair
+
+
+def _projection(matrix: ArrayLike, side: str) -> NDArray[np.float64]:
+    try:
+        p = np.asarray(matrix, np.float64).reshape(3, 4)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"projection matrix P of the {side} camera is not of 3 by 4 numbers: "
+            "give P1 and P2 of the stereo calibration"
+        ) from error
+    if not np.isfinite(p).all():
+        raise InputError(
+            f"projection matrix P of the {side} camera is not finite: "
+            "give P1 and P2 of the stereo calibration"
+        )
+    _check_positive(f"focal length in P of the {side} camera", float(p[0, 0]), "px")
+    _check_positive(f"vertical focal length in P of the {side} camera", float(p[1, 1]), "px")
+    return p
+
+
+def _check_rectified(p1: NDArray[np.float64], p2: NDArray[np.float64]) -> None:
+    if p2[0, 3] > 0.0 or p1[0, 3] < 0.0:
+        raise InputError(
+            f"P[0, 3] is {p1[0, 3]:g} for the left and {p2[0, 3]:g} for the right camera, where 0 "
+            "and a negative number belong: are left and right swapped?"
+        )
+    if p1[0, 3] != 0.0:
+        raise InputError(
+            f"P[0, 3] of the left camera is {p1[0, 3]:g}: give the left camera of the pair, "
+            "where it is 0"
+        )
+    if p2[0, 3] == 0.0:
+        raise InputError(
+            "P[0, 3] of the right camera is 0, so the baseline is 0: "
+            "calibrate the two cameras as a stereo pair"
+        )
+    if abs(p2[1, 3]) > RELATIVE_TOLERANCE * abs(p2[0, 3]):
+        raise InputError(
+            f"P[1, 3] of the right camera is {p2[1, 3]:g}, a vertical pair: "
+            "only horizontal pairs can be used"
+        )
+    same_focal_length = np.allclose(
+        p1[[0, 1], [0, 1]], p2[[0, 1], [0, 1]], rtol=RELATIVE_TOLERANCE, atol=0.0
+    )
+    if not same_focal_length or abs(p1[1, 2] - p2[1, 2]) > PIXEL_TOLERANCE:
+        raise InputError(
+            "P of the left and right camera differ in focal length or in cy, so the pair is not "
+            "rectified: calibrate the two cameras as a stereo pair"
+        )
+
+
+@functools.lru_cache(maxsize=8)
+def _ray_lengths(
+    focal_length: float, focal_length_y: float, centre: tuple[float, float], shape: tuple[int, int]
+) -> NDArray[np.float32]:
+    x = (np.arange(shape[1]) - centre[0]) / focal_length
+    y = (np.arange(shape[0]) - centre[1]) / focal_length_y
+    lengths = np.sqrt(1.0 + x**2 + y[:, None] ** 2).astype(np.float32)
+    lengths.flags.writeable = False
+    return lengths
+
+
+def _undistortion_maps(
+    calibration: CameraCalibration, side: str
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    calibration.check_distortion(side)
+    function: Any = cv2.initUndistortRectifyMap
+    if calibration.distortion_model == EQUIDISTANT:
+        function = cv2.fisheye.initUndistortRectifyMap
+    x, y = function(
+        calibration.camera_matrix, calibration.distortion, calibration.rotation,
+        calibration.projection[:, :3], calibration.size, cv2.CV_32FC1,
+    )
+    return x, y
+
+
+def _inside(
+    x: NDArray[np.float32], y: NDArray[np.float32], size: tuple[int, int]
+) -> NDArray[np.bool_]:
+    return (x >= 0) & (x <= size[0] - 1) & (y >= 0) & (y <= size[1] - 1)
