@@ -1,0 +1,244 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Scenes with known disparity, seen through simulated water (section III of the paper)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.water.light_model import ambient_light_at_depth, attenuate
+
+# Middlebury 2005 and 2006 (Scharstein and Pal, doi 10.1109/CVPR.2007.383191):
+# https://vision.middlebury.edu/stereo/data/scenes2006
+FULL_SIZE_FOCAL_LENGTH = 3740.0
+BASELINE = 0.160
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A stereo pair in air with its true disparity.
+
+    Attributes
+    ----------
+    name : str
+        Name of its folder.
+    left, right : (H, W, 3) uint8 ndarray
+        The images, RGB, taken as normalised radiance.
+    disparity_left, disparity_right : (H, W) float32 ndarray
+        True disparity of either view, px; NaN where it is not known.
+    focal_length : float
+        px.
+    baseline : float
+        m.
+    principal_point : tuple of float
+        (cx, cy), px: the centre of the image, in both views.
+    """
+
+    name: str
+    left: NDArray[np.uint8]
+    right: NDArray[np.uint8]
+    disparity_left: NDArray[np.float32]
+    disparity_right: NDArray[np.float32]
+    focal_length: float
+    baseline: float
+    principal_point: tuple[float, float]
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(H, W) bool: pixels of the left view whose disparity is known."""
+        return np.isfinite(self.disparity_left)
+
+    def range_of(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Range along the line of sight, m, of a filled disparity map of either view."""
+        z = self.focal_length * self.baseline / disparity
+        return np.asarray(z * self.ray_lengths(), dtype=np.float32)
+
+    def ray_lengths(self) -> NDArray[np.float32]:
+        """(H, W) float32: length of each pixel's ray where Z is 1."""
+        height, width = self.disparity_left.shape
+        x = (np.arange(width) - self.principal_point[0]) / self.focal_length
+        y = (np.arange(height) - self.principal_point[1]) / self.focal_length
+        return np.sqrt(1.0 + x**2 + y[:, np.newaxis] ** 2).astype(np.float32)
+
+    def degraded(
+        self, mean_attenuation: float, depth: float, clear_water_attenuation: ArrayLike
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Return the pair as a camera below water sees it; see `degrade`."""
+        left, right = (
+            degrade(
+                image, self.range_of(fill_from_background(disparity)),
+                mean_attenuation, depth, clear_water_attenuation,
+            )
+            for image, disparity in (
+                (self.left, self.disparity_left), (self.right, self.disparity_right),
+            )
+        )
+        return left, right
+
+
+def load_scene(folder: str | Path) -> Scene:
+    """Load a scene of the Middlebury 2005 or 2006 form.
+
+    ``view1`` and ``view5`` are the left and the right image, ``disp1.png`` and
+    ``disp5.png`` their disparities, 0 where unknown. The width of the image
+    tells the size of the scene: below 500 px third size, whose disparity is
+    the value / 3; below 800 px half size, value / 2; else full size. Without
+    ``disp5.png`` the left disparity is warped to the right view.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The scene's folder.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    InputError
+        If a file is absent, unreadable, or of another size than the others.
+    """
+    folder = Path(folder)
+    left, right = (_read_image(folder, name) for name in ("view1", "view5"))
+    height, width = left.shape[:2]
+    scale = 3 if width < 500 else 2 if width < 800 else 1
+    disparity_left = _read_disparity(folder / "disp1.png", scale)
+    if (folder / "disp5.png").is_file():
+        disparity_right = _read_disparity(folder / "disp5.png", scale)
+    else:
+        disparity_right = warp_to_right(disparity_left)
+    if not right.shape[:2] == disparity_left.shape == disparity_right.shape == (height, width):
+        raise InputError(f"scene {folder} has images and disparities of different size")
+    return Scene(
+        name=folder.name,
+        left=left,
+        right=right,
+        disparity_left=disparity_left,
+        disparity_right=disparity_right,
+        focal_length=FULL_SIZE_FOCAL_LENGTH / scale,
+        baseline=BASELINE,
+        principal_point=((width - 1) / 2, (height - 1) / 2),
+    )
+
+
+def degrade(
+    radiance: NDArray[np.uint8],
+    range_map: NDArray[np.float32],
+    mean_attenuation: float,
+    depth: float,
+    clear_water_attenuation: ArrayLike,
+) -> NDArray[np.uint8]:
+    """See an image through water (eq. 1-3), without added noise, in 8 bit.
+
+    Parameters
+    ----------
+    radiance : (H, W, 3) uint8 ndarray
+        The scene in air; code values / 255 are its normalised radiance.
+    range_map : (H, W) float32 ndarray
+        Range along the line of sight, m.
+    mean_attenuation : float
+        α, 1/m: what particles add to each channel.
+    depth : float
+        Depth of the camera z, m. T·I0 is 1.
+    clear_water_attenuation : (3,) array_like
+        κ, 1/m.
+
+    Returns
+    -------
+    (H, W, 3) uint8 ndarray
+        Linear code values of the irradiance, rounded.
+    """
+    attenuation = np.asarray(clear_water_attenuation, dtype=np.float64) + mean_attenuation
+    ambient = ambient_light_at_depth(attenuation, depth)
+    irradiance = attenuate(radiance / np.float32(255), range_map, attenuation, ambient)
+    return np.asarray(np.clip(irradiance * 255 + 0.5, 0, 255), dtype=np.uint8)
+
+
+def fill_from_background(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Give every pixel a disparity: the farther one of its known neighbours in the row.
+
+    Unknown pixels are mostly occluded ones, which lie on the background side.
+    A row without any known pixel takes the nearest filled row.
+
+    Parameters
+    ----------
+    disparity : (H, W) float32 ndarray
+        px; NaN where unknown.
+
+    Returns
+    -------
+    (H, W) float32 ndarray
+        Without NaN.
+
+    Raises
+    ------
+    InputError
+        If no disparity is known at all.
+    """
+    known = np.isfinite(disparity)
+    if not known.any():
+        raise InputError("the disparity map has no known pixel to fill the others from")
+    height, width = disparity.shape
+    column = np.arange(width)
+    before = np.maximum.accumulate(np.where(known, column, -1), axis=1)
+    after = np.minimum.accumulate(np.where(known, column, width)[:, ::-1], axis=1)[:, ::-1]
+    row = np.arange(height)[:, np.newaxis]
+    padded = np.pad(np.where(known, disparity, np.inf), ((0, 0), (1, 1)), constant_values=np.inf)
+    filled = np.minimum(padded[row, before + 1], padded[row, after + 1])
+    rows = np.flatnonzero(known.any(axis=1))
+    nearest = rows[np.abs(np.arange(height)[:, np.newaxis] - rows).argmin(axis=1)]
+    return np.asarray(filled[nearest], dtype=np.float32)
+
+
+def warp_to_right(disparity_left: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Carry the left view's disparity to the right view; the nearer surface wins.
+
+    Parameters
+    ----------
+    disparity_left : (H, W) float32 ndarray
+        px; NaN where unknown.
+
+    Returns
+    -------
+    (H, W) float32 ndarray
+        NaN where no left pixel falls.
+    """
+    height, width = disparity_left.shape
+    row, column = np.nonzero(np.isfinite(disparity_left))
+    value = disparity_left[row, column]
+    target = np.floor(column - value + 0.5).astype(np.intp)
+    inside = (target >= 0) & (target < width)
+    warped = np.full((height, width), -np.inf, dtype=np.float32)
+    np.maximum.at(warped, (row[inside], target[inside]), value[inside])
+    warped[np.isinf(warped)] = np.nan
+    return warped
+
+
+def _read_image(folder: Path, name: str) -> NDArray[np.uint8]:
+    for suffix in IMAGE_SUFFIXES:
+        path = folder / f"{name}{suffix}"
+        if path.is_file():
+            image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+            if image is None:
+                raise InputError(f"cannot read image {path}")
+            return np.asarray(image[:, :, ::-1], dtype=np.uint8, order="C")
+    raise InputError(
+        f"scene {folder} has no {name}{IMAGE_SUFFIXES[0]} (or {', '.join(IMAGE_SUFFIXES[1:])})"
+    )
+
+
+def _read_disparity(path: Path, scale: int) -> NDArray[np.float32]:
+    values = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
+    if values is None:
+        raise InputError(f"cannot read disparity map {path}")
+    disparity = values.astype(np.float32) / scale
+    disparity[values == 0] = np.nan
+    return disparity

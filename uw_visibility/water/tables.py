@@ -1,0 +1,111 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of spectra: the shipped ones, and CSV files of a user's own."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError
+
+
+def read_shipped(name: str) -> tuple[list[str], list[list[str]]]:
+    """Read a table of `uw_visibility.data`: its column names and its rows.
+
+    Parameters
+    ----------
+    name : str
+        File name, for example ``"clear_sea_water.csv"``.
+
+    Returns
+    -------
+    tuple of (list of str, list of list of str)
+    """
+    text = resources.files("uw_visibility.data").joinpath(name).read_text(encoding="utf-8")
+    return parse(text)
+
+
+def shipped_names(prefix: str) -> list[str]:
+    """Return the names of the shipped tables ``<prefix><name>.csv``, sorted."""
+    files = (entry.name for entry in resources.files("uw_visibility.data").iterdir())
+    return sorted(
+        name[len(prefix):-len(".csv")]
+        for name in files
+        if name.startswith(prefix) and name.endswith(".csv")
+    )
+
+
+def read_file(path: Path) -> tuple[list[str], list[list[str]]]:
+    """Read a CSV file: its column names and its rows, without ``#`` lines.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read as text.
+    """
+    try:
+        return parse(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise InputError(f"cannot read table {path}: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"table {path} is not a CSV text file: {error}") from error
+
+
+def parse(text: str) -> tuple[list[str], list[list[str]]]:
+    """Split CSV text into column names and rows; ``#`` lines and blank lines are left out."""
+    lines = (line for line in text.splitlines() if line.strip() and not line.startswith("#"))
+    rows = [[cell.strip() for cell in row] for row in csv.reader(lines)]
+    return (rows[0], rows[1:]) if rows else ([], [])
+
+
+def numbers(
+    table: tuple[list[str], list[list[str]]], columns: Sequence[str], name: str
+) -> NDArray[np.float64]:
+    """Return columns of a table of spectra as numbers, wavelengths first and rising.
+
+    Parameters
+    ----------
+    table : tuple of (list of str, list of list of str)
+        Column names and rows.
+    columns : sequence of str
+        The columns wanted; the first is the wavelength.
+    name : str
+        What to call the table in a message.
+
+    Returns
+    -------
+    (N, len(columns)) float64 ndarray
+        With N >= 2 rows, every value finite.
+
+    Raises
+    ------
+    InputError
+        If a column is absent, a cell is not a number, there are fewer than
+        two rows, or the wavelengths do not rise.
+    """
+    head, rows = table
+    missing = [column for column in columns if column not in head]
+    if missing:
+        raise InputError(
+            f"table {name} has no column {missing[0]!r}: its first line must name "
+            f"{', '.join(columns)}"
+        )
+    places = [head.index(column) for column in columns]
+    try:
+        values = np.array([[float(row[place]) for place in places] for row in rows])
+    except (ValueError, IndexError) as error:
+        raise InputError(
+            f"table {name} has a row without a number for each of {', '.join(columns)}: "
+            f"{error}"
+        ) from error
+    if len(values) < 2 or not np.isfinite(values).all():
+        raise InputError(f"table {name} needs at least two rows of finite numbers")
+    if np.any(np.diff(values[:, 0]) <= 0):
+        raise InputError(f"table {name} has wavelengths out of order: sort its rows by them")
+    return values

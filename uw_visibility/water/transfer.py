@@ -1,0 +1,140 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Pixel values and light: lookup tables between code values and irradiance."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from uw_visibility.errors import InputError
+
+# Lengths of the tables that encode, by the largest code value: the steepest
+# part of the sRGB curve, 12.92 codes for one of linear, gets a step per code.
+_ENCODE_STEPS = {255: 1 << 14, 65535: 1 << 20}
+
+
+@lru_cache(maxsize=8)
+def linear_table(transfer: str, dtype: DTypeLike) -> NDArray[np.float32]:
+    """Lookup table from code value to irradiance.
+
+    Parameters
+    ----------
+    transfer : str
+        ``"linear"`` or ``"srgb"`` (IEC 61966-2-1).
+    dtype : dtype
+        uint8 or uint16, the image's type.
+
+    Returns
+    -------
+    (256,) or (65536,) float32 ndarray
+        Irradiance 0..1 for each code value; read-only.
+
+    Raises
+    ------
+    InputError
+        If the transfer or the type is not known.
+    """
+    top = _largest_code(dtype)
+    code = np.arange(top + 1, dtype=np.float64) / top
+    table = _decode(code, transfer).astype(np.float32)
+    table.flags.writeable = False
+    return table
+
+
+def to_linear(image: NDArray[np.generic], transfer: str) -> NDArray[np.float32]:
+    """Convert an image to irradiance 0..1.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, uint16 or float32
+        Code values; float32 is irradiance already and is returned as it is.
+    transfer : str
+        ``"linear"`` or ``"srgb"``.
+
+    Returns
+    -------
+    float32 ndarray
+        Of the same shape.
+    """
+    if image.dtype == np.float32:
+        return image.view(np.float32)
+    return np.take(linear_table(transfer, image.dtype), image)
+
+
+def from_linear(
+    irradiance: NDArray[np.floating], transfer: str, dtype: DTypeLike
+) -> NDArray[np.integer]:
+    """Convert irradiance to code values, rounded to the nearest and clipped.
+
+    Parameters
+    ----------
+    irradiance : ndarray of float
+        0..1; what is beyond is clipped, NaN becomes 0.
+    transfer : str
+        ``"linear"`` or ``"srgb"``.
+    dtype : dtype
+        uint8 or uint16.
+
+    Returns
+    -------
+    ndarray of uint8 or uint16
+        Of the same shape.
+
+    Raises
+    ------
+    InputError
+        If the transfer or the type is not known.
+    """
+    top = _largest_code(dtype)
+    light = np.nan_to_num(np.clip(irradiance, 0.0, 1.0), nan=0.0)
+    return (_encode(light, transfer) * top + 0.5).astype(dtype)
+
+
+@lru_cache(maxsize=8)
+def encode_table(transfer: str, dtype: DTypeLike) -> NDArray[np.integer]:
+    """Lookup table from irradiance, in equal steps over 0..1, to code value.
+
+    For kernels: ``table[int(irradiance * (len(table) - 1) + 0.5)]``.
+
+    Parameters
+    ----------
+    transfer : str
+        ``"linear"`` or ``"srgb"``.
+    dtype : dtype
+        uint8 or uint16.
+
+    Returns
+    -------
+    (N,) ndarray of uint8 or uint16
+        Read-only.
+    """
+    steps = _ENCODE_STEPS[_largest_code(dtype)]
+    table = from_linear(np.linspace(0.0, 1.0, steps), transfer, dtype)
+    table.flags.writeable = False
+    return table
+
+
+def _decode(code: NDArray[np.float64], transfer: str) -> NDArray[np.float64]:
+    if transfer == "linear":
+        return code
+    if transfer == "srgb":
+        return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+    raise InputError(f"camera.transfer is {transfer!r}: give linear or srgb")
+
+
+def _encode(light: NDArray[np.floating], transfer: str) -> NDArray[np.floating]:
+    if transfer == "linear":
+        return light
+    if transfer == "srgb":
+        curve = 1.055 * np.power(light, 1 / 2.4) - 0.055
+        return np.where(light <= 0.0031308, light * 12.92, curve)
+    raise InputError(f"camera.transfer is {transfer!r}: give linear or srgb")
+
+
+def _largest_code(dtype: DTypeLike) -> int:
+    if np.dtype(dtype) not in (np.dtype(np.uint8), np.dtype(np.uint16)):
+        raise InputError(f"images of type {np.dtype(dtype)} are not supported: give 8 or 16 bit")
+    return int(np.iinfo(np.dtype(dtype)).max)
