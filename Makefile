@@ -1,0 +1,69 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+#
+#   make venv          .venv with pinned versions and ROS 2 Jazzy
+#   make demo          simulate, run the node, play the bag into it, report: see demo/
+#   make test          the tests
+#   make lint          ruff, mypy, import-linter
+#   make bench         speed against OpenCV's StereoSGBM: see bench.json
+#   make test-oldest   the tests with the versions of Ubuntu 24.04 (needs Python 3.12)
+#   make parameters    write config/uw_visibility.yaml anew from config.py
+#   make clean         remove everything that these made
+#
+# PYTHON=... chooses the interpreter; without it the first of 3.12 and 3.11 that runs.
+
+SHELL := /bin/bash
+PYTHON ?=
+VENV := .venv
+VENV_OLDEST := .venv-oldest
+SOURCES := setup.py setup.cfg
+
+# The environment brings a ROS 2 of its own. One that is sourced in this shell
+# must not be mixed into it.
+unexport PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+export RMW_IMPLEMENTATION := rmw_fastrtps_cpp
+export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+# Another domain for every run: two runs on one machine never meet. Linux leaves 0 to 101
+# free of ephemeral ports.
+ISOLATED = ROS_DOMAIN_ID=$$(( $$$$ % 100 + 1 ))
+
+.DEFAULT_GOAL := help
+.PHONY: help venv demo test lint bench test-oldest parameters clean
+
+help:
+	@sed -n 's/^#   //p' Makefile
+
+venv: $(VENV)/.installed
+
+$(VENV)/.installed: constraints/constraints-newest.txt $(SOURCES)
+	@tools/make_venv $(VENV) constraints/constraints-newest.txt $(or $(PYTHON),python3.12 python3.11 python3 python)
+	@touch $@
+
+$(VENV_OLDEST)/.installed: constraints/constraints-ubuntu-24.04.txt $(SOURCES)
+	@tools/make_venv $(VENV_OLDEST) constraints/constraints-ubuntu-24.04.txt $(or $(PYTHON),python3.12)
+	@touch $@
+
+demo: venv
+	$(ISOLATED) $(VENV)/bin/uw_visibility demo -o demo
+
+test: venv
+	$(ISOLATED) $(VENV)/bin/python -m pytest
+
+test-oldest: $(VENV_OLDEST)/.installed
+	$(ISOLATED) $(VENV_OLDEST)/bin/python -m pytest
+
+lint: venv
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports
+
+bench: venv
+	$(VENV)/bin/python -m benchmarks
+
+parameters: venv
+	$(VENV)/bin/python -m uw_visibility.parameter_file config/uw_visibility.yaml
+
+clean:
+	rm -rf $(VENV) $(VENV_OLDEST) build install log dist demo bench.json *.egg-info
+	rm -rf .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache .benchmarks
+	find uw_visibility test benchmarks -name __pycache__ -prune -exec rm -rf {} +

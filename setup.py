@@ -1,0 +1,59 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Build of the package, with pip and with colcon (ament_python) alike."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "uw_visibility"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Underwater visibility, colour and stereo from a stereo camera",
+    author="the uw_visibility developers",
+    maintainer="the uw_visibility developers",
+    maintainer_email="uw_visibility@example.org",
+    license="Apache-2.0",
+    python_requires=">=3.11",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={f"{NAME}.data": ["*.csv", "*.txt"]},
+    data_files=[
+        # What ros2 run, ros2 launch and ament's index look for.
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/config", glob("config/*.yaml")),
+        (f"share/{NAME}/launch", glob("launch/*.launch.py")),
+    ],
+    # Tables are read as files, and compiled kernels are cached beside their source.
+    zip_safe=False,
+    install_requires=[
+        "numba>=0.58",
+        "numpy>=1.26",
+        "opencv-python-headless>=4.6",
+        "PyYAML>=6.0",
+        "scipy>=1.11",
+    ],
+    extras_require={
+        # On a robot these come from apt with ROS 2 Jazzy itself.
+        "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
+        # Commands that read and write recordings, draw and show progress.
+        "report": ["jinja2>=3.1", "matplotlib>=3.6", "rosbags>=0.10", "tqdm>=4.66"],
+        "test": [
+            "hypothesis",
+            "import-linter",
+            "mypy",
+            "pytest",
+            "pytest-benchmark",
+            "ruff",
+            "types-PyYAML",
+        ],
+    },
+    entry_points={
+        "console_scripts": [
+            f"uw_visibility = {NAME}.cli:main",
+            f"uw_visibility_node = {NAME}.ros.node:main",
+        ],
+    },
+)
