@@ -83,9 +83,9 @@ def test_what_has_no_range_is_nan_and_the_input_stays() -> None:
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_lengths_that_are_not_positive_are_named(value: float) -> None:
-    with pytest.raises(InputError, match="focal length is .* positive"):
+    with pytest.raises(InputError, match=r"focal length is .* positive"):
         StereoRig(value, BASELINE, CENTRE)
-    with pytest.raises(InputError, match="baseline is .* positive"):
+    with pytest.raises(InputError, match=r"baseline is .* positive"):
         StereoRig(FOCAL, value, CENTRE)
 
 
@@ -223,7 +223,7 @@ def test_no_coefficients_mean_no_distortion() -> None:
 
 def test_image_of_another_size_than_its_camera_info_is_named() -> None:
     image = np.zeros((24, 32), np.uint8)
-    with pytest.raises(InputError, match="left image has 32x24 .* camera_info 64x48"):
+    with pytest.raises(InputError, match=r"left image has 32x24 .* camera_info 64x48"):
         Rectifier(camera_info(), right_info()).rectify(image, image)
 
 

@@ -8,9 +8,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.errors import InputError
+
+# Calibration tools write the matrices with few digits; more than this is
+# another rig, not rounding.
+RELATIVE_TOLERANCE = 1e-3
+PIXEL_TOLERANCE = 0.5
 
 EQUIDISTANT = "equidistant"
 DISTORTION_COEFFICIENTS = {
@@ -140,6 +145,93 @@ def image_size(info: Any, side: str) -> tuple[int, int]:
             "publish the size of the calibrated image"
         )
     return size
+
+
+def read_pair(left: Any, right: Any) -> tuple[CameraCalibration, CameraCalibration]:
+    """Read the CameraInfo messages of a pair of cameras with images of one size.
+
+    Raises
+    ------
+    InputError
+        If a camera is not calibrated, or if the sizes differ.
+    """
+    pair = (
+        CameraCalibration.from_camera_info(left, "left"),
+        CameraCalibration.from_camera_info(right, "right"),
+    )
+    if pair[0].size != pair[1].size:
+        sizes = " and ".join(f"{w}x{h}" for w, h in (pair[0].size, pair[1].size))
+        raise InputError(
+            f"left and right camera_info differ in size, {sizes} pixels: "
+            "both cameras must send images of one size"
+        )
+    return pair
+
+
+def read_projection(matrix: ArrayLike, side: str) -> NDArray[np.float64]:
+    """Return a projection matrix as (3, 4) float64.
+
+    Raises
+    ------
+    InputError
+        If it has another form, is not finite, or has no focal length.
+    """
+    try:
+        p = np.asarray(matrix, np.float64).reshape(3, 4)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"projection matrix P of the {side} camera is not of 3 by 4 numbers: "
+            "give P1 and P2 of the stereo calibration"
+        ) from error
+    if not np.isfinite(p).all():
+        raise InputError(
+            f"projection matrix P of the {side} camera is not finite: "
+            "give P1 and P2 of the stereo calibration"
+        )
+    if not (p[0, 0] > 0.0 and p[1, 1] > 0.0):
+        raise InputError(
+            f"projection matrix P of the {side} camera has the focal lengths {p[0, 0]:g} and "
+            f"{p[1, 1]:g}: give P1 and P2 of the stereo calibration"
+        )
+    return p
+
+
+def check_rectified(p1: NDArray[np.float64], p2: NDArray[np.float64]) -> None:
+    """Refuse projection matrices of a pair that is not rectified, or swapped.
+
+    Raises
+    ------
+    InputError
+        Saying which entry tells so.
+    """
+    if p2[0, 3] > 0.0 or p1[0, 3] < 0.0:
+        raise InputError(
+            f"P[0, 3] is {p1[0, 3]:g} for the left and {p2[0, 3]:g} for the right camera, where 0 "
+            "and a negative number belong: are left and right swapped?"
+        )
+    if p1[0, 3] != 0.0:
+        raise InputError(
+            f"P[0, 3] of the left camera is {p1[0, 3]:g}: give the left camera of the pair, "
+            "where it is 0"
+        )
+    if p2[0, 3] == 0.0:
+        raise InputError(
+            "P[0, 3] of the right camera is 0, so the baseline is 0: "
+            "calibrate the two cameras as a stereo pair"
+        )
+    if abs(p2[1, 3]) > RELATIVE_TOLERANCE * abs(p2[0, 3]):
+        raise InputError(
+            f"P[1, 3] of the right camera is {p2[1, 3]:g}, a vertical pair: "
+            "only horizontal pairs can be used"
+        )
+    same_focal_length = np.allclose(
+        p1[[0, 1], [0, 1]], p2[[0, 1], [0, 1]], rtol=RELATIVE_TOLERANCE, atol=0.0
+    )
+    if not same_focal_length or abs(p1[1, 2] - p2[1, 2]) > PIXEL_TOLERANCE:
+        raise InputError(
+            "P of the left and right camera differ in focal length or in cy, so the pair is not "
+            "rectified: calibrate the two cameras as a stereo pair"
+        )
 
 
 def _window(info: Any) -> tuple[int, int, int, int]:

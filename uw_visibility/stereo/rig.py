@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.errors import InputError
-from uw_visibility.stereo.calibration import EQUIDISTANT, CameraCalibration
-
-# Calibration tools write the matrices with few digits; more than this is
-# another rig, not rounding.
-RELATIVE_TOLERANCE = 1e-3
-PIXEL_TOLERANCE = 0.5
-
+from uw_visibility.stereo.calibration import (
+    EQUIDISTANT,
+    CameraCalibration,
+    check_rectified,
+    read_pair,
+    read_projection,
+)
 
 @dataclass(frozen=True)
 class StereoRig:
@@ -80,7 +80,7 @@ class StereoRig:
             If a camera is not calibrated, the sizes differ, or P is not that
             of a rectified pair with the left camera at the origin.
         """
-        calibrations = _read_pair(left, right)
+        calibrations = read_pair(left, right)
         return cls.from_projection(*(c.projection for c in calibrations))
 
     @classmethod
@@ -102,8 +102,8 @@ class StereoRig:
         InputError
             If a matrix has another form, or if the pair is not rectified.
         """
-        p1, p2 = _projection(left, "left"), _projection(right, "right")
-        _check_rectified(p1, p2)
+        p1, p2 = read_projection(left, "left"), read_projection(right, "right")
+        check_rectified(p1, p2)
         square = math.isclose(p1[0, 0], p1[1, 1], rel_tol=1e-9)
         return cls(
             focal_length=float(p1[0, 0]),
@@ -202,7 +202,7 @@ class Rectifier:
     """
 
     def __init__(self, left: Any, right: Any) -> None:
-        calibrations = _read_pair(left, right)
+        calibrations = read_pair(left, right)
         self.rig = StereoRig.from_projection(*(c.projection for c in calibrations))
         self.size = calibrations[0].size
         maps = [
@@ -265,69 +265,6 @@ def _set_point(rig: StereoRig, field: str, name: str) -> None:
     if len(point) != 2 or not all(math.isfinite(v) for v in point):
         raise InputError(f"{name} is {point}: give two finite numbers, cx and cy in px")
     object.__setattr__(rig, field, point)
-
-
-def _read_pair(left: Any, right: Any) -> tuple[CameraCalibration, CameraCalibration]:
-    pair = (
-        CameraCalibration.from_camera_info(left, "left"),
-        CameraCalibration.from_camera_info(right, "right"),
-    )
-    if pair[0].size != pair[1].size:
-        sizes = " and ".join(f"{w}x{h}" for w, h in (pair[0].size, pair[1].size))
-        raise InputError(
-            f"left and right camera_info differ in size, {sizes} pixels: "
-            "both cameras must send images of one size"
-        )
-    return pair
-
-
-def _projection(matrix: ArrayLike, side: str) -> NDArray[np.float64]:
-    try:
-        p = np.asarray(matrix, np.float64).reshape(3, 4)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"projection matrix P of the {side} camera is not of 3 by 4 numbers: "
-            "give P1 and P2 of the stereo calibration"
-        ) from error
-    if not np.isfinite(p).all():
-        raise InputError(
-            f"projection matrix P of the {side} camera is not finite: "
-            "give P1 and P2 of the stereo calibration"
-        )
-    _check_positive(f"focal length in P of the {side} camera", float(p[0, 0]), "px")
-    _check_positive(f"vertical focal length in P of the {side} camera", float(p[1, 1]), "px")
-    return p
-
-
-def _check_rectified(p1: NDArray[np.float64], p2: NDArray[np.float64]) -> None:
-    if p2[0, 3] > 0.0 or p1[0, 3] < 0.0:
-        raise InputError(
-            f"P[0, 3] is {p1[0, 3]:g} for the left and {p2[0, 3]:g} for the right camera, where 0 "
-            "and a negative number belong: are left and right swapped?"
-        )
-    if p1[0, 3] != 0.0:
-        raise InputError(
-            f"P[0, 3] of the left camera is {p1[0, 3]:g}: give the left camera of the pair, "
-            "where it is 0"
-        )
-    if p2[0, 3] == 0.0:
-        raise InputError(
-            "P[0, 3] of the right camera is 0, so the baseline is 0: "
-            "calibrate the two cameras as a stereo pair"
-        )
-    if abs(p2[1, 3]) > RELATIVE_TOLERANCE * abs(p2[0, 3]):
-        raise InputError(
-            f"P[1, 3] of the right camera is {p2[1, 3]:g}, a vertical pair: "
-            "only horizontal pairs can be used"
-        )
-    same_focal_length = np.allclose(
-        p1[[0, 1], [0, 1]], p2[[0, 1], [0, 1]], rtol=RELATIVE_TOLERANCE, atol=0.0
-    )
-    if not same_focal_length or abs(p1[1, 2] - p2[1, 2]) > PIXEL_TOLERANCE:
-        raise InputError(
-            "P of the left and right camera differ in focal length or in cy, so the pair is not "
-            "rectified: calibrate the two cameras as a stereo pair"
-        )
 
 
 @functools.lru_cache(maxsize=8)
