@@ -55,6 +55,66 @@ class StereoConfig:
         "Largest disparity searched; 0 takes a quarter of the image's width.",
         unit="px", minimum=0, maximum=1024,
     )
+    min_disparity: int = parameter(
+        0, "Smallest disparity searched.", unit="px", minimum=0, maximum=1000,
+    )
+    support_step: int = parameter(
+        5, "Distance of the grid points that may become support points.",
+        unit="px", minimum=2, maximum=50,
+    )
+    support_texture: int = parameter(
+        10, "Least sum of gradient responses at a support point.", minimum=0, maximum=2000,
+    )
+    support_uniqueness: float = parameter(
+        0.9, "A support point's best cost is at most this times its second best.",
+        minimum=0.1, maximum=1.0,
+    )
+    consistency_cells: int = parameter(
+        5, "Grid points to each side that a support point is compared with.",
+        minimum=1, maximum=20,
+    )
+    consistency_disparity: float = parameter(
+        5.0, "Difference up to which two support points agree.",
+        unit="px", minimum=0.0, maximum=100.0,
+    )
+    consistency_count: int = parameter(
+        5, "Neighbours that must agree with a support point.", minimum=0, maximum=400,
+    )
+    plane_radius: int = parameter(
+        2, "Distance from the mesh's plane up to which disparities are tried.",
+        unit="px", minimum=0, maximum=20,
+    )
+    plane_deviation: float = parameter(
+        1.0, "Standard deviation of the prior about the mesh's plane.",
+        unit="px", minimum=0.1, maximum=20.0,
+    )
+    prior_outlier: float = parameter(
+        3.0, "Weight of disparities off the plane, against 1 on it.",
+        minimum=1e-3, maximum=1e3,
+    )
+    likelihood_weight: float = parameter(
+        0.02, "Weight of a unit of descriptor difference against the prior.",
+        minimum=1e-4, maximum=1.0,
+    )
+    left_right_tolerance: int = parameter(
+        1, "Largest difference of the two views' disparities.", unit="px", minimum=0, maximum=10,
+    )
+    segment_size: int = parameter(
+        100, "Smallest number of pixels that a segment of the disparity map keeps.",
+        unit="px", minimum=0, maximum=100000,
+    )
+    segment_difference: float = parameter(
+        1.0, "Difference of neighbouring disparities within a segment.",
+        unit="px", minimum=0.0, maximum=10.0,
+    )
+    gap_width: int = parameter(
+        3, "Width of the gaps in the disparity map that are bridged.",
+        unit="px", minimum=0, maximum=100,
+    )
+    gap_difference: float = parameter(
+        3.0, "Difference of a gap's two sides up to which it is interpolated.",
+        unit="px", minimum=0.0, maximum=100.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -86,6 +146,29 @@ class EnhancementConfig:
     max_gain: float = parameter(
         30.0, "Largest gain exp(attenuation x range); pixels beyond it are marked.",
         minimum=1.0, maximum=1e3,
+    )
+    matting: str = parameter(
+        "guided",
+        "How the coarse disparity becomes dense: guided (a filter, fast) or laplacian "
+        "(a closed-form matting solve, for reference).",
+        choices=("guided", "laplacian"),
+    )
+    matting_radius: int = parameter(
+        16, "Reach of the matting filter; larger holes are filled from coarser scales.",
+        unit="px", minimum=4, maximum=256,
+    )
+    matting_smoothness: float = parameter(
+        1e-4, "Variance of the image, at a scale of 0..1, below which it counts as flat.",
+        minimum=1e-8, maximum=1.0,
+    )
+    max_gap: int = parameter(
+        40, "How far a gap in the disparity map looks for its surroundings; what finds too "
+        "few is inpainted.",
+        unit="px", minimum=1, maximum=512,
+    )
+    sensor_noise: float = parameter(
+        1.0, "Standard deviation of the camera's noise in 8-bit grey levels.",
+        minimum=0.1, maximum=50.0,
     )
 
 

@@ -1,3 +1,7 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""elas."""
+"""ELAS, from its publication (Geiger, Roser and Urtasun, ACCV 2010)."""
+
+from uw_visibility.stereo.elas.matcher import DenseMatch, Matcher
+
+__all__ = ["DenseMatch", "Matcher"]

@@ -1,0 +1,117 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Descriptors of 16 Sobel responses a pixel (Geiger, Roser and Urtasun, ACCV 2010)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from uw_visibility.parallel import Workers
+from uw_visibility.stereo.elas.absolute_difference import BYTES
+
+# Half the side of the window that a descriptor samples.
+MARGIN = 2
+# A Sobel response of a step from black to white is 1020 and must fit a byte;
+# textures under water stay far below that, so that strong edges may clip.
+SHIFT = 2
+MIDDLE = 128
+
+
+class Descriptors:
+    """Descriptor image of one view, in memory that is allocated once.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the images, px.
+
+    Attributes
+    ----------
+    values : ndarray
+        ``(H * W * 16,)`` uint8, the descriptor of pixel (u, v) from
+        ``16 * (v * W + u)`` on; 128 stands for a response of zero.
+    """
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        height, width = shape
+        padded = (height + 2 * MARGIN, width + 2 * MARGIN)
+        self._horizontal = np.empty(padded, np.uint8)
+        self._vertical = np.empty(padded, np.uint8)
+        self.values: NDArray[np.uint8] = np.empty(height * width * BYTES, np.uint8)
+
+    def compute(self, grey: NDArray[np.uint8], workers: Workers) -> None:
+        """Fill `values` from a grey image.
+
+        Parameters
+        ----------
+        grey : ndarray
+            ``(H, W)`` uint8.
+        workers : Workers
+            Threads.
+        """
+        height = grey.shape[0]
+        workers.rows(_sobel, height + 2 * MARGIN, grey, self._horizontal, self._vertical)
+        workers.rows(_gather, height, self._horizontal, self._vertical, self.values)
+
+
+@njit(nogil=True, cache=True)
+def _byte(response: int) -> int:
+    return min(max((response >> SHIFT) + MIDDLE, 0), 255)
+
+
+@njit(nogil=True, cache=True)
+def _sobel(start: int, stop: int, grey: Any, horizontal: Any, vertical: Any) -> None:
+    """Sobel responses, on a frame widened by repeating the border."""
+    height, width = grey.shape
+    for row in range(start, stop):
+        y = min(max(row - MARGIN, 0), height - 1)
+        above = grey[max(y - 1, 0)]
+        here = grey[y]
+        below = grey[min(y + 1, height - 1)]
+        for x in range(1, width - 1):
+            left = np.int32(above[x - 1]) + 2 * np.int32(here[x - 1]) + np.int32(below[x - 1])
+            right = np.int32(above[x + 1]) + 2 * np.int32(here[x + 1]) + np.int32(below[x + 1])
+            top = np.int32(above[x - 1]) + 2 * np.int32(above[x]) + np.int32(above[x + 1])
+            bottom = np.int32(below[x - 1]) + 2 * np.int32(below[x]) + np.int32(below[x + 1])
+            horizontal[row, x + MARGIN] = _byte(right - left)
+            vertical[row, x + MARGIN] = _byte(bottom - top)
+        for x in range(MARGIN + 1):
+            horizontal[row, x] = horizontal[row, MARGIN + 1]
+            vertical[row, x] = vertical[row, MARGIN + 1]
+            horizontal[row, width + 2 * MARGIN - 1 - x] = horizontal[row, width + MARGIN - 2]
+            vertical[row, width + 2 * MARGIN - 1 - x] = vertical[row, width + MARGIN - 2]
+
+
+@njit(nogil=True, cache=True)
+def _gather(start: int, stop: int, horizontal: Any, vertical: Any, values: Any) -> None:
+    """Eleven horizontal responses on a rhombus and five vertical ones on a cross.
+
+    Horizontal responses decide along an epipolar line, so they are the majority.
+    """
+    width = horizontal.shape[1] - 2 * MARGIN
+    for y in range(start, stop):
+        h0, h1, h2 = horizontal[y], horizontal[y + 1], horizontal[y + 2]
+        h3, h4 = horizontal[y + 3], horizontal[y + 4]
+        v1, v2, v3 = vertical[y + 1], vertical[y + 2], vertical[y + 3]
+        for x in range(width):
+            at = (y * width + x) * BYTES
+            values[at] = h0[x + 2]
+            values[at + 1] = h1[x + 1]
+            values[at + 2] = h1[x + 2]
+            values[at + 3] = h1[x + 3]
+            values[at + 4] = h2[x]
+            values[at + 5] = h2[x + 1]
+            values[at + 6] = h2[x + 2]
+            values[at + 7] = h2[x + 3]
+            values[at + 8] = h2[x + 4]
+            values[at + 9] = h3[x + 2]
+            values[at + 10] = h4[x + 2]
+            values[at + 11] = v1[x + 2]
+            values[at + 12] = v2[x + 1]
+            values[at + 13] = v2[x + 2]
+            values[at + 14] = v2[x + 3]
+            values[at + 15] = v3[x + 2]

@@ -1,0 +1,171 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The stereo matcher: one object that takes a pair of grey images through ELAS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.config import StereoConfig
+from uw_visibility.parallel import Workers
+from uw_visibility.stereo.elas import dense, mesh, postprocess
+from uw_visibility.stereo.elas.dense import CellCandidates, DenseSettings
+from uw_visibility.stereo.elas.descriptors import Descriptors
+from uw_visibility.stereo.elas.support import SupportGrid, SupportSettings
+
+
+@dataclass(frozen=True)
+class DenseMatch:
+    """Disparities of a pair.
+
+    Attributes
+    ----------
+    disparity : ndarray
+        ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
+    left, right : ndarray
+        ``(H, W)`` int16, each view's own best disparity before the views were
+        compared, px; -1 where none. They tell occlusions from mismatches.
+        They are the matcher's memory: the next pair overwrites them.
+    """
+
+    disparity: NDArray[np.float32]
+    left: NDArray[np.int16]
+    right: NDArray[np.int16]
+
+
+class Matcher:
+    """ELAS (Geiger, Roser and Urtasun, ACCV 2010), in memory that is allocated once.
+
+    The steps are separate calls, in this order: `describe`, `support_points`,
+    `coarse_disparity` (enough for the first estimate of the water), `dense_disparity`.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the images, px.
+    disparities : tuple of int
+        Smallest and largest disparity, inclusive, px.
+    config : StereoConfig
+        Thresholds and weights.
+    workers : Workers
+        Threads.
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        disparities: tuple[int, int],
+        config: StereoConfig,
+        workers: Workers,
+    ) -> None:
+        self._shape = shape
+        self._disparities = disparities
+        self._config = config
+        self._workers = workers
+        self._left, self._right = Descriptors(shape), Descriptors(shape)
+        self._support = SupportGrid(
+            shape,
+            SupportSettings(
+                step=config.support_step,
+                texture=config.support_texture,
+                uniqueness=config.support_uniqueness,
+                consistency_cells=config.consistency_cells,
+                consistency_disparity=config.consistency_disparity,
+                consistency_count=config.consistency_count,
+            ),
+        )
+        self._dense_settings = DenseSettings(
+            likelihood=config.likelihood_weight,
+            plane_radius=config.plane_radius,
+            plane_deviation=config.plane_deviation,
+            outlier=config.prior_outlier,
+        )
+        self._planes = np.empty((2, *shape), np.float32)
+        self._candidates = tuple(CellCandidates(shape, disparities[1] + 2) for _ in range(2))
+        self._best = np.empty((2, *shape), np.int16)
+        self._segments = postprocess.SegmentFilter(shape)
+
+    def describe(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> None:
+        """Compute the descriptors of a pair of grey images ``(H, W)`` uint8."""
+        self._left.compute(left, self._workers)
+        self._right.compute(right, self._workers)
+
+    def support_points(self) -> NDArray[np.float32]:
+        """Find the support points of the described pair.
+
+        Returns
+        -------
+        ndarray
+            ``(N, 3)`` float32: u, v in the left image and disparity, px.
+        """
+        return self._support.search(
+            self._left.values, self._right.values, self._disparities, self._workers
+        )
+
+    def coarse_disparity(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the mesh of the support points as an image.
+
+        Parameters
+        ----------
+        points : ndarray
+            ``(N, 3)`` float32, from `support_points`.
+
+        Returns
+        -------
+        ndarray
+            ``(H, W)`` float32, px; NaN outside the mesh.
+        """
+        coarse = np.empty(self._shape, np.float32)
+        mesh.rasterize(mesh.triangulate(points, self._shape), coarse, self._workers)
+        return coarse
+
+    def dense_disparity(self, points: NDArray[np.float32]) -> DenseMatch:
+        """Match every pixel of the described pair.
+
+        Parameters
+        ----------
+        points : ndarray
+            ``(N, 3)`` float32, from `support_points`.
+
+        Returns
+        -------
+        DenseMatch
+        """
+        disparity = np.full(self._shape, np.nan, np.float32)
+        if len(points) == 0:
+            self._best[:] = -1
+            return DenseMatch(disparity, self._best[0], self._best[1])
+        self._workers.together(
+            lambda: self._prepare(0, points),
+            lambda: self._prepare(1, mesh.in_right_view(points)),
+        )
+        views = (self._left.values, self._right.values)
+        for view, sign in ((0, 1), (1, -1)):
+            dense.match(
+                views[view], views[1 - view], sign, self._planes[view],
+                self._candidates[view], self._disparities, self._dense_settings,
+                self._best[view], self._workers,
+            )
+        self._postprocess(disparity)
+        return DenseMatch(disparity, self._best[0], self._best[1])
+
+    def _prepare(self, view: int, points: NDArray[np.float32]) -> None:
+        """Plane and candidates of one view."""
+        alone = Workers(1)
+        self._candidates[view].fill(points)
+        corners = mesh.with_corners(points, self._shape)
+        mesh.rasterize(mesh.triangulate(corners, self._shape), self._planes[view], alone)
+
+    def _postprocess(self, disparity: NDArray[np.float32]) -> None:
+        config = self._config
+        postprocess.check_and_refine(
+            self._best[0], self._best[1], (self._left.values, self._right.values),
+            config.left_right_tolerance, disparity, self._workers,
+        )
+        self._segments.remove(disparity, config.segment_size, config.segment_difference)
+        postprocess.fill_small_gaps(
+            disparity, config.gap_width, config.gap_difference, self._workers
+        )

@@ -1,0 +1,147 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Delaunay mesh of the support points, and its plane at every pixel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from uw_visibility.parallel import Workers
+
+
+def in_right_view(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Move support points to where the right view sees them; of two at one pixel the nearer stays.
+
+    Parameters
+    ----------
+    points : ndarray
+        ``(N, 3)`` float32: u and v in the left image, disparity, px.
+
+    Returns
+    -------
+    ndarray
+        ``(M, 3)`` float32: u and v in the right image, disparity, px.
+    """
+    moved = points.copy()
+    moved[:, 0] = np.round(points[:, 0] - points[:, 2])
+    order = np.lexsort((-moved[:, 2], moved[:, 0], moved[:, 1]))
+    moved = moved[order]
+    first = np.ones(len(moved), bool)
+    first[1:] = np.any(moved[1:, :2] != moved[:-1, :2], axis=1)
+    return moved[first]
+
+
+def with_corners(points: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Add the image's four corners, each with the disparity of the nearest point.
+
+    Parameters
+    ----------
+    points : ndarray
+        ``(N, 3)`` float32, N at least 1.
+    shape : tuple of int
+        Height and width, px.
+
+    Returns
+    -------
+    ndarray
+        ``(N + 4, 3)`` float32.
+    """
+    height, width = shape
+    corners = np.array(
+        [[0, 0], [width - 1, 0], [0, height - 1], [width - 1, height - 1]], np.float32
+    )
+    distance = np.sum((corners[:, None] - points[None, :, :2]) ** 2, axis=2)
+    nearest = points[np.argmin(distance, axis=1), 2:]
+    return np.vstack([points, np.hstack([corners, nearest])])
+
+
+def triangulate(points: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Delaunay triangulation of points at whole pixels.
+
+    Parameters
+    ----------
+    points : ndarray
+        ``(N, 3)`` float32: u, v (whole numbers, each pair once) and disparity.
+    shape : tuple of int
+        Height and width, px.
+
+    Returns
+    -------
+    ndarray
+        ``(M, 3, 3)`` float32: triangles, their corners, (u, v, disparity);
+        without any where fewer than three points are given.
+    """
+    height, width = shape
+    if len(points) < 3:
+        return np.empty((0, 3, 3), np.float32)
+    subdivision = cv2.Subdiv2D((0, 0, width, height))
+    subdivision.insert(np.ascontiguousarray(points[:, :2]))
+    corners = np.asarray(subdivision.getTriangleList(), np.float32).reshape(-1, 3, 2)
+    inside = np.all(
+        (corners >= 0) & (corners <= np.array([width - 1, height - 1], np.float32)), axis=(1, 2)
+    )
+    corners = corners[inside]
+    # The subdivision returns corners by position: look their points up by pixel.
+    index = np.full((height, width), -1, np.int32)
+    whole = points[:, :2].astype(np.int32)
+    index[whole[:, 1], whole[:, 0]] = np.arange(len(points), dtype=np.int32)
+    at = corners.astype(np.int32)
+    return points[index[at[..., 1], at[..., 0]]]
+
+
+def rasterize(
+    triangles: NDArray[np.float32], disparity: NDArray[np.float32], workers: Workers
+) -> None:
+    """Write the disparity of the mesh at every pixel that it covers.
+
+    Parameters
+    ----------
+    triangles : ndarray
+        ``(M, 3, 3)`` float32, as `triangulate` returns them.
+    disparity : ndarray
+        ``(H, W)`` float32, overwritten; NaN where no triangle lies.
+    workers : Workers
+        Threads.
+    """
+    workers.rows(_rasterize, disparity.shape[0], triangles, disparity)
+
+
+@njit(nogil=True, cache=True)
+def _rasterize(start: int, stop: int, triangles: Any, disparity: Any) -> None:
+    width = disparity.shape[1]
+    for y in range(start, stop):
+        for x in range(width):
+            disparity[y, x] = np.nan
+    for t in range(triangles.shape[0]):
+        x0, y0, d0 = triangles[t, 0]
+        x1, y1, d1 = triangles[t, 1]
+        x2, y2, d2 = triangles[t, 2]
+        area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+        if area == 0.0:
+            continue
+        slope_x = ((d1 - d0) * (y2 - y0) - (d2 - d0) * (y1 - y0)) / area
+        slope_y = ((d2 - d0) * (x1 - x0) - (d1 - d0) * (x2 - x0)) / area
+        first = max(int(min(y0, y1, y2)), start)
+        last = min(int(max(y0, y1, y2)), stop - 1)
+        for y in range(first, last + 1):
+            low = np.float32(width)
+            high = np.float32(-1.0)
+            for edge in range(3):
+                ax, ay, _ = triangles[t, edge]
+                bx, by, _ = triangles[t, (edge + 1) % 3]
+                if y < min(ay, by) or y > max(ay, by):
+                    continue
+                if ay == by:
+                    low = min(low, ax, bx)
+                    high = max(high, ax, bx)
+                else:
+                    x_edge = ax + (y - ay) * (bx - ax) / (by - ay)
+                    low = min(low, x_edge)
+                    high = max(high, x_edge)
+            for x in range(int(np.ceil(low)), int(high) + 1):
+                disparity[y, x] = d0 + slope_x * (x - x0) + slope_y * (y - y0)

@@ -1,0 +1,168 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What follows the dense search: consistency, sub-pixel, small segments, small gaps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from uw_visibility.parallel import Workers
+from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
+from uw_visibility.stereo.elas.dense import BORDER
+from uw_visibility.stereo.elas.support import vertex_of_parabola
+
+
+def check_and_refine(
+    left: NDArray[np.int16],
+    right: NDArray[np.int16],
+    descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+    tolerance: int,
+    disparity: NDArray[np.float32],
+    workers: Workers,
+) -> None:
+    """Keep what both views agree on, to a fraction of a pixel.
+
+    Parameters
+    ----------
+    left, right : ndarray
+        ``(H, W)`` int16 disparities of the two views, -1 where there is none.
+    descriptors : tuple of ndarray
+        Of the left and of the right view, ``(H * W * 16,)`` uint8.
+    tolerance : int
+        Largest difference of the two views' disparities, px.
+    disparity : ndarray
+        ``(H, W)`` float32, overwritten; NaN where the views disagree.
+    workers : Workers
+        Threads.
+    """
+    workers.rows(
+        _check_and_refine, left.shape[0], left, right, descriptors[0], descriptors[1],
+        tolerance, disparity,
+    )
+
+
+class SegmentFilter:
+    """Removal of small segments, in memory that is allocated once.
+
+    A segment is a set of pixels that are joined by neighbours (above, below,
+    left or right) whose disparities differ by at most a threshold.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the images, px.
+    """
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._parent = np.empty(shape[0] * shape[1], np.int32)
+        self._size = np.empty(shape[0] * shape[1], np.int32)
+
+    def remove(self, disparity: NDArray[np.float32], size: int, difference: float) -> None:
+        """Set segments of fewer than ``size`` pixels to NaN, in place."""
+        _remove_segments(disparity, size, np.float32(difference), self._parent, self._size)
+
+
+def fill_small_gaps(
+    disparity: NDArray[np.float32], width: int, difference: float, workers: Workers
+) -> None:
+    """Bridge gaps of at most ``width`` pixels within rows, then within columns, in place.
+
+    Where the two sides differ by at most ``difference`` px the gap is
+    interpolated; at a depth edge it takes the farther side, as an occlusion
+    would.
+    """
+    workers.rows(_fill_row_gaps, disparity.shape[0], disparity, width, np.float32(difference))
+    transposed = disparity.T
+    workers.rows(_fill_row_gaps, disparity.shape[1], transposed, width, np.float32(difference))
+
+
+@njit(nogil=True, cache=True)
+def _check_and_refine(
+    start: int, stop: int, left: Any, right: Any, here: Any, there: Any, tolerance: int,
+    disparity: Any,
+) -> None:
+    width = left.shape[1]
+    for y in range(start, stop):
+        at = y * width
+        for x in range(width):
+            disparity[y, x] = np.nan
+            d = np.int32(left[y, x])
+            other = x - d
+            if d < 0 or other < 0:
+                continue
+            back = np.int32(right[y, other])
+            if back < 0 or abs(back - d) > tolerance:
+                continue
+            offset = 0.0
+            if BORDER < other < width - BORDER - 1:
+                offset = vertex_of_parabola(
+                    absolute_difference(here, (at + x) * BYTES, there, (at + other + 1) * BYTES),
+                    absolute_difference(here, (at + x) * BYTES, there, (at + other) * BYTES),
+                    absolute_difference(here, (at + x) * BYTES, there, (at + other - 1) * BYTES),
+                )
+            disparity[y, x] = d + offset
+
+
+@njit(nogil=True, cache=True)
+def _root(parent: Any, at: int) -> int:
+    while parent[at] != at:
+        parent[at] = parent[parent[at]]
+        at = parent[at]
+    return at
+
+
+@njit(nogil=True, cache=True)
+def _remove_segments(disparity: Any, least: int, difference: Any, parent: Any, size: Any) -> None:
+    height, width = disparity.shape
+    for y in range(height):
+        for x in range(width):
+            at = y * width + x
+            d = disparity[y, x]
+            parent[at] = at
+            size[at] = 0
+            if d != d:
+                continue
+            if x > 0 and abs(disparity[y, x - 1] - d) <= difference:
+                parent[at] = parent[at - 1]
+            if y > 0 and abs(disparity[y - 1, x] - d) <= difference:
+                a = _root(parent, at)
+                b = _root(parent, at - width)
+                # The earlier pixel becomes the root, so that labels do not
+                # depend on the order of the joins.
+                if a < b:
+                    parent[b] = a
+                elif b < a:
+                    parent[a] = b
+    for at in range(height * width):
+        root = _root(parent, at)
+        parent[at] = root
+        size[root] += 1
+    for y in range(height):
+        for x in range(width):
+            if size[parent[y * width + x]] < least:
+                disparity[y, x] = np.nan
+
+
+@njit(nogil=True, cache=True)
+def _fill_row_gaps(start: int, stop: int, disparity: Any, widest: int, difference: Any) -> None:
+    width = disparity.shape[1]
+    for y in range(start, stop):
+        last = -1
+        for x in range(width):
+            d = disparity[y, x]
+            if d != d:
+                continue
+            gap = x - last - 1
+            if 0 < gap <= widest and last >= 0:
+                before = disparity[y, last]
+                if abs(before - d) <= difference:
+                    value = np.float32(0.5) * (before + d)
+                else:
+                    value = min(before, d)
+                for inside in range(last + 1, x):
+                    disparity[y, inside] = value
+            last = x

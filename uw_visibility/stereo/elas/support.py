@@ -1,0 +1,223 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Support points: matches on a grid that are textured, unique and mutual.
+
+Section 2.1 of Geiger, Roser and Urtasun, "Efficient Large-Scale Stereo Matching",
+ACCV 2010, doi:10.1007/978-3-642-19315-6_3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from uw_visibility.parallel import Workers
+from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
+from uw_visibility.stereo.elas.descriptors import MIDDLE
+
+# A support point is compared at the four corners of a square of this half side,
+# so that its window reaches 9 x 9 pixels.
+REACH = 2
+# Neighbours of the best disparity are the same minimum of the cost.
+SAME_MINIMUM = 1
+_HUGE = np.int32(1 << 30)
+
+
+@dataclass(frozen=True)
+class SupportSettings:
+    """Thresholds of the support points; see `StereoConfig` for their meaning."""
+
+    step: int
+    texture: int
+    uniqueness: float
+    consistency_cells: int
+    consistency_disparity: float
+    consistency_count: int
+
+
+class SupportGrid:
+    """Search for support points on a grid, in memory that is allocated once.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the images, px.
+    settings : SupportSettings
+        Thresholds.
+    """
+
+    def __init__(self, shape: tuple[int, int], settings: SupportSettings) -> None:
+        height, width = shape
+        self._shape = shape
+        self._settings = settings
+        step = settings.step
+        rows, columns = max(height // step, 1), max(width // step, 1)
+        self._found = np.empty((rows, columns), np.float32)
+        self._kept = np.empty((rows, columns), np.float32)
+
+    def search(
+        self,
+        left: NDArray[np.uint8],
+        right: NDArray[np.uint8],
+        disparities: tuple[int, int],
+        workers: Workers,
+    ) -> NDArray[np.float32]:
+        """Find the support points of a described pair.
+
+        Parameters
+        ----------
+        left, right : ndarray
+            Descriptors of the two views, ``(H * W * 16,)`` uint8.
+        disparities : tuple of int
+            Smallest and largest disparity, inclusive, px.
+        workers : Workers
+            Threads.
+
+        Returns
+        -------
+        ndarray
+            ``(N, 3)`` float32: column u, row v in the left image and disparity,
+            px, row by row.
+        """
+        settings = self._settings
+        height, width = self._shape
+        rows, columns = self._found.shape
+        workers.rows(
+            _search, rows, left, right, width, height, settings.step, disparities[0],
+            disparities[1], settings.texture, np.float32(settings.uniqueness), self._found,
+        )
+        workers.rows(
+            _keep_consistent, rows, self._found, settings.consistency_cells,
+            np.float32(settings.consistency_disparity), settings.consistency_count, self._kept,
+        )
+        v, u = np.nonzero(self._kept >= disparities[0])
+        points = np.empty((len(u), 3), np.float32)
+        points[:, 0] = u * settings.step + settings.step // 2
+        points[:, 1] = v * settings.step + settings.step // 2
+        points[:, 2] = self._kept[v, u]
+        return points
+
+
+@njit(nogil=True, cache=True)
+def _texture(descriptors: Any, at: int) -> int:
+    total = 0
+    for i in range(BYTES):
+        total += abs(np.int32(descriptors[at + i]) - MIDDLE)
+    return total
+
+
+@njit(nogil=True, cache=True)
+def _scan(
+    here: Any, there: Any, u: int, v: int, width: int, sign: int, low: int, high: int, cost: Any
+) -> None:
+    """Costs of pixel (u, v) of one view against (u - sign * d, v) of the other.
+
+    The costs are stored, not reduced on the fly: the store keeps LLVM from
+    moving half of the absolute difference out of the loop, which would break
+    its vector form.
+    """
+    above = (v - REACH) * width
+    below = (v + REACH) * width
+    for d in range(low, high + 1):
+        x = u - sign * d
+        cost[d] = (
+            absolute_difference(
+                here, (above + u - REACH) * BYTES, there, (above + x - REACH) * BYTES)
+            + absolute_difference(
+                here, (above + u + REACH) * BYTES, there, (above + x + REACH) * BYTES)
+            + absolute_difference(
+                here, (below + u - REACH) * BYTES, there, (below + x - REACH) * BYTES)
+            + absolute_difference(
+                here, (below + u + REACH) * BYTES, there, (below + x + REACH) * BYTES)
+        )
+
+
+@njit(nogil=True, cache=True)
+def _best(cost: Any, low: int, high: int, uniqueness: Any) -> int:
+    """Disparity of least cost, or -1 - that where a rival comes too near."""
+    best = _HUGE
+    at = low
+    for d in range(low, high + 1):
+        if cost[d] < best:
+            best = cost[d]
+            at = d
+    rival = _HUGE
+    for d in range(low, at - SAME_MINIMUM):
+        rival = min(rival, cost[d])
+    for d in range(at + SAME_MINIMUM + 1, high + 1):
+        rival = min(rival, cost[d])
+    if np.float32(best) > uniqueness * np.float32(rival):
+        return -1 - at
+    return at
+
+
+@njit(nogil=True, cache=True)
+def vertex_of_parabola(before: Any, at: Any, after: Any) -> float:
+    """Offset of the minimum of a parabola through three equidistant costs, within 0.5."""
+    curvature = before - 2.0 * at + after
+    if curvature <= 0.0:
+        return 0.0
+    return min(max(0.5 * (before - after) / curvature, -0.5), 0.5)
+
+
+@njit(nogil=True, cache=True)
+def _search(
+    start: int, stop: int, left: Any, right: Any, width: int, height: int, step: int,
+    low: int, high: int, texture: int, uniqueness: Any, found: Any,
+) -> None:
+    cost = np.empty(high + 1, np.int32)
+    reverse = np.empty(high + 1, np.int32)
+    for row in range(start, stop):
+        v = row * step + step // 2
+        for column in range(found.shape[1]):
+            found[row, column] = -1.0
+            u = column * step + step // 2
+            if not (REACH <= v < height - REACH and REACH <= u < width - REACH):
+                continue
+            if _texture(left, (v * width + u) * BYTES) < texture:
+                continue
+            last = min(high, u - REACH)
+            if last - low < 2 * SAME_MINIMUM + 2:
+                continue
+            _scan(left, right, u, v, width, 1, low, last, cost)
+            d = _best(cost, low, last, uniqueness)
+            if d < 0:
+                continue
+            x = u - d
+            reverse_last = min(high, width - REACH - 1 - x)
+            _scan(right, left, x, v, width, -1, low, reverse_last, reverse)
+            back = _best(reverse, low, reverse_last, np.float32(1e9))
+            if abs(back - d) > 1:
+                continue
+            offset = 0.0
+            if low < d < last:
+                offset = vertex_of_parabola(
+                    np.float64(cost[d - 1]), np.float64(cost[d]), np.float64(cost[d + 1])
+                )
+            found[row, column] = d + offset
+
+
+@njit(nogil=True, cache=True)
+def _keep_consistent(
+    start: int, stop: int, found: Any, cells: int, disparity: Any, count: int, kept: Any
+) -> None:
+    """Drop points that too few neighbours agree with (implausible matches)."""
+    rows, columns = found.shape
+    for row in range(start, stop):
+        for column in range(columns):
+            d = found[row, column]
+            kept[row, column] = -1.0
+            if d < 0:
+                continue
+            agreeing = -1
+            for y in range(max(row - cells, 0), min(row + cells + 1, rows)):
+                for x in range(max(column - cells, 0), min(column + cells + 1, columns)):
+                    other = found[y, x]
+                    if other >= 0 and abs(other - d) <= disparity:
+                        agreeing += 1
+            if agreeing >= count:
+                kept[row, column] = d
