@@ -22,6 +22,7 @@ from uw_visibility.stereo.calibration import (
     read_projection,
 )
 
+
 @dataclass(frozen=True)
 class StereoRig:
     """A rectified pair of cameras.
