@@ -3,5 +3,6 @@
 """ELAS, from its publication (Geiger, Roser and Urtasun, ACCV 2010)."""
 
 from uw_visibility.stereo.elas.matcher import DenseMatch, Matcher
+from uw_visibility.stereo.elas.support import SupportPoints
 
-__all__ = ["DenseMatch", "Matcher"]
+__all__ = ["DenseMatch", "Matcher", "SupportPoints"]

@@ -23,7 +23,11 @@ from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_differ
 CELL = 20
 # Descriptors reach two pixels to each side, and the border's repeats prove nothing.
 BORDER = 2
-_HUGE = np.int32(1 << 30)
+# Energy and disparity share one integer, energy above, so that the best of both
+# is one minimum without a branch; of equal energies the smaller disparity stays.
+_DISPARITY_BITS = 11
+_DISPARITY_MASK = (1 << _DISPARITY_BITS) - 1
+_NOTHING = np.int32((1 << 30) - 1)
 
 
 @dataclass(frozen=True)
@@ -141,58 +145,50 @@ def _match(
     best = np.empty(width, np.int32)
     middle = np.empty(width, np.int32)
     for y in range(start, stop):
-        row = disparity[y]
         for x in range(width):
-            best[x] = _HUGE
-            row[x] = -1
+            best[x] = _NOTHING
             mean = plane[y, x]
             middle[x] = np.int32(mean + 0.5) if mean == mean else np.int32(-2 * radius - 2)
-        if y < BORDER or y >= height - BORDER:
-            continue
-        for column in range(count.shape[1]):
-            x_first = max(column * CELL, BORDER)
-            x_last = min((column + 1) * CELL, width - BORDER)
-            for i in range(count[y // CELL, column]):
-                d = np.int32(candidates[y // CELL, column, i])
-                if d < low or d > high:
-                    continue
-                _try_disparity(
-                    here, there, y * width, sign, d, x_first, x_last, width, middle, prior,
-                    best, row,
-                )
-        for offset in range(-radius, radius + 1):
-            _try_plane(
-                here, there, y * width, sign, offset, low, high, width, middle,
-                prior[abs(offset)], best, row,
-            )
+        if BORDER <= y < height - BORDER:
+            for column in range(count.shape[1]):
+                x_first = max(column * CELL, BORDER)
+                x_last = min((column + 1) * CELL, width - BORDER)
+                for i in range(count[y // CELL, column]):
+                    d = np.int32(candidates[y // CELL, column, i])
+                    if low <= d <= high:
+                        _try_disparity(here, there, y * width, sign, d, x_first, x_last, width,
+                                       best)
+            for offset in range(-radius, radius + 1):
+                _try_plane(here, there, y * width, sign, offset, low, high, width, middle,
+                           prior[abs(offset)], best)
+        for x in range(width):
+            disparity[y, x] = -1 if best[x] == _NOTHING else best[x] & _DISPARITY_MASK
 
 
 @njit(nogil=True, cache=True)
 def _try_disparity(
     here: Any, there: Any, at: int, sign: int, d: int, x_first: int, x_last: int, width: int,
-    middle: Any, prior: Any, best: Any, row: Any,
+    best: Any,
 ) -> None:
-    """Offer one disparity to the pixels of a cell's row."""
-    radius = len(prior) - 1
+    """Offer one disparity to the pixels of a cell's row.
+
+    The prior is left out: where it is below zero, `_try_plane` offers the same
+    disparity with it.
+    """
     if sign > 0:
         x_first = max(x_first, d + BORDER)
     else:
         x_last = min(x_last, width - BORDER - d)
+    shift = sign * d
     for x in range(x_first, x_last):
-        energy = absolute_difference(
-            here, (at + x) * BYTES, there, (at + x - sign * d) * BYTES)
-        distance = abs(d - middle[x])
-        if distance <= radius:
-            energy += prior[distance]
-        if energy < best[x]:
-            best[x] = energy
-            row[x] = d
+        energy = absolute_difference(here, (at + x) * BYTES, there, (at + x - shift) * BYTES)
+        best[x] = min(best[x], np.int32((energy << _DISPARITY_BITS) + d))
 
 
 @njit(nogil=True, cache=True)
 def _try_plane(
     here: Any, there: Any, at: int, sign: int, offset: int, low: int, high: int, width: int,
-    middle: Any, prior: int, best: Any, row: Any,
+    middle: Any, prior: int, best: Any,
 ) -> None:
     """Offer each pixel of a row the disparity at one distance from its plane."""
     for x in range(BORDER, width - BORDER):
@@ -202,6 +198,4 @@ def _try_plane(
             continue
         energy = prior + absolute_difference(
             here, (at + x) * BYTES, there, (at + other) * BYTES)
-        if energy < best[x]:
-            best[x] = energy
-            row[x] = d
+        best[x] = min(best[x], np.int32((energy << _DISPARITY_BITS) + d))

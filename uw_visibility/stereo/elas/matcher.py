@@ -14,7 +14,7 @@ from uw_visibility.parallel import Workers
 from uw_visibility.stereo.elas import dense, mesh, postprocess
 from uw_visibility.stereo.elas.dense import CellCandidates, DenseSettings
 from uw_visibility.stereo.elas.descriptors import Descriptors
-from uw_visibility.stereo.elas.support import SupportGrid, SupportSettings
+from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints, SupportSettings
 
 
 @dataclass(frozen=True)
@@ -93,25 +93,19 @@ class Matcher:
         self._left.compute(left, self._workers)
         self._right.compute(right, self._workers)
 
-    def support_points(self) -> NDArray[np.float32]:
-        """Find the support points of the described pair.
-
-        Returns
-        -------
-        ndarray
-            ``(N, 3)`` float32: u, v in the left image and disparity, px.
-        """
+    def support_points(self) -> SupportPoints:
+        """Find the support points of the described pair."""
         return self._support.search(
             self._left.values, self._right.values, self._disparities, self._workers
         )
 
-    def coarse_disparity(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
+    def coarse_disparity(self, support: SupportPoints) -> NDArray[np.float32]:
         """Return the mesh of the support points as an image.
 
         Parameters
         ----------
-        points : ndarray
-            ``(N, 3)`` float32, from `support_points`.
+        support : SupportPoints
+            From `support_points`.
 
         Returns
         -------
@@ -119,28 +113,33 @@ class Matcher:
             ``(H, W)`` float32, px; NaN outside the mesh.
         """
         coarse = np.empty(self._shape, np.float32)
-        mesh.rasterize(mesh.triangulate(points, self._shape), coarse, self._workers)
+        vertices = support.points[support.vertices]
+        mesh.rasterize(mesh.triangulate(vertices, self._shape), coarse, self._workers)
         return coarse
 
-    def dense_disparity(self, points: NDArray[np.float32]) -> DenseMatch:
+    def dense_disparity(self, support: SupportPoints) -> DenseMatch:
         """Match every pixel of the described pair.
 
         Parameters
         ----------
-        points : ndarray
-            ``(N, 3)`` float32, from `support_points`.
+        support : SupportPoints
+            From `support_points`.
 
         Returns
         -------
         DenseMatch
         """
         disparity = np.full(self._shape, np.nan, np.float32)
-        if len(points) == 0:
+        if len(support) == 0:
             self._best[:] = -1
             return DenseMatch(disparity, self._best[0], self._best[1])
         self._workers.together(
-            lambda: self._prepare(0, points),
-            lambda: self._prepare(1, mesh.in_right_view(points)),
+            lambda: self._prepare(0, support.points, support.points[support.vertices]),
+            lambda: self._prepare(
+                1,
+                mesh.in_right_view(support.points),
+                mesh.in_right_view(support.points[support.vertices]),
+            ),
         )
         views = (self._left.values, self._right.values)
         for view, sign in ((0, 1), (1, -1)):
@@ -152,12 +151,13 @@ class Matcher:
         self._postprocess(disparity)
         return DenseMatch(disparity, self._best[0], self._best[1])
 
-    def _prepare(self, view: int, points: NDArray[np.float32]) -> None:
-        """Plane and candidates of one view."""
-        alone = Workers(1)
+    def _prepare(
+        self, view: int, points: NDArray[np.float32], vertices: NDArray[np.float32]
+    ) -> None:
+        """Candidates and plane of one view."""
         self._candidates[view].fill(points)
-        corners = mesh.with_corners(points, self._shape)
-        mesh.rasterize(mesh.triangulate(corners, self._shape), self._planes[view], alone)
+        corners = mesh.with_corners(vertices, self._shape)
+        mesh.rasterize(mesh.triangulate(corners, self._shape), self._planes[view], Workers(1))
 
     def _postprocess(self, disparity: NDArray[np.float32]) -> None:
         config = self._config

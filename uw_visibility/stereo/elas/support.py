@@ -27,6 +27,35 @@ SAME_MINIMUM = 1
 _HUGE = np.int32(1 << 30)
 
 
+# The mesh keeps every eighth grid point at least, so that planes drift nowhere.
+_LATTICE = 8
+# A neighbour on the grid is looked for this many steps away.
+_NEIGHBOUR_STEPS = 2
+# Points that differ less than this from their neighbours add nothing to the mesh, px.
+_FLAT = np.float32(1.0)
+
+
+@dataclass(frozen=True)
+class SupportPoints:
+    """Robust matches of a pair.
+
+    Attributes
+    ----------
+    points : ndarray
+        ``(N, 3)`` float32: column u, row v in the left image and disparity, px,
+        row by row.
+    vertices : ndarray
+        ``(N,)`` bool: the points that the mesh needs. Within flat regions a
+        lattice of them is enough, and the triangulation costs a fraction.
+    """
+
+    points: NDArray[np.float32]
+    vertices: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
 @dataclass(frozen=True)
 class SupportSettings:
     """Thresholds of the support points; see `StereoConfig` for their meaning."""
@@ -58,6 +87,7 @@ class SupportGrid:
         rows, columns = max(height // step, 1), max(width // step, 1)
         self._found = np.empty((rows, columns), np.float32)
         self._kept = np.empty((rows, columns), np.float32)
+        self._vertices = np.empty((rows, columns), np.bool_)
 
     def search(
         self,
@@ -65,7 +95,7 @@ class SupportGrid:
         right: NDArray[np.uint8],
         disparities: tuple[int, int],
         workers: Workers,
-    ) -> NDArray[np.float32]:
+    ) -> SupportPoints:
         """Find the support points of a described pair.
 
         Parameters
@@ -79,9 +109,7 @@ class SupportGrid:
 
         Returns
         -------
-        ndarray
-            ``(N, 3)`` float32: column u, row v in the left image and disparity,
-            px, row by row.
+        SupportPoints
         """
         settings = self._settings
         height, width = self._shape
@@ -94,12 +122,13 @@ class SupportGrid:
             _keep_consistent, rows, self._found, settings.consistency_cells,
             np.float32(settings.consistency_disparity), settings.consistency_count, self._kept,
         )
+        workers.rows(_mark_vertices, rows, self._kept, self._vertices)
         v, u = np.nonzero(self._kept >= disparities[0])
         points = np.empty((len(u), 3), np.float32)
         points[:, 0] = u * settings.step + settings.step // 2
         points[:, 1] = v * settings.step + settings.step // 2
         points[:, 2] = self._kept[v, u]
-        return points
+        return SupportPoints(points, self._vertices[v, u])
 
 
 @njit(nogil=True, cache=True)
@@ -221,3 +250,33 @@ def _keep_consistent(
                         agreeing += 1
             if agreeing >= count:
                 kept[row, column] = d
+
+
+@njit(nogil=True, cache=True)
+def _mark_vertices(start: int, stop: int, kept: Any, vertices: Any) -> None:
+    """Mark the points that are not flat between their neighbours in both directions."""
+    for row in range(start, stop):
+        for column in range(kept.shape[1]):
+            if kept[row, column] < 0:
+                vertices[row, column] = False
+            elif row % _LATTICE == 0 and column % _LATTICE == 0:
+                vertices[row, column] = True
+            else:
+                vertices[row, column] = not (
+                    _agrees(kept, row, column, 0, 1)
+                    and _agrees(kept, row, column, 0, -1)
+                    and _agrees(kept, row, column, 1, 0)
+                    and _agrees(kept, row, column, -1, 0)
+                )
+
+
+@njit(nogil=True, cache=True)
+def _agrees(kept: Any, row: int, column: int, down: int, across: int) -> bool:
+    """Whether the nearest point in a direction exists and has the same disparity."""
+    for steps in range(1, _NEIGHBOUR_STEPS + 1):
+        y, x = row + steps * down, column + steps * across
+        if not (0 <= y < kept.shape[0] and 0 <= x < kept.shape[1]):
+            return False
+        if kept[y, x] >= 0:
+            return abs(kept[y, x] - kept[row, column]) <= _FLAT
+    return False
