@@ -1,0 +1,245 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is declared, what is installed, and who may import what."""
+
+from __future__ import annotations
+
+import ast
+import configparser
+import importlib.metadata
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "uw_visibility"
+
+# The rosdep key of each module that is not Python's own.
+ROSDEP_KEYS = {
+    "ament_index_python": "ament_index_python",
+    "cv2": "python3-opencv",
+    "diagnostic_msgs": "diagnostic_msgs",
+    "geometry_msgs": "geometry_msgs",
+    "jinja2": "python3-jinja2",
+    "launch": "launch",
+    "launch_ros": "launch_ros",
+    "llvmlite": "python3-numba",  # numba is built on it
+    "matplotlib": "python3-matplotlib",
+    "nav_msgs": "nav_msgs",
+    "numba": "python3-numba",
+    "numpy": "python3-numpy",
+    "rcl_interfaces": "rcl_interfaces",
+    "rclpy": "rclpy",
+    "rosbags": "python3-rosbags-pip",
+    "scipy": "python3-scipy",
+    "sensor_msgs": "sensor_msgs",
+    "std_msgs": "std_msgs",
+    "stereo_msgs": "stereo_msgs",
+    "tqdm": "python3-tqdm",
+    "yaml": "python3-yaml",
+}
+# The name on PyPI of each module that does not come with ROS.
+PIP_NAMES = {
+    "cv2": "opencv-python-headless",
+    "jinja2": "jinja2",
+    "llvmlite": "numba",
+    "matplotlib": "matplotlib",
+    "numba": "numba",
+    "numpy": "numpy",
+    "rosbags": "rosbags",
+    "scipy": "scipy",
+    "tqdm": "tqdm",
+    "yaml": "PyYAML",
+}
+CORE = (
+    "config", "enhancement", "errors", "parallel", "parameters", "pipeline", "plausibility",
+    "status", "stereo", "water",
+)
+CORE_MAY_IMPORT = {"cv2", "llvmlite", "numba", "numpy", "scipy", "yaml"}
+
+PURE = """
+import sys
+
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        top = name.partition(".")[0]
+        if top in ("rclpy", "rosbags", "ament_index_python") or top.endswith("_msgs"):
+            raise ImportError(f"{name} is not there")
+
+sys.meta_path.insert(0, Blocker())
+
+import numpy as np
+from uw_visibility import FrameResult, Pipeline, PipelineConfig, StereoRig
+
+rng = np.random.default_rng(1)
+wide = np.repeat(np.repeat(rng.integers(0, 256, (60, 100, 3), np.uint8), 2, 0), 2, 1)
+left, right = wide[:, :160], wide[:, 8:168]
+config = PipelineConfig.from_parameters({"stereo.max_disparity": 32})
+rig = StereoRig(focal_length=200.0, baseline=0.1, principal_point=(79.5, 59.5))
+result = Pipeline(rig, config).process(left, right)
+assert isinstance(result, FrameResult)
+matched = np.isfinite(result.disparity)
+assert matched.mean() > 0.5, matched.mean()
+assert abs(np.median(result.disparity[matched]) - 8.0) < 0.5
+assert not any(name.partition(".")[0] in ("rclpy", "rosbags") for name in sys.modules)
+"""
+
+
+def third_party(folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield (module of the package, top-level name imported) for what is not Python's own."""
+    files = sorted(folder.rglob("*.py")) if folder.is_dir() else [folder]
+    for file in files:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names: list[str] = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                names = [node.module or ""]
+            for name in names:
+                top = name.partition(".")[0]
+                if top not in sys.stdlib_module_names and top != PACKAGE.name:
+                    yield str(file.relative_to(ROOT)), top
+
+
+def setup_arguments() -> dict[str, Any]:
+    """Return what setup.py hands to setup(), read without running it."""
+    tree = ast.parse((ROOT / "setup.py").read_text(encoding="utf-8"))
+    call = next(
+        node for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setup"
+    )
+    arguments = {}
+    for keyword in call.keywords:
+        try:
+            arguments[str(keyword.arg)] = ast.literal_eval(keyword.value)
+        except ValueError:
+            continue
+    return arguments
+
+
+def test_package_xml_and_setup_agree() -> None:
+    package = ElementTree.parse(ROOT / "package.xml").getroot()
+    setup = setup_arguments()
+    assert package.get("format") == "3"
+    assert package.findtext("name") == PACKAGE.name
+    assert package.findtext("version") == setup["version"]
+    assert package.findtext("license") == setup["license"] == "Apache-2.0"
+    assert package.findtext("export/build_type") == "ament_python"
+
+
+def test_every_import_is_declared_for_rosdep_and_for_pip() -> None:
+    package = ElementTree.parse(ROOT / "package.xml").getroot()
+    keys = {element.text for element in package if element.tag.endswith("depend")}
+    setup = setup_arguments()
+    requirements = [*setup["install_requires"], *sum(setup["extras_require"].values(), [])]
+    pip = {requirement.partition(">")[0] for requirement in requirements}
+    for folder in (PACKAGE, ROOT / "launch"):
+        for file, name in third_party(folder):
+            assert ROSDEP_KEYS[name] in keys, f"{file} imports {name}"
+            assert PIP_NAMES.get(name, "numpy") in pip, f"{file} imports {name}"
+
+
+def test_the_core_imports_its_few_libraries_only() -> None:
+    for name in CORE:
+        for path in (PACKAGE / name, PACKAGE / f"{name}.py"):
+            if path.exists():
+                imported = {(file, top) for file, top in third_party(path)}
+                assert {pair for pair in imported if pair[1] not in CORE_MAY_IMPORT} == set()
+
+
+def test_executables_are_where_ros2_run_looks() -> None:
+    setup_cfg = configparser.ConfigParser()
+    setup_cfg.read(ROOT / "setup.cfg")
+    assert setup_cfg["develop"]["script_dir"] == "$base/lib/uw_visibility"
+    assert setup_cfg["install"]["install_scripts"] == "$base/lib/uw_visibility"
+
+
+def test_every_source_file_names_its_licence() -> None:
+    for folder in ("uw_visibility", "test", "benchmarks", "launch"):
+        for file in (ROOT / folder).rglob("*.py"):
+            head = file.read_text(encoding="utf-8").splitlines()[:2]
+            assert "# SPDX-License-Identifier: Apache-2.0" in head, file.relative_to(ROOT)
+
+
+def test_imports_follow_the_design() -> None:
+    pytest.importorskip("importlinter", reason="import-linter is not installed")
+    linter = [sys.executable, "-c", "from importlinter.cli import lint_imports_command as c; c()"]
+    done = subprocess.run(
+        [*linter, "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_core_runs_without_ros_and_rosbags() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", PURE], cwd=ROOT, capture_output=True, text=True, check=False,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def setuptools_version() -> tuple[int, ...]:
+    try:
+        version = importlib.metadata.version("setuptools")
+    except importlib.metadata.PackageNotFoundError:
+        return (0,)
+    return tuple(int(number) for number in version.split(".")[:2])
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    """The wheel that `pip install .` would make."""
+    # setuptools builds wheels by itself since version 70.1.
+    if importlib.util.find_spec("pip") is None or setuptools_version() < (70, 1):
+        pytest.skip("no wheel can be built here: pip or setuptools 70.1 is not installed")
+    folder = tmp_path_factory.mktemp("wheel")
+    tree = folder / "tree"
+    # A build leaves folders of its own beside the sources.
+    for name in ("uw_visibility", "config", "launch", "resource"):
+        shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "LICENSE"):
+        shutil.copy(ROOT / name, tree)
+    subprocess.run(
+        [
+            sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-index",
+            "--no-build-isolation", "--wheel-dir", str(folder), str(tree),
+        ],
+        check=True, capture_output=True,
+    )
+    return zipfile.ZipFile(next(folder.glob("*.whl")))
+
+
+def test_the_wheel_holds_modules_tables_and_what_ament_looks_for(wheel: zipfile.ZipFile) -> None:
+    names = set(wheel.namelist())
+    for file in PACKAGE.rglob("*"):
+        if file.is_file() and file.suffix in (".py", ".csv", ".txt"):
+            assert str(file.relative_to(ROOT)) in names
+    shared = {name.partition(".data/data/share/")[2] for name in names}
+    assert "ament_index/resource_index/packages/uw_visibility" in shared
+    assert "uw_visibility/package.xml" in shared
+    for folder, pattern in (("config", "*.yaml"), ("launch", "*.launch.py")):
+        for file in (ROOT / folder).glob(pattern):
+            assert f"uw_visibility/{folder}/{file.name}" in shared
+    assert not any(name.startswith(("test", "benchmarks")) for name in names)
+
+
+def test_the_wheel_declares_both_executables(wheel: zipfile.ZipFile) -> None:
+    name = next(name for name in wheel.namelist() if name.endswith("entry_points.txt"))
+    entry_points = configparser.ConfigParser()
+    entry_points.read_string(wheel.read(name).decode())
+    scripts = dict(entry_points["console_scripts"])
+    assert set(scripts) == {"uw_visibility", "uw_visibility_node"}
+    for target in scripts.values():
+        module, _, function = target.partition(":")
+        source = (ROOT / (module.replace(".", "/") + ".py")).read_text(encoding="utf-8")
+        functions = [n.name for n in ast.parse(source).body if isinstance(n, ast.FunctionDef)]
+        assert function in functions, target

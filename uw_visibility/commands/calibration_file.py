@@ -1,0 +1,138 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Calibration of a stereo pair from files: JSON with P1 and P2, or CameraInfo YAMLs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import yaml
+
+from uw_visibility.errors import InputError
+from uw_visibility.stereo.rig import StereoRig
+
+
+def read_rig(paths: Sequence[str | Path]) -> tuple[StereoRig, tuple[int, int] | None]:
+    """Read the geometry of a rectified pair.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        One JSON file with the projection matrices ``P1`` and ``P2`` (3 by 4)
+        and, where known, the ``width`` and ``height`` of the images; or the
+        left and the right camera's YAML file, as camera_calibration writes them.
+
+    Returns
+    -------
+    rig : StereoRig
+    size : tuple of int or None
+        Width and height of the images calibrated, px; None where not stated.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read or has another form, or if the numbers are
+        not those of a rectified pair; the file is named.
+    """
+    if len(paths) == 1:
+        return _from_projection_file(Path(paths[0]))
+    if len(paths) == 2:
+        return _from_camera_info_files(Path(paths[0]), Path(paths[1]))
+    raise InputError(
+        f"--calibration names {len(paths)} files: give one JSON with P1 and P2, "
+        "or the left and the right camera's YAML"
+    )
+
+
+def _from_projection_file(path: Path) -> tuple[StereoRig, tuple[int, int] | None]:
+    content = _read(path)
+    if "projection_matrix" in content:
+        raise InputError(
+            f"calibration {path} is of one camera: "
+            "name the left and the right camera's file, --calibration LEFT RIGHT"
+        )
+    if "P1" not in content or "P2" not in content:
+        raise InputError(
+            f"calibration {path} has no P1 and P2: give the projection matrices of the "
+            "rectified left and right camera under these names"
+        )
+    try:
+        rig = StereoRig.from_projection(content["P1"], content["P2"])
+    except InputError as error:
+        raise InputError(f"calibration {path}: {error}") from error
+    known = "width" in content and "height" in content
+    return rig, _size(path, content, "width", "height") if known else None
+
+
+def _from_camera_info_files(left: Path, right: Path) -> tuple[StereoRig, tuple[int, int]]:
+    infos = [_camera_info(path) for path in (left, right)]
+    try:
+        rig = StereoRig.from_camera_info(*infos)
+    except InputError as error:
+        raise InputError(f"calibration {left}, {right}: {error}") from error
+    return rig, (infos[0].width, infos[0].height)
+
+
+def _camera_info(path: Path) -> Any:
+    """Return a camera's YAML file in the form of its CameraInfo message."""
+    content = _read(path)
+    width, height = _size(path, content, "image_width", "image_height")
+    return SimpleNamespace(
+        width=width,
+        height=height,
+        distortion_model=content.get("distortion_model", "plumb_bob"),
+        k=_numbers(path, content, "camera_matrix", 9),
+        d=_numbers(path, content, "distortion_coefficients", None),
+        r=_numbers(path, content, "rectification_matrix", 9),
+        p=_numbers(path, content, "projection_matrix", 12),
+        binning_x=0,
+        binning_y=0,
+        roi=SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0),
+    )
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        text = path.read_text(encoding="utf-8")
+        content = json.loads(text) if path.suffix.lower() == ".json" else yaml.safe_load(text)
+    except OSError as error:
+        raise InputError(f"cannot read calibration {path}: {error.strerror}") from error
+    except (ValueError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"calibration {path} is neither JSON nor YAML: {reason}") from error
+    if not isinstance(content, dict):
+        raise InputError(
+            f"calibration {path} holds no named values: give a JSON with P1 and P2, "
+            "or a pair of YAML files as camera_calibration writes them"
+        )
+    return content
+
+
+def _size(path: Path, content: dict[str, Any], width: str, height: str) -> tuple[int, int]:
+    columns, rows = content.get(width), content.get(height)
+    for value in (columns, rows):
+        if not isinstance(value, int) or isinstance(value, bool) or value <= 0:
+            raise InputError(
+                f"calibration {path} has {width} {columns} and {height} {rows}: "
+                "give the size of the calibrated images in pixels"
+            )
+    return columns, rows
+
+
+def _numbers(path: Path, content: dict[str, Any], name: str, count: int | None) -> list[float]:
+    matrix = content.get(name)
+    data = matrix.get("data") if isinstance(matrix, dict) else None
+    numeric = isinstance(data, list) and all(
+        isinstance(value, int | float) and not isinstance(value, bool) for value in data
+    )
+    if not isinstance(data, list) or not numeric or (count is not None and len(data) != count):
+        wanted = "numbers" if count is None else f"{count} numbers"
+        raise InputError(
+            f"calibration {path} has no {wanted} under {name}.data: "
+            "give the file that camera_calibration wrote for this camera"
+        )
+    return data

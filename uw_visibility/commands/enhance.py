@@ -1,0 +1,217 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""`uw_visibility enhance`: one stereo pair from files."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from uw_visibility.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from uw_visibility.config import PipelineConfig
+    from uw_visibility.pipeline import FrameResult
+    from uw_visibility.stereo.rig import StereoRig
+
+DESCRIPTION = """\
+Assess the water, enhance the images and match one rectified stereo pair.
+
+The cameras are given as numbers (--focal-length, --baseline) or as --calibration:
+  one JSON file      P1 and P2, 3 by 4, of the rectified pair
+  two YAML files     the left and the right camera's, as camera_calibration writes them:
+                     --calibration left.yaml right.yaml
+Images are 8 or 16 bit, colour or grey, and already rectified."""
+
+EPILOG = """\
+written to DIR:
+  left_enhanced.png, right_enhanced.png   the images without the water
+  disparity.pfm          matched pixels, px; inf = unmatched
+  disparity_filled.pfm   gaps filled, for colour only, px; 0 = unknown
+  range.pfm              distance along the line of sight, m; 0 = unknown or infinite
+  report.json            the estimates; null = not assessable, and status says why
+
+exit code: 0 done, 2 unusable input or options, 1 a failure inside"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+    """Add the sub-command `enhance`."""
+    parser = subparsers.add_parser(
+        "enhance",
+        help="one pair from files",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("left", metavar="LEFT", type=Path, help="left image")
+    parser.add_argument("right", metavar="RIGHT", type=Path, help="right image")
+    parser.add_argument("--focal-length", metavar="PX", type=float, help="focal length, px")
+    parser.add_argument("--baseline", metavar="M", type=float, help="distance of the cameras, m")
+    parser.add_argument(
+        "--principal-point", metavar=("CX", "CY"), type=float, nargs=2,
+        help="principal point, px (default: the image's centre)",
+    )
+    parser.add_argument(
+        "--calibration", metavar="FILE", type=Path, action="append", default=[],
+        help="JSON with P1 and P2, or two YAML files of CameraInfo, instead of the numbers",
+    )
+    parser.add_argument(
+        "--max-disparity", metavar="PX", type=int,
+        help="largest disparity searched, px (parameter stereo.max_disparity)",
+    )
+    parser.add_argument(
+        "--params-file", metavar="YAML", type=Path,
+        help="parameters, in the form of config/uw_visibility.yaml",
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, required=True,
+        help="folder for the results; made where it is missing",
+    )
+    parser.set_defaults(func=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the sub-command.
+
+    Raises
+    ------
+    InputError
+        If an option, a file or the pair of images cannot be used.
+    """
+    # Compiled modules load slowly; --help and wrong options need none of them.
+    from uw_visibility.pipeline import Pipeline
+
+    config = _read_config(arguments.params_file, arguments.max_disparity)
+    left, right = _read_pair(arguments.left, arguments.right)
+    rig = _make_rig(arguments, left.shape)
+    _prepare_folder(arguments.output)
+    try:
+        result = Pipeline(rig, config).process(left, right, match_original=True)
+    except InputError as error:
+        raise InputError(f"{arguments.left}, {arguments.right}: {error}") from error
+    _write(arguments.output, result)
+
+
+def _read_config(path: Path | None, max_disparity: int | None) -> PipelineConfig:
+    from uw_visibility.config import NodeConfig, PipelineConfig, read_yaml
+
+    values: dict[str, Any] = {} if path is None else read_yaml(path)
+    try:
+        NodeConfig.from_parameters(values)
+        PipelineConfig.from_parameters(values)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    if max_disparity is None:
+        return PipelineConfig.from_parameters(values)
+    try:
+        return PipelineConfig.from_parameters({**values, "stereo.max_disparity": max_disparity})
+    except InputError as error:
+        raise InputError(f"--max-disparity: {error}") from error
+
+
+def _read_pair(left_path: Path, right_path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
+    from uw_visibility.images import read_image
+
+    left, right = read_image(left_path), read_image(right_path)
+    for what, a, b in (
+        ("size", _size(left), _size(right)),
+        ("depth", f"{8 * left.itemsize} bit", f"{8 * right.itemsize} bit"),
+        ("channels", *("grey" if image.ndim == 2 else "colour" for image in (left, right))),
+    ):
+        if a != b:
+            raise InputError(
+                f"{left_path} and {right_path} differ in {what}, {a} and {b}: "
+                "give two images of one rectified pair"
+            )
+    return left, right
+
+
+def _make_rig(arguments: argparse.Namespace, shape: tuple[int, ...]) -> StereoRig:
+    from uw_visibility.commands.calibration_file import read_rig
+    from uw_visibility.stereo.rig import StereoRig
+
+    numbers = {
+        "--focal-length": arguments.focal_length,
+        "--baseline": arguments.baseline,
+        "--principal-point": arguments.principal_point,
+    }
+    given = [option for option, value in numbers.items() if value is not None]
+    files = arguments.calibration
+    if files and given:
+        raise InputError(f"give either --calibration or {given[0]}, not both")
+    if files:
+        rig, size = read_rig(files)
+        width, height = size or (shape[1], shape[0])
+        if (width, height) != (shape[1], shape[0]):
+            raise InputError(
+                f"calibration {files[0]} is for images of {width}x{height} pixels, "
+                f"{arguments.left} has {shape[1]}x{shape[0]}: give the calibration of these images"
+            )
+        return rig
+    missing = [o for o in ("--focal-length", "--baseline") if numbers[o] is None]
+    if missing:
+        raise InputError(
+            f"{' and '.join(missing)} missing: give --focal-length and --baseline, or --calibration"
+        )
+    centre = arguments.principal_point or ((shape[1] - 1) / 2, (shape[0] - 1) / 2)
+    return StereoRig(arguments.focal_length, arguments.baseline, tuple(centre))
+
+
+def _prepare_folder(folder: Path) -> None:
+    """Make the folder for the results, before the work rather than after it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make folder {folder}: {error.strerror}") from error
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f"cannot write to folder {folder}: give another one with -o")
+
+
+def _write(folder: Path, result: FrameResult) -> None:
+    import numpy as np
+
+    from uw_visibility.commands.frame_report import frame_report
+    from uw_visibility.images import write_pfm, write_png
+
+    write_png(folder / "left_enhanced.png", result.left_enhanced)
+    write_png(folder / "right_enhanced.png", result.right_enhanced)
+    matched = np.where(np.isfinite(result.disparity), result.disparity, np.float32(np.inf))
+    write_pfm(folder / "disparity.pfm", matched)
+    for name, values in (("disparity_filled", result.disparity_filled), ("range", result.range)):
+        known = np.isfinite(values)
+        if not known.all():
+            share = 1.0 - known.mean()
+            print(f"{name}.pfm: {share:.1%} of the pixels are 0, unknown", file=sys.stderr)
+        write_pfm(folder / f"{name}.pfm", np.where(known, values, np.float32(0)))
+    report = frame_report(result)
+    text = json.dumps(report, indent=1, allow_nan=False)
+    try:
+        (folder / "report.json").write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot write {folder / 'report.json'}: {error.strerror}") from error
+    print(_summary(report, folder))
+
+
+def _summary(report: dict[str, Any], folder: Path) -> str:
+    parts = [f"status: {report['status']}"]
+    for name, title, unit in (
+        ("visibility_distance", "visibility", "m"),
+        ("depth", "depth", "m"),
+        ("mean_attenuation", "mean attenuation", "1/m"),
+    ):
+        if report[name] is not None:
+            deviation = report[f"{name}_stddev"]
+            band = "" if deviation is None else f" ± {deviation:.3g}"
+            parts.append(f"{title} {report[name]:.3g}{band} {unit}")
+    parts.append(f"matched {report['matched_fraction']['enhanced']:.1%}")
+    return f"{', '.join(parts)}; written to {folder}"
+
+
+def _size(image: NDArray[Any]) -> str:
+    return f"{image.shape[1]}x{image.shape[0]}"
