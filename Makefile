@@ -11,12 +11,14 @@
 #   make clean         remove everything that these made
 #
 # PYTHON=... chooses the interpreter; without it the first of 3.12 and 3.11 that runs.
+# PYTEST=... hands words to pytest.
 
 SHELL := /bin/bash
 PYTHON ?=
+PYTEST ?=
 VENV := .venv
 VENV_OLDEST := .venv-oldest
-SOURCES := setup.py setup.cfg
+SOURCES := setup.py setup.cfg tools/make_venv
 
 # The environment brings a ROS 2 of its own. One that is sourced in this shell
 # must not be mixed into it.
@@ -47,10 +49,10 @@ demo: venv
 	$(ISOLATED) $(VENV)/bin/uw_visibility demo -o demo
 
 test: venv
-	$(ISOLATED) $(VENV)/bin/python -m pytest
+	$(ISOLATED) $(VENV)/bin/python -m pytest $(PYTEST)
 
 test-oldest: $(VENV_OLDEST)/.installed
-	$(ISOLATED) $(VENV_OLDEST)/bin/python -m pytest
+	$(ISOLATED) $(VENV_OLDEST)/bin/python -m pytest $(PYTEST)
 
 lint: venv
 	$(VENV)/bin/ruff check .

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build of the package, with pip and with colcon (ament_python) alike."""
 
-from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -23,8 +23,8 @@ setup(
         # What ros2 run, ros2 launch and ament's index look for.
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/config", glob("config/*.yaml")),
-        (f"share/{NAME}/launch", glob("launch/*.launch.py")),
+        (f"share/{NAME}/config", [str(file) for file in Path("config").glob("*.yaml")]),
+        (f"share/{NAME}/launch", [str(file) for file in Path("launch").glob("*.launch.py")]),
     ],
     # Tables are read as files, and compiled kernels are cached beside their source.
     zip_safe=False,

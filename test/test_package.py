@@ -15,6 +15,7 @@ import sys
 import xml.etree.ElementTree as ElementTree
 import zipfile
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -140,7 +141,7 @@ def test_every_import_is_declared_for_rosdep_and_for_pip() -> None:
     package = ElementTree.parse(ROOT / "package.xml").getroot()
     keys = {element.text for element in package if element.tag.endswith("depend")}
     setup = setup_arguments()
-    requirements = [*setup["install_requires"], *sum(setup["extras_require"].values(), [])]
+    requirements = list(chain(setup["install_requires"], *setup["extras_require"].values()))
     pip = {requirement.partition(">")[0] for requirement in requirements}
     for folder in (PACKAGE, ROOT / "launch"):
         for file, name in third_party(folder):

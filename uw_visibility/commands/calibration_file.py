@@ -114,13 +114,12 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _size(path: Path, content: dict[str, Any], width: str, height: str) -> tuple[int, int]:
     columns, rows = content.get(width), content.get(height)
-    for value in (columns, rows):
-        if not isinstance(value, int) or isinstance(value, bool) or value <= 0:
-            raise InputError(
-                f"calibration {path} has {width} {columns} and {height} {rows}: "
-                "give the size of the calibrated images in pixels"
-            )
-    return columns, rows
+    if type(columns) is int and type(rows) is int and columns > 0 and rows > 0:
+        return columns, rows
+    raise InputError(
+        f"calibration {path} has {width} {columns} and {height} {rows}: "
+        "give the size of the calibrated images in pixels"
+    )
 
 
 def _numbers(path: Path, content: dict[str, Any], name: str, count: int | None) -> list[float]:

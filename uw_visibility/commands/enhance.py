@@ -84,13 +84,13 @@ def run(arguments: argparse.Namespace) -> None:
     InputError
         If an option, a file or the pair of images cannot be used.
     """
-    # Compiled modules load slowly; --help and wrong options need none of them.
-    from uw_visibility.pipeline import Pipeline
-
     config = _read_config(arguments.params_file, arguments.max_disparity)
     left, right = _read_pair(arguments.left, arguments.right)
     rig = _make_rig(arguments, left.shape)
     _prepare_folder(arguments.output)
+    # Compiled modules load slowly; what is refused above needs none of them.
+    from uw_visibility.pipeline import Pipeline
+
     try:
         result = Pipeline(rig, config).process(left, right, match_original=True)
     except InputError as error:
