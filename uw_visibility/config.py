@@ -121,8 +121,25 @@ class StereoConfig:
 class WaterConfig:
     """Estimation of attenuation and ambient light (eq. 4-7)."""
 
+    method: str = parameter(
+        "lower_envelope",
+        "Fit of the dark envelope: lower_envelope (asymmetric loss, 0.2 % quantile), or "
+        "paper (symmetric loss, 1 % quantile).",
+        choices=("lower_envelope", "paper"),
+    )
     bins: int = parameter(
-        40, "Number of range bins.", minimum=4, maximum=256,
+        48, "Number of range bins.", minimum=8, maximum=256,
+    )
+    min_bin_pixels: int = parameter(
+        100, "Pixels that a range bin needs to count.", minimum=10, maximum=100000,
+    )
+    min_range_ratio: float = parameter(
+        1.25, "Smallest ratio of the farthest to the nearest range that is assessed.",
+        minimum=1.0, maximum=10.0,
+    )
+    edge_tolerance: float = parameter(
+        0.05, "Pixels are left out where the range beside them differs by more than this "
+        "fraction.", minimum=0.0, maximum=1.0,
     )
 
 
@@ -154,12 +171,12 @@ class EnhancementConfig:
         choices=("guided", "laplacian"),
     )
     matting_radius: int = parameter(
-        16, "Reach of the matting filter; larger holes are filled from coarser scales.",
+        4, "Reach of the matting filter; larger holes are filled from coarser scales.",
         unit="px", minimum=4, maximum=256,
     )
     matting_smoothness: float = parameter(
-        1e-4, "Variance of the image, at a scale of 0..1, below which it counts as flat.",
-        minimum=1e-8, maximum=1.0,
+        1e-5, "Variance of the image, at a scale of 0..1, below which it counts as flat.",
+        minimum=1e-7, maximum=1.0,
     )
     max_gap: int = parameter(
         40, "How far a gap in the disparity map looks for its surroundings; what finds too "
@@ -247,6 +264,9 @@ class NodeConfig:
     max_range: float = parameter(
         50.0, "Visibility beyond this is published as infinite.",
         unit="m", minimum=0.1, maximum=1000.0,
+    )
+    depth_frame: str = parameter(
+        "map", "Frame of the published depth: fixed to the world, z up, its origin at the surface.",
     )
     synchronization: SynchronizationConfig = section(SynchronizationConfig)
 

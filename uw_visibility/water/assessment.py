@@ -1,0 +1,191 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the water's state means: mean attenuation, visibility, depth (eq. 9-14)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uw_visibility.config import AssessmentConfig
+from uw_visibility.status import Status
+from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.optics import (
+    CameraResponse,
+    clear_water_attenuation,
+    theoretical_chromaticity,
+)
+
+GRID_STEP = 0.1
+REFINEMENTS = 8
+# A distance or depth whose standard deviation is beyond this fraction of it, or
+# of the largest depth, says nothing.
+MAX_RELATIVE_STDDEV = 1.0
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """What an observer gets out of the water's state; NaN where not assessable.
+
+    Attributes
+    ----------
+    status : Status
+        Of mean attenuation and distance.
+    depth_status : Status
+        Of the depth.
+    mean_attenuation, mean_attenuation_stddev : float
+        α (eq. 9), 1/m.
+    distance, distance_stddev : float
+        Visibility distance (eq. 12), m.
+    depth, depth_stddev : float
+        Depth (eq. 13), m, positive down.
+    """
+
+    status: Status
+    depth_status: Status
+    mean_attenuation: float = math.nan
+    mean_attenuation_stddev: float = math.nan
+    distance: float = math.nan
+    distance_stddev: float = math.nan
+    depth: float = math.nan
+    depth_stddev: float = math.nan
+
+
+class Assessor:
+    """Assesses visibility and depth from an estimate of the water's state.
+
+    Parameters
+    ----------
+    config : AssessmentConfig
+    response : CameraResponse
+        Gives κ (eq. 10).
+    white_reference : (3,) array_like
+        The camera's R, G, B of white at the surface; the scale is free.
+
+    Attributes
+    ----------
+    clear_water_attenuation : (3,) float64 ndarray
+        κ, 1/m.
+    """
+
+    def __init__(
+        self,
+        config: AssessmentConfig,
+        response: CameraResponse,
+        white_reference: ArrayLike = (1.0, 1.0, 1.0),
+    ) -> None:
+        self._config = config
+        self._white = np.array(white_reference, dtype=np.float64)
+        self.clear_water_attenuation = clear_water_attenuation(response)
+        self._depths = np.arange(0.0, config.max_depth + GRID_STEP / 2, GRID_STEP)
+        self._chromaticities = self._chromaticity(self._depths)
+
+    def assess(self, estimate: WaterEstimate) -> Visibility:
+        """Assess visibility and depth, with standard deviations by propagation.
+
+        Parameters
+        ----------
+        estimate : WaterEstimate
+
+        Returns
+        -------
+        Visibility
+            Mean attenuation and depth need all three channels. The distance
+            is that of the best channel; a channel too dark to be assessed is
+            not the best one.
+        """
+        covariance = _joint_covariance(estimate)
+        seen = np.isfinite(estimate.attenuation)
+        dark = [reason is Status.TOO_DARK for reason in estimate.channel_status]
+        alpha, alpha_stddev = self._mean_attenuation(estimate, covariance)
+        status, distance, distance_stddev = estimate.status, math.nan, math.nan
+        if seen.any() and (seen | dark).all():
+            distance, distance_stddev = self._distance(estimate, covariance)
+            if not distance_stddev <= MAX_RELATIVE_STDDEV * distance:
+                status, distance, distance_stddev = _first(
+                    status, Status.RANGE_SPREAD_TOO_SMALL), math.nan, math.nan
+        depth_status, depth, depth_stddev = estimate.status, math.nan, math.nan
+        if estimate.status is Status.OK:
+            depth, depth_stddev = self._depth(estimate.ambient_light, covariance[1::2, 1::2])
+            if not depth_stddev <= MAX_RELATIVE_STDDEV * self._config.max_depth:
+                depth_status, depth, depth_stddev = (
+                    Status.AMBIENT_LIGHT_UNBOUNDED, math.nan, math.nan)
+        return Visibility(
+            status, depth_status, alpha, alpha_stddev, distance, distance_stddev,
+            depth, depth_stddev,
+        )
+
+    def _mean_attenuation(
+        self, estimate: WaterEstimate, covariance: NDArray[np.float64]
+    ) -> tuple[float, float]:
+        """Mean attenuation by particles (eq. 9)."""
+        alpha = float(np.mean(estimate.attenuation - self.clear_water_attenuation))
+        return alpha, math.sqrt(covariance[0::2, 0::2].sum()) / 3
+
+    def _distance(
+        self, estimate: WaterEstimate, covariance: NDArray[np.float64]
+    ) -> tuple[float, float]:
+        """Distance at which contrast falls to the visible one, in the best channel (eq. 12)."""
+        contrast = self._config.contrast
+        best = int(np.nanargmin(estimate.attenuation))
+        attenuation = float(estimate.attenuation[best])
+        distance = math.log((1 - contrast) / (2 * contrast) + 1) / attenuation
+        return distance, distance * math.sqrt(covariance[2 * best, 2 * best]) / attenuation
+
+    def _depth(
+        self, ambient_light: NDArray[np.float64], covariance: NDArray[np.float64]
+    ) -> tuple[float, float]:
+        """Depth at which clear water's chromaticity is nearest the estimated one (eq. 13-14)."""
+        total = ambient_light.sum()
+        chromaticity = ambient_light / total
+        depth = self._nearest_depth(chromaticity)
+        slope, curvature = self._derivatives(depth)
+        deviation = self._chromaticity(depth) - chromaticity
+        # Where the sum of squares is least, slope·deviation = 0; how depth
+        # follows chromaticity is the derivative of that equation.
+        stiffness = float(slope @ slope + deviation @ curvature)
+        if stiffness <= 0:
+            return depth, math.inf
+        by_light = (np.eye(3) - chromaticity[:, np.newaxis]) / total
+        by_depth = slope @ by_light / stiffness
+        return depth, math.sqrt(max(float(by_depth @ covariance @ by_depth), 0.0))
+
+    def _nearest_depth(self, chromaticity: NDArray[np.float64]) -> float:
+        distances = ((self._chromaticities - chromaticity) ** 2).sum(axis=1)
+        depth = float(self._depths[int(distances.argmin())])
+        for _ in range(REFINEMENTS):
+            slope, _ = self._derivatives(depth)
+            deviation = self._chromaticity(depth) - chromaticity
+            step = float(slope @ deviation / max(float(slope @ slope), 1e-30))
+            step = min(max(step, -GRID_STEP), GRID_STEP)
+            depth = min(max(depth - step, 0.0), self._config.max_depth)
+        return depth
+
+    def _derivatives(self, depth: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """First and second derivative of the theoretical chromaticity by depth."""
+        rate = self.clear_water_attenuation
+        gamma = self._chromaticity(depth)
+        mean = float(gamma @ rate)
+        slope = gamma * (mean - rate)
+        curvature = slope * (mean - rate) + gamma * float(slope @ rate)
+        return slope, curvature
+
+    def _chromaticity(self, depth: ArrayLike) -> NDArray[np.float64]:
+        return theoretical_chromaticity(depth, self.clear_water_attenuation, self._white)
+
+
+def _joint_covariance(estimate: WaterEstimate) -> NDArray[np.float64]:
+    if estimate.joint_covariance is not None:
+        return estimate.joint_covariance
+    joint = np.zeros((6, 6))
+    for channel in range(3):
+        block = slice(2 * channel, 2 * channel + 2)
+        joint[block, block] = estimate.covariance[channel]
+    return joint
+
+
+def _first(status: Status, other: Status) -> Status:
+    return other if status is Status.OK else status
