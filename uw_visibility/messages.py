@@ -1,0 +1,203 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Image messages as arrays and back, for the classes of rclpy and of rosbags alike."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError
+
+
+class Encoding(NamedTuple):
+    """How the pixels of an encoding lie, and how its enhanced image is encoded."""
+
+    dtype: type[np.unsignedinteger[Any]]
+    channels: int
+    to_rgb: int | None  # cv2 conversion to RGB; None where the pixels are grey or RGB already
+    output: str
+
+
+def _bayer_encodings() -> dict[str, Encoding]:
+    # OpenCV names a pattern by its second row's second and third pixel, ROS by
+    # the first two rows.
+    patterns = {
+        "rggb": cv2.COLOR_BayerBG2RGB,
+        "bggr": cv2.COLOR_BayerRG2RGB,
+        "gbrg": cv2.COLOR_BayerGR2RGB,
+        "grbg": cv2.COLOR_BayerGB2RGB,
+    }
+    return {
+        f"bayer_{pattern}{bits}": Encoding(dtype, 1, conversion, f"rgb{bits}")
+        for pattern, conversion in patterns.items()
+        for bits, dtype in ((8, np.uint8), (16, np.uint16))
+    }
+
+
+ENCODINGS: dict[str, Encoding] = {
+    "mono8": Encoding(np.uint8, 1, None, "mono8"),
+    "mono16": Encoding(np.uint16, 1, None, "mono16"),
+    "rgb8": Encoding(np.uint8, 3, None, "rgb8"),
+    "bgr8": Encoding(np.uint8, 3, cv2.COLOR_BGR2RGB, "bgr8"),
+    "rgba8": Encoding(np.uint8, 4, cv2.COLOR_RGBA2RGB, "rgb8"),
+    "bgra8": Encoding(np.uint8, 4, cv2.COLOR_BGRA2RGB, "bgr8"),
+    "rgb16": Encoding(np.uint16, 3, None, "rgb16"),
+    "bgr16": Encoding(np.uint16, 3, cv2.COLOR_BGR2RGB, "bgr16"),
+} | _bayer_encodings()
+
+
+class MessageFactory(Protocol):
+    """Makes a message of a type named like ``sensor_msgs/msg/Image``.
+
+    All fields are given, sequences of numbers as numpy arrays.
+    """
+
+    def __call__(self, name: str, /, **fields: Any) -> Any: ...
+
+
+def typestore_factory(types: Mapping[str, Any]) -> MessageFactory:
+    """Return a factory over the ``types`` of a rosbags type store."""
+
+    def make(name: str, /, **fields: Any) -> Any:
+        return types[name](**fields)
+
+    return make
+
+
+def stamp_to_nanoseconds(stamp: Any) -> int:
+    """Return a message's time as nanoseconds since its clock's origin."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def image_view(message: Any, name: str = "image") -> NDArray[Any]:
+    """View the pixels of an Image message, without a copy.
+
+    Parameters
+    ----------
+    message : object
+        A ``sensor_msgs/Image`` of rclpy or rosbags.
+    name : str
+        What errors call the image.
+
+    Returns
+    -------
+    ndarray, (H, W) or (H, W, C), uint8 or uint16 of the message's byte order
+        Channels in the order of the encoding; Bayer images have one.
+
+    Raises
+    ------
+    InputError
+        If the encoding is not supported, or size, step and data do not agree.
+    """
+    encoding = _encoding(message, name)
+    width, height, step = int(message.width), int(message.height), int(message.step)
+    order: Literal[">", "<"] = ">" if message.is_bigendian else "<"
+    dtype = np.dtype(encoding.dtype).newbyteorder(order)
+    row_bytes = width * encoding.channels * dtype.itemsize
+    if width < 1 or height < 1:
+        raise InputError(f"{name} has {width}x{height} pixels: publish an image that is not empty")
+    if step < row_bytes:
+        raise InputError(
+            f"{name} has step {step}, but a row of {width} pixels of {message.encoding} takes "
+            f"{row_bytes} bytes: set step to the length of a row"
+        )
+    needed = step * (height - 1) + row_bytes
+    data = np.frombuffer(message.data, np.uint8)
+    if data.size < needed:
+        raise InputError(
+            f"{name} has {data.size} bytes of data where {width}x{height} pixels of "
+            f"{message.encoding} need {needed}: the message is truncated"
+        )
+    shape: tuple[int, ...] = (height, width)
+    strides: tuple[int, ...] = (step, encoding.channels * dtype.itemsize)
+    if encoding.channels > 1:
+        shape += (encoding.channels,)
+        strides += (dtype.itemsize,)
+    return np.ndarray(shape, dtype, buffer=data, strides=strides)
+
+
+def read_image(message: Any, name: str = "image") -> NDArray[Any]:
+    """Read an Image message as the package's arrays.
+
+    Parameters
+    ----------
+    message : object
+        A ``sensor_msgs/Image`` of rclpy or rosbags.
+    name : str
+        What errors call the image.
+
+    Returns
+    -------
+    ndarray, (H, W) or (H, W, 3), uint8 or uint16
+        Grey, or RGB; alpha is dropped and Bayer patterns are interpolated.
+        May share the message's memory.
+
+    Raises
+    ------
+    InputError
+        As `image_view`.
+    """
+    view = image_view(message, name)
+    native = np.ascontiguousarray(view, view.dtype.newbyteorder("="))
+    conversion = _encoding(message, name).to_rgb
+    return native if conversion is None else cv2.cvtColor(native, conversion)
+
+
+def output_encoding(encoding: str) -> str:
+    """Return how the enhanced image of an input is encoded.
+
+    Order of channels and depth are the input's; alpha is dropped, and a Bayer
+    image becomes RGB.
+    """
+    return ENCODINGS[encoding].output
+
+
+def write_image(
+    make: MessageFactory, pixels: NDArray[Any], encoding: str, header: Any
+) -> Any:
+    """Make an Image message.
+
+    Parameters
+    ----------
+    make : MessageFactory
+        Makes messages of the wanted library.
+    pixels : ndarray, (H, W) or (H, W, 3)
+        Grey or RGB, or float32 for ``32FC1``.
+    encoding : str
+        Encoding of the message; RGB is turned round for ``bgr8`` and ``bgr16``.
+    header : object
+        The message's header.
+
+    Returns
+    -------
+    object
+        A ``sensor_msgs/msg/Image``.
+    """
+    if encoding.startswith("bgr"):
+        pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+    pixels = np.ascontiguousarray(pixels)
+    return make(
+        "sensor_msgs/msg/Image",
+        header=header,
+        height=pixels.shape[0],
+        width=pixels.shape[1],
+        encoding=encoding,
+        is_bigendian=int(sys.byteorder == "big"),
+        step=pixels.strides[0],
+        data=pixels.reshape(-1).view(np.uint8),
+    )
+
+
+def _encoding(message: Any, name: str) -> Encoding:
+    encoding = ENCODINGS.get(message.encoding)
+    if encoding is None:
+        raise InputError(
+            f"{name} has the encoding {message.encoding!r}: publish one of {', '.join(ENCODINGS)}"
+        )
+    return encoding

@@ -1,0 +1,163 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The node's parameters: declared from config.py's descriptions, changed all or none."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from uw_visibility.config import NodeConfig, PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.parameters import ParameterInfo, describe
+
+TYPES = {
+    bool: Parameter.Type.BOOL,
+    int: Parameter.Type.INTEGER,
+    float: Parameter.Type.DOUBLE,
+    str: Parameter.Type.STRING,
+    tuple: Parameter.Type.DOUBLE_ARRAY,
+}
+QOS_PREFIX = "qos_overrides."
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All parameters at one instant."""
+
+    pipeline: PipelineConfig
+    node: NodeConfig
+
+    @classmethod
+    def from_values(cls, values: dict[str, Any]) -> Settings:
+        """Check values by dotted name and make them settings; see `InputError`."""
+        return cls(PipelineConfig.from_parameters(values), NodeConfig.from_parameters(values))
+
+
+class NodeParameters:
+    """Declares every parameter on a node and keeps `settings` up to date.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Declared on this node, with the values that it was started with.
+
+    Attributes
+    ----------
+    settings : Settings
+        Replaced as a whole once a change was accepted, so that a reader in
+        another thread sees either all of it or nothing.
+
+    Raises
+    ------
+    InputError
+        If the node was started with an unknown name or a value not allowed.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        infos = [*describe(PipelineConfig), *describe(NodeConfig)]
+        self._infos = {info.name: info for info in infos}
+        given = {
+            name: parameter.value
+            for name, parameter in _overrides(node).items()
+            if not name.startswith(QOS_PREFIX) and not node.has_parameter(name)
+        }
+        self._values = {info.name: info.default for info in infos}
+        self.settings = Settings.from_values(self._values | given)
+        self._values |= {name: self._infos[name].check(value) for name, value in given.items()}
+        for info in infos:
+            value = self._values[info.name]
+            node.declare_parameter(
+                info.name,
+                list(value) if info.type is tuple else value,
+                descriptor(info),
+                ignore_override=True,
+            )
+        node.add_pre_set_parameters_callback(self._convert)
+        node.add_on_set_parameters_callback(self._check)
+        node.add_post_set_parameters_callback(self._accept)
+
+    def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
+        """Let whole numbers stand for decimal ones: ``ros2 param set`` sends 5 as an integer."""
+        converted = []
+        for parameter in parameters:
+            info = self._infos.get(parameter.name)
+            value = parameter.value
+            if info is not None and parameter.type_ == Parameter.Type.INTEGER:
+                value = float(value) if info.type is float else value
+            if info is not None and parameter.type_ == Parameter.Type.INTEGER_ARRAY:
+                value = [float(v) for v in value] if info.type is tuple else value
+            converted.append(Parameter(parameter.name, value=value))
+        return converted
+
+    def _check(self, parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            Settings.from_values(self._values | self._mine(parameters))
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _accept(self, parameters: list[Parameter]) -> None:
+        self._values |= self._mine(parameters)
+        self.settings = Settings.from_values(self._values)
+
+    def _mine(self, parameters: list[Parameter]) -> dict[str, Any]:
+        return {p.name: p.value for p in parameters if p.name in self._infos}
+
+
+def check_qos_overrides(node: Node) -> None:
+    """Refuse a ``qos_overrides`` name that no publisher or subscription has read.
+
+    Raises
+    ------
+    InputError
+        Naming the parameter and the nearest one that exists.
+    """
+    for name in _overrides(node):
+        if name.startswith(QOS_PREFIX) and not node.has_parameter(name):
+            known = [known for known in node._parameters if known.startswith(QOS_PREFIX)]
+            near = difflib.get_close_matches(name, known, n=1, cutoff=0.0)
+            raise InputError(f"unknown parameter {name}: did you mean {near[0]}?")
+
+
+def descriptor(info: ParameterInfo) -> ParameterDescriptor:
+    """Describe a parameter for ``ros2 param describe``."""
+    unit = f" Unit: {info.unit}." if info.unit else ""
+    description = ParameterDescriptor(
+        name=info.name,
+        type=TYPES[info.type].value,
+        description=info.description + unit,
+        read_only=info.read_only,
+    )
+    low, high = info.minimum, info.maximum
+    if low is not None and high is not None:
+        if info.type is int:
+            description.integer_range = [
+                IntegerRange(from_value=int(low), to_value=int(high), step=1)
+            ]
+        elif info.type is float:
+            description.floating_point_range = [
+                FloatingPointRange(from_value=float(low), to_value=float(high), step=0.0)
+            ]
+        else:
+            description.additional_constraints = f"each between {low:g} and {high:g}"
+    if info.choices:
+        description.additional_constraints = f"one of {', '.join(info.choices)}"
+    return description
+
+
+def _overrides(node: Node) -> dict[str, Parameter]:
+    # rclpy has no public way to see values given for names that are not declared.
+    overrides: dict[str, Parameter] = node._parameter_overrides
+    return overrides

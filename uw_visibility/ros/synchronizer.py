@@ -1,0 +1,180 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Four input topics become stereo frames, and everything dropped has a counted reason."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from uw_visibility.config import SynchronizationConfig
+from uw_visibility.frames import StereoFrame
+from uw_visibility.messages import stamp_to_nanoseconds
+
+SIDES = ("left", "right")
+
+# A pair that is older than the last one by more than this comes from a
+# recording that was started again; one that is less old came out of order.
+RESTART_NANOSECONDS = 1_000_000_000
+
+
+class Synchronizer:
+    """Pairs images by their stamps and adds the newest CameraInfo of each side.
+
+    An image is paired as soon as a partner within the tolerance is there: the
+    nearest of those that wait. A pair whose CameraInfo has not come yet waits
+    for it, one pair at most. Every image leaves as part of a frame or is
+    counted in `dropped`, and what waits is bounded.
+
+    Parameters
+    ----------
+    config : SynchronizationConfig
+        Tolerance and length of the queues.
+    on_drop : callable
+        Called with the reason for every image dropped.
+
+    Attributes
+    ----------
+    config : SynchronizationConfig
+        May be replaced at any time.
+    received : Counter of str
+        Messages by input: left, right, left info, right info.
+    dropped : Counter of str
+        Images by the reason why they are in no frame.
+    frames : int
+        Frames made.
+    restarts : int
+        How often the stamps jumped back.
+    """
+
+    def __init__(
+        self,
+        config: SynchronizationConfig,
+        on_drop: Callable[[str], None] = lambda reason: None,
+    ) -> None:
+        self.config = config
+        self._on_drop = on_drop
+        self.received: Counter[str] = Counter()
+        self.dropped: Counter[str] = Counter()
+        self.frames = 0
+        self.restarts = 0
+        # By stamp, in the order of arrival.
+        self._waiting: dict[str, dict[int, Any]] = {side: {} for side in SIDES}
+        self._infos: dict[str, Any] = {}
+        self._pair: tuple[Any, Any] | None = None
+        self._last: int | None = None
+
+    @property
+    def waiting(self) -> int:
+        """Images that wait, for a partner or for their CameraInfo."""
+        return sum(map(len, self._waiting.values())) + (2 if self._pair else 0)
+
+    def add_info(self, side: str, info: Any) -> StereoFrame | None:
+        """Take a CameraInfo.
+
+        Parameters
+        ----------
+        side : str
+            "left" or "right".
+        info : object
+            The message.
+
+        Returns
+        -------
+        StereoFrame or None
+            A frame that waited for this message.
+        """
+        self.received[f"{side} info"] += 1
+        self._infos[side] = info
+        return self._complete()
+
+    def add_image(self, side: str, image: Any) -> StereoFrame | None:
+        """Take an image.
+
+        Parameters
+        ----------
+        side : str
+            "left" or "right".
+        image : object
+            The message; its stamp decides.
+
+        Returns
+        -------
+        StereoFrame or None
+            The frame that it completes.
+        """
+        self.received[side] += 1
+        stamp = stamp_to_nanoseconds(image.header.stamp)
+        reason = self._refusal(side, stamp)
+        if reason:
+            self._drop(f"{side} image {reason}")
+            return None
+        other = SIDES[side == "left"]
+        partner = self._partner(other, stamp)
+        if partner is None:
+            self._wait(side, stamp, image)
+            return None
+        pair = {side: image, other: self._waiting[other].pop(partner)}
+        self._advance(min(stamp, partner))
+        if self._pair is not None:
+            self._drop_pair()
+        self._pair = (pair["left"], pair["right"])
+        return self._complete()
+
+    def _refusal(self, side: str, stamp: int) -> str:
+        if stamp == 0:
+            return "without a stamp"
+        if stamp in self._waiting[side]:
+            return "with a stamp seen before"
+        if self._last is not None and 0 <= self._last - stamp < RESTART_NANOSECONDS:
+            return "with a stamp seen before" if stamp == self._last else "out of order"
+        return ""
+
+    def _partner(self, side: str, stamp: int) -> int | None:
+        """Return the stamp of the nearest image that waits within the tolerance."""
+        tolerance = round(self.config.tolerance * 1e9)
+        stamps = self._waiting[side]
+        if tolerance == 0:
+            return stamp if stamp in stamps else None
+        nearest = min(stamps, key=lambda other: abs(other - stamp), default=None)
+        return nearest if nearest is not None and abs(nearest - stamp) <= tolerance else None
+
+    def _wait(self, side: str, stamp: int, image: Any) -> None:
+        queue = self._waiting[side]
+        queue[stamp] = image
+        # The oldest arrival leaves, not the oldest stamp: a stamp from the
+        # future must not stay for ever.
+        while len(queue) > self.config.queue_size:
+            del queue[next(iter(queue))]
+            self._drop(f"{side} image unmatched")
+
+    def _advance(self, stamp: int) -> None:
+        """Note the time of a new pair, and let go of images that it leaves behind."""
+        restarted = self._last is not None and stamp < self._last
+        if restarted:
+            self.restarts += 1
+        self._last = stamp
+        for side, queue in self._waiting.items():
+            late = [other for other in queue if restarted or other < stamp]
+            for other in late:
+                del queue[other]
+                self._drop(f"{side} image unmatched")
+
+    def _complete(self) -> StereoFrame | None:
+        if self._pair is None or any(side not in self._infos for side in SIDES):
+            return None
+        left, right = self._pair
+        self._pair = None
+        self.frames += 1
+        return StereoFrame(left, right, self._infos["left"], self._infos["right"])
+
+    def _drop_pair(self) -> None:
+        missing = " and ".join(f"{side}/camera_info" for side in SIDES if side not in self._infos)
+        self._pair = None
+        for side in SIDES:
+            self._drop(f"{side} image while there is no {missing}")
+
+    def _drop(self, reason: str) -> None:
+        self.dropped[reason] += 1
+        self._on_drop(reason)
