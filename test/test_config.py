@@ -103,7 +103,9 @@ def test_names_may_be_dotted_nested_and_under_any_node(tmp_path: Path) -> None:
         "  ros__parameters:\n"
         "    stereo.max_disparity: 96\n"
         "    camera: {transfer: srgb}\n"
-        "    qos_overrides./disparity.publisher.depth: 1\n",
+        "    qos_overrides./disparity.publisher.depth: 1\n"
+        "    use_sim_time: false\n"
+        "    start_type_description_service: true\n",
     )
     assert read_yaml(path) == {"stereo.max_disparity": 96, "camera.transfer": "srgb"}
 

@@ -23,6 +23,9 @@ from uw_visibility.parameters import (
     section,
 )
 
+# How the names begin of parameters that every ROS 2 node has, and that a dump of ours holds too.
+ROS_PARAMETERS = ("qos_overrides.", "start_type_description_service", "use_sim_time")
+
 
 @dataclass(frozen=True)
 class CameraConfig:
@@ -333,4 +336,4 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
                 "see config/uw_visibility.yaml for the form"
             )
         values.update(flatten(block["ros__parameters"]))
-    return {k: v for k, v in values.items() if not k.startswith("qos_overrides.")}
+    return {k: v for k, v in values.items() if not k.startswith(ROS_PARAMETERS)}
