@@ -296,4 +296,7 @@ def _undistortion_maps(
 def _inside(
     x: NDArray[np.float32], y: NDArray[np.float32], size: tuple[int, int]
 ) -> NDArray[np.bool_]:
-    return (x >= 0) & (x <= size[0] - 1) & (y >= 0) & (y <= size[1] - 1)
+    # The fixed-point maps round to 1/32 px, so a hair outside is still inside.
+    reach = 1.0 / 64.0
+    horizontal = (x >= -reach) & (x <= size[0] - 1 + reach)
+    return horizontal & (y >= -reach) & (y <= size[1] - 1 + reach)

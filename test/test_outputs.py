@@ -1,0 +1,309 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Every field of every outgoing message, for the message classes of rclpy and of rosbags."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from uw_visibility.config import NodeConfig
+from uw_visibility.frames import StereoFrame, StereoPair
+from uw_visibility.messages import MessageFactory, read_image, typestore_factory
+from uw_visibility.outputs import TOPICS, Source, build_messages
+from uw_visibility.result import FrameResult
+from uw_visibility.status import Status
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.assessment import Visibility
+from uw_visibility.water.estimation import WaterEstimate
+
+HEIGHT, WIDTH = 4, 40
+RIG = StereoRig(400.0, 0.12, (19.5, 1.5), (16.5, 1.5))
+ESTIMATES = {topic for topic in TOPICS if topic.startswith("visibility/")}
+GENERATOR = np.random.default_rng(5)
+LEFT, RIGHT = GENERATOR.integers(0, 256, (2, HEIGHT, WIDTH, 3), np.uint8)
+
+
+@pytest.fixture(params=["rclpy", "rosbags"])
+def make(request: pytest.FixtureRequest) -> MessageFactory:
+    """Make messages of either library."""
+    if request.param == "rclpy":
+        pytest.importorskip("rclpy", reason="ROS is not installed")
+        from uw_visibility.ros.factory import make_message
+
+        return make_message
+    typesys = pytest.importorskip("rosbags.typesys", reason="rosbags is not installed")
+    return typestore_factory(typesys.get_typestore(typesys.Stores.ROS2_JAZZY).types)
+
+
+def header(sec: int, frame_id: str) -> SimpleNamespace:
+    return SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=250), frame_id=frame_id)
+
+
+def frame(encoding: str = "rgb8") -> StereoFrame:
+    images = [
+        SimpleNamespace(header=header(sec, name), encoding=encoding)
+        for sec, name in ((7, "left_camera"), (8, "right_camera"))
+    ]
+    infos = [
+        SimpleNamespace(
+            header=header(1, "elsewhere"), height=HEIGHT, width=WIDTH,
+            distortion_model="plumb_bob", d=[0.1, 0.2, 0.3, 0.4, 0.5], k=np.arange(9.0),
+            r=np.arange(9.0) + 1, p=np.arange(12.0) + n, binning_x=2, binning_y=3,
+            roi=SimpleNamespace(x_offset=1, y_offset=2, width=3, height=4, do_rectify=True),
+        )
+        for n in (0, 100)
+    ]
+    return StereoFrame(*images, *infos)
+
+
+def result(**changes: Any) -> FrameResult:
+    covariance = np.array([np.diag([s**2, (s / 2) ** 2]) for s in (0.01, 0.02, 0.03)])
+    water = WaterEstimate(
+        status=Status.OK, attenuation=np.array([0.5, 0.3, 0.2]),
+        ambient_light=np.array([0.1, 0.4, 0.6]), covariance=covariance, iterations=9, bins=30,
+        channel_status=(Status.OK,) * 3, envelope=None,
+    )
+    disparity = np.tile(np.linspace(0.0, 39.0, WIDTH, dtype=np.float32), (HEIGHT, 1))
+    disparity[0, ::2] = np.nan
+    fields: dict[str, Any] = {
+        "status": Status.OK, "step1": water, "water": water,
+        "visibility": Visibility(
+            status=Status.OK, depth_status=Status.OK, mean_attenuation=0.25,
+            mean_attenuation_stddev=0.01, distance=11.0, distance_stddev=0.5, depth=3.0,
+            depth_stddev=0.25,
+        ),
+        "clear_water_attenuation": np.array([0.2, 0.1, 0.0]), "disparity": disparity,
+        "disparity_filled": disparity, "range": disparity, "disparity_original": None,
+        "left_enhanced": LEFT, "right_enhanced": RIGHT, "limited": disparity > 1,
+        "support_points": 9, "coverage": 0.5, "matched_fraction_original": None,
+        "matched_fraction_enhanced": 0.9, "min_disparity": 0, "max_disparity": 32,
+        "timing_ms": {"total": 1.0},
+    }
+    return FrameResult(**(fields | changes))
+
+
+def visibility(**changes: Any) -> Visibility:
+    return replace(result().visibility, **changes)
+
+
+def build(
+    make: MessageFactory, outcome: FrameResult | None = None, encoding: str = "rgb8",
+    valid: np.ndarray | None = None, window: tuple[int, int, int, int] = (0, 0, WIDTH, HEIGHT),
+    rig: StereoRig = RIG,
+) -> dict[str, Any]:
+    pair = StereoPair(LEFT, RIGHT, rig, valid, window)
+    config = NodeConfig(max_range=20.0, depth_frame="odom")
+    return build_messages(Source(make, frame(encoding), pair, outcome or result(), config), TOPICS)
+
+
+def head(message: Any) -> tuple[int, int, str]:
+    stamp = message.header.stamp
+    return stamp.sec, stamp.nanosec, message.header.frame_id
+
+
+def disparities(message: Any) -> np.ndarray:
+    image = message.image
+    assert (image.encoding, image.is_bigendian) == ("32FC1", 0)
+    assert (image.height, image.width, image.step) == (HEIGHT, WIDTH, 4 * WIDTH)
+    return np.frombuffer(image.data, np.float32).reshape(HEIGHT, WIDTH)
+
+
+def test_every_topic_has_its_message(make: MessageFactory) -> None:
+    messages = build(make)
+    assert list(messages) == list(TOPICS)
+    for topic, message in messages.items():
+        assert type(message).__name__.endswith(TOPICS[topic].rsplit("/", 1)[1])
+
+
+def test_messages_can_be_sent(make: MessageFactory) -> None:
+    messages = build(make)
+    if "rosbags" in type(messages["disparity"]).__module__:
+        from rosbags.typesys import Stores, get_typestore
+
+        store = get_typestore(Stores.ROS2_JAZZY)
+        for topic, message in messages.items():
+            raw = store.serialize_cdr(message, TOPICS[topic])
+            assert store.deserialize_cdr(raw, TOPICS[topic]) is not None
+    else:
+        from rclpy.serialization import deserialize_message, serialize_message
+
+        for message in messages.values():
+            raw = serialize_message(message)
+            assert serialize_message(deserialize_message(raw, type(message))) == raw
+
+
+@pytest.mark.parametrize("encoding", ["rgb8", "bgr8"])
+def test_enhanced_images_and_their_calibration(make: MessageFactory, encoding: str) -> None:
+    messages = build(make, encoding=encoding)
+    given = frame()
+    for side, pixels, stamp, info in (
+        ("left", LEFT, (7, 250, "left_camera"), given.left_info),
+        ("right", RIGHT, (8, 250, "right_camera"), given.right_info),
+    ):
+        image = messages[f"{side}/enhanced/image"]
+        assert (image.encoding, image.step, head(image)) == (encoding, 3 * WIDTH, stamp)
+        np.testing.assert_array_equal(read_image(image), pixels)
+        calibration = messages[f"{side}/enhanced/camera_info"]
+        assert head(calibration) == stamp
+        for name in ("d", "k", "r", "p"):
+            np.testing.assert_array_equal(getattr(calibration, name), getattr(info, name))
+        for name in ("height", "width", "distortion_model", "binning_x", "binning_y"):
+            assert getattr(calibration, name) == getattr(info, name)
+        for name in ("x_offset", "y_offset", "width", "height", "do_rectify"):
+            assert getattr(calibration.roi, name) == getattr(info.roi, name)
+
+
+def test_calibration_of_ros1_is_passed_on(make: MessageFactory) -> None:
+    given = frame()
+    for name in "dkrp":
+        setattr(given.left_info, name.upper(), getattr(given.left_info, name))
+        delattr(given.left_info, name)
+    pair = StereoPair(LEFT, RIGHT, RIG, None, (0, 0, WIDTH, HEIGHT))
+    source = Source(make, given, pair, result(), NodeConfig())
+    info = build_messages(source, ["left/enhanced/camera_info"])["left/enhanced/camera_info"]
+    np.testing.assert_array_equal(info.p, np.arange(12.0))
+
+
+def test_depth_follows_from_the_disparity_message_alone(make: MessageFactory) -> None:
+    message = build(make)["disparity"]
+    assert head(message) == head(message.image) == (7, 250, "left_camera")
+    published = disparities(message)
+    given = result().disparity
+    assert np.isfinite(published).all()
+    valid = published >= message.min_disparity
+    searched = (given > RIG.offset) & (given <= 32.0)
+    np.testing.assert_array_equal(valid, searched)
+    expected = RIG.focal_length * RIG.baseline / (given[valid] - RIG.offset)
+    depth = message.f * message.t / published[valid]
+    resolution = expected**2 / (message.f * message.t) * message.delta_d
+    assert (np.abs(depth - expected) <= 0.55 * resolution + 1e-5).all()
+
+
+def test_limits_and_step_of_the_disparity_are_true(make: MessageFactory) -> None:
+    message = build(make)["disparity"]
+    published = disparities(message)
+    valid = published[published >= message.min_disparity]
+    assert (message.min_disparity, message.max_disparity) == (0.0, 32.0 - RIG.offset)
+    assert 0.0 < valid.min() and valid.max() <= message.max_disparity
+    assert np.array_equal(valid % message.delta_d, np.zeros_like(valid))
+    assert (published[published < message.min_disparity] == message.min_disparity - 1).all()
+    shifted = build(make, result(min_disparity=8))["disparity"]
+    assert shifted.min_disparity == 8.0 - RIG.offset
+    assert (disparities(shifted)[result().disparity < 8] < shifted.min_disparity).all()
+
+
+def test_valid_window_holds_every_valid_pixel(make: MessageFactory) -> None:
+    valid = np.zeros((HEIGHT, WIDTH), bool)
+    valid[1:3, 10:30] = True
+    message = build(make, valid=valid, window=(10, 1, 20, 2))["disparity"]
+    published = disparities(message)
+    np.testing.assert_array_equal(
+        published >= message.min_disparity, valid & (result().disparity <= 32)
+    )
+    roi = message.valid_window
+    assert (roi.x_offset, roi.y_offset, roi.width, roi.height) == (10, 1, 20, 2)
+    assert roi.do_rectify is False
+
+
+def test_valid_window_leaves_out_columns_without_a_partner(make: MessageFactory) -> None:
+    roi = build(make, result(min_disparity=8))["disparity"].valid_window
+    assert (roi.x_offset, roi.width) == (8, WIDTH - 8)
+
+
+def test_nothing_matched_is_a_disparity_without_valid_pixels(make: MessageFactory) -> None:
+    nothing = np.full((HEIGHT, WIDTH), np.nan, np.float32)
+    message = build(make, result(disparity=nothing))["disparity"]
+    assert (disparities(message) == message.min_disparity - 1).all()
+
+
+def test_visibility_distance(make: MessageFactory) -> None:
+    message = build(make)["visibility/distance"]
+    assert head(message) == (7, 250, "left_camera")
+    assert (message.range, message.variance) == (11.0, 0.25)
+    assert (message.min_range, message.max_range, message.radiation_type) == (0.0, 20.0, 1)
+    assert message.field_of_view == pytest.approx(2 * math.atan(20 / 400))
+
+
+def test_visibility_beyond_the_largest_range_is_infinite(make: MessageFactory) -> None:
+    message = build(make, result(visibility=visibility(distance=20.1)))["visibility/distance"]
+    assert (message.range, message.variance) == (math.inf, 0.0)
+
+
+def test_water_per_channel(make: MessageFactory) -> None:
+    messages = build(make)
+    for topic, expected in (
+        ("attenuation", [0.5, 0.3, 0.2]),
+        ("attenuation_stddev", [0.01, 0.02, 0.03]),
+        ("ambient_light", [0.1, 0.4, 0.6]),
+    ):
+        message = messages[f"visibility/{topic}"]
+        assert head(message) == (7, 250, "left_camera")
+        vector = message.vector
+        np.testing.assert_allclose([vector.x, vector.y, vector.z], expected)
+    assert messages["visibility/mean_attenuation"].data == 0.25
+
+
+def test_depth_is_negative_below_the_surface_and_only_z_is_measured(make: MessageFactory) -> None:
+    message = build(make)["visibility/depth"]
+    assert head(message) == (7, 250, "odom")
+    position, orientation = message.pose.pose.position, message.pose.pose.orientation
+    assert (position.x, position.y, position.z) == (0.0, 0.0, -3.0)
+    assert (orientation.x, orientation.y, orientation.z, orientation.w) == (0.0, 0.0, 0.0, 1.0)
+    covariance = np.array(message.pose.covariance).reshape(6, 6)
+    assert covariance[2, 2] == 0.0625
+    others = np.diag(covariance)[[0, 1, 3, 4, 5]]
+    assert (others >= 1e6).all()
+    assert np.count_nonzero(covariance - np.diag(np.diag(covariance))) == 0
+
+
+NAN = math.nan
+UNKNOWN = {"mean_attenuation": NAN, "distance": NAN, "distance_stddev": NAN}
+
+
+@pytest.mark.parametrize(("changes", "silent"), [
+    (
+        {"visibility": visibility(depth_status=Status.NO_COLOUR, depth=NAN, depth_stddev=NAN)},
+        {"visibility/depth"},
+    ),
+    (
+        {"visibility": visibility(status=Status.TOO_DARK, **UNKNOWN)},
+        {"visibility/distance", "visibility/mean_attenuation"},
+    ),
+    (
+        {"visibility": visibility(status=Status.TOO_DARK)},
+        {"visibility/distance", "visibility/mean_attenuation"},
+    ),
+    ({"visibility": visibility(depth_stddev=math.inf)}, {"visibility/depth"}),
+    (
+        {"water": replace(result().water, status=Status.SATURATED)},
+        {f"visibility/{n}" for n in ("attenuation", "attenuation_stddev", "ambient_light")},
+    ),
+    (
+        {"water": replace(result().water, attenuation=np.array([NAN, 0.3, 0.2]))},
+        {"visibility/attenuation"},
+    ),
+])
+def test_what_is_not_assessable_is_not_said(
+    make: MessageFactory, changes: dict[str, Any], silent: set[str]
+) -> None:
+    assert set(TOPICS) - set(build(make, result(**changes))) == silent
+
+
+def test_grey_images_stay_grey(make: MessageFactory) -> None:
+    grey = result(left_enhanced=LEFT[..., 0].copy(), right_enhanced=RIGHT[..., 0].copy())
+    image = build(make, grey, encoding="mono8")["left/enhanced/image"]
+    assert (image.encoding, image.step) == ("mono8", WIDTH)
+
+
+def test_only_what_is_wanted_is_made(make: MessageFactory) -> None:
+    pair = StereoPair(LEFT, RIGHT, RIG, None, (0, 0, WIDTH, HEIGHT))
+    # Making an image of None would fail.
+    outcome = result(left_enhanced=None, right_enhanced=None)
+    source = Source(make, frame(), pair, outcome, NodeConfig())
+    assert set(build_messages(source, ESTIMATES)) == ESTIMATES
