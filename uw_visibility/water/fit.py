@@ -207,7 +207,7 @@ def _blank(
     return covariance
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@njit(nogil=True, cache=True)
 def _scales(p: Any, distance: Any, step: Any, range_error: float, scale: Any) -> None:
     """Standard deviation of each envelope value about the curve of a black patch."""
     for c in range(3):
@@ -220,7 +220,7 @@ def _scales(p: Any, distance: Any, step: Any, range_error: float, scale: Any) ->
             scale[c, i] = np.sqrt(rounding + darkness * darkness + displacement * displacement)
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@njit(nogil=True, cache=True)
 def _prior(
     p: Any, active: Any, clear_water: Any, ambient_min: Any, tolerance: float,
     hessian: Any, slope: Any,
@@ -260,7 +260,7 @@ def _prior(
     return cost
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@njit(nogil=True, cache=True)
 def _normal_equations(
     p: Any, distance: Any, dark: Any, known: Any, scale: Any, hessian: Any, slope: Any,
 ) -> float:
@@ -287,7 +287,7 @@ def _normal_equations(
     return cost
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@njit(nogil=True, cache=True)
 def _minimise(
     distance: Any, dark: Any, step: Any, known: Any, active: Any, start: Any, lower: Any,
     upper: Any, clear_water: Any, range_error: float,
@@ -332,7 +332,7 @@ def _minimise(
                           range_error), iterations, converged
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@njit(nogil=True, cache=True)
 def _channel_tolerance(p: Any, active: Any, clear_water: Any) -> float:
     mean = 0.0
     number = 0
@@ -343,7 +343,7 @@ def _channel_tolerance(p: Any, active: Any, clear_water: Any) -> float:
     return CHANNEL_TOLERANCE_MIN + CHANNEL_TOLERANCE * mean / max(number, 1)
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@njit(nogil=True, cache=True)
 def _step(
     p: Any, hessian: Any, slope: Any, damping: float, lower: Any, upper: Any, active: Any
 ) -> Any:
@@ -365,7 +365,7 @@ def _step(
     return np.minimum(np.maximum(moved, lower), upper)
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@njit(nogil=True, cache=True)
 def _covariance(
     p: Any, distance: Any, dark: Any, step: Any, known: Any, active: Any, clear_water: Any,
     lower: Any, range_error: float,

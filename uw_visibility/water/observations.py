@@ -23,6 +23,11 @@ RANGE_QUANTILES = (0.005, 0.995)
 RANGE_SAMPLES = 4096
 # Pixels this close to a jump of range often carry the range of the other side.
 EDGE_DISTANCE = 2
+# Larger images are read in every second row, every third ...: quantiles of so
+# many pixels do not gain from more.
+MAX_PIXELS = 200_000
+# The mean range of a bin is taken over every such column.
+RANGE_STRIDE = 4
 
 
 @dataclass(frozen=True)
@@ -41,9 +46,9 @@ class Envelopes:
     step : (3, N) float64 ndarray
         Irradiance that one code value spans at the dark envelope.
     pixels : int
-        Pixels with a range inside the bins, away from edges.
+        Pixels read that have a range inside the bins, away from edges.
     saturated, zero : (3,) float64 ndarray
-        Fraction of those pixels at the largest code, and at code 0.
+        Fraction of those pixels in the highest level, and in the lowest.
     grey : bool
         Whether no pixel has any colour.
     """
@@ -135,33 +140,31 @@ def observe(
     table = levels(transfer, image.dtype)
     mask = np.ones((1, 1), np.bool_) if valid is None else valid
     low, high = _range_limits(range_map, mask, valid is not None)
-    histogram = np.zeros((3, bins, len(table.step)), np.int32)
-    range_sum = np.zeros(bins)
-    tally = np.zeros(8, np.int64)
-    if high > low:
-        _accumulate(
-            image, range_map, mask, valid is not None, table.of_code, low,
-            bins / (high - low), np.float32(edge_tolerance), histogram, range_sum, tally,
-        )
-    pixels = int(tally[0])
+    histogram = np.zeros((bins, 3, len(table.step)), np.int32)
+    range_sum = np.zeros((bins, 2))
+    coloured = high > low and _accumulate(
+        image, range_map, mask, valid is not None, table.of_code, np.float32(low),
+        np.float32(bins / (high - low)), np.float32(edge_tolerance), histogram, range_sum,
+    )
+    count = histogram[:, 0].sum(axis=1, dtype=np.int64)
+    pixels = int(count.sum())
     share = 1.0 / max(pixels, 1)
-    count = np.zeros(bins, np.int64)
     dark, bright, step = np.empty((3, 3, bins))
     _quantiles(
         histogram, table.edges, table.step, min_pixels, dark_quantile, bright_quantile,
-        dark, bright, step, count,
+        count, dark, bright, step,
     )
-    full = count >= min_pixels
+    full = (count >= min_pixels) & (range_sum[:, 1] > 0)
     return Envelopes(
-        range=range_sum[full] / count[full],
+        range=range_sum[full, 0] / range_sum[full, 1],
         count=count[full],
         dark=dark[:, full],
         bright=bright[:, full],
         step=step[:, full],
         pixels=pixels,
-        saturated=tally[1:4] * share,
-        zero=tally[4:7] * share,
-        grey=pixels > 0 and int(tally[7]) == 0,
+        saturated=histogram[:, :, -1].sum(axis=0) * share,
+        zero=histogram[:, :, 0].sum(axis=0) * share,
+        grey=pixels > 0 and not coloured,
     )
 
 
@@ -182,64 +185,73 @@ def _range_limits(
     return low, high * (1 + 1e-6)
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@njit(nogil=True, cache=True)
 def _accumulate(
     image: Any, range_map: Any, mask: Any, masked: bool, level_of: Any, low: float,
-    bins_per_metre: float, tolerance: float, histogram: Any, range_sum: Any, tally: Any,
-) -> None:
-    """Count levels by channel and range bin, in one pass over the pixels."""
+    bins_per_metre: float, tolerance: float, histogram: Any, range_sum: Any,
+) -> bool:
+    """Count levels by range bin and channel, in one pass; return whether any pixel has colour."""
     height, width = range_map.shape
-    top = len(level_of) - 1
-    bins = histogram.shape[1]
-    for y in range(height):
-        above = max(y - EDGE_DISTANCE, 0)
-        below = min(y + EDGE_DISTANCE, height - 1)
+    bins = histogram.shape[0]
+    bin_of = np.empty(width, np.int32)
+    coloured = False
+    stride = max(1, round(height * width / MAX_PIXELS))
+    for y in range(stride // 2, height, stride):
+        _place_row(range_map, y, low, bins_per_metre, tolerance, bins, bin_of)
         for x in range(width):
-            distance = range_map[y, x]
-            # Also refuses NaN, and what lies before the first bin.
-            if not distance >= low or (masked and not mask[y, x]):
-                continue
-            place = (distance - low) * bins_per_metre
-            if place >= bins:
-                continue
-            # Comparisons with an unknown neighbour are false: it is no edge.
-            jump = tolerance * distance
-            if (
-                abs(range_map[above, x] - distance) > jump
-                or abs(range_map[below, x] - distance) > jump
-                or abs(range_map[y, max(x - EDGE_DISTANCE, 0)] - distance) > jump
-                or abs(range_map[y, min(x + EDGE_DISTANCE, width - 1)] - distance) > jump
-            ):
+            at = bin_of[x]
+            if at < 0 or (masked and not mask[y, x]):
                 continue
             red, green, blue = image[y, x, 0], image[y, x, 1], image[y, x, 2]
-            if red == 0 and green == 0 and blue == 0:
+            if (red | green | blue) == 0:
                 continue
-            at = int(place)
-            tally[0] += 1
-            range_sum[at] += distance
-            if red != green or green != blue:
-                tally[7] += 1
-            for channel in range(3):
-                code = image[y, x, channel]
-                if code == 0:
-                    tally[4 + channel] += 1
-                if code == top:
-                    tally[1 + channel] += 1
-                histogram[channel, at, level_of[code]] += 1
+            coloured |= (red != green) | (green != blue)
+            if x % RANGE_STRIDE == 0:
+                range_sum[at, 0] += range_map[y, x]
+                range_sum[at, 1] += 1
+            counts = histogram[at]
+            counts[0, level_of[red]] += 1
+            counts[1, level_of[green]] += 1
+            counts[2, level_of[blue]] += 1
+    return coloured
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@njit(nogil=True, cache=True)
+def _place_row(
+    range_map: Any, y: int, low: float, bins_per_metre: float, tolerance: float, bins: int,
+    bin_of: Any,
+) -> None:
+    """Write the range bin of each pixel of a row, or -1: without branches, so it vectorises."""
+    height, width = range_map.shape
+    here = range_map[y]
+    above = range_map[max(y - EDGE_DISTANCE, 0)]
+    below = range_map[min(y + EDGE_DISTANCE, height - 1)]
+    bin_of[:] = -1
+    for x in range(EDGE_DISTANCE, width - EDGE_DISTANCE):
+        distance = here[x]
+        jump = tolerance * distance
+        # Comparisons with an unknown neighbour are false: it is no edge.
+        edge = (
+            (abs(above[x] - distance) > jump)
+            | (abs(below[x] - distance) > jump)
+            | (abs(here[x - EDGE_DISTANCE] - distance) > jump)
+            | (abs(here[x + EDGE_DISTANCE] - distance) > jump)
+        )
+        place = (distance - low) * bins_per_metre
+        counts = (distance >= low) & (place < bins) & ~edge
+        bin_of[x] = np.int32(place) if counts else np.int32(-1)
+
+
+@njit(nogil=True, cache=True)
 def _quantiles(
     histogram: Any, edges: Any, code_step: Any, min_pixels: int, dark_quantile: float,
-    bright_quantile: float, dark: Any, bright: Any, step: Any, count: Any,
+    bright_quantile: float, count: Any, dark: Any, bright: Any, step: Any,
 ) -> None:
     """Take the quantiles of each histogram, leaving out its saturated level."""
-    channels, bins, number = histogram.shape
+    bins, channels, number = histogram.shape
     for at in range(bins):
-        for level in range(number):
-            count[at] += histogram[0, at, level]
         for channel in range(channels):
-            column = histogram[channel, at]
+            column = histogram[at, channel]
             total = count[at] - column[number - 1]
             if total < min_pixels:
                 dark[channel, at] = np.nan
@@ -259,7 +271,7 @@ def _quantiles(
             bright[channel, at] = 0.5 * (edges[level] + edges[level + 1])
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@njit(nogil=True, cache=True)
 def _find(column: Any, rank: float) -> tuple[int, float]:
     """Level at which the running count reaches a rank, and where inside it."""
     running = 0

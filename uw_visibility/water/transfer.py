@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -44,7 +45,7 @@ def linear_table(transfer: str, dtype: DTypeLike) -> NDArray[np.float32]:
     return table
 
 
-def to_linear(image: NDArray[np.generic], transfer: str) -> NDArray[np.float32]:
+def to_linear(image: NDArray[Any], transfer: str) -> NDArray[np.float32]:
     """Convert an image to irradiance 0..1.
 
     Parameters
@@ -60,7 +61,7 @@ def to_linear(image: NDArray[np.generic], transfer: str) -> NDArray[np.float32]:
         Of the same shape.
     """
     if image.dtype == np.float32:
-        return image.view(np.float32)
+        return image
     return np.take(linear_table(transfer, image.dtype), image)
 
 
