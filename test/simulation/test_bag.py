@@ -1,0 +1,169 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated bag, read back field by field, and the command that writes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from uw_visibility.cli import main
+from uw_visibility.messages import read_image, stamp_to_nanoseconds
+from uw_visibility.simulation.camera import StereoCamera
+from uw_visibility.simulation.transect import Transect
+from uw_visibility.stereo.rig import StereoRig
+
+pytest.importorskip("rosbags")
+
+from uw_visibility.replay.reader import BagReader
+from uw_visibility.simulation.bag import START, TOPICS, write_transect
+
+TRANSECT = Transect(
+    frames=3, rate=4.0, depth=(3.0, 5.0), attenuation=(0.1, 0.2), seed=2,
+    camera=StereoCamera(64, 48, 60.0, 0.2),
+)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
+    path = tmp_path_factory.mktemp("bag") / "transect"
+    write_transect(path, TRANSECT, depth_stddev=0.1)
+    by_topic: dict[str, list[Any]] = {}
+    times: dict[str, list[int]] = {}
+    with BagReader(path) as reader:
+        assert reader.topics == TOPICS
+        for recorded in reader.messages():
+            by_topic.setdefault(recorded.topic, []).append(reader.deserialize(recorded))
+            times.setdefault(recorded.topic, []).append(recorded.time)
+    frames = [f for _, f in TRANSECT.render()]
+    return SimpleNamespace(path=path, messages=by_topic, times=times, frames=frames)
+
+
+def test_every_topic_has_every_frame_at_its_time(bag: SimpleNamespace) -> None:
+    expected = [START * 10**9 + k * 250_000_000 for k in range(3)]
+    assert set(bag.messages) == set(TOPICS)
+    for topic, times in bag.times.items():
+        assert times == expected
+        for message, time in zip(bag.messages[topic], times, strict=True):
+            if hasattr(message, "header"):
+                assert stamp_to_nanoseconds(message.header.stamp) == time
+
+
+def test_images_and_calibration(bag: SimpleNamespace) -> None:
+    for side in ("left", "right"):
+        for message, info, frame in zip(
+            bag.messages[f"/{side}/image_rect"], bag.messages[f"/{side}/camera_info"],
+            bag.frames, strict=True,
+        ):
+            assert message.encoding == "rgb8"
+            np.testing.assert_array_equal(read_image(message), getattr(frame, side))
+            assert message.header.frame_id == f"stereo_{side}_optical_frame"
+            assert info.header.frame_id == message.header.frame_id
+            assert (info.width, info.height, info.distortion_model) == (64, 48, "plumb_bob")
+            np.testing.assert_array_equal(info.k, [60, 0, 31.5, 0, 60, 23.5, 0, 0, 1])
+            np.testing.assert_array_equal(info.r, np.eye(3).ravel())
+            np.testing.assert_array_equal(info.d, np.zeros(5))
+    left, right = (bag.messages[f"/{side}/camera_info"][0] for side in ("left", "right"))
+    assert right.p[3] == pytest.approx(-60.0 * 0.2)
+    rig = StereoRig.from_camera_info(left, right)
+    assert (rig.focal_length, rig.baseline) == pytest.approx((60.0, 0.2))
+    assert rig.principal_point == (31.5, 23.5)
+
+
+def test_depth_points_up_and_its_noise_is_as_stated(bag: SimpleNamespace) -> None:
+    for topic, variance in (("/ground_truth/depth", 0.0), ("/depth_sensor", 0.01)):
+        for message, frame in zip(bag.messages[topic], bag.frames, strict=True):
+            error = -message.pose.pose.position.z - frame.depth
+            assert abs(error) <= 4.0 * variance**0.5
+            assert (error == 0.0) == (variance == 0.0)
+            covariance = message.pose.covariance.reshape(6, 6)
+            assert covariance[2, 2] == pytest.approx(variance)
+            assert (np.diag(covariance)[[0, 1, 3, 4, 5]] >= 1e6).all()
+            assert message.pose.pose.orientation.w == 1.0
+
+
+def test_truth_of_the_water(bag: SimpleNamespace) -> None:
+    for name in ("attenuation", "ambient_light"):
+        for message, frame in zip(bag.messages[f"/ground_truth/{name}"], bag.frames, strict=True):
+            vector = (message.vector.x, message.vector.y, message.vector.z)
+            np.testing.assert_array_equal(vector, getattr(frame, name))
+    alpha = [m.data for m in bag.messages["/ground_truth/mean_attenuation"]]
+    assert alpha == [f.mean_attenuation for f in bag.frames]
+
+
+def test_true_disparity_follows_the_message_definition(bag: SimpleNamespace) -> None:
+    for message, frame in zip(bag.messages["/ground_truth/disparity"], bag.frames, strict=True):
+        image = message.image
+        assert (image.encoding, image.height, image.width) == ("32FC1", 48, 64)
+        disparity = np.frombuffer(image.data, np.float32).reshape(48, 64)
+        assert np.isfinite(disparity).all()
+        known = disparity >= np.float32(message.min_disparity)
+        np.testing.assert_array_equal(known, np.isfinite(frame.disparity_left))
+        np.testing.assert_array_equal(disparity[known], frame.disparity_left[known])
+        assert disparity.max() <= message.max_disparity
+        assert (message.f, message.t) == pytest.approx((60.0, 0.2))
+
+
+def test_the_command_writes_the_same_bag(bag: SimpleNamespace, tmp_path: Path) -> None:
+    path = tmp_path / "bag"
+    arguments = [
+        "simulate", "-o", str(path), "--frames", "3", "--rate", "4", "--width", "64",
+        "--height", "48", "--baseline", "0.2", "--depth", "3", "5",
+        "--attenuation", "0.1", "0.2", "--seed", "2", "--depth-stddev", "0.1",
+    ]
+    assert main(arguments) == 0
+    with BagReader(path) as one, BagReader(bag.path) as other:
+        assert [m.data for m in one.messages()] == [m.data for m in other.messages()]
+
+
+SMALL = ["--frames", "1", "--width", "64", "--height", "48"]
+
+
+def test_a_bag_is_replaced_only_when_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bag"
+    assert main(["simulate", "-o", str(path), *SMALL]) == 0
+    before = {p: p.read_bytes() for p in path.iterdir()}
+    assert main(["simulate", "-o", str(path), *SMALL, "--seed", "7"]) == 2
+    error = capsys.readouterr().err
+    assert str(path) in error
+    assert "--force" in error
+    assert error.count("\n") == 1
+    assert {p: p.read_bytes() for p in path.iterdir()} == before
+    assert main(["simulate", "-o", str(path), *SMALL, "--seed", "7", "--force"]) == 0
+    assert {p: p.read_bytes() for p in path.iterdir()} != before
+
+
+def test_force_removes_nothing_but_bags(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    precious = tmp_path / "thesis.tex"
+    precious.write_text("years of work", encoding="utf-8")
+    assert main(["simulate", "-o", str(tmp_path), *SMALL, "--force"]) == 2
+    assert "not a bag" in capsys.readouterr().err
+    assert precious.exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        (["--frames", "0"], "frames"),
+        (["--rate", "-1"], "rate"),
+        (["--width", "2"], "image size"),
+        (["--baseline", "0"], "baseline"),
+        (["--attenuation", "-1", "0"], "attenuation"),
+        (["--depth-stddev", "0"], "depth sensor"),
+        (["--marine-snow", "2"], "marine snow"),
+    ],
+)
+def test_bad_options_are_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], what: str
+) -> None:
+    assert main(["simulate", "-o", str(tmp_path / "bag"), *SMALL, *options]) == 2
+    error = capsys.readouterr().err
+    assert what in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "bag").exists()

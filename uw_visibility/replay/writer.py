@@ -1,0 +1,96 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Writing of rosbag2 recordings in the mcap format."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+from rosbags.typesys import Stores, get_typestore
+
+from uw_visibility.errors import InputError
+from uw_visibility.messages import typestore_factory
+
+
+class BagWriter:
+    """Writes a bag; to be used in a ``with`` statement.
+
+    A bag that an error or an interruption leaves incomplete is removed.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder to make.
+    topics : mapping of str to str
+        Type of message by topic, such as ``sensor_msgs/msg/Image``.
+    overwrite : bool
+        Whether a bag of that name may be replaced.
+
+    Attributes
+    ----------
+    make : MessageFactory
+        Makes messages that `write` takes.
+
+    Raises
+    ------
+    InputError
+        If the folder exists already, or cannot be made.
+    """
+
+    def __init__(
+        self, path: str | Path, topics: Mapping[str, str], *, overwrite: bool = False
+    ) -> None:
+        self.path = Path(path)
+        _make_room(self.path, overwrite)
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self.make = typestore_factory(self._types.types)
+        self._writer = Writer(
+            self.path, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP
+        )
+        try:
+            self._writer.open()
+        except (WriterError, OSError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(f"cannot make bag {self.path}: {reason}") from error
+        self._connections: dict[str, Connection] = {
+            topic: self._writer.add_connection(topic, name, typestore=self._types)
+            for topic, name in topics.items()
+        }
+
+    def write(self, topic: str, message: Any, time: int) -> None:
+        """Write a message with the time in ns at which it was received."""
+        connection = self._connections[topic]
+        data = self._types.serialize_cdr(message, connection.msgtype)
+        self._writer.write(connection, time, data)
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self._writer.close()
+        else:
+            self._writer.abort()
+            shutil.rmtree(self.path)
+
+
+def _make_room(path: Path, overwrite: bool) -> None:
+    """Remove an older bag, if that is allowed and if it is one."""
+    if not path.exists() and not path.is_symlink():
+        return
+    if not overwrite:
+        raise InputError(f"{path} exists already: give another name, or --force to replace it")
+    if not (path / "metadata.yaml").is_file() or path.is_symlink():
+        raise InputError(f"{path} exists already and is not a bag: give another name")
+    shutil.rmtree(path)

@@ -1,0 +1,190 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""A transect as a bag: what the vehicle's sensors say, and the truth beside it.
+
+Stamps begin at a fixed date and step with the frame rate. Images lie in the
+cameras' optical frames (x right, y down, z forward), depth in a frame whose
+z points up from the surface. The true disparity is a
+``stereo_msgs/DisparityImage``, 0 for open water, which is below its
+``min_disparity``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.messages import MessageFactory, write_image
+from uw_visibility.outputs import UNMEASURED_VARIANCE
+from uw_visibility.replay.writer import BagWriter
+from uw_visibility.simulation.camera import StereoCamera
+from uw_visibility.simulation.transect import Transect, TransectFrame
+from uw_visibility.simulation.view import MAX_RANGE
+
+TOPICS = {
+    "/left/image_rect": "sensor_msgs/msg/Image",
+    "/right/image_rect": "sensor_msgs/msg/Image",
+    "/left/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/right/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/depth_sensor": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "/ground_truth/attenuation": "geometry_msgs/msg/Vector3Stamped",
+    "/ground_truth/ambient_light": "geometry_msgs/msg/Vector3Stamped",
+    "/ground_truth/mean_attenuation": "std_msgs/msg/Float64",
+    "/ground_truth/depth": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "/ground_truth/disparity": "stereo_msgs/msg/DisparityImage",
+}
+"""Type of message by topic."""
+
+START = 1_700_000_000
+"""Time of the first frame in s since 1970."""
+
+LEFT_FRAME = "stereo_left_optical_frame"
+RIGHT_FRAME = "stereo_right_optical_frame"
+DEPTH_FRAME = "map"
+
+
+def write_transect(
+    path: str | Path,
+    transect: Transect,
+    *,
+    depth_stddev: float = 0.05,
+    overwrite: bool = False,
+    progress: Callable[[Iterator[TransectFrame]], Any] = iter,
+) -> None:
+    """Simulate a transect and record it.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder of the bag to make.
+    transect : Transect
+        What to simulate.
+    depth_stddev : float
+        Standard deviation of the depth sensor in m.
+    overwrite : bool
+        Whether a bag of that name may be replaced.
+    progress : callable
+        Wraps the iteration over frames, to show how far it is.
+
+    Raises
+    ------
+    InputError
+        If the folder exists already or cannot be made, or the noise is none.
+    """
+    if not 0.0 < depth_stddev < math.inf:
+        raise InputError(
+            f"noise of the depth sensor is {depth_stddev:g} m: give a number greater than zero"
+        )
+    random = np.random.default_rng([transect.seed, 1])
+    with BagWriter(path, TOPICS, overwrite=overwrite) as bag:
+        messages = _Messages(bag.make, transect.camera)
+        for time, frame in progress(transect.render()):
+            stamp = START * 1_000_000_000 + round(time * 1e9)
+            for side, frame_id, pixels in (
+                ("left", LEFT_FRAME, frame.left), ("right", RIGHT_FRAME, frame.right)
+            ):
+                header = messages.header(stamp, frame_id)
+                image = write_image(bag.make, pixels, "rgb8", header)
+                bag.write(f"/{side}/image_rect", image, stamp)
+                bag.write(f"/{side}/camera_info", messages.camera_info(side, header), stamp)
+            header = messages.header(stamp, LEFT_FRAME)
+            surface = messages.header(stamp, DEPTH_FRAME)
+            noisy = frame.depth + depth_stddev * random.standard_normal()
+            bag.write("/depth_sensor", messages.depth(surface, noisy, depth_stddev**2), stamp)
+            truth = {
+                "attenuation": messages.vector(header, frame.attenuation),
+                "ambient_light": messages.vector(header, frame.ambient_light),
+                "mean_attenuation": bag.make("std_msgs/msg/Float64", data=frame.mean_attenuation),
+                "depth": messages.depth(surface, frame.depth, 0.0),
+                "disparity": messages.disparity(header, frame.disparity_left),
+            }
+            for name, message in truth.items():
+                bag.write(f"/ground_truth/{name}", message, stamp)
+
+
+class _Messages:
+    """Makes the messages of a bag."""
+
+    def __init__(self, make: MessageFactory, camera: StereoCamera) -> None:
+        self._make = make
+        self._camera = camera
+
+    def header(self, stamp: int, frame_id: str) -> Any:
+        seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+        time = self._make("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+        return self._make("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
+
+    def camera_info(self, side: str, header: Any) -> Any:
+        focal_length = self._camera.focal_length
+        centre_x, centre_y = self._camera.principal_point
+        projection = np.zeros((3, 4))
+        projection[0, 0] = projection[1, 1] = focal_length
+        projection[:, 2] = centre_x, centre_y, 1.0
+        if side == "right":
+            projection[0, 3] = -focal_length * self._camera.baseline
+        return self._make(
+            "sensor_msgs/msg/CameraInfo",
+            header=header,
+            height=self._camera.height,
+            width=self._camera.width,
+            distortion_model="plumb_bob",
+            d=np.zeros(5),
+            k=projection[:, :3].ravel(),
+            r=np.eye(3).ravel(),
+            p=projection.ravel(),
+            binning_x=0,
+            binning_y=0,
+            roi=self._region(0, 0),
+        )
+
+    def depth(self, header: Any, depth: float, variance: float) -> Any:
+        covariance = UNMEASURED_VARIANCE * np.eye(6)
+        covariance[2, 2] = variance
+        pose = self._make(
+            "geometry_msgs/msg/Pose",
+            position=self._make("geometry_msgs/msg/Point", x=0.0, y=0.0, z=-float(depth)),
+            orientation=self._make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+        )
+        return self._make(
+            "geometry_msgs/msg/PoseWithCovarianceStamped",
+            header=header,
+            pose=self._make(
+                "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.ravel()
+            ),
+        )
+
+    def vector(self, header: Any, values: NDArray[np.float64]) -> Any:
+        x, y, z = (float(v) for v in values)
+        return self._make(
+            "geometry_msgs/msg/Vector3Stamped",
+            header=header,
+            vector=self._make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+        )
+
+    def disparity(self, header: Any, disparity: NDArray[np.float32]) -> Any:
+        camera = self._camera
+        known = np.nan_to_num(disparity, nan=0.0)
+        return self._make(
+            "stereo_msgs/msg/DisparityImage",
+            header=header,
+            image=write_image(self._make, known, "32FC1", header),
+            f=camera.focal_length,
+            t=camera.baseline,
+            valid_window=self._region(camera.width, camera.height),
+            # A ray is at least as long as the distance that disparity tells.
+            min_disparity=camera.focal_length * camera.baseline / MAX_RANGE,
+            max_disparity=float(max(math.ceil(known.max()), 1)),
+            delta_d=float(np.finfo(np.float32).eps * max(known.max(), 1.0)),
+        )
+
+    def _region(self, width: int, height: int) -> Any:
+        return self._make(
+            "sensor_msgs/msg/RegionOfInterest",
+            x_offset=0, y_offset=0, height=height, width=width, do_rectify=False,
+        )

@@ -1,0 +1,126 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""A rectified stereo camera: where it is, what its rays meet, what its sensor makes of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError
+
+
+@dataclass(frozen=True)
+class StereoCamera:
+    """A rectified pair of ideal cameras side by side.
+
+    Attributes
+    ----------
+    width, height : int
+        Size of an image in px.
+    focal_length : float
+        Focal length in px.
+    baseline : float
+        Distance of the right camera from the left one in m.
+    """
+
+    width: int = 640
+    height: int = 480
+    focal_length: float = 600.0
+    baseline: float = 0.12
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be a camera."""
+        if self.width < 8 or self.height < 8:
+            raise InputError(
+                f"image size {self.width}x{self.height} is too small: give at least 8x8 pixels"
+            )
+        for name, value in (("focal length", self.focal_length), ("baseline", self.baseline)):
+            if not 0.0 < value < math.inf:
+                raise InputError(f"{name} is {value:g}: give a number greater than zero")
+
+    @property
+    def principal_point(self) -> tuple[float, float]:
+        """Column and row of the optical axis in px, in both images."""
+        return (self.width - 1) / 2, (self.height - 1) / 2
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the left camera is and where it looks.
+
+    Attributes
+    ----------
+    position : tuple of float
+        x, y, z of the left camera in m.
+    heading : float
+        Turn to the left of the x axis in rad.
+    tilt : float
+        Downward tilt of the optical axis in rad.
+    roll : float
+        Turn about the optical axis in rad, right side down.
+    """
+
+    position: tuple[float, float, float]
+    heading: float = 0.0
+    tilt: float = 0.0
+    roll: float = 0.0
+
+    def rotation(self) -> NDArray[np.float64]:
+        """Return the axes of the optical frame (right, down, forward) as columns."""
+        ch, sh = math.cos(self.heading), math.sin(self.heading)
+        ct, st = math.cos(self.tilt), math.sin(self.tilt)
+        cr, sr = math.cos(self.roll), math.sin(self.roll)
+        forward = np.array([ch * ct, sh * ct, -st])
+        level = np.array([sh, -ch, 0.0])
+        below = np.cross(forward, level)
+        right = cr * level + sr * below
+        return np.column_stack([right, np.cross(forward, right), forward])
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What a small camera's sensor adds to light.
+
+    Attributes
+    ----------
+    full_well : float
+        Electrons of a saturated pixel; inf leaves out the shot noise.
+    read_noise : float
+        Standard deviation of reading a pixel in electrons.
+    """
+
+    full_well: float = 15000.0
+    read_noise: float = 20.0
+
+    def expose(
+        self, irradiance: NDArray[np.float32], random: np.random.Generator
+    ) -> NDArray[np.uint8]:
+        """Turn irradiance into 8-bit pixels, with shot and read noise.
+
+        Parameters
+        ----------
+        irradiance : ndarray, shape (H, W, 3), float32
+            Irradiance 0 .. 1; what is above saturates.
+        random : numpy.random.Generator
+            Where the noise comes from.
+
+        Returns
+        -------
+        ndarray, shape (H, W, 3), uint8
+        """
+        grey = irradiance * np.float32(255.0)
+        if math.isfinite(self.full_well):
+            # Counts are large enough for the normal law to stand in for Poisson's.
+            variance = np.maximum(irradiance, 0.0) / self.full_well
+            variance += (self.read_noise / self.full_well) ** 2
+            noise = random.standard_normal(irradiance.shape, dtype=np.float32)
+            grey = grey + np.float32(255.0) * np.sqrt(variance).astype(np.float32) * noise
+        return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+
+
+NOISELESS = Sensor(full_well=math.inf, read_noise=0.0)
+"""A sensor that quantises and does nothing else."""

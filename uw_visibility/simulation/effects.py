@@ -1,0 +1,100 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the light model leaves out: marine snow and caustics."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from uw_visibility.simulation.camera import StereoCamera
+from uw_visibility.simulation.noise import value_noise
+
+Map = NDArray[np.float32]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def add_caustics(
+    radiance: Map,
+    points: NDArray[np.float64],
+    lattice: Map,
+    amplitude: float,
+    time: float,
+) -> None:
+    """Brighten and dim what is seen as waves at the surface focus the light.
+
+    Parameters
+    ----------
+    radiance : ndarray, shape (n, 3), float32
+        Normalised radiance; changed in place.
+    points : ndarray, shape (n, 3), float64
+        Where in the scene that light comes from in m; not finite = nowhere.
+    lattice : ndarray, shape (64, 64, 64), float32
+        From `noise_lattice`.
+    amplitude : float
+        Largest relative change, 0 .. 1.
+    time : float
+        Time in s; the pattern wanders.
+    """
+    for k in range(len(points)):
+        x, y = points[k, 0], points[k, 1]
+        if not math.isfinite(x):
+            continue
+        # Bright lines run where the noise is near zero, as in a real caustic net.
+        net = value_noise(lattice, 3.1 * x + 0.4 * time, 3.1 * y, 0.9 * time)
+        fine = value_noise(lattice, 7.3 * y, 7.3 * x - 0.6 * time, 1.3 * time + 20.0)
+        line = math.exp(-6.0 * abs(net + 0.3 * fine))
+        gain = 1.0 + amplitude * (2.0 * line - 1.0)
+        for channel in range(3):
+            radiance[k, channel] *= gain
+
+
+def marine_snow(
+    camera: StereoCamera, fraction: float, random: np.random.Generator
+) -> tuple[Map, Map]:
+    """Draw particles that drift before the cameras.
+
+    Parameters
+    ----------
+    camera : StereoCamera
+        Both images' geometry: a particle has the disparity of its distance.
+    fraction : float
+        Share of the pixels that particles cover in each image, 0 .. 1.
+    random : numpy.random.Generator
+        Where they come from.
+
+    Returns
+    -------
+    left, right : ndarray, shape (H, W), float32
+        Opacity of the particles, 0 .. 1.
+    """
+    left = np.zeros((camera.height, camera.width), np.float32)
+    right = np.zeros_like(left)
+    wanted = fraction * left.size
+    covered = 0.0
+    while covered < wanted:
+        depth = 0.4 * math.exp(random.uniform(0.0, 2.0))
+        disparity = camera.focal_length * camera.baseline / depth
+        u = random.uniform(0.0, camera.width + disparity)
+        v = random.uniform(0.0, camera.height)
+        # Near particles are larger, and out of focus.
+        sigma = 0.5 + random.exponential(0.5) / depth
+        opacity = random.uniform(0.3, 0.9)
+        for image, column in ((left, u), (right, u - disparity)):
+            _blot(image, column, v, sigma, opacity)
+        covered += math.pi * (1.5 * sigma) ** 2
+    return left, right
+
+
+def _blot(opacity: Map, u: float, v: float, sigma: float, strength: float) -> None:
+    reach = math.ceil(3.0 * sigma)
+    rows = slice(max(int(v) - reach, 0), max(int(v) + reach + 1, 0))
+    columns = slice(max(int(u) - reach, 0), max(int(u) + reach + 1, 0))
+    window = opacity[rows, columns]
+    y = np.arange(rows.start, rows.start + window.shape[0]) - v
+    x = np.arange(columns.start, columns.start + window.shape[1]) - u
+    squared = (x[np.newaxis] ** 2 + y[:, np.newaxis] ** 2) / (2.0 * sigma**2)
+    np.maximum(window, strength * np.exp(-squared).astype(np.float32), out=window)

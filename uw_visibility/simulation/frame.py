@@ -1,0 +1,241 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""One stereo frame under water, with the truth about it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.parallel import Workers
+from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
+from uw_visibility.simulation.effects import add_caustics, marine_snow
+from uw_visibility.simulation.scene import Scene
+from uw_visibility.simulation.view import View, look
+from uw_visibility.water.light_model import ambient_light_at_depth, attenuate
+from uw_visibility.water.optics import clear_water_attenuation, load_response
+
+Map = NDArray[np.float32]
+Image = NDArray[np.uint8]
+Vector = NDArray[np.float64]
+
+RESPONSE = "nikon_d5100"
+"""The simulated camera's spectral response: the package's default."""
+
+EXPOSED = 0.8
+"""Irradiance of open water in the strongest channel with automatic exposure."""
+
+
+@dataclass(frozen=True)
+class Water:
+    """Water that differs from clear sea water by grey particles.
+
+    Attributes
+    ----------
+    mean_attenuation : float
+        α in 1/m, the same in all channels.
+    depth : float
+        Depth of the camera in m.
+    exposure : float or None
+        Gain from light to irradiance, where white at the surface is 1; None
+        exposes so that open water comes to 0.8 in the strongest channel.
+    """
+
+    mean_attenuation: float
+    depth: float
+    exposure: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is not water."""
+        if not 0.0 <= self.mean_attenuation < math.inf:
+            raise InputError(
+                f"mean attenuation is {self.mean_attenuation:g} 1/m: give zero or more"
+            )
+        if not 0.0 <= self.depth < math.inf:
+            raise InputError(f"depth is {self.depth:g} m: give zero or more, positive down")
+        if self.exposure is not None and not 0.0 < self.exposure < math.inf:
+            raise InputError(f"exposure is {self.exposure:g}: give a number greater than zero")
+
+    def attenuation(self) -> Vector:
+        """Return β in 1/m, RGB: clear water's and the particles'."""
+        clear = clear_water_attenuation(load_response(RESPONSE))
+        return np.asarray(clear + self.mean_attenuation)
+
+    def ambient_light(self) -> Vector:
+        """Return I∞ at the camera's depth, as irradiance in the image, RGB."""
+        light = ambient_light_at_depth(self.attenuation(), self.depth)
+        gain = EXPOSED / light.max() if self.exposure is None else self.exposure
+        return np.asarray(gain * light)
+
+
+@dataclass(frozen=True)
+class Effects:
+    """What disturbs the light model.
+
+    Attributes
+    ----------
+    marine_snow : float
+        Share of the pixels that drifting particles cover, 0 .. 0.5.
+    caustics : float
+        Relative change of light by waves at the surface, 0 .. 1.
+    """
+
+    marine_snow: float = 0.0
+    caustics: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse shares that are none."""
+        if not 0.0 <= self.marine_snow <= 0.5:
+            raise InputError(
+                f"share of marine snow is {self.marine_snow:g}: give a number between 0 and 0.5"
+            )
+        if not 0.0 <= self.caustics <= 1.0:
+            raise InputError(
+                f"strength of caustics is {self.caustics:g}: give a number between 0 and 1"
+            )
+
+
+@dataclass(frozen=True)
+class RenderedFrame:
+    """A stereo frame and the truth about it.
+
+    Attributes
+    ----------
+    left, right : ndarray, shape (H, W, 3), uint8
+        The images, RGB, linear.
+    range_left, range_right : ndarray, shape (H, W), float32
+        Distance along the line of sight in m; inf = open water.
+    disparity_left, disparity_right : ndarray, shape (H, W), float32
+        Disparity in px, positive in both; NaN = open water.
+    radiance_left, radiance_right : ndarray, shape (H, W, 3), float32
+        Normalised radiance of the scene; 1 for open water.
+    attenuation, ambient_light : ndarray, shape (3,), float64
+        β in 1/m and I∞ as irradiance in the image, RGB.
+    mean_attenuation : float
+        α in 1/m.
+    depth : float
+        Depth of the camera in m, positive down.
+    """
+
+    left: Image
+    right: Image
+    range_left: Map
+    range_right: Map
+    disparity_left: Map
+    disparity_right: Map
+    radiance_left: Map
+    radiance_right: Map
+    attenuation: Vector
+    ambient_light: Vector
+    mean_attenuation: float
+    depth: float
+
+
+@dataclass(frozen=True)
+class Renderer:
+    """Renders frames of scenes; the same arguments give the same bits.
+
+    Attributes
+    ----------
+    camera : StereoCamera
+        The pair of cameras.
+    sensor : Sensor
+        Their noise.
+    effects : Effects
+        What disturbs the light model.
+    workers : Workers
+        Threads that do the work; their number changes nothing in the result.
+    """
+
+    camera: StereoCamera = StereoCamera()
+    sensor: Sensor = Sensor()
+    effects: Effects = Effects()
+    workers: Workers = field(default_factory=Workers)
+
+    def render(
+        self, scene: Scene, pose: Pose, water: Water, *, seed: int = 0, time: float = 0.0
+    ) -> RenderedFrame:
+        """Render one frame.
+
+        Parameters
+        ----------
+        scene : Scene
+            What there is to see.
+        pose : Pose
+            Where the left camera is.
+        water : Water
+            What is between.
+        seed : int
+            Seed of noise and marine snow; another one for each frame.
+        time : float
+            Time in s, for the caustics.
+
+        Returns
+        -------
+        RenderedFrame
+        """
+        rotation = pose.rotation()
+        eyes = [np.array(pose.position) + k * self.camera.baseline * rotation[:, 0] for k in (0, 1)]
+        rays = self._rays()
+        views = [look(scene, self.camera, eye, rotation, self.workers) for eye in eyes]
+        if self.effects.caustics > 0.0:
+            for view, eye in zip(views, eyes, strict=True):
+                self._shine(view, scene, eye, rays @ rotation.T, time)
+        snow = marine_snow(
+            self.camera, self.effects.marine_snow, np.random.default_rng([seed, 2])
+        )
+        images = [
+            self._expose(view, water, cover, np.random.default_rng([seed, side]))
+            for side, (view, cover) in enumerate(zip(views, snow, strict=True))
+        ]
+        disparities = [self._disparity(view.range, rays) for view in views]
+        radiances = [
+            np.where(np.isfinite(v.range)[..., np.newaxis], v.radiance, np.float32(1.0))
+            for v in views
+        ]
+        return RenderedFrame(
+            images[0], images[1], views[0].range, views[1].range, disparities[0], disparities[1],
+            radiances[0], radiances[1], water.attenuation(), water.ambient_light(),
+            water.mean_attenuation, water.depth,
+        )
+
+    def _rays(self) -> Vector:
+        """Return the unit directions of the pixels' rays in the optical frame."""
+        centre_x, centre_y = self.camera.principal_point
+        x = (np.arange(self.camera.width) - centre_x) / self.camera.focal_length
+        y = (np.arange(self.camera.height) - centre_y) / self.camera.focal_length
+        rays = np.ones((self.camera.height, self.camera.width, 3))
+        rays[..., 0], rays[..., 1] = x, y[:, np.newaxis]
+        return np.asarray(rays / np.linalg.norm(rays, axis=2, keepdims=True))
+
+    def _disparity(self, ranges: Map, rays: Vector) -> Map:
+        disparity = self.camera.focal_length * self.camera.baseline / (ranges * rays[..., 2])
+        return np.where(np.isfinite(ranges), disparity, np.nan).astype(np.float32)
+
+    def _shine(
+        self, view: View, scene: Scene, eye: Vector, rays: Vector, time: float
+    ) -> None:
+        amplitude = self.effects.caustics
+        with np.errstate(invalid="ignore"):  # open water is infinitely far
+            points = eye + view.range[..., np.newaxis] * rays
+            quarters = eye + view.edge_range[..., np.newaxis] * rays[view.edges][:, np.newaxis]
+        for radiance, where in ((view.radiance, points), (view.edge_radiance, quarters)):
+            add_caustics(
+                radiance.reshape(-1, 3), where.reshape(-1, 3), scene.lattice, amplitude, time
+            )
+
+    def _expose(
+        self, view: View, water: Water, snow: Map, random: np.random.Generator
+    ) -> Image:
+        attenuation, ambient_light = water.attenuation(), water.ambient_light()
+        irradiance = attenuate(view.radiance, view.range, attenuation, ambient_light)
+        # A pixel at an edge is the mean of what its quarters see through the water.
+        quarters = attenuate(view.edge_radiance, view.edge_range, attenuation, ambient_light)
+        irradiance[view.edges] = quarters.mean(axis=1)
+        particles = ambient_light.astype(np.float32)
+        irradiance += snow[..., np.newaxis] * (particles - irradiance)
+        return self.sensor.expose(irradiance, random)

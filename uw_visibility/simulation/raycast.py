@@ -1,0 +1,232 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Ray casting: where a pixel's ray meets the scene, and what it sees there."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from uw_visibility.simulation.noise import smoothstep
+from uw_visibility.simulation.scene import BLOCK, SPACING, Scene
+from uw_visibility.simulation.surface import floor_radiance, shading, shape_radiance
+
+NOTHING = -2
+FLOOR = -1
+
+Array = NDArray[np.float64]
+Map = NDArray[np.float32]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def bilinear(grid: Map, column: float, row: float) -> float:
+    """Interpolate a grid; beyond its edge the edge goes on."""
+    column = min(max(column, 0.0), grid.shape[1] - 1.001)
+    row = min(max(row, 0.0), grid.shape[0] - 1.001)
+    i, j = int(column), int(row)
+    u, v = column - i, row - j
+    top = grid[j, i] + u * (grid[j, i + 1] - grid[j, i])
+    bottom = grid[j + 1, i] + u * (grid[j + 1, i + 1] - grid[j + 1, i])
+    return top + v * (bottom - top)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def floor_distance(
+    scene: Scene, eye: Array, dx: float, dy: float, dz: float, limit: float
+) -> float:
+    """March along a ray to the sea floor; inf where it is not met within ``limit``."""
+    heights = scene.heights
+    x0, y0 = (eye[0] - scene.origin[0]) / SPACING, (eye[1] - scene.origin[1]) / SPACING
+    ux, uy = dx / SPACING, dy / SPACING
+    across = math.hypot(dx, dy)
+    t = before = 0.0
+    if eye[2] > scene.highest:
+        if dz >= 0.0:
+            return math.inf
+        t = before = (scene.highest - eye[2]) / dz
+    gap = gap_before = 1.0
+    while t < limit:
+        column, row, z = x0 + t * ux, y0 + t * uy, eye[2] + t * dz
+        block, leave = _block(heights, column, row, ux, uy)
+        if z + min(leave * dz, 0.0) > scene.block_highest[block]:
+            before, gap_before = t, z - scene.block_highest[block]
+            t += leave + 1e-6
+            continue
+        gap = z - bilinear(heights, column, row)
+        if gap < 0.0:
+            break
+        before, gap_before = t, gap
+        # Within the block the gap closes no faster than this.
+        closing = max(scene.block_steepest[block] * across - dz, 1e-3)
+        t += min(max(gap / closing, 5e-4 * t + 1e-4), leave + 1e-6)
+    if t >= limit:
+        return math.inf
+    gap_after = gap
+    for _ in range(30):
+        # False position, kept from creeping along one end.
+        share = min(max(gap_before / (gap_before - gap_after), 0.05), 0.95)
+        middle = before + share * (t - before)
+        gap = eye[2] + middle * dz - bilinear(heights, x0 + middle * ux, y0 + middle * uy)
+        if gap < 0.0:
+            t, gap_after = middle, gap
+        else:
+            before, gap_before = middle, gap
+        if t - before < 1e-7 or abs(gap) < 1e-8:
+            return middle
+    return 0.5 * (before + t)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _block(
+    heights: Map, column: float, row: float, ux: float, uy: float
+) -> tuple[tuple[int, int], float]:
+    """Return the block of the floor below a point, and how far the ray stays above it."""
+    i = int(min(max(column, 0.0), heights.shape[1] - 2.0)) // BLOCK
+    j = int(min(max(row, 0.0), heights.shape[0] - 2.0)) // BLOCK
+    leave = math.inf
+    # Beyond the floor's edge the outermost block goes on.
+    if ux > 0.0 and i < (heights.shape[1] - 2) // BLOCK:
+        leave = min(leave, ((i + 1) * BLOCK - column) / ux)
+    elif ux < 0.0 and i > 0:
+        leave = min(leave, (i * BLOCK - column) / ux)
+    if uy > 0.0 and j < (heights.shape[0] - 2) // BLOCK:
+        leave = min(leave, ((j + 1) * BLOCK - row) / uy)
+    elif uy < 0.0 and j > 0:
+        leave = min(leave, (j * BLOCK - row) / uy)
+    return (j, i), max(leave, 0.0)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def ellipsoid_distance(
+    centre: Array, axes: Array, eye: Array, dx: float, dy: float, dz: float
+) -> float:
+    """Return the distance to an ellipsoid along a unit ray, or inf."""
+    ex, ey, ez = eye[0] - centre[0], eye[1] - centre[1], eye[2] - centre[2]
+    a = b = 0.0
+    c = -1.0
+    for k in range(3):
+        p = axes[k, 0] * ex + axes[k, 1] * ey + axes[k, 2] * ez
+        q = axes[k, 0] * dx + axes[k, 1] * dy + axes[k, 2] * dz
+        a += q * q
+        b += p * q
+        c += p * p
+    discriminant = b * b - a * c
+    if discriminant < 0.0:
+        return math.inf
+    t = (-b - math.sqrt(discriminant)) / a
+    return t if t > 0.0 else math.inf
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def capsule_distance(
+    capsule: Array, eye: Array, dx: float, dy: float, dz: float
+) -> float:
+    """Return the distance to a capsule along a unit ray, or inf."""
+    ax, ay, az = capsule[3] - capsule[0], capsule[4] - capsule[1], capsule[5] - capsule[2]
+    ox, oy, oz = eye[0] - capsule[0], eye[1] - capsule[1], eye[2] - capsule[2]
+    aa = ax * ax + ay * ay + az * az
+    ad = ax * dx + ay * dy + az * dz
+    ao = ax * ox + ay * oy + az * oz
+    od = ox * dx + oy * dy + oz * dz
+    oo = ox * ox + oy * oy + oz * oz
+    squared = capsule[6] * capsule[6]
+    a = aa - ad * ad
+    b = aa * od - ao * ad
+    c = aa * oo - ao * ao - squared * aa
+    if a > 1e-12 * aa:
+        discriminant = b * b - a * c
+        if discriminant < 0.0:
+            return math.inf
+        t = (-b - math.sqrt(discriminant)) / a
+        along = ao + t * ad
+    else:
+        # Along the axis: the ray comes to the ball at the end it starts from.
+        along = -1.0 if ad > 0.0 else 2.0 * aa
+    if along < 0.0 or along > aa:
+        # Beyond an end: the ray may meet the ball there.
+        if along > aa:
+            od -= ad
+            oo += aa - 2.0 * ao
+        discriminant = od * od - (oo - squared)
+        if discriminant < 0.0:
+            return math.inf
+        t = -od - math.sqrt(discriminant)
+    return t if t > 0.0 else math.inf
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def nearest(
+    scene: Scene, candidates: NDArray[np.int32],
+    eye: Array, dx: float, dy: float, dz: float, limit: float,
+) -> tuple[float, int]:
+    """Return the distance to what a ray meets first, and which shape that is."""
+    best = floor_distance(scene, eye, dx, dy, dz, limit)
+    hit = FLOOR if best < math.inf else NOTHING
+    centres, axes = scene.ellipsoid_centres, scene.ellipsoid_axes
+    for index in candidates:
+        if index < len(centres):
+            t = ellipsoid_distance(centres[index], axes[index], eye, dx, dy, dz)
+        else:
+            t = capsule_distance(scene.capsules[index - len(centres)], eye, dx, dy, dz)
+        if t < best and t < limit:
+            best = t
+            hit = index
+    return best, hit
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def look_at(
+    scene: Scene, hit: int, px: float, py: float, pz: float, footprint: float,
+    view: tuple[float, float, float],
+) -> tuple[float, float, float]:
+    """Return the normalised radiance of a point on the floor or on a shape."""
+    heights, centres = scene.heights, scene.ellipsoid_centres
+    column, row = (px - scene.origin[0]) / SPACING, (py - scene.origin[1]) / SPACING
+    above = pz - bilinear(heights, column, row)
+    if hit == FLOOR:
+        nx = bilinear(heights, column - 0.7, row) - bilinear(heights, column + 0.7, row)
+        ny = bilinear(heights, column, row - 0.7) - bilinear(heights, column, row + 0.7)
+        nz = 1.4 * SPACING
+    elif hit < len(centres):
+        nx = ny = nz = 0.0
+        ex, ey, ez = px - centres[hit, 0], py - centres[hit, 1], pz - centres[hit, 2]
+        m = scene.ellipsoid_axes[hit]
+        for k in range(3):
+            p = m[k, 0] * ex + m[k, 1] * ey + m[k, 2] * ez
+            nx += m[k, 0] * p
+            ny += m[k, 1] * p
+            nz += m[k, 2] * p
+    else:
+        nx, ny, nz = capsule_normal(scene.capsules[hit - len(centres)], px, py, pz)
+    length = math.sqrt(nx * nx + ny * ny + nz * nz)
+    nx, ny, nz = nx / length, ny / length, nz / length
+    # A slanted surface widens the footprint; half of that is left to supersampling.
+    slant = max(abs(nx * view[0] + ny * view[1] + nz * view[2]), 0.05)
+    footprint /= math.sqrt(slant)
+    light = shading(nx, ny, nz)
+    if hit == FLOOR:
+        light *= bilinear(scene.openness, column, row)
+    else:
+        light *= 0.22 + 0.78 * smoothstep(-0.03, 0.22, above)
+    if scene.texture == 0.0:
+        return 0.5, 0.5, 0.5
+    if hit == FLOOR:
+        r, g, b = floor_radiance(scene.lattice, px, py, pz, footprint)
+    else:
+        r, g, b = shape_radiance(scene.lattice, scene.appearance[hit], px, py, pz, footprint)
+    return light * r, light * g, light * b
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def capsule_normal(
+    capsule: Array, px: float, py: float, pz: float
+) -> tuple[float, float, float]:
+    """Return the direction from a capsule's axis to a point."""
+    ax, ay, az = capsule[3] - capsule[0], capsule[4] - capsule[1], capsule[5] - capsule[2]
+    ex, ey, ez = px - capsule[0], py - capsule[1], pz - capsule[2]
+    along = (ex * ax + ey * ay + ez * az) / (ax * ax + ay * ay + az * az)
+    along = min(max(along, 0.0), 1.0)
+    return ex - along * ax, ey - along * ay, ez - along * az

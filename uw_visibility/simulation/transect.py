@@ -1,0 +1,120 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""A transect: a camera that swims over a reef while depth and turbidity change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from uw_visibility.errors import InputError
+from uw_visibility.parallel import Workers
+from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
+from uw_visibility.simulation.frame import Effects, RenderedFrame, Renderer, Water
+from uw_visibility.simulation.scene import reef
+
+
+@dataclass(frozen=True)
+class Transect:
+    """A transect as it is to be swum.
+
+    Attributes
+    ----------
+    frames : int
+        Number of stereo frames.
+    rate : float
+        Frames per second.
+    depth : tuple of float
+        Depth at the start and at the end in m. The reef keeps its distance
+        below the camera, as on a slope.
+    attenuation : tuple of float
+        Mean attenuation α at the start and at the end in 1/m.
+    speed : float
+        Speed over ground in m/s.
+    altitude : float
+        Height above the mean sea floor in m.
+    tilt : float
+        Downward tilt of the camera in degrees.
+    seed : int
+        Seed of reef, noise and particles.
+    exposure : float or None
+        See `Water`.
+    camera, sensor, effects
+        See `Renderer`.
+    """
+
+    frames: int = 24
+    rate: float = 2.0
+    depth: tuple[float, float] = (2.0, 6.0)
+    attenuation: tuple[float, float] = (0.05, 0.3)
+    speed: float = 0.4
+    altitude: float = 1.5
+    tilt: float = 16.0
+    seed: int = 0
+    exposure: float | None = None
+    camera: StereoCamera = StereoCamera()
+    sensor: Sensor = Sensor()
+    effects: Effects = Effects()
+    workers: Workers = field(default_factory=Workers)
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be swum."""
+        if self.frames < 1:
+            raise InputError(f"number of frames is {self.frames}: give at least 1")
+        if not 0.0 < self.rate <= 1000.0:
+            raise InputError(f"rate is {self.rate:g} Hz: give a number above 0, up to 1000")
+        if not 0.0 <= self.speed <= 10.0:
+            raise InputError(f"speed is {self.speed:g} m/s: give a number between 0 and 10")
+        if self.seed < 0:
+            raise InputError(f"seed is {self.seed}: give zero or more")
+        for progress in (0.0, 1.0):
+            self._water(progress)
+
+    @property
+    def length(self) -> float:
+        """Way from the first to the last frame in m."""
+        return self.speed * (self.frames - 1) / self.rate
+
+    def render(self) -> Iterator[TransectFrame]:
+        """Swim the transect and yield its frames in turn."""
+        scene = reef(self.seed, self.length)
+        renderer = Renderer(self.camera, self.sensor, self.effects, self.workers)
+        for index in range(self.frames):
+            time = index / self.rate
+            progress = index / max(self.frames - 1, 1)
+            frame = renderer.render(
+                scene, self._pose(time), self._water(progress),
+                seed=self.seed * 1_000_003 + index, time=time,
+            )
+            yield TransectFrame(time, frame)
+
+    def _water(self, progress: float) -> Water:
+        """Return the water after a share of the transect; it changes smoothly."""
+        depth = _ease(self.depth, progress)
+        return Water(_ease(self.attenuation, progress), depth, self.exposure)
+
+    def _pose(self, time: float) -> Pose:
+        """Return the camera's pose: a straight way, with a vehicle's sway."""
+        return Pose(
+            position=(
+                self.speed * time,
+                0.12 * math.sin(0.5 * time),
+                self.altitude + 0.06 * math.sin(0.9 * time + 1.0),
+            ),
+            heading=math.radians(4.0) * math.sin(0.35 * time),
+            tilt=math.radians(self.tilt + 1.5 * math.sin(0.8 * time)),
+            roll=math.radians(2.0) * math.sin(0.6 * time + 0.5),
+        )
+
+
+class TransectFrame(NamedTuple):
+    """A frame and its time in s from the start."""
+
+    time: float
+    frame: RenderedFrame
+
+
+def _ease(ends: tuple[float, float], progress: float) -> float:
+    return ends[0] + (ends[1] - ends[0]) * (0.5 - 0.5 * math.cos(math.pi * progress))

@@ -1,0 +1,160 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What one camera sees without water: range and radiance for every ray."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from uw_visibility.parallel import Workers
+from uw_visibility.simulation.camera import StereoCamera
+from uw_visibility.simulation.culling import TILE, Tiles, assign_to_tiles
+from uw_visibility.simulation.raycast import NOTHING, look_at, nearest
+from uw_visibility.simulation.scene import Scene
+
+MAX_RANGE = 40.0
+"""Range in m beyond which there is only water."""
+
+EDGE = 0.02
+"""Relative bend of the inverse range from pixel to pixel that makes an edge."""
+
+Array = NDArray[np.float64]
+Map = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class View:
+    """One camera's view of a scene, in air.
+
+    Attributes
+    ----------
+    range : ndarray, shape (H, W), float32
+        Distance along the ray through each pixel's centre in m; inf = open water.
+    radiance : ndarray, shape (H, W, 3), float32
+        Normalised radiance at the end of that ray; 0 for open water.
+    edges : tuple of two ndarrays, shape (n,), int64
+        Rows and columns of pixels that see more than one surface.
+    edge_range : ndarray, shape (n, 4), float32
+        Range in each quarter of these pixels.
+    edge_radiance : ndarray, shape (n, 4, 3), float32
+        Radiance in each quarter of these pixels.
+    """
+
+    range: Map
+    radiance: Map
+    edges: tuple[NDArray[np.int64], NDArray[np.int64]]
+    edge_range: Map
+    edge_radiance: Map
+
+
+def look(
+    scene: Scene, camera: StereoCamera, eye: Array, rotation: Array, workers: Workers
+) -> View:
+    """Cast the rays of one camera: one per pixel, and four more where surfaces meet.
+
+    Elsewhere textures are smoothed to the pixel's footprint, which one ray can
+    sample; see `fractal_noise`.
+
+    Parameters
+    ----------
+    scene : Scene
+        What there is to see.
+    camera : StereoCamera
+        Size and focal length of the image.
+    eye : ndarray, shape (3,), float64
+        Position of the camera in m.
+    rotation : ndarray, shape (3, 3), float64
+        Axes of the optical frame as columns.
+    workers : Workers
+        Threads that do the work.
+
+    Returns
+    -------
+    View
+    """
+    size = (camera.height, camera.width)
+    ranges = np.empty(size, np.float32)
+    hits = np.empty(size, np.int32)
+    radiance = np.zeros((*size, 3), np.float32)
+    tiles = assign_to_tiles(scene.bounds, camera, eye, rotation, MAX_RANGE)
+    optics = np.array([camera.focal_length, *camera.principal_point])
+    workers.rows(
+        _cast_centres, camera.height, scene, tiles, eye, rotation, optics, ranges, hits, radiance
+    )
+    rows, columns = np.nonzero(_edges(ranges, hits))
+    edge_range = np.empty((len(rows), 4), np.float32)
+    edge_radiance = np.zeros((len(rows), 4, 3), np.float32)
+    if len(rows) > 0:
+        workers.rows(
+            _cast_quarters, len(rows), scene, tiles, eye, rotation, optics, rows, columns,
+            edge_range, edge_radiance,
+        )
+    return View(ranges, radiance, (rows, columns), edge_range, edge_radiance)
+
+
+def _edges(ranges: Map, hits: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Mark pixels where the ray's neighbours meet another surface, or a fold."""
+    edges = np.zeros(hits.shape, np.bool_)
+    inverse = 1.0 / ranges
+    for hit, near, edge in ((hits, inverse, edges), (hits.T, inverse.T, edges.T)):
+        other = hit[1:] != hit[:-1]
+        edge[1:] |= other
+        edge[:-1] |= other
+        bend = np.abs(near[2:] + near[:-2] - 2.0 * near[1:-1])
+        edge[1:-1] |= bend > EDGE * near[1:-1]
+    return edges
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _cast_centres(
+    start: int, stop: int, scene: Scene, tiles: Tiles, eye: Array, rotation: Array,
+    optics: Array, ranges: Map, hits: NDArray[np.int32], radiance: Map,
+) -> None:
+    for row in range(start, stop):
+        for column in range(ranges.shape[1]):
+            tile = (row // TILE) * tiles.columns + column // TILE
+            ranges[row, column], hits[row, column] = _cast(
+                scene, tiles, tile, eye, rotation, optics, column, row, radiance[row, column]
+            )
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _cast_quarters(
+    start: int, stop: int, scene: Scene, tiles: Tiles, eye: Array, rotation: Array,
+    optics: Array, rows: NDArray[np.int64], columns: NDArray[np.int64],
+    ranges: Map, radiance: Map,
+) -> None:
+    for k in range(start, stop):
+        tile = (rows[k] // TILE) * tiles.columns + columns[k] // TILE
+        for quarter in range(4):
+            u = columns[k] - 0.25 + 0.5 * (quarter % 2)
+            v = rows[k] - 0.25 + 0.5 * (quarter // 2)
+            ranges[k, quarter], _ = _cast(
+                scene, tiles, tile, eye, rotation, optics, u, v, radiance[k, quarter]
+            )
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _cast(
+    scene: Scene, tiles: Tiles, tile: int, eye: Array, rotation: Array, optics: Array,
+    u: float, v: float, radiance: Map,
+) -> tuple[float, int]:
+    """Cast the ray through a point of the image; writes what it sees to ``radiance``."""
+    x, y = (u - optics[1]) / optics[0], (v - optics[2]) / optics[0]
+    length = 1.0 / math.sqrt(x * x + y * y + 1.0)
+    dx = (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2]) * length
+    dy = (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2]) * length
+    dz = (rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2]) * length
+    candidates = tiles.shapes[tiles.offsets[tile]:tiles.offsets[tile + 1]]
+    t, hit = nearest(scene, candidates, eye, dx, dy, dz, MAX_RANGE)
+    if hit != NOTHING:
+        radiance[0], radiance[1], radiance[2] = look_at(
+            scene, hit, eye[0] + t * dx, eye[1] + t * dy, eye[2] + t * dz,
+            t / optics[0], (dx, dy, dz),
+        )
+    return t, hit
