@@ -96,7 +96,7 @@ class StereoConfig:
         minimum=1e-3, maximum=1e3,
     )
     likelihood_weight: float = parameter(
-        0.02, "Weight of a unit of descriptor difference against the prior.",
+        0.007, "Weight of a unit of descriptor difference against the prior.",
         minimum=1e-4, maximum=1.0,
     )
     left_right_tolerance: int = parameter(
@@ -111,7 +111,7 @@ class StereoConfig:
         unit="px", minimum=0.0, maximum=10.0,
     )
     gap_width: int = parameter(
-        3, "Width of the gaps in the disparity map that are bridged.",
+        7, "Width of the gaps in the disparity map that are bridged.",
         unit="px", minimum=0, maximum=100,
     )
     gap_difference: float = parameter(

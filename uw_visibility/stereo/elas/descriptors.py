@@ -15,9 +15,10 @@ from uw_visibility.stereo.elas.absolute_difference import BYTES
 
 # Half the side of the window that a descriptor samples.
 MARGIN = 2
-# A Sobel response of a step from black to white is 1020 and must fit a byte;
-# textures under water stay far below that, so that strong edges may clip.
-SHIFT = 2
+# A Sobel response of a step from black to white is 1020 and must fit a byte.
+# Halving keeps weak textures, and strong edges may clip: that matches more
+# than keeping edges whole and rounding texture away.
+SHIFT = 1
 MIDDLE = 128
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from uw_visibility.parallel import Workers
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.descriptors import MIDDLE
+from uw_visibility.stereo.elas.support_filter import keep_consistent, mark_vertices, smooth
 
 # A support point is compared at the four corners of a square of this half side,
 # so that its window reaches 9 x 9 pixels.
@@ -25,14 +26,8 @@ REACH = 2
 # Neighbours of the best disparity are the same minimum of the cost.
 SAME_MINIMUM = 1
 _HUGE = np.int32(1 << 30)
-
-
-# The mesh keeps every eighth grid point at least, so that planes drift nowhere.
-_LATTICE = 8
-# A neighbour on the grid is looked for this many steps away.
-_NEIGHBOUR_STEPS = 2
-# Points that differ less than this from their neighbours add nothing to the mesh, px.
-_FLAT = np.float32(1.0)
+# Deviation of a support disparity: this over the curvature of its cost, px.
+_COST_NOISE = np.float32(60.0)
 
 
 @dataclass(frozen=True)
@@ -87,6 +82,8 @@ class SupportGrid:
         rows, columns = max(height // step, 1), max(width // step, 1)
         self._found = np.empty((rows, columns), np.float32)
         self._kept = np.empty((rows, columns), np.float32)
+        self._deviation = np.empty((rows, columns), np.float32)
+        self._smoothed = np.empty((rows, columns), np.float32)
         self._vertices = np.empty((rows, columns), np.bool_)
 
     def search(
@@ -117,17 +114,19 @@ class SupportGrid:
         workers.rows(
             _search, rows, left, right, width, height, settings.step, disparities[0],
             disparities[1], settings.texture, np.float32(settings.uniqueness), self._found,
+            self._deviation,
         )
         workers.rows(
-            _keep_consistent, rows, self._found, settings.consistency_cells,
+            keep_consistent, rows, self._found, settings.consistency_cells,
             np.float32(settings.consistency_disparity), settings.consistency_count, self._kept,
         )
-        workers.rows(_mark_vertices, rows, self._kept, self._vertices)
-        v, u = np.nonzero(self._kept >= disparities[0])
+        workers.rows(smooth, rows, self._kept, self._deviation, self._smoothed)
+        workers.rows(mark_vertices, rows, self._smoothed, self._vertices)
+        v, u = np.nonzero(self._smoothed >= disparities[0])
         points = np.empty((len(u), 3), np.float32)
         points[:, 0] = u * settings.step + settings.step // 2
         points[:, 1] = v * settings.step + settings.step // 2
-        points[:, 2] = self._kept[v, u]
+        points[:, 2] = np.minimum(self._smoothed[v, u], points[:, 0])
         return SupportPoints(points, self._vertices[v, u])
 
 
@@ -167,7 +166,12 @@ def _scan(
 
 @njit(nogil=True, cache=True)
 def _best(cost: Any, low: int, high: int, uniqueness: Any) -> int:
-    """Disparity of least cost, or -1 - that where a rival comes too near."""
+    """Disparity of least cost, or -1 - that where a rival comes too near.
+
+    The best is taken as it is sampled, a rival as low as it could lie between
+    two pixels: on sharp edges a true match half a pixel off costs more than
+    another edge that happens to fall on a whole one, as on a checkerboard.
+    """
     best = _HUGE
     at = low
     for d in range(low, high + 1):
@@ -176,12 +180,20 @@ def _best(cost: Any, low: int, high: int, uniqueness: Any) -> int:
             at = d
     rival = _HUGE
     for d in range(low, at - SAME_MINIMUM):
-        rival = min(rival, cost[d])
+        rival = min(rival, _between_pixels(cost, d, low, high))
     for d in range(at + SAME_MINIMUM + 1, high + 1):
-        rival = min(rival, cost[d])
+        rival = min(rival, _between_pixels(cost, d, low, high))
     if np.float32(best) > uniqueness * np.float32(rival):
         return -1 - at
     return at
+
+
+@njit(nogil=True, cache=True)
+def _between_pixels(cost: Any, d: int, low: int, high: int) -> int:
+    """Bottom of the V that the cost of a shifted edge makes around a minimum."""
+    if low < d < high and cost[d] <= cost[d - 1] and cost[d] <= cost[d + 1]:
+        return cost[d] - (abs(cost[d + 1] - cost[d - 1]) >> 1)
+    return cost[d]
 
 
 @njit(nogil=True, cache=True)
@@ -196,7 +208,7 @@ def vertex_of_parabola(before: Any, at: Any, after: Any) -> float:
 @njit(nogil=True, cache=True)
 def _search(
     start: int, stop: int, left: Any, right: Any, width: int, height: int, step: int,
-    low: int, high: int, texture: int, uniqueness: Any, found: Any,
+    low: int, high: int, texture: int, uniqueness: Any, found: Any, deviation: Any,
 ) -> None:
     cost = np.empty(high + 1, np.int32)
     reverse = np.empty(high + 1, np.int32)
@@ -222,61 +234,11 @@ def _search(
             back = _best(reverse, low, reverse_last, np.float32(1e9))
             if abs(back - d) > 1:
                 continue
+            before, after = cost[max(d - 1, low)], cost[min(d + 1, last)]
             offset = 0.0
             if low < d < last:
                 offset = vertex_of_parabola(
-                    np.float64(cost[d - 1]), np.float64(cost[d]), np.float64(cost[d + 1])
+                    np.float64(before), np.float64(cost[d]), np.float64(after)
                 )
             found[row, column] = d + offset
-
-
-@njit(nogil=True, cache=True)
-def _keep_consistent(
-    start: int, stop: int, found: Any, cells: int, disparity: Any, count: int, kept: Any
-) -> None:
-    """Drop points that too few neighbours agree with (implausible matches)."""
-    rows, columns = found.shape
-    for row in range(start, stop):
-        for column in range(columns):
-            d = found[row, column]
-            kept[row, column] = -1.0
-            if d < 0:
-                continue
-            agreeing = -1
-            for y in range(max(row - cells, 0), min(row + cells + 1, rows)):
-                for x in range(max(column - cells, 0), min(column + cells + 1, columns)):
-                    other = found[y, x]
-                    if other >= 0 and abs(other - d) <= disparity:
-                        agreeing += 1
-            if agreeing >= count:
-                kept[row, column] = d
-
-
-@njit(nogil=True, cache=True)
-def _mark_vertices(start: int, stop: int, kept: Any, vertices: Any) -> None:
-    """Mark the points that are not flat between their neighbours in both directions."""
-    for row in range(start, stop):
-        for column in range(kept.shape[1]):
-            if kept[row, column] < 0:
-                vertices[row, column] = False
-            elif row % _LATTICE == 0 and column % _LATTICE == 0:
-                vertices[row, column] = True
-            else:
-                vertices[row, column] = not (
-                    _agrees(kept, row, column, 0, 1)
-                    and _agrees(kept, row, column, 0, -1)
-                    and _agrees(kept, row, column, 1, 0)
-                    and _agrees(kept, row, column, -1, 0)
-                )
-
-
-@njit(nogil=True, cache=True)
-def _agrees(kept: Any, row: int, column: int, down: int, across: int) -> bool:
-    """Whether the nearest point in a direction exists and has the same disparity."""
-    for steps in range(1, _NEIGHBOUR_STEPS + 1):
-        y, x = row + steps * down, column + steps * across
-        if not (0 <= y < kept.shape[0] and 0 <= x < kept.shape[1]):
-            return False
-        if kept[y, x] >= 0:
-            return abs(kept[y, x] - kept[row, column]) <= _FLAT
-    return False
+            deviation[row, column] = _COST_NOISE / np.float32(max(before + after - 2 * cost[d], 1))

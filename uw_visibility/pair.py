@@ -1,0 +1,97 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Stereo pairs as the pipeline takes them: checked, and told when nothing can be seen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.status import Status
+
+# The smallest image in which a support grid, its neighbourhood and a disparity
+# range of a few pixels still fit.
+MIN_WIDTH = 96
+MIN_HEIGHT = 64
+# An image whose brightest pixels stay below this shows nothing but noise.
+_DARK = 4.0 / 255.0
+# Part of the pixels at the largest code value from which an image is saturated.
+_SATURATED_PART = 0.8
+# Spread of the code values below which an image is one colour but for quantisation.
+_FLAT = 2.0 / 255.0
+
+
+def check_pair(left: Any, right: Any) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Check a pair of images.
+
+    Parameters
+    ----------
+    left, right : ndarray
+        ``(H, W, 3)`` RGB or ``(H, W)`` grey; uint8 or uint16.
+
+    Returns
+    -------
+    left, right : ndarray
+        The same images, contiguous.
+
+    Raises
+    ------
+    InputError
+        If an image has another shape or type, is too small, or the two differ.
+    """
+    images = []
+    for side, image in (("left", left), ("right", right)):
+        array = np.asarray(image)
+        if array.dtype not in (np.uint8, np.uint16):
+            raise InputError(f"{side} image has type {array.dtype}: give uint8 or uint16")
+        if array.ndim != 2 and not (array.ndim == 3 and array.shape[2] == 3):
+            raise InputError(
+                f"{side} image has shape {array.shape}: give (height, width, 3) RGB or "
+                "(height, width) grey"
+            )
+        height, width = array.shape[:2]
+        if width < MIN_WIDTH or height < MIN_HEIGHT:
+            raise InputError(
+                f"{side} image is {width}x{height} px: give at least {MIN_WIDTH}x{MIN_HEIGHT} px"
+            )
+        images.append(np.ascontiguousarray(array))
+    if images[0].shape != images[1].shape or images[0].dtype != images[1].dtype:
+        raise InputError(
+            f"left image is {_form(images[0])} and right image is {_form(images[1])}: "
+            "give a pair of one size and type"
+        )
+    return images[0], images[1]
+
+
+def blindness(image: NDArray[Any]) -> Status:
+    """Tell why an image shows nothing.
+
+    Parameters
+    ----------
+    image : ndarray
+        ``(H, W, 3)`` or ``(H, W)``, uint8 or uint16.
+
+    Returns
+    -------
+    Status
+        `TOO_DARK`, `SATURATED` or `NO_TEXTURE`; `OK` where it shows something.
+    """
+    largest = float(np.iinfo(image.dtype).max)
+    # Every fourth pixel of every fourth row tells as much about the whole.
+    sample = image[::4, ::4].reshape(-1, 1 if image.ndim == 2 else 3)
+    bright, dark = np.percentile(sample, (99.5, 0.5), axis=0) / largest
+    if bright.max() < _DARK:
+        return Status.TOO_DARK
+    if np.mean(sample.max(axis=1) >= largest) > _SATURATED_PART:
+        return Status.SATURATED
+    if np.max(bright - dark) < _FLAT:
+        return Status.NO_TEXTURE
+    return Status.OK
+
+
+def _form(image: NDArray[Any]) -> str:
+    kind = "grey" if image.ndim == 2 else "RGB"
+    return f"{image.shape[1]}x{image.shape[0]} px {kind} {image.dtype}"
