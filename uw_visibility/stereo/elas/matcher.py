@@ -17,23 +17,23 @@ from uw_visibility.stereo.elas.descriptors import Descriptors
 from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints, SupportSettings
 
 
+# Disparities move to the left from the left to the right view.
+_SIGNS = (1, -1)
+
+
 @dataclass(frozen=True)
 class DenseMatch:
     """Disparities of a pair.
 
     Attributes
     ----------
-    disparity : ndarray
-        ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
     left, right : ndarray
-        ``(H, W)`` int16, each view's own best disparity before the views were
-        compared, px; -1 where none. They tell occlusions from mismatches.
-        They are the matcher's memory: the next pair overwrites them.
+        ``(H, W)`` float32, disparity at the pixels of either view, px; NaN
+        where unmatched.
     """
 
-    disparity: NDArray[np.float32]
-    left: NDArray[np.int16]
-    right: NDArray[np.int16]
+    left: NDArray[np.float32]
+    right: NDArray[np.float32]
 
 
 class Matcher:
@@ -65,7 +65,7 @@ class Matcher:
         self._disparities = disparities
         self._config = config
         self._workers = workers
-        self._left, self._right = Descriptors(shape), Descriptors(shape)
+        self._views = (Descriptors(shape), Descriptors(shape))
         self._support = SupportGrid(
             shape,
             SupportSettings(
@@ -90,17 +90,17 @@ class Matcher:
 
     def describe(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> None:
         """Compute the descriptors of a pair of grey images ``(H, W)`` uint8."""
-        self._left.compute(left, self._workers)
-        self._right.compute(right, self._workers)
+        self._views[0].compute(left, self._workers)
+        self._views[1].compute(right, self._workers)
 
     def support_points(self) -> SupportPoints:
         """Find the support points of the described pair."""
         return self._support.search(
-            self._left.values, self._right.values, self._disparities, self._workers
+            self._views[0].values, self._views[1].values, self._disparities, self._workers
         )
 
-    def coarse_disparity(self, support: SupportPoints) -> NDArray[np.float32]:
-        """Return the mesh of the support points as an image.
+    def coarse_disparity(self, support: SupportPoints) -> DenseMatch:
+        """Return the mesh of the support points as an image of either view.
 
         Parameters
         ----------
@@ -109,13 +109,16 @@ class Matcher:
 
         Returns
         -------
-        ndarray
-            ``(H, W)`` float32, px; NaN outside the mesh.
+        DenseMatch
+            NaN outside the mesh.
         """
-        coarse = np.empty(self._shape, np.float32)
         vertices = support.points[support.vertices]
-        mesh.rasterize(mesh.triangulate(vertices, self._shape), coarse, self._workers)
-        return coarse
+        coarse = np.empty((2, *self._shape), np.float32)
+        self._workers.together(
+            lambda: self._rasterize(vertices, coarse[0]),
+            lambda: self._rasterize(mesh.in_right_view(vertices), coarse[1]),
+        )
+        return DenseMatch(coarse[0], coarse[1])
 
     def dense_disparity(self, support: SupportPoints) -> DenseMatch:
         """Match every pixel of the described pair.
@@ -129,41 +132,42 @@ class Matcher:
         -------
         DenseMatch
         """
-        disparity = np.full(self._shape, np.nan, np.float32)
-        if len(support) == 0:
-            self._best[:] = -1
-            return DenseMatch(disparity, self._best[0], self._best[1])
-        self._workers.together(
-            lambda: self._prepare(0, support.points, support.points[support.vertices]),
-            lambda: self._prepare(
-                1,
-                mesh.in_right_view(support.points),
-                mesh.in_right_view(support.points[support.vertices]),
-            ),
-        )
-        views = (self._left.values, self._right.values)
-        for view, sign in ((0, 1), (1, -1)):
-            dense.match(
-                views[view], views[1 - view], sign, self._planes[view],
-                self._candidates[view], self._disparities, self._dense_settings,
-                self._best[view], self._workers,
+        disparity = np.full((2, *self._shape), np.nan, np.float32)
+        if len(support) > 0:
+            vertices = support.points[support.vertices]
+            self._workers.together(
+                lambda: self._prepare(0, support.points, vertices),
+                lambda: self._prepare(
+                    1, mesh.in_right_view(support.points), mesh.in_right_view(vertices)
+                ),
             )
-        self._postprocess(disparity)
-        return DenseMatch(disparity, self._best[0], self._best[1])
+            for view, sign in enumerate(_SIGNS):
+                dense.match(
+                    self._views[view].values, self._views[1 - view].values, sign,
+                    self._planes[view], self._candidates[view], self._disparities,
+                    self._dense_settings, self._best[view], self._workers,
+                )
+            for view, sign in enumerate(_SIGNS):
+                self._postprocess(view, sign, disparity[view])
+        return DenseMatch(disparity[0], disparity[1])
 
     def _prepare(
         self, view: int, points: NDArray[np.float32], vertices: NDArray[np.float32]
     ) -> None:
         """Candidates and plane of one view."""
         self._candidates[view].fill(points)
-        corners = mesh.with_corners(vertices, self._shape)
-        mesh.rasterize(mesh.triangulate(corners, self._shape), self._planes[view], Workers(1))
+        self._rasterize(mesh.with_corners(vertices, self._shape), self._planes[view])
 
-    def _postprocess(self, disparity: NDArray[np.float32]) -> None:
+    def _rasterize(self, vertices: NDArray[np.float32], disparity: NDArray[np.float32]) -> None:
+        # One thread a view: this runs inside of the pool already.
+        mesh.rasterize(mesh.triangulate(vertices, self._shape), disparity, Workers(1))
+
+    def _postprocess(self, view: int, sign: int, disparity: NDArray[np.float32]) -> None:
         config = self._config
         postprocess.check_and_refine(
-            self._best[0], self._best[1], (self._left.values, self._right.values),
-            config.left_right_tolerance, disparity, self._workers,
+            (self._best[view], self._best[1 - view]),
+            (self._views[view].values, self._views[1 - view].values),
+            sign, config.left_right_tolerance, disparity, self._workers,
         )
         self._segments.remove(disparity, config.segment_size, config.segment_difference)
         postprocess.fill_small_gaps(

@@ -17,9 +17,9 @@ from uw_visibility.stereo.elas.support import vertex_of_parabola
 
 
 def check_and_refine(
-    left: NDArray[np.int16],
-    right: NDArray[np.int16],
+    best: tuple[NDArray[np.int16], NDArray[np.int16]],
     descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+    sign: int,
     tolerance: int,
     disparity: NDArray[np.float32],
     workers: Workers,
@@ -28,10 +28,13 @@ def check_and_refine(
 
     Parameters
     ----------
-    left, right : ndarray
-        ``(H, W)`` int16 disparities of the two views, -1 where there is none.
+    best : tuple of ndarray
+        Disparities of this and of the other view, ``(H, W)`` int16, -1 where
+        there is none.
     descriptors : tuple of ndarray
-        Of the left and of the right view, ``(H * W * 16,)`` uint8.
+        Of this and of the other view, ``(H * W * 16,)`` uint8.
+    sign : int
+        1 where this is the left view, -1 where it is the right one.
     tolerance : int
         Largest difference of the two views' disparities, px.
     disparity : ndarray
@@ -40,8 +43,8 @@ def check_and_refine(
         Threads.
     """
     workers.rows(
-        _check_and_refine, left.shape[0], left, right, descriptors[0], descriptors[1],
-        tolerance, disparity,
+        _check_and_refine, disparity.shape[0], best[0], best[1], descriptors[0], descriptors[1],
+        sign, tolerance, disparity,
     )
 
 
@@ -82,29 +85,30 @@ def fill_small_gaps(
 
 @njit(nogil=True, cache=True)
 def _check_and_refine(
-    start: int, stop: int, left: Any, right: Any, here: Any, there: Any, tolerance: int,
-    disparity: Any,
+    start: int, stop: int, mine: Any, others: Any, here: Any, there: Any, sign: int,
+    tolerance: int, disparity: Any,
 ) -> None:
-    width = left.shape[1]
+    width = mine.shape[1]
     for y in range(start, stop):
         at = y * width
         for x in range(width):
             disparity[y, x] = np.nan
-            d = np.int32(left[y, x])
-            other = x - d
-            if d < 0 or other < 0:
+            d = np.int32(mine[y, x])
+            other = x - sign * d
+            if d < 0 or other < 0 or other >= width:
                 continue
-            back = np.int32(right[y, other])
+            back = np.int32(others[y, other])
             if back < 0 or abs(back - d) > tolerance:
                 continue
             offset = 0.0
             if BORDER < other < width - BORDER - 1:
+                i = (at + x) * BYTES
                 offset = vertex_of_parabola(
-                    absolute_difference(here, (at + x) * BYTES, there, (at + other + 1) * BYTES),
-                    absolute_difference(here, (at + x) * BYTES, there, (at + other) * BYTES),
-                    absolute_difference(here, (at + x) * BYTES, there, (at + other - 1) * BYTES),
+                    absolute_difference(here, i, there, (at + other + sign) * BYTES),
+                    absolute_difference(here, i, there, (at + other) * BYTES),
+                    absolute_difference(here, i, there, (at + other - sign) * BYTES),
                 )
-            disparity[y, x] = d + offset
+            disparity[y, x] = max(d + offset, 0.0)
 
 
 @njit(nogil=True, cache=True)
