@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config import PipelineConfig
-from uw_visibility.enhancement.matching_grey import MatchingGrey
 from uw_visibility.enhancement.matting import Matting
 from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.errors import InputError
@@ -26,8 +25,8 @@ from uw_visibility.pair import blindness, check_pair
 from uw_visibility.parallel import Workers
 from uw_visibility.result import FrameResult
 from uw_visibility.status import Status
+from uw_visibility.stereo.contrast import EvenContrast
 from uw_visibility.stereo.elas import DenseMatch, Matcher, SupportPoints
-from uw_visibility.stereo.grey import StretchedGrey
 from uw_visibility.stereo.interpolation import GapFiller, fill_plane, inpaint
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Assessor
@@ -232,34 +231,30 @@ class _Stages:
         self._rig = rig
         self._config = config
         self._workers = workers
-        self._raw_grey = (StretchedGrey(shape), StretchedGrey(shape))
-        self._restored_grey = tuple(
-            MatchingGrey(shape, config.enhancement, config.camera.transfer, workers)
-            for _ in range(2)
-        )
+        self._contrast = (EvenContrast(shape), EvenContrast(shape))
         self._matting = Matting(config.enhancement, workers)
         self._gaps = GapFiller(shape, workers=workers)
 
     def describe_raw(self, left: NDArray[Any], right: NDArray[Any]) -> None:
-        greys = [
-            grey.compute(image, self._workers)
-            for grey, image in zip(self._raw_grey, (left, right), strict=True)
-        ]
-        self.matcher.describe(greys[0], greys[1])
+        """Describe the pair for the matcher as it is."""
+        for contrast, image in zip(self._contrast, (left, right), strict=True):
+            contrast.stretch(image, self._workers)
+        self.matcher.describe(*self._contrast)
 
     def describe_restored(
         self, left: NDArray[Any], right: NDArray[Any], coarse: DenseMatch, water: WaterEstimate
     ) -> None:
-        """Describe the pair restored with what step 1 found; without that, the raw pair stays."""
+        """Describe the pair with its contrast restored; without estimate the raw pair stays."""
         if left.ndim == 2 or not np.isfinite(water.attenuation).any():
             return
-        greys = [
-            grey.compute(image, self._rig.range_from_disparity(disparity), water)[0]
-            for grey, image, disparity in zip(
-                self._restored_grey, (left, right), (coarse.left, coarse.right), strict=True
+        for contrast, image, disparity in zip(
+            self._contrast, (left, right), (coarse.left, coarse.right), strict=True
+        ):
+            contrast.restore(
+                image, self._rig.range_from_disparity(disparity),
+                water.attenuation, water.ambient_light, self._workers,
             )
-        ]
-        self.matcher.describe(greys[0], greys[1])
+        self.matcher.describe(*self._contrast)
 
     def refuse_blind_pair(
         self, left: NDArray[Any], right: NDArray[Any], support: SupportPoints

@@ -15,10 +15,9 @@ from uw_visibility.stereo.elas.absolute_difference import BYTES
 
 # Half the side of the window that a descriptor samples.
 MARGIN = 2
-# A Sobel response of a step from black to white is 1020 and must fit a byte.
-# Halving keeps weak textures, and strong edges may clip: that matches more
-# than keeping edges whole and rounding texture away.
-SHIFT = 1
+# Sobel responses of even contrast are halved to fit a byte, and strong edges
+# clip: that matches more than keeping edges whole and rounding texture away.
+_SCALE = 0.5
 MIDDLE = 128
 
 
@@ -44,28 +43,38 @@ class Descriptors:
         self._vertical = np.empty(padded, np.uint8)
         self.values: NDArray[np.uint8] = np.empty(height * width * BYTES, np.uint8)
 
-    def compute(self, grey: NDArray[np.uint8], workers: Workers) -> None:
+    def compute(
+        self, grey: NDArray[np.uint16], gain: NDArray[np.float32], workers: Workers
+    ) -> None:
         """Fill `values` from a grey image.
 
         Parameters
         ----------
         grey : ndarray
-            ``(H, W)`` uint8.
+            ``(H, W)`` uint16.
+        gain : ndarray
+            ``(H, W)`` float32, factor of the gradients at each pixel; see
+            `uw_visibility.stereo.contrast.EvenContrast`.
         workers : Workers
             Threads.
         """
         height = grey.shape[0]
-        workers.rows(_sobel, height + 2 * MARGIN, grey, self._horizontal, self._vertical)
+        workers.rows(
+            _sobel, height + 2 * MARGIN, grey, gain, self._horizontal, self._vertical
+        )
         workers.rows(_gather, height, self._horizontal, self._vertical, self.values)
 
 
 @njit(nogil=True, cache=True)
-def _byte(response: int) -> int:
-    return min(max((response >> SHIFT) + MIDDLE, 0), 255)
+def _byte(response: Any) -> int:
+    shifted = response + np.float32(MIDDLE + 0.5)
+    return np.uint8(min(max(shifted, np.float32(0)), np.float32(255)))
 
 
 @njit(nogil=True, cache=True)
-def _sobel(start: int, stop: int, grey: Any, horizontal: Any, vertical: Any) -> None:
+def _sobel(
+    start: int, stop: int, grey: Any, gain: Any, horizontal: Any, vertical: Any
+) -> None:
     """Sobel responses, on a frame widened by repeating the border."""
     height, width = grey.shape
     for row in range(start, stop):
@@ -78,8 +87,9 @@ def _sobel(start: int, stop: int, grey: Any, horizontal: Any, vertical: Any) -> 
             right = np.int32(above[x + 1]) + 2 * np.int32(here[x + 1]) + np.int32(below[x + 1])
             top = np.int32(above[x - 1]) + 2 * np.int32(above[x]) + np.int32(above[x + 1])
             bottom = np.int32(below[x - 1]) + 2 * np.int32(below[x]) + np.int32(below[x + 1])
-            horizontal[row, x + MARGIN] = _byte(right - left)
-            vertical[row, x + MARGIN] = _byte(bottom - top)
+            factor = np.float32(_SCALE) * gain[y, x]
+            horizontal[row, x + MARGIN] = _byte(factor * np.float32(right - left))
+            vertical[row, x + MARGIN] = _byte(factor * np.float32(bottom - top))
         for x in range(MARGIN + 1):
             horizontal[row, x] = horizontal[row, MARGIN + 1]
             vertical[row, x] = vertical[row, MARGIN + 1]

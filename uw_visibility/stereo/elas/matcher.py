@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.config import StereoConfig
 from uw_visibility.parallel import Workers
+from uw_visibility.stereo.contrast import EvenContrast
 from uw_visibility.stereo.elas import dense, mesh, postprocess
 from uw_visibility.stereo.elas.dense import CellCandidates, DenseSettings
 from uw_visibility.stereo.elas.descriptors import Descriptors
@@ -88,10 +89,10 @@ class Matcher:
         self._best = np.empty((2, *shape), np.int16)
         self._segments = postprocess.SegmentFilter(shape)
 
-    def describe(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> None:
-        """Compute the descriptors of a pair of grey images ``(H, W)`` uint8."""
-        self._views[0].compute(left, self._workers)
-        self._views[1].compute(right, self._workers)
+    def describe(self, left: EvenContrast, right: EvenContrast) -> None:
+        """Compute the descriptors of a pair."""
+        for view, image in zip(self._views, (left, right), strict=True):
+            view.compute(image.grey, image.gain, self._workers)
 
     def support_points(self) -> SupportPoints:
         """Find the support points of the described pair."""

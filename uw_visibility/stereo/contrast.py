@@ -1,0 +1,149 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Grey images for matching, and the gain that makes their contrast even.
+
+Water takes contrast by the factor exp(-attenuation x range) and adds light that
+varies with range only. The matcher compares gradients, so that restoring contrast
+means to multiply gradients: airlight is not subtracted, and errors of the coarse
+range make no edges, as they do in a restored image. Nor is anything rounded to
+eight bits before the gradients are taken.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from uw_visibility.parallel import Workers
+
+# ITU-R BT.601 luma.
+_LUMA = (0.299, 0.587, 0.114)
+# Levels of the grey image per 8-bit level of the input.
+_FINE = 256.0
+# Part of the pixels outside of the range that the raw contrast is taken from.
+_OUTSIDE = 0.005
+# Beyond this gain, 8-bit levels, gradients are those of quantisation and noise.
+_MAX_GAIN = 16.0
+# Contrast that white against black is brought to, 8-bit levels. More than 255:
+# strong gradients clip in the descriptors, and weak ones tell more.
+_FULL_CONTRAST = 1.5 * 255.0
+# Entries of the table of contrast over range.
+_TABLE = 512
+
+
+class EvenContrast:
+    """Grey image and gain of one view, in memory that is allocated once.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the images, px.
+
+    Attributes
+    ----------
+    grey : ndarray
+        ``(H, W)`` uint16, 256 times the 8-bit level.
+    gain : ndarray
+        ``(H, W)`` float32, 8-bit levels of even contrast per unit of `grey`.
+    """
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self.grey: NDArray[np.uint16] = np.empty(shape, np.uint16)
+        self.gain: NDArray[np.float32] = np.empty(shape, np.float32)
+
+    def stretch(self, image: NDArray[Any], workers: Workers) -> None:
+        """Take the luma, and one gain that stretches its contrast; for the raw image.
+
+        Parameters
+        ----------
+        image : ndarray
+            ``(H, W, 3)`` RGB or ``(H, W)`` grey; uint8 or uint16.
+        workers : Workers
+            Threads.
+        """
+        self._mix(image, _LUMA, workers)
+        # Every fourth pixel of every fourth row tells as much about the whole.
+        sample = self.grey[::4, ::4]
+        low, high = np.percentile(sample, (100 * _OUTSIDE, 100 * (1 - _OUTSIDE)))
+        self.gain[:] = min(255.0 / max(high - low, 1.0), _MAX_GAIN / _FINE)
+
+    def restore(
+        self,
+        image: NDArray[Any],
+        range_map: NDArray[np.float32],
+        attenuation: NDArray[np.float64],
+        ambient_light: NDArray[np.float64],
+        workers: Workers,
+    ) -> None:
+        """Take the mix of channels with least noise, and the gain that undoes attenuation.
+
+        A channel's contrast is that of the scene times I exp(-attenuation x d), so
+        that weights proportional to it, at a typical range, make the noise of the
+        restored mix least. They do not vary over the image: varying weights would
+        make edges of their own.
+
+        Parameters
+        ----------
+        image : ndarray
+            ``(H, W, 3)`` RGB, uint8 or uint16.
+        range_map : ndarray
+            ``(H, W)`` float32, m; not finite where unknown, which takes the gain
+            of the farthest.
+        attenuation, ambient_light : ndarray
+            ``(3,)`` float64, 1/m and as irradiance 0..1; channels with NaN are left
+            out. At least one is known.
+        workers : Workers
+            Threads.
+        """
+        known = np.isfinite(attenuation) & np.isfinite(ambient_light)
+        attenuation = np.where(known, attenuation, 0.0)
+        ambient_light = np.where(known, ambient_light, 0.0)
+        sample = range_map[::4, ::4]
+        sample = sample[np.isfinite(sample)]
+        typical, farthest = np.percentile(sample, (50, 100)) if sample.size else (1.0, 1.0)
+        weights = ambient_light * np.exp(-attenuation * typical)
+        weights /= weights.sum()
+        self._mix(image, tuple(weights), workers)
+        ranges = np.linspace(0.0, farthest, _TABLE)[:, None]
+        contrast = np.sum(weights * ambient_light * np.exp(-attenuation * ranges), axis=1)
+        gain = np.minimum(_FULL_CONTRAST / (255.0 * contrast), _MAX_GAIN) / _FINE
+        workers.rows(
+            _look_up, self.gain.shape[0], range_map, np.float32((_TABLE - 1) / farthest),
+            gain.astype(np.float32), self.gain,
+        )
+
+    def _mix(
+        self, image: NDArray[Any], weights: tuple[float, float, float], workers: Workers
+    ) -> None:
+        scale = _FINE if image.dtype == np.uint8 else 1.0
+        red, green, blue = (np.float32(scale * weight) for weight in weights)
+        if image.ndim == 3:
+            workers.rows(_mix, image.shape[0], image, red, green, blue, self.grey)
+        else:
+            np.multiply(image, np.uint16(scale), out=self.grey, casting="unsafe")
+
+
+@njit(nogil=True, cache=True)
+def _mix(start: int, stop: int, image: Any, red: Any, green: Any, blue: Any, grey: Any) -> None:
+    half = np.float32(0.5)
+    for y in range(start, stop):
+        for x in range(image.shape[1]):
+            grey[y, x] = np.uint16(
+                red * np.float32(image[y, x, 0]) + green * np.float32(image[y, x, 1])
+                + blue * np.float32(image[y, x, 2]) + half
+            )
+
+
+@njit(nogil=True, cache=True)
+def _look_up(start: int, stop: int, range_map: Any, scale: Any, table: Any, gain: Any) -> None:
+    last = np.float32(table.size - 1)
+    for y in range(start, stop):
+        for x in range(range_map.shape[1]):
+            at = range_map[y, x] * scale
+            # Also true where the range is not a number.
+            if not at < last:
+                at = last
+            gain[y, x] = table[np.int32(at)]
