@@ -118,6 +118,14 @@ class StereoConfig:
         3.0, "Difference of a gap's two sides up to which it is interpolated.",
         unit="px", minimum=0.0, maximum=100.0,
     )
+    smoothing_radius: int = parameter(
+        5, "Neighbours to each side in the adaptive mean of the disparity map; 0 for none.",
+        unit="px", minimum=0, maximum=30,
+    )
+    smoothing_difference: float = parameter(
+        3.0, "Difference of disparity from which a neighbour is another surface.",
+        unit="px", minimum=0.1, maximum=30.0,
+    )
 
 
 @dataclass(frozen=True)

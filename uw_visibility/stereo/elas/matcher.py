@@ -15,6 +15,7 @@ from uw_visibility.stereo.contrast import EvenContrast
 from uw_visibility.stereo.elas import dense, mesh, postprocess
 from uw_visibility.stereo.elas.dense import CellCandidates, DenseSettings
 from uw_visibility.stereo.elas.descriptors import Descriptors
+from uw_visibility.stereo.elas.smoothing import AdaptiveMean
 from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints, SupportSettings
 
 
@@ -88,6 +89,7 @@ class Matcher:
         self._candidates = tuple(CellCandidates(shape, disparities[1] + 2) for _ in range(2))
         self._best = np.empty((2, *shape), np.int16)
         self._segments = postprocess.SegmentFilter(shape)
+        self._mean = AdaptiveMean(shape, config.smoothing_radius, config.smoothing_difference)
 
     def describe(self, left: EvenContrast, right: EvenContrast) -> None:
         """Compute the descriptors of a pair."""
@@ -174,3 +176,4 @@ class Matcher:
         postprocess.fill_small_gaps(
             disparity, config.gap_width, config.gap_difference, self._workers
         )
+        self._mean.smooth(disparity, self._workers)

@@ -1,0 +1,95 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Adaptive mean of a disparity map: the last step of ELAS."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from uw_visibility.parallel import Workers
+
+
+class AdaptiveMean:
+    """Mean over neighbours of the same surface, in memory that is allocated once.
+
+    A neighbour's weight falls linearly with the difference of the disparities
+    and is zero from `difference` on, so that depth edges stay. Rows first, then
+    columns.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the images, px.
+    radius : int
+        Neighbours to each side; 0 leaves the map as it is.
+    difference : float
+        px.
+    """
+
+    def __init__(self, shape: tuple[int, int], radius: int, difference: float) -> None:
+        self._radius = radius
+        self._difference = np.float32(difference)
+        self._between = np.empty(shape, np.float32)
+
+    def smooth(self, disparity: NDArray[np.float32], workers: Workers) -> None:
+        """Smooth a map ``(H, W)`` float32 in place; NaN stays NaN."""
+        if self._radius == 0:
+            return
+        height = disparity.shape[0]
+        for kernel, source, target in (
+            (_along_rows, disparity, self._between),
+            (_along_columns, self._between, disparity),
+        ):
+            workers.rows(kernel, height, source, self._radius, self._difference, target)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _add(here: Any, there: Any, difference: Any, weights: Any, sums: Any) -> None:
+    """Add one neighbour of each pixel of a row; what is NaN adds nothing."""
+    for x in range(here.size):
+        step = there[x] - here[x]
+        weight = difference - abs(step)
+        weight = weight if weight > 0 else np.float32(0)
+        weights[x] += weight
+        sums[x] += weight * step if weight > 0 else np.float32(0)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _along_rows(
+    start: int, stop: int, source: Any, radius: int, difference: Any, target: Any
+) -> None:
+    width = source.shape[1]
+    weights = np.empty(width, np.float32)
+    sums = np.empty(width, np.float32)
+    for y in range(start, stop):
+        weights[:] = 0
+        sums[:] = 0
+        row = source[y]
+        for k in range(1, min(radius, width - 1) + 1):
+            _add(row[k:], row[:-k], difference, weights[k:], sums[k:])
+            _add(row[:-k], row[k:], difference, weights[:-k], sums[:-k])
+        # The pixel itself adds to the weights only.
+        for x in range(width):
+            target[y, x] = row[x] + sums[x] / (weights[x] + difference)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _along_columns(
+    start: int, stop: int, source: Any, radius: int, difference: Any, target: Any
+) -> None:
+    height, width = source.shape
+    weights = np.empty(width, np.float32)
+    sums = np.empty(width, np.float32)
+    for y in range(start, stop):
+        weights[:] = 0
+        sums[:] = 0
+        row = source[y]
+        for other in range(max(y - radius, 0), min(y + radius + 1, height)):
+            if other != y:
+                _add(row, source[other], difference, weights, sums)
+        for x in range(width):
+            target[y, x] = row[x] + sums[x] / (weights[x] + difference)
