@@ -30,10 +30,10 @@ MIN_CODES = 4.0
 # Attenuation is not assessable when its standard deviation is beyond both.
 MAX_STDDEV = 0.1
 MAX_RELATIVE_STDDEV = 0.5
-# Ambient light that the course over range leaves this open needs a bright patch,
-# which shows as contrast.
-MAX_AMBIENT_RELATIVE_STDDEV = 0.3
-MIN_CONTRAST = 0.3
+# Ambient light is known from bright patches, which show as radiance beyond that
+# of the dark ones at near range, or from water that is optically thick.
+MIN_NEAR_RADIANCE = 0.25
+MIN_OPTICAL_THICKNESS = 4.0
 
 
 @dataclass(frozen=True)
@@ -182,13 +182,13 @@ class WaterEstimator:
     def _refuse_frame(self, codes: NDArray[Any], envelope: Envelopes) -> Status:
         """Say why no channel is assessable, if so."""
         needed = self._config.min_bin_pixels * MIN_BINS
-        if envelope.grey:
-            return Status.NO_COLOUR
         if envelope.pixels < needed:
             # Nothing counted: are there no ranges, or is there no light?
             return Status.TOO_DARK if not codes.any() else Status.TOO_FEW_OBSERVATIONS
         if (envelope.saturated > MAX_CLIPPED_FRACTION).all():
             return Status.SATURATED
+        if envelope.grey:
+            return Status.NO_COLOUR
         if len(envelope.range) == 0:
             return Status.TOO_FEW_OBSERVATIONS
         if envelope.range[-1] < self._config.min_range_ratio * envelope.range[0]:
@@ -264,10 +264,13 @@ def _judge(fit: Fit, envelope: Envelopes, channel: int) -> Status:
         return Status.FIT_FAILED
     if attenuation >= ATTENUATION_BOUNDS[1]:
         return Status.FIT_FAILED
-    stddev, ambient_stddev = np.sqrt(variance)
-    bright, dark = envelope.bright[channel], envelope.dark[channel]
-    contrast = np.nanmax((bright - dark) / np.maximum(bright, 1e-6))
-    if ambient_stddev > MAX_AMBIENT_RELATIVE_STDDEV * ambient and contrast < MIN_CONTRAST:
+    stddev = np.sqrt(variance[0])
+    near = slice(0, -(-len(envelope.range) // 4))
+    direct = ambient * np.exp(-attenuation * envelope.range[near])
+    bright, dark = envelope.bright[channel, near], envelope.dark[channel, near]
+    radiance = np.max(np.nan_to_num((bright - dark) / direct))
+    thickness = attenuation * envelope.range[-1]
+    if radiance < MIN_NEAR_RADIANCE and thickness < MIN_OPTICAL_THICKNESS:
         return Status.AMBIENT_LIGHT_UNBOUNDED
     if stddev > max(MAX_STDDEV, MAX_RELATIVE_STDDEV * attenuation):
         return Status.RANGE_SPREAD_TOO_SMALL

@@ -268,7 +268,8 @@ def _quantiles(
             dark[channel, at] = edges[level] + inside * (edges[level + 1] - edges[level])
             step[channel, at] = code_step[level]
             level, inside = _find(column, bright_quantile * total)
-            bright[channel, at] = 0.5 * (edges[level] + edges[level + 1])
+            # What is reached at least, since it bounds the ambient light.
+            bright[channel, at] = edges[level]
 
 
 @njit(nogil=True, cache=True)

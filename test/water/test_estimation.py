@@ -1,0 +1,248 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Estimates from whole images: closed forms, refusals, robustness."""
+
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from uw_visibility.config import WaterConfig
+from uw_visibility.errors import InputError
+from uw_visibility.evaluation.degrade import load_scene
+from uw_visibility.status import Status
+from uw_visibility.water.estimation import WaterEstimator
+
+KAPPA = np.array([0.22776, 0.06641, 0.02455])
+METHODS = ("lower_envelope", "paper")
+
+
+def estimator(transfer="linear", **settings):
+    return WaterEstimator(WaterConfig(**settings), KAPPA, transfer)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("alpha", [0.0, 0.15, 0.4])
+def test_perfect_patches_give_the_water(make_view, method, dtype, alpha):
+    view = make_view(alpha)
+    found = estimator(method=method).estimate(view.codes(dtype), view.range)
+    assert found.status is Status.OK
+    assert found.channel_status == (Status.OK,) * 3
+    np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.012)
+    np.testing.assert_allclose(found.ambient_light, view.ambient_light, rtol=0.04)
+    assert (found.attenuation_stddev > 0).all()
+    assert (found.ambient_light_stddev >= 0).all()
+    assert found.bins >= 20
+    assert found.iterations >= 1
+
+
+def test_irradiance_counts_as_such_whatever_the_transfer(make_view):
+    view = make_view()
+    light = view.irradiance.copy()
+    light[0, 0] = np.nan
+    found = estimator("srgb").estimate(light, view.range)
+    np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.01)
+
+
+def test_encoded_images_are_decoded(make_view):
+    view = make_view()
+    encoded = np.where(view.irradiance <= 0.0031308, 12.92 * view.irradiance,
+                       1.055 * view.irradiance ** (1 / 2.4) - 0.055)
+    image = (encoded * 255 + 0.5).astype(np.uint8)
+    found = estimator("srgb").estimate(image, view.range)
+    np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.012)
+    wrong = estimator("linear").estimate(image, view.range)
+    assert not np.allclose(wrong.attenuation, view.attenuation, atol=0.05)
+
+
+def test_unknown_ranges_and_masked_pixels_do_not_matter(make_view):
+    view = make_view()
+    image, distance = view.codes(), view.range.copy()
+    image[:80] = 3
+    distance[:40] = np.nan
+    valid = np.ones(distance.shape, dtype=bool)
+    valid[40:80] = False
+    found = estimator().estimate(image, distance, valid)
+    np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.015)
+
+
+def test_views_of_other_arrays_are_read_rightly(make_view):
+    view = make_view()
+    flipped = np.ascontiguousarray(view.codes()[:, :, ::-1])
+    found = estimator().estimate(flipped[:, :, ::-1], view.range.astype(np.float64))
+    straight = estimator().estimate(view.codes(), view.range)
+    np.testing.assert_array_equal(found.attenuation, straight.attenuation)
+
+
+def test_a_start_changes_nothing_but_the_way(make_view):
+    view = make_view()
+    first = estimator().estimate(view.codes(), view.range)
+    again = estimator().estimate(view.codes(), view.range, start=first)
+    np.testing.assert_allclose(again.attenuation, first.attenuation, rtol=1e-3)
+    assert again.iterations <= first.iterations
+
+
+def test_one_estimator_serves_many_threads(make_view):
+    views = [make_view(alpha) for alpha in (0.05, 0.1, 0.2, 0.3)]
+    shared = estimator()
+    alone = [shared.estimate(v.codes(), v.range).attenuation for v in views]
+    found = [None] * 8
+
+    def work(index):
+        view = views[index % 4]
+        found[index] = shared.estimate(view.codes(), view.range).attenuation
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for index in range(8):
+        np.testing.assert_array_equal(found[index], alone[index % 4])
+
+
+def status_of(image, distance, **settings):
+    found = estimator(**settings).estimate(image, distance)
+    if found.status is not Status.OK:
+        refused = np.array([s is not Status.OK for s in found.channel_status])
+        assert np.isnan(found.attenuation[refused]).all()
+        assert np.isnan(found.ambient_light[refused]).all()
+        assert np.isnan(found.covariance[refused]).all()
+        assert np.isfinite(found.attenuation[~refused]).all()
+    return found.status
+
+
+@pytest.mark.parametrize("method", METHODS)
+class TestRefusals:
+    def test_no_colour(self, make_view, method):
+        view = make_view()
+        grey = view.codes()[:, :, 1].copy()
+        assert status_of(grey, view.range, method=method) is Status.NO_COLOUR
+        assert status_of(grey[..., np.newaxis], view.range, method=method) is Status.NO_COLOUR
+        three = np.repeat(grey[..., np.newaxis], 3, axis=2)
+        assert status_of(three, view.range, method=method) is Status.NO_COLOUR
+
+    def test_no_ranges(self, make_view, method):
+        view = make_view()
+        unknown = np.full_like(view.range, np.nan)
+        assert status_of(view.codes(), unknown, method=method) is Status.TOO_FEW_OBSERVATIONS
+        unknown[100:110, 100:110] = view.range[100:110, 100:110]
+        assert status_of(view.codes(), unknown, method=method) is Status.TOO_FEW_OBSERVATIONS
+
+    def test_a_flat_wall(self, make_view, method):
+        view = make_view(nearest=3.0, farthest=3.05)
+        assert status_of(view.codes(), view.range, method=method) is Status.RANGE_SPREAD_TOO_SMALL
+        same = np.full_like(view.range, 3)
+        assert status_of(view.codes(), same, method=method) is Status.RANGE_SPREAD_TOO_SMALL
+
+    def test_all_black(self, make_view, method):
+        view = make_view()
+        assert status_of(np.zeros_like(view.codes()), view.range, method=method) is Status.TOO_DARK
+
+    def test_too_dark_for_one_channel(self, make_view, method):
+        view = make_view(alpha=0.2, depth=12.0)
+        found = estimator(method=method).estimate(view.codes(), view.range)
+        assert found.channel_status[0] is Status.TOO_DARK
+        assert found.channel_status[2] is Status.OK
+        assert found.status is Status.TOO_DARK
+        assert np.isnan(found.attenuation[0])
+        assert found.attenuation[2] == pytest.approx(view.attenuation[2], abs=0.03)
+
+    def test_saturated(self, make_view, method):
+        view = make_view()
+        white = np.full_like(view.codes(), 255)
+        white[0, 0] = 254, 255, 255
+        assert status_of(white, view.range, method=method) is Status.SATURATED
+        image = view.codes()
+        image[..., 2] = 255
+        found = estimator(method=method).estimate(image, view.range)
+        assert found.channel_status == (Status.OK, Status.OK, Status.SATURATED)
+
+    def test_no_bright_patch_and_no_open_water(self, make_view, method):
+        # Everything is about as dark, near, in clear water: nothing tells
+        # how much light there is.
+        view = make_view(alpha=0.0, nearest=0.5, farthest=1.0, darkest=0.1, brightest=0.11)
+        assert status_of(view.codes(np.uint16), view.range, method=method) in (
+            Status.AMBIENT_LIGHT_UNBOUNDED, Status.RANGE_SPREAD_TOO_SMALL)
+
+
+def test_dark_scenes_near_by_are_refused_for_their_ambient_light(make_view):
+    view = make_view(alpha=0.0, nearest=0.5, farthest=1.0, darkest=0.1, brightest=0.11)
+    found = estimator().estimate(view.codes(np.uint16), view.range)
+    assert Status.AMBIENT_LIGHT_UNBOUNDED in found.channel_status
+
+
+@pytest.mark.parametrize("value", [0, 1, 77, 254, 255])
+def test_a_constant_image_is_refused(make_view, value):
+    view = make_view()
+    image = np.full_like(view.codes(), value)
+    assert status_of(image, view.range) is not Status.OK
+    image[..., 0] = 30
+    assert status_of(image, view.range) is not Status.OK
+
+
+pixels = st.integers(0, 255)
+
+
+@given(
+    image=arrays.arrays(np.uint8, (40, 50, 3), elements=pixels, fill=pixels),
+    distance=arrays.arrays(
+        np.float32, (40, 50), elements=st.floats(width=32), fill=st.floats(width=32)),
+    method=st.sampled_from(METHODS),
+)
+@settings(max_examples=60, deadline=None)
+def test_whatever_comes_in_no_unannounced_nan_comes_out(image, distance, method):
+    found = estimator(method=method, min_bin_pixels=10).estimate(image, distance)
+    ok = np.array([s is Status.OK for s in found.channel_status])
+    assert np.isfinite(found.attenuation[ok]).all()
+    assert np.isfinite(found.covariance[ok]).all()
+    assert np.isnan(found.attenuation[~ok]).all()
+    assert (found.status is Status.OK) == ok.all()
+
+
+@pytest.mark.parametrize(
+    ("image", "distance", "valid", "says"),
+    [
+        (np.zeros((4, 5, 3), np.int32), np.zeros((4, 5)), None, "int32"),
+        (np.zeros((4, 5, 2), np.uint8), np.zeros((4, 5)), None, r"\(4, 5, 2\)"),
+        (np.zeros((4, 5, 3), np.uint8), np.zeros((4, 6)), None, "one range per pixel"),
+        (np.zeros((4, 5, 3), np.uint8), np.zeros((4, 5)), np.ones((4, 5), int), "boolean"),
+        (np.zeros((4, 5, 3), np.uint8), np.zeros((4, 5)), np.ones((4, 4), bool), "size"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_name(image, distance, valid, says):
+    with pytest.raises(InputError, match=says):
+        estimator().estimate(image, distance, valid)
+
+
+SCENES = ("aloe", "art", "dolls", "moebius")
+
+
+@pytest.fixture(scope="module")
+def scenes(shared_data):
+    return [load_scene(shared_data / "middlebury" / name) for name in SCENES]
+
+
+def errors_of(scenes, method, change=lambda image, distance: (image, distance)):
+    found = []
+    for scene in scenes:
+        distance = scene.range_of(scene.disparity_left)
+        for alpha in (0.0, 0.1, 0.2, 0.3):
+            image, _ = scene.degraded(alpha, 2.0, KAPPA)
+            estimate = estimator(method=method).estimate(*change(image, distance))
+            assert estimate.status is Status.OK, (scene.name, alpha, estimate.channel_status)
+            found.append(np.mean(estimate.attenuation - KAPPA) - alpha)
+    return np.abs(found)
+
+
+def test_with_exact_range_the_lower_envelope_improves_on_the_plain_fit(scenes):
+    plain = errors_of(scenes, "paper")
+    better = errors_of(scenes, "lower_envelope")
+    assert plain.mean() < 0.04
+    assert better.mean() <= 0.01
+    assert better.max() <= 0.04
+    assert better.mean() < 0.4 * plain.mean()

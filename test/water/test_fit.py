@@ -1,0 +1,180 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Fits against closed forms and against scipy."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+from uw_visibility.water import fit as module
+from uw_visibility.water.fit import fit_lower_envelope, fit_plain
+
+KAPPA = np.array([0.22776, 0.06641, 0.02455])
+ALL = np.ones(3, dtype=bool)
+STEP = 1 / 255
+# Constants that the compiled cost holds, for the cost written out once more below.
+BELOW, ABOVE = 0.97, 0.03
+
+
+def curve(beta, ambient, distance):
+    return ambient[:, np.newaxis] * (1 - np.exp(-np.outer(beta, distance)))
+
+
+def lower(distance, dark, ambient_min, active=ALL, start=None, range_error=0.0, step=STEP):
+    start = np.stack((KAPPA, ambient_min), axis=1) if start is None else start
+    return fit_lower_envelope(
+        distance, dark, np.full(dark.shape, step), ambient_min, start, KAPPA, active, range_error)
+
+
+def plain(distance, dark, ambient_min, active=ALL):
+    return fit_plain(distance, dark, ambient_min, np.stack((KAPPA, ambient_min), axis=1), active)
+
+
+waters = st.tuples(st.floats(0.0, 0.6), st.floats(0.5, 6.0), st.floats(2.0, 5.0))
+
+
+@given(waters)
+@settings(max_examples=30, deadline=None)
+def test_black_patches_give_the_water_exactly(water):
+    alpha, depth, stretch = water
+    beta = KAPPA + alpha
+    ambient = np.exp(-beta * depth)
+    distance = np.linspace(1.5, 1.5 * stretch, 40)
+    dark = curve(beta, ambient, distance)
+    # A white patch: the bright envelope is the ambient light itself.
+    np.testing.assert_allclose(
+        plain(distance, dark, ambient).parameters[:, 0], beta, rtol=0.02, atol=2e-3)
+    found = lower(distance, dark, ambient)
+    np.testing.assert_allclose(found.parameters[:, 0], beta, rtol=1e-4)
+    np.testing.assert_allclose(found.parameters[:, 1], ambient, rtol=1e-4)
+    assert found.converged
+
+
+def test_ambient_light_beyond_the_bright_patch_comes_from_the_course_over_range():
+    beta = KAPPA + 0.4
+    ambient = np.array([0.5, 0.7, 0.8])
+    distance = np.linspace(0.5, 12, 48)
+    dark = curve(beta, ambient, distance)
+    for found in (plain(distance, dark, 0.6 * ambient), lower(distance, dark, 0.6 * ambient)):
+        np.testing.assert_allclose(found.parameters[:, 1], ambient, rtol=0.02)
+        np.testing.assert_allclose(found.parameters[:, 0], beta, rtol=0.04)
+
+
+def test_ambient_light_is_bounded_by_the_bright_patch():
+    distance = np.linspace(1, 8, 40)
+    dark = curve(KAPPA + 0.2, np.array([0.3, 0.3, 0.3]), distance)
+    for found in (plain(distance, dark, np.full(3, 0.5)), lower(distance, dark, np.full(3, 0.5))):
+        assert (found.parameters[:, 1] >= 0.5).all()
+
+
+def noisy(seed=0, alpha=0.2, darkness=0.05):
+    rng = np.random.default_rng(seed)
+    beta = KAPPA + alpha
+    ambient = np.exp(-2 * beta)
+    distance = np.linspace(2, 9, 40)
+    rho = rng.exponential(darkness, (3, 40))
+    dark = curve(beta, ambient, distance) + (
+        ambient[:, np.newaxis] * rho * np.exp(-np.outer(beta, distance)))
+    return beta, ambient, distance, dark
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_is_not_black_misleads_the_lower_envelope_less_than_the_plain_fit(seed):
+    beta, ambient, distance, dark = noisy(seed)
+    errors = [
+        np.abs(found.parameters[:, 0] - beta).mean()
+        for found in (plain(distance, dark, ambient), lower(distance, dark, ambient))
+    ]
+    assert errors[1] < 0.4 * errors[0]
+
+
+@pytest.mark.parametrize("loosest", [1.0, 0.7])
+def test_the_minimum_is_that_which_scipy_finds(loosest):
+    """One channel; the cost is written out once more, with scales at the solution."""
+    _, ambient, distance, dark = noisy(3)
+    bound = loosest * ambient
+    active = np.array([False, True, False])
+    found = lower(distance, dark, bound, active).parameters[1]
+
+    def curve_of(p):
+        return p[1] * (1 - np.exp(-p[0] * distance))
+
+    direct = found[1] * np.exp(-found[0] * distance)
+    scale = np.sqrt(STEP**2 * (1 / 12 + 1) + (0.02 * direct) ** 2)
+
+    def residual(p):
+        u = (dark[1] - curve_of(p)) / scale
+        side = np.where(u < 0, BELOW, ABOVE)
+        data = np.sqrt(side * 2 * (np.sqrt(1 + u**2) - 1))
+        prior = [(p[1] / bound[1] - 1) / 0.5, min(p[0] / KAPPA[1] - 1, 0) / 0.1]
+        return np.concatenate((data, prior))
+
+    reference = least_squares(
+        residual, found * [1.05, 1.02], bounds=([1e-4, bound[1]], [10, 2]),
+        xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    np.testing.assert_allclose(found, reference.x, rtol=1e-4)
+    assert 0.5 * (residual(found) ** 2).sum() <= reference.cost * (1 + 1e-6)
+
+
+def test_twelve_iterations_are_typical():
+    counts = [lower(*noisy(seed)[2:4], noisy(seed)[1]).iterations for seed in range(10)]
+    assert np.median(counts) <= 14
+
+
+def test_a_start_elsewhere_ends_at_the_same_place():
+    _, ambient, distance, dark = noisy(1)
+    first = lower(distance, dark, ambient).parameters
+    for start in (first * [3.0, 1.3], first * [0.3, 1.0]):
+        again = lower(distance, dark, ambient, start=start).parameters
+        np.testing.assert_allclose(again, first, rtol=2e-4)
+
+
+def test_channels_left_out_are_not_invented():
+    beta, ambient, distance, dark = noisy()
+    active = np.array([False, True, True])
+    for fit in (plain, lower):
+        found = fit(distance, dark, ambient, active)
+        assert np.isnan(found.parameters[0]).all()
+        assert np.isnan(found.covariance[0]).all()
+        assert np.isfinite(found.parameters[1:]).all()
+        assert np.isfinite(found.covariance[2:, 2:]).all()
+
+
+def test_bins_that_a_channel_lacks_are_left_out():
+    beta, ambient, distance, _ = noisy()
+    dark = curve(beta, ambient, distance)
+    dark[0, ::3] = np.nan
+    for fit in (plain, lower):
+        assert fit(distance, dark, ambient).parameters[0, 0] == pytest.approx(beta[0], rel=0.02)
+
+
+def test_covariance_is_a_covariance_and_grows_with_range_error_and_coarse_codes():
+    _, ambient, distance, dark = noisy()
+    fine = lower(distance, dark, ambient).covariance
+    np.testing.assert_allclose(fine, fine.T, atol=1e-12)
+    assert (np.linalg.eigvalsh(fine) > -1e-12).all()
+    coarse = lower(distance, dark, ambient, step=4 * STEP).covariance
+    loose = lower(distance, dark, ambient, range_error=0.05).covariance
+    assert np.trace(coarse) > np.trace(fine)
+    assert np.trace(loose) > np.trace(fine)
+
+
+def test_a_standard_deviation_covers_the_error_that_darkness_makes():
+    ratios = []
+    for seed in range(40):
+        beta, ambient, distance, dark = noisy(seed, darkness=0.03)
+        found = lower(distance, dark, ambient)
+        ratios.append(np.abs(found.parameters[:, 0] - beta)
+                      / np.sqrt(np.diag(found.covariance)[0::2]))
+    assert np.mean(np.array(ratios) < 1) >= 0.6
+    assert np.mean(np.array(ratios) < 2) >= 0.9
+
+
+def test_attenuation_stays_within_its_bounds():
+    distance = np.linspace(1, 3, 20)
+    dark = np.full((3, 20), 0.5)
+    found = lower(distance, dark, np.full(3, 0.5))
+    assert (found.parameters[:, 0] <= module.ATTENUATION_BOUNDS[1]).all()
+    assert np.isfinite(found.parameters).all()
