@@ -88,11 +88,8 @@ def run(arguments: argparse.Namespace) -> None:
     left, right = _read_pair(arguments.left, arguments.right)
     rig = _make_rig(arguments, left.shape)
     _prepare_folder(arguments.output)
-    # Compiled modules load slowly; what is refused above needs none of them.
-    from uw_visibility.pipeline import Pipeline
-
     try:
-        result = Pipeline(rig, config).process(left, right, match_original=True)
+        result = _process(rig, config, left, right)
     except InputError as error:
         raise InputError(f"{arguments.left}, {arguments.right}: {error}") from error
     _write(arguments.output, result)
@@ -161,6 +158,22 @@ def _make_rig(arguments: argparse.Namespace, shape: tuple[int, ...]) -> StereoRi
         )
     centre = arguments.principal_point or ((shape[1] - 1) / 2, (shape[0] - 1) / 2)
     return StereoRig(arguments.focal_length, arguments.baseline, tuple(centre))
+
+
+def _process(
+    rig: StereoRig, config: PipelineConfig, left: NDArray[Any], right: NDArray[Any]
+) -> FrameResult:
+    # Compiled modules load slowly; what is refused before needs none of them.
+    from uw_visibility.pair import check_pair
+    from uw_visibility.pipeline import Pipeline
+
+    check_pair(left, right)
+    if sys.stderr.isatty():
+        print("preparing; the first run compiles, for about a minute", file=sys.stderr)
+    pipeline = Pipeline(rig, config)
+    # Without this the report's times would be those of the compiler.
+    pipeline.warm_up((left.shape[0], left.shape[1]), left.dtype)
+    return pipeline.process(left, right, match_original=True)
 
 
 def _prepare_folder(folder: Path) -> None:
