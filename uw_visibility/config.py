@@ -77,7 +77,7 @@ class StereoConfig:
         minimum=1, maximum=20,
     )
     consistency_disparity: float = parameter(
-        5.0, "Difference up to which two support points agree.",
+        2.0, "Difference up to which two support points agree.",
         unit="px", minimum=0.0, maximum=100.0,
     )
     consistency_count: int = parameter(
@@ -100,7 +100,7 @@ class StereoConfig:
         minimum=1e-4, maximum=1.0,
     )
     left_right_tolerance: int = parameter(
-        1, "Largest difference of the two views' disparities.", unit="px", minimum=0, maximum=10,
+        2, "Largest difference of the two views' disparities.", unit="px", minimum=0, maximum=10,
     )
     segment_size: int = parameter(
         100, "Smallest number of pixels that a segment of the disparity map keeps.",
