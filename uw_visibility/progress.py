@@ -18,3 +18,9 @@ def progress_bar(items: Iterable[Item], name: str, total: int | None = None) -> 
     yield from tqdm(
         items, name, total, disable=not sys.stderr.isatty(), dynamic_ncols=True, unit="frame"
     )
+
+
+def tell(text: str) -> None:
+    """Say what is being waited for."""
+    if sys.stderr.isatty():
+        print(text, file=sys.stderr)

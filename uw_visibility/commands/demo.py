@@ -1,0 +1,110 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""`uw_visibility demo`: simulate, run the node, play the bag into it, report."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+from typing import Any, NoReturn
+
+from uw_visibility.errors import InputError
+
+DESCRIPTION = """\
+Simulate a short transect, start the node in a process of its own, play the recording
+into it over DDS at the recorded rate, and hold what it publishes against the truth."""
+
+EPILOG = """\
+written to DIR:
+  frame_NNN.png   raw and enhanced image, disparity before, after and true
+  series.png      mean attenuation, visibility distance and depth over the truth
+  frames.csv      a row for each frame
+  transect/       the recording
+  node.log        what the node printed
+  fastdds.xml     settings of the middleware, so that no image is lost
+
+The node runs with its default parameters, in a ROS domain of its own that stays on
+this machine. Images are stamped as they are sent; the latency is from there to the
+arrival of the last message of their result."""
+
+ENDING = (signal.SIGTERM, signal.SIGHUP)
+
+
+def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+    """Add the sub-command `demo`."""
+    parser = subparsers.add_parser(
+        "demo",
+        help="simulate, run the node, play the bag into it, report",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, default=Path("demo"),
+        help="folder for the results (%(default)s)",
+    )
+    parser.add_argument(
+        "--frames", metavar="N", type=int, default=24, help="stereo frames (%(default)s)"
+    )
+    parser.add_argument(
+        "--rate", metavar="HZ", type=float, default=2.0, help="frames per second (%(default)s)"
+    )
+    parser.add_argument(
+        "--seed", metavar="N", type=int, default=0, help="seed of the simulation (%(default)s)"
+    )
+    parser.set_defaults(func=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the sub-command.
+
+    Raises
+    ------
+    InputError
+        If an option cannot be used, or ROS is missing.
+    SystemExit
+        With code 1 if the node ends before its time.
+    """
+    from uw_visibility.simulation.transect import Transect
+
+    transect = Transect(frames=arguments.frames, rate=arguments.rate, seed=arguments.seed)
+    demonstrate, node_died = _load()
+    try:
+        arguments.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make folder {arguments.output}: {error.strerror}") from error
+    # Ending the command by a signal has to end the node as well.
+    before = {number: signal.signal(number, _interrupt) for number in ENDING}
+    try:
+        summary = demonstrate(arguments.output, transect)
+    except node_died as error:
+        print(f"uw_visibility: {error}", file=sys.stderr)
+        raise SystemExit(1) from error
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    width = max(len(name) for name, _ in summary)
+    for name, value in summary:
+        print(f"{name:{width}s}  {value}")
+    print(f"pictures and tables: {arguments.output}")
+
+
+def _load() -> tuple[Any, Any]:
+    """Import what needs ROS, recordings and figures."""
+    try:
+        from uw_visibility.demonstration.node_process import NodeDied
+        from uw_visibility.demonstration.run import demonstrate
+        from uw_visibility.ros import link  # noqa: F401
+    except ImportError as error:
+        raise InputError(
+            f"the demo needs {error.name}: install the extras ros and report, "
+            "pip install 'uw_visibility[ros,report]'"
+        ) from error
+    return demonstrate, NodeDied
+
+
+def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
+    raise KeyboardInterrupt
