@@ -1,0 +1,214 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Matting: closed forms, holes, edges, threads."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from uw_visibility.config import EnhancementConfig
+from uw_visibility.enhancement.guided_filter import GuidedFilter
+from uw_visibility.enhancement.matting import Matting
+from uw_visibility.enhancement.matting_laplacian import conjugate_gradient, laplacian
+from uw_visibility.errors import InputError
+from uw_visibility.parallel import Workers
+
+SHAPE = (96, 130)
+METHODS = ("guided", "laplacian")
+
+
+def textured(seed: int = 0, shape: tuple[int, int] = SHAPE) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (*shape, 3)).astype(np.uint8)
+
+
+def matting(method: str = "guided", threads: int = 1, **values: object) -> Matting:
+    return Matting(EnhancementConfig(matting=method, **values), Workers(threads))
+
+
+def two_surfaces() -> tuple[np.ndarray, np.ndarray]:
+    """A near disc (40 px) before a far wall (10 px), with colours of their own."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    near = (x - 65) ** 2 + (y - 48) ** 2 < 30**2
+    truth = np.where(near, 40, 10).astype(np.float32)
+    image = np.where(near[..., np.newaxis], (180, 90, 40), (60, 110, 130))
+    noise = np.random.default_rng(1).normal(0, 3, image.shape)
+    return truth, np.clip(image + noise, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_constant_is_kept_exactly_between_single_points(method: str) -> None:
+    coarse = np.full(SHAPE, np.nan, np.float32)
+    coarse[::7, ::9] = 23.5
+    matte = matting(method).refine(coarse, None, textured())
+    assert matte.ok
+    np.testing.assert_array_equal(matte.disparity, np.float32(23.5))
+
+
+def test_plane_is_kept_whatever_the_image() -> None:
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    plane = (20 + 0.11 * x - 0.07 * y).astype(np.float32)
+    matte = matting().refine(plane, None, textured())
+    np.testing.assert_allclose(matte.disparity, plane, atol=0.02)
+
+
+def test_plane_continues_into_a_hole_of_half_the_image() -> None:
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    plane = (20 + 0.11 * x - 0.07 * y).astype(np.float32)
+    coarse = plane.copy()
+    coarse[:, 40:105] = np.nan
+    matte = matting().refine(coarse, None, np.full((*SHAPE, 3), 90, np.uint8))
+    np.testing.assert_allclose(matte.disparity, plane, atol=0.1)
+
+
+def test_linear_function_of_the_guide_is_found() -> None:
+    guide = np.repeat(np.repeat(textured(2, (12, 17)), 8, axis=0), 8, axis=1)[:96, :130]
+    truth = (10 + guide @ np.array([0.05, 0.03, -0.02])).astype(np.float32)
+    coarse = np.where(np.random.default_rng(3).random(SHAPE) < 0.3, truth, np.nan)
+    matte = matting(matting_smoothness=1e-7).refine(coarse.astype(np.float32), None, guide)
+    assert np.abs(matte.disparity - truth).mean() < 0.4 * truth.std() * 0.1
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_edges_follow_the_image_better_than_a_nearest_or_linear_fill(method: str) -> None:
+    from scipy.interpolate import griddata
+
+    truth, image = two_surfaces()
+    rows, columns = np.mgrid[2:96:9, 3:130:9]
+    points = np.column_stack([columns.ravel(), rows.ravel()])
+    grid = tuple(np.meshgrid(np.arange(SHAPE[1]), np.arange(SHAPE[0])))
+    values = truth[rows, columns].ravel()
+    linear = griddata(points, values, grid, "linear").astype(np.float32)
+    nearest = griddata(points, values, grid, "nearest").astype(np.float32)
+    matte = matting(method).refine(linear, None, image)
+    error = np.abs(matte.disparity - truth).mean()
+    assert error < 0.5 * np.nanmean(np.abs(linear - truth))
+    assert error < 0.7 * np.abs(nearest - truth).mean()
+
+
+def test_confidence_decides_between_data_that_disagree() -> None:
+    coarse = np.full(SHAPE, 10, np.float32)
+    coarse[::2] = 30
+    confidence = np.full(SHAPE, 1e-3, np.float32)
+    confidence[::2] = 1
+    matte = matting().refine(coarse, confidence, textured())
+    assert np.abs(matte.disparity - 30).max() < 0.1
+
+
+def test_pixels_without_confidence_do_not_count() -> None:
+    coarse = np.full(SHAPE, 10, np.float32)
+    coarse[40:60, 40:60] = 500
+    confidence = np.ones(SHAPE, np.float32)
+    confidence[40:60, 40:60] = 0
+    matte = matting().refine(coarse, confidence, textured())
+    np.testing.assert_array_equal(matte.disparity, np.float32(10))
+
+
+def test_confidence_falls_with_the_distance_to_data() -> None:
+    coarse = np.full(SHAPE, np.nan, np.float32)
+    coarse[:, :40] = 12
+    confidence = matting().refine(coarse, None, textured()).confidence
+    at = confidence[48, [10, 50, 80, 125]]
+    assert at[0] > 0.95
+    assert np.all(np.diff(at) < 0)
+    assert confidence.min() > 0
+    assert confidence.max() <= 1
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_nothing_to_start_from_is_said(method: str) -> None:
+    matte = matting(method).refine(np.full(SHAPE, np.nan, np.float32), None, textured())
+    assert not matte.ok
+    assert np.isnan(matte.disparity).all()
+    assert not matte.confidence.any()
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    hnp.arrays(
+        np.float32, st.tuples(st.integers(1, 40), st.integers(1, 40)),
+        elements=st.one_of(st.just(np.nan), st.floats(0.5, 300, width=32)),
+    ),
+    st.sampled_from(METHODS),
+    st.booleans(),
+)
+def test_any_data_give_a_finite_map_within_their_extremes(
+    coarse: np.ndarray, method: str, grey: bool
+) -> None:
+    guide = textured(4, coarse.shape)
+    matte = matting(method).refine(coarse, None, guide[..., 0] if grey else guide)
+    assert matte.ok == np.isfinite(coarse).any()
+    if matte.ok:
+        assert np.isfinite(matte.disparity).all()
+        assert matte.disparity.min() >= np.nanmin(coarse)
+        assert matte.disparity.max() <= np.nanmax(coarse)
+        assert np.isfinite(matte.confidence).all()
+
+
+def test_same_bits_for_any_number_of_threads_and_again() -> None:
+    random = np.random.default_rng(5)
+    coarse = np.where(random.random(SHAPE) < 0.1, random.uniform(5, 50, SHAPE), np.nan)
+    coarse = coarse.astype(np.float32)
+    single = matting(threads=1)
+    first = single.refine(coarse, None, textured())
+    kept = first.disparity.copy()
+    single.refine(coarse + 1, None, textured(9))
+    np.testing.assert_array_equal(first.disparity, kept)
+    for threads in (2, 3):
+        again = matting(threads=threads).refine(coarse, None, textured())
+        np.testing.assert_array_equal(again.disparity, kept)
+        np.testing.assert_array_equal(again.confidence, first.confidence)
+
+
+def test_sixteen_bit_guide_gives_what_eight_bit_gives() -> None:
+    truth, image = two_surfaces()
+    coarse = np.where(np.random.default_rng(6).random(SHAPE) < 0.05, truth, np.nan)
+    coarse = coarse.astype(np.float32)
+    eight = matting().refine(coarse, None, image).disparity
+    sixteen = matting().refine(coarse, None, image.astype(np.uint16) * 257).disparity
+    np.testing.assert_allclose(sixteen, eight, atol=1e-2)
+
+
+def test_image_of_another_size_or_type_is_refused() -> None:
+    coarse = np.ones(SHAPE, np.float32)
+    with pytest.raises(InputError, match="does not fit"):
+        matting().refine(coarse, None, textured(0, (96, 131)))
+    with pytest.raises(InputError, match="8 or 16 bit"):
+        matting().refine(coarse, None, textured().astype(np.float32))
+
+
+def test_laplacian_is_symmetric_semidefinite_and_blind_to_constants() -> None:
+    guide = textured(7, (6, 7)).astype(np.float32) / 255
+    matrix = laplacian(guide, 1e-3).toarray()
+    np.testing.assert_allclose(matrix, matrix.T, atol=1e-12)
+    np.testing.assert_allclose(matrix.sum(axis=1), 0, atol=1e-10)
+    assert np.linalg.eigvalsh(matrix).min() > -1e-10
+
+
+def test_laplacian_is_nearly_blind_to_linear_functions_of_colour() -> None:
+    guide = textured(8, (8, 9)).astype(np.float32) / 255
+    matrix = laplacian(guide, 1e-6)
+    seen = (guide @ np.array([1.0, -2.0, 0.5])).ravel()
+    unseen = np.random.default_rng(9).normal(0, seen.std(), seen.size)
+    assert seen @ (matrix @ seen) < 1e-3 * (unseen @ (matrix @ unseen))
+
+
+def test_conjugate_gradient_solves() -> None:
+    import scipy.sparse
+
+    random = np.random.default_rng(10)
+    root = random.normal(size=(30, 30))
+    system = scipy.sparse.csr_matrix(root @ root.T + 5 * np.eye(30))
+    right = random.normal(size=30)
+    solution = conjugate_gradient(system, right, np.zeros(30))
+    np.testing.assert_allclose(system @ solution, right, atol=1e-4)
+
+
+def test_filter_keeps_its_buffers_for_one_size() -> None:
+    tool = matting()
+    tool.refine(np.ones(SHAPE, np.float32), None, textured())
+    first = tool._filter
+    tool.refine(np.ones(SHAPE, np.float32), None, textured())
+    assert isinstance(first, GuidedFilter)
+    assert tool._filter is first

@@ -1,0 +1,158 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Restoration: the light model's inverse, its limits, tables, threads."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from uw_visibility.config import EnhancementConfig
+from uw_visibility.enhancement.radiance import Restorer, recover_radiance
+from uw_visibility.errors import InputError
+from uw_visibility.parallel import Workers
+from uw_visibility.water.light_model import attenuate
+from uw_visibility.water.transfer import from_linear
+
+WATER = SimpleNamespace(
+    attenuation=np.array([0.43, 0.27, 0.22]), ambient_light=np.array([0.4, 0.6, 0.65])
+)
+SHAPE = (60, 70)
+
+
+def scene(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    random = np.random.default_rng(seed)
+    return (
+        random.random((*SHAPE, 3)).astype(np.float32),
+        random.uniform(0.3, 7, SHAPE).astype(np.float32),
+    )
+
+
+def seen(radiance: np.ndarray, distance: np.ndarray, transfer: str, dtype: type) -> np.ndarray:
+    light = attenuate(radiance, distance, WATER.attenuation, WATER.ambient_light)
+    return from_linear(light, transfer, dtype)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("transfer", ["linear", "srgb"])
+def test_inverts_the_light_model_within_quantisation(dtype: type, transfer: str) -> None:
+    radiance, distance = scene()
+    image = seen(radiance, distance, transfer, dtype)
+    enhanced, limited = Restorer(transfer=transfer).restore(image, distance, WATER)
+    assert enhanced.dtype == dtype
+    assert not limited.any()
+    top = np.iinfo(dtype).max
+    gain = np.exp(WATER.attenuation * distance[..., np.newaxis]) / WATER.ambient_light
+    if transfer == "linear":
+        error = np.abs(enhanced / top - radiance)
+        assert np.all(error <= (0.5 * gain + 0.75) / top)
+    else:
+        found = recover_radiance(enhanced, distance * 0, _clear(), transfer)
+        assert np.abs(found - radiance).max() < 12 / top * gain.max()
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.lists(st.floats(0, 2), min_size=3, max_size=3),
+    st.lists(st.floats(0.02, 1), min_size=3, max_size=3),
+    st.floats(1.5, 1000),
+    st.sampled_from(["linear", "srgb"]),
+    st.integers(0, 1000),
+)
+def test_table_free_kernel_is_within_a_quarter_grey_level_of_equation_8(
+    attenuation: list[float], ambient: list[float], max_gain: float, transfer: str, seed: int
+) -> None:
+    random = np.random.default_rng(seed)
+    image = random.integers(0, 256, (7, 40, 3)).astype(np.uint8)
+    distance = random.uniform(0, 20, (7, 40)).astype(np.float32)
+    water = SimpleNamespace(attenuation=np.array(attenuation), ambient_light=np.array(ambient))
+    enhanced, _ = Restorer(EnhancementConfig(max_gain=max_gain), transfer).restore(
+        image, distance, water
+    )
+    exact = np.clip(recover_radiance(image, distance, water, transfer, max_gain), 0, 1)
+    if transfer == "srgb":
+        curve = 1.055 * exact ** (1 / 2.4) - 0.055
+        exact = np.where(exact <= 0.0031308, 12.92 * exact, curve)
+    assert np.abs(enhanced - 255 * exact).max() < 0.75
+
+
+@pytest.mark.parametrize("unknown", [np.nan, np.inf, -1.0, 1e9])
+def test_unknown_range_is_taken_as_far_and_marked(unknown: float) -> None:
+    image = np.full((2, 3, 3), 120, np.uint8)
+    distance = np.full((2, 3), 2, np.float32)
+    distance[1, 2] = unknown
+    enhanced, limited = Restorer(EnhancementConfig(max_gain=10)).restore(image, distance, WATER)
+    assert limited.tolist() == [[False] * 3, [False, False, True]]
+    expected = 1 + (120 / 255 / WATER.ambient_light - 1) * 10
+    np.testing.assert_allclose(enhanced[1, 2], np.clip(expected, 0, 1) * 255, atol=0.51)
+
+
+def test_limited_marks_where_one_channel_exceeds_the_gain() -> None:
+    distance = np.linspace(0.1, 12, 200, dtype=np.float32)[np.newaxis]
+    image = np.full((1, 200, 3), 100, np.uint8)
+    _, limited = Restorer(EnhancementConfig(max_gain=8)).restore(image, distance, WATER)
+    np.testing.assert_array_equal(limited[0], distance[0] > np.log(8) / 0.43)
+
+
+def test_open_water_becomes_white() -> None:
+    image = from_linear(np.broadcast_to(WATER.ambient_light, (4, 5, 3)), "linear", np.uint16)
+    enhanced, _ = Restorer().restore(image, np.full((4, 5), 3, np.float32), WATER)
+    assert enhanced.min() > 65500
+
+
+def test_channel_that_is_not_assessable_is_handed_on() -> None:
+    radiance, distance = scene(1)
+    image = seen(radiance, distance, "linear", np.uint8)
+    water = SimpleNamespace(
+        attenuation=np.array([np.nan, 0.27, 0.22]), ambient_light=np.array([0.4, 0.6, 0.65])
+    )
+    full, _ = Restorer().restore(image, distance, WATER)
+    part, _ = Restorer().restore(image, distance, water)
+    np.testing.assert_array_equal(part[..., 0], image[..., 0])
+    np.testing.assert_array_equal(part[..., 1:], full[..., 1:])
+
+
+def test_nothing_assessable_returns_the_image_unmarked() -> None:
+    radiance, distance = scene(2)
+    image = seen(radiance, distance, "linear", np.uint8)
+    distance[0, 0] = np.nan
+    nothing = SimpleNamespace(attenuation=np.full(3, np.nan), ambient_light=np.full(3, np.nan))
+    enhanced, limited = Restorer().restore(image, distance, nothing)
+    np.testing.assert_array_equal(enhanced, image)
+    assert not limited.any()
+
+
+def test_grey_image_with_one_channel_of_water() -> None:
+    radiance, distance = scene(3)
+    image = seen(radiance, distance, "linear", np.uint8)
+    one = SimpleNamespace(attenuation=np.array([0.27]), ambient_light=np.float64(0.6))
+    grey, _ = Restorer().restore(np.ascontiguousarray(image[..., 1]), distance, one)
+    colour, _ = Restorer().restore(image, distance, WATER)
+    assert grey.shape == SHAPE
+    np.testing.assert_array_equal(grey, colour[..., 1])
+
+
+def test_misfits_are_refused() -> None:
+    image = np.zeros((4, 5, 3), np.uint8)
+    distance = np.ones((4, 5), np.float32)
+    with pytest.raises(InputError, match="channels"):
+        Restorer().restore(image[..., 0], distance, WATER)
+    with pytest.raises(InputError, match="range map"):
+        Restorer().restore(image, distance[:3], WATER)
+    with pytest.raises(InputError, match="8 or 16 bit"):
+        Restorer().restore(image.astype(np.int32), distance, WATER)
+
+
+def test_same_bits_for_any_number_of_threads() -> None:
+    radiance, distance = scene(4)
+    image = seen(radiance, distance, "linear", np.uint8)
+    one = Restorer(workers=Workers(1)).restore(image, distance, WATER)
+    three = Restorer(workers=Workers(3)).restore(image, distance, WATER)
+    np.testing.assert_array_equal(one[0], three[0])
+    np.testing.assert_array_equal(one[1], three[1])
+
+
+def _clear() -> SimpleNamespace:
+    return SimpleNamespace(attenuation=np.zeros(3), ambient_light=np.ones(3))

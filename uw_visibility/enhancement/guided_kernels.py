@@ -1,0 +1,336 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled inner loops of the guided filter, each over a band of rows."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+# Weight of what the next coarser scale says. It keeps sums that divide away
+# from zero where there are no data, and is negligible beside data.
+FLOOR = np.float32(1e-3)
+# Variance, px², added to a window's residual before windows are weighed with
+# its inverse: windows across a depth edge that the image does not explain count little.
+RESIDUAL = 0.05
+# A mesh across a depth edge is a steep ramp that is nowhere true: where disparity
+# changes by this much (px) within a cell, its confidence counts half.
+STEEP = np.float32(2)
+# What a coarser scale's confidence is worth at the next finer one.
+PASSED_ON = np.float32(0.5)
+# Sums over a window: Σw, Σwg (3), Σwd, Σwd², Σwdg (3), Σwgg (6), Σ of data's weight alone.
+MOMENTS = 16
+# Sums over windows: slopes (3), offset, weight; and the window's share of data.
+SOLVED = 6
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def reduce_image(  # type: ignore[no-untyped-def]
+    start, stop, coarse, confidence, guide, scale, cell, small_guide, value, weight, place,
+    extremes,
+):
+    """Average image and disparity over cells; weigh disparities with their confidence."""
+    height, width = coarse.shape
+    for i in range(start, stop):
+        low = np.float32(np.inf)
+        high = np.float32(-np.inf)
+        top = i * cell
+        bottom = min(top + cell, height)
+        for j in range(value.shape[1]):
+            first = j * cell
+            last = min(first + cell, width)
+            red = green = blue = np.float32(0)
+            total = weighted = across = down = np.float32(0)
+            known = 0
+            near = np.float32(-np.inf)
+            far = np.float32(np.inf)
+            for y in range(top, bottom):
+                for x in range(first, last):
+                    red += np.float32(guide[y, x, 0])
+                    green += np.float32(guide[y, x, 1])
+                    blue += np.float32(guide[y, x, 2])
+                    d = coarse[y, x]
+                    w = confidence[y, x]
+                    if np.isfinite(d) and w > 0:
+                        total += w
+                        weighted += w * d
+                        across += w * np.float32(x)
+                        down += w * np.float32(y)
+                        known += 1
+                        far = min(far, d)
+                        near = max(near, d)
+            low = min(low, far)
+            high = max(high, near)
+            share = scale / np.float32((bottom - top) * (last - first))
+            small_guide[i, j, 0] = red * share - np.float32(0.5)
+            small_guide[i, j, 1] = green * share - np.float32(0.5)
+            small_guide[i, j, 2] = blue * share - np.float32(0.5)
+            if known > 0:
+                ramp = (near - far) / STEEP
+                weight[i, j] = total / (np.float32(known) * (1 + ramp * ramp))
+                value[i, j] = weighted / total
+                place[i, j, 0] = across / total
+                place[i, j, 1] = down / total
+            else:
+                weight[i, j] = 0
+                value[i, j] = 0
+                place[i, j] = 0
+        extremes[i, 0] = low
+        extremes[i, 1] = high
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def fit_plane(value, weight, place, slope_prior):  # type: ignore[no-untyped-def]
+    """Fit a plane to the weighted disparities: slopes per px along x and y, value at (0, 0)."""
+    height, width = value.shape
+    total = mean_x = mean_y = mean_d = 0.0
+    for i in range(height):
+        for j in range(width):
+            w = np.float64(weight[i, j])
+            total += w
+            mean_x += w * place[i, j, 0]
+            mean_y += w * place[i, j, 1]
+            mean_d += w * value[i, j]
+    mean_x /= total
+    mean_y /= total
+    mean_d /= total
+    xx = yy = slope_prior * total
+    xy = xd = yd = 0.0
+    for i in range(height):
+        for j in range(width):
+            w = np.float64(weight[i, j])
+            x = place[i, j, 0] - mean_x
+            y = place[i, j, 1] - mean_y
+            d = value[i, j] - mean_d
+            xx += w * x * x
+            xy += w * x * y
+            yy += w * y * y
+            xd += w * x * d
+            yd += w * y * d
+    determinant = xx * yy - xy * xy
+    a = (xd * yy - yd * xy) / determinant
+    b = (yd * xx - xd * xy) / determinant
+    return a, b, mean_d - a * mean_x - b * mean_y
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def subtract_plane(value, weight, place, plane):  # type: ignore[no-untyped-def]
+    """Take the base plane off the disparities of the finest grid."""
+    for i in range(value.shape[0]):
+        for j in range(value.shape[1]):
+            if weight[i, j] > 0:
+                value[i, j] -= np.float32(
+                    plane[0] * place[i, j, 0] + plane[1] * place[i, j, 1] + plane[2]
+                )
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def pull(guide, value, weight, small_guide, small_value, small_weight):  # type: ignore[no-untyped-def]
+    """Average a grid over 2 x 2 cells into the next coarser one."""
+    height, width = value.shape
+    for i in range(small_value.shape[0]):
+        for j in range(small_value.shape[1]):
+            total = weighted = np.float32(0)
+            known = 0
+            cells = 0
+            for k in range(3):
+                small_guide[i, j, k] = 0
+            for y in range(2 * i, min(2 * i + 2, height)):
+                for x in range(2 * j, min(2 * j + 2, width)):
+                    cells += 1
+                    for k in range(3):
+                        small_guide[i, j, k] += guide[y, x, k]
+                    if weight[y, x] > 0:
+                        known += 1
+                        total += weight[y, x]
+                        weighted += weight[y, x] * value[y, x]
+            for k in range(3):
+                small_guide[i, j, k] /= np.float32(cells)
+            if known > 0:
+                small_weight[i, j] = total / np.float32(known)
+                small_value[i, j] = weighted / total
+            else:
+                small_weight[i, j] = 0
+                small_value[i, j] = 0
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _sum_columns(row, radius, out):  # type: ignore[no-untyped-def]
+    """Sum a row over windows of 2 radius + 1 columns, cut at the ends."""
+    width = row.shape[0]
+    out[:] = row
+    for k in range(1, min(radius + 1, width)):
+        left = out[: width - k]
+        right = out[k:]
+        shifted = row[k:]
+        for x in range(width - k):
+            left[x] += shifted[x]
+        for x in range(width - k):
+            right[x] += row[x]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def moments(start, stop, guide, value, weight, prior, radius, out):  # type: ignore[no-untyped-def]
+    """Sum the products that a weighted regression needs along each row."""
+    width = value.shape[1]
+    row = np.empty((MOMENTS, width), np.float32)
+    for i in range(start, stop):
+        for x in range(width):
+            w = weight[i, x] + FLOOR
+            d = (weight[i, x] * value[i, x] + FLOOR * prior[i, x]) / w
+            r = guide[i, x, 0]
+            g = guide[i, x, 1]
+            b = guide[i, x, 2]
+            wr = w * r
+            wg = w * g
+            wb = w * b
+            row[0, x] = w
+            row[1, x] = wr
+            row[2, x] = wg
+            row[3, x] = wb
+            row[4, x] = w * d
+            row[5, x] = w * d * d
+            row[6, x] = wr * d
+            row[7, x] = wg * d
+            row[8, x] = wb * d
+            row[9, x] = wr * r
+            row[10, x] = wr * g
+            row[11, x] = wr * b
+            row[12, x] = wg * g
+            row[13, x] = wg * b
+            row[14, x] = wb * b
+            row[15, x] = weight[i, x]
+        for m in range(MOMENTS):
+            _sum_columns(row[m], radius, out[i, m])
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _sum_rows(planes, i, radius, out):  # type: ignore[no-untyped-def]
+    """Sum (h, n, w) planes over the rows around row i; return how many there are."""
+    first = max(i - radius, 0)
+    last = min(i + radius + 1, planes.shape[0])
+    out[:] = 0
+    for y in range(first, last):
+        for m in range(out.shape[0]):
+            source = planes[y, m]
+            target = out[m]
+            for x in range(target.shape[0]):
+                target[x] += source[x]
+    return last - first
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def solve(start, stop, sums, radius, smoothness, out):  # type: ignore[no-untyped-def]
+    """Regress disparity on the guide in each window, and sum the solutions along each row."""
+    width = sums.shape[2]
+    s = np.empty((MOMENTS, width), np.float32)
+    row = np.empty((SOLVED, width), np.float32)
+    for i in range(start, stop):
+        count = _sum_rows(sums, i, radius, s)
+        for x in range(width):
+            inverse = 1.0 / s[0, x]
+            r = s[1, x] * inverse
+            g = s[2, x] * inverse
+            b = s[3, x] * inverse
+            d = s[4, x] * inverse
+            dr = s[6, x] * inverse - d * r
+            dg = s[7, x] * inverse - d * g
+            db = s[8, x] * inverse - d * b
+            rr = s[9, x] * inverse - r * r + smoothness
+            rg = s[10, x] * inverse - r * g
+            rb = s[11, x] * inverse - r * b
+            gg = s[12, x] * inverse - g * g + smoothness
+            gb = s[13, x] * inverse - g * b
+            bb = s[14, x] * inverse - b * b + smoothness
+            c_rr = gg * bb - gb * gb
+            c_rg = rb * gb - rg * bb
+            c_rb = rg * gb - rb * gg
+            determinant = rr * c_rr + rg * c_rg + rb * c_rb
+            slope_r = slope_g = slope_b = 0.0
+            if determinant > 0:
+                c_gg = rr * bb - rb * rb
+                c_gb = rg * rb - rr * gb
+                c_bb = rr * gg - rg * rg
+                slope_r = (c_rr * dr + c_rg * dg + c_rb * db) / determinant
+                slope_g = (c_rg * dr + c_gg * dg + c_gb * db) / determinant
+                slope_b = (c_rb * dr + c_gb * dg + c_bb * db) / determinant
+            variance = s[5, x] * inverse - d * d
+            residual = variance - slope_r * dr - slope_g * dg - slope_b * db
+            q = s[0, x] / (max(residual, 0.0) + RESIDUAL)
+            row[0, x] = q * slope_r
+            row[1, x] = q * slope_g
+            row[2, x] = q * slope_b
+            row[3, x] = q * (d - slope_r * r - slope_g * g - slope_b * b)
+            row[4, x] = q
+            columns = min(x + radius + 1, width) - max(x - radius, 0)
+            row[5, x] = s[15, x] / (count * columns)
+        for m in range(SOLVED - 1):
+            _sum_columns(row[m], radius, out[i, m])
+        out[i, SOLVED - 1] = row[SOLVED - 1]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def average(start, stop, solved, prior_confidence, radius, coefficients):  # type: ignore[no-untyped-def]
+    """Average the solutions of all windows that hold a cell, by their weight."""
+    width = solved.shape[2]
+    s = np.empty((SOLVED - 1, width), np.float32)
+    for i in range(start, stop):
+        _sum_rows(solved, i, radius, s)
+        for x in range(width):
+            inverse = np.float32(1) / s[4, x]
+            for m in range(4):
+                coefficients[i, m, x] = s[m, x] * inverse
+            here = solved[i, SOLVED - 1, x]
+            coefficients[i, 4, x] = here + (1 - here) * PASSED_ON * prior_confidence[i, x]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def apply_coefficients(  # type: ignore[no-untyped-def]
+    start, stop, coefficients, guide, scale, centre, factor, plane, low, high, value, confidence
+):
+    """Evaluate coefficients, interpolated between cells, on a guide ``factor`` times finer."""
+    small_height, _, small_width = coefficients.shape
+    width = value.shape[1]
+    a = np.empty((small_width, 5), np.float32)
+    step = np.float32(1 / factor)
+    half = np.float32(0.5)
+    for y in range(start, stop):
+        v = min(max((y + half) * step - half, np.float32(0)), np.float32(small_height - 1))
+        i = min(int(v), max(small_height - 2, 0))
+        below = min(i + 1, small_height - 1)
+        t = np.float32(v - i)
+        for m in range(5):
+            for j in range(small_width):
+                upper = coefficients[i, m, j]
+                a[j, m] = upper + t * (coefficients[below, m, j] - upper)
+        # The guide is centred and scaled here once instead of at every pixel.
+        for j in range(small_width):
+            a[j, 3] -= (a[j, 0] + a[j, 1] + a[j, 2]) * centre
+            for m in range(3):
+                a[j, m] *= scale
+        base = np.float32(plane[1] * y + plane[2])
+        slope = np.float32(plane[0])
+        # Between the centres of cells j and j + 1, coefficients change linearly.
+        for j in range(-1, small_width):
+            k = max(j, 0)
+            after = min(j + 1, small_width - 1)
+            r = a[k, 0]
+            g = a[k, 1]
+            b = a[k, 2]
+            d = a[k, 3]
+            c = a[k, 4]
+            more_r = a[after, 0] - r
+            more_g = a[after, 1] - g
+            more_b = a[after, 2] - b
+            more_d = a[after, 3] - d
+            more_c = a[after, 4] - c
+            first = j * factor + factor // 2
+            for x in range(max(first, 0), min(first + factor, width)):
+                s = (np.float32(x - first) + half) * step
+                red = np.float32(guide[y, x, 0]) * (r + s * more_r)
+                green = np.float32(guide[y, x, 1]) * (g + s * more_g)
+                blue = np.float32(guide[y, x, 2]) * (b + s * more_b)
+                linear = base + slope * np.float32(x)
+                total = (red + green) + (blue + (d + s * more_d)) + linear
+                value[y, x] = min(max(total, low), high)
+                confidence[y, x] = c + s * more_c

@@ -1,0 +1,203 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Recovery of the scene's radiance from an image, its range and the water (eq. 8)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uw_visibility.config import EnhancementConfig
+from uw_visibility.enhancement import radiance_kernels as kernels
+from uw_visibility.errors import InputError
+from uw_visibility.parallel import Workers
+from uw_visibility.water.transfer import encode_table, linear_table, to_linear
+
+
+class Water(Protocol):
+    """What of a `WaterEstimate` restoration needs: one value a channel, NaN = not assessable."""
+
+    @property
+    def attenuation(self) -> NDArray[np.float64]: ...
+
+    @property
+    def ambient_light(self) -> NDArray[np.float64]: ...
+
+
+@dataclass(frozen=True)
+class Channels:
+    """A water's state in the form that kernels take, for the channels of an image.
+
+    Attributes
+    ----------
+    attenuation : (C,) float32 ndarray
+        1/m; 0 where the channel is not assessable.
+    ambient : (C,) float32 ndarray
+        Ambient light; 1 where the channel is not assessable.
+    limits : (C,) float32 ndarray
+        Largest optical thickness βd; 0 where the channel is not assessable,
+        which leaves it as it is.
+    assessable : (C,) bool ndarray
+        Whether the channel is restored at all.
+    """
+
+    attenuation: NDArray[np.float32]
+    ambient: NDArray[np.float32]
+    limits: NDArray[np.float32]
+    assessable: NDArray[np.bool_]
+
+
+class Restorer:
+    """Restores images; see `restore`.
+
+    Parameters
+    ----------
+    config : EnhancementConfig
+        `max_gain` limits exp(βd).
+    transfer : str
+        ``"linear"`` or ``"srgb"``: how pixel values follow light, in and out.
+    workers : Workers, optional
+        Threads; one by default.
+    """
+
+    def __init__(
+        self,
+        config: EnhancementConfig | None = None,
+        transfer: str = "linear",
+        workers: Workers | None = None,
+    ) -> None:
+        self._max_gain = (config or EnhancementConfig()).max_gain
+        self._transfer = transfer
+        self._workers = workers or Workers(1)
+
+    def restore(
+        self, image: NDArray[np.generic], range_map: NDArray[np.float32], water: Water
+    ) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
+        """Recover the scene's radiance as an image (eq. 8).
+
+        Radiance is relative to the ambient light: 1, a white patch or open
+        water, becomes the largest pixel value. Where the range is unknown
+        (NaN, inf or negative), the pixel is taken as far: it gets the largest
+        gain. A channel that is not assessable is handed on as it is.
+
+        Parameters
+        ----------
+        image : (H, W, 3) or (H, W) ndarray of uint8 or uint16
+            Pixel values.
+        range_map : (H, W) float32 ndarray
+            Range along the line of sight, m.
+        water : WaterEstimate
+            `attenuation` and `ambient_light`, three values for a colour image
+            and one for a grey one.
+
+        Returns
+        -------
+        enhanced : ndarray
+            Of the image's shape and type.
+        limited : (H, W) bool ndarray
+            Where the gain of a channel was limited to `max_gain`, or the range
+            is unknown.
+
+        Raises
+        ------
+        InputError
+            If shapes or number of channels do not fit, or the image is
+            neither 8- nor 16-bit.
+        """
+        planes = as_channels(image, range_map)
+        channels = prepare(water, planes.shape[2], self._max_gain)
+        enhanced = np.empty(planes.shape, image.dtype)
+        limited = np.empty(range_map.shape, np.bool_)
+        self._workers.rows(
+            kernels.restore, planes.shape[0], planes, range_map,
+            linear_table(self._transfer, image.dtype), encode_table(self._transfer, image.dtype),
+            channels.attenuation, channels.ambient, channels.limits, enhanced, limited,
+        )
+        return enhanced.reshape(image.shape), limited
+
+
+def recover_radiance(
+    image: NDArray[np.generic],
+    range_map: NDArray[np.float32],
+    water: Water,
+    transfer: str = "linear",
+    max_gain: float = math.inf,
+) -> NDArray[np.float32]:
+    """Recover the scene's radiance as numbers, neither clipped nor quantised (eq. 8).
+
+    For evaluation; `Restorer` is the fast form.
+
+    Parameters
+    ----------
+    image : (H, W, C) or (H, W) ndarray of uint8, uint16 or float32
+        Pixel values; float32 is irradiance 0..1.
+    range_map : (H, W) float32 ndarray
+        Range, m.
+    water : WaterEstimate
+        One attenuation and ambient light for each channel.
+    transfer : str
+        ``"linear"`` or ``"srgb"``.
+    max_gain : float
+        Limit of exp(βd).
+
+    Returns
+    -------
+    float32 ndarray
+        Radiance ρ, of the image's shape; NaN where the range or the channel is unknown.
+    """
+    irradiance = to_linear(image, transfer).astype(np.float64)
+    distance = range_map.reshape(range_map.shape + (1,) * (image.ndim - 2))
+    gain = np.minimum(np.exp(_values(water.attenuation, image) * distance), max_gain)
+    radiance = 1.0 + (irradiance / _values(water.ambient_light, image) - 1.0) * gain
+    return np.asarray(radiance, dtype=np.float32)
+
+
+def prepare(water: Water, count: int, max_gain: float) -> Channels:
+    """Put a water's state into the form that kernels take.
+
+    Raises
+    ------
+    InputError
+        If the water has another number of channels than the image.
+    """
+    attenuation = np.atleast_1d(np.asarray(water.attenuation, dtype=np.float64))
+    ambient = np.atleast_1d(np.asarray(water.ambient_light, dtype=np.float64))
+    if attenuation.shape != (count,) or ambient.shape != (count,):
+        raise InputError(
+            f"water with {attenuation.size} channels does not fit an image with {count}: "
+            "give an attenuation and an ambient light for each channel"
+        )
+    assessable = np.isfinite(attenuation) & np.isfinite(ambient) & (ambient > 0)
+    return Channels(
+        attenuation=np.where(assessable, np.maximum(attenuation, 0.0), 0.0).astype(np.float32),
+        ambient=np.where(assessable, ambient, 1.0).astype(np.float32),
+        limits=np.where(assessable, max(math.log(max_gain), 1e-6), 0.0).astype(np.float32),
+        assessable=assessable,
+    )
+
+
+def as_channels(
+    image: NDArray[np.generic], range_map: NDArray[np.float32]
+) -> NDArray[np.generic]:
+    """View an image as (H, W, C), once it is known to fit its range.
+
+    Raises
+    ------
+    InputError
+        If it does not.
+    """
+    if image.shape[:2] != range_map.shape:
+        raise InputError(
+            f"image of shape {image.shape} does not fit a range map of shape {range_map.shape}: "
+            "give both of the same view"
+        )
+    return image[:, :, np.newaxis] if image.ndim == 2 else image
+
+
+def _values(values: ArrayLike, image: NDArray[np.generic]) -> NDArray[np.float64]:
+    array = np.asarray(values, dtype=np.float64)
+    return array.reshape(()) if image.ndim == 2 else array
