@@ -1,0 +1,66 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The peers: they do what a user would expect of them, and run as in the figures quoted."""
+
+import cv2
+import numpy as np
+import pytest
+
+from uw_visibility.evaluation import baselines, metrics
+from uw_visibility.evaluation.degrade import load_scene
+
+
+def shifted_pair(shift: int, colour: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    random = np.random.default_rng(0)
+    wide = cv2.GaussianBlur(random.integers(0, 256, (80, 220, 3)).astype(np.uint8), (3, 3), 0)
+    left, right = wide[:, : 220 - shift], wide[:, shift:]
+    # The right camera sees a point further left.
+    pair = right.copy(), left.copy()
+    if not colour:
+        return pair[0][..., 1].copy(), pair[1][..., 1].copy()
+    return pair
+
+
+@pytest.mark.parametrize("colour", [True, False])
+@pytest.mark.parametrize("match", [baselines.semi_global_matching, baselines.equalised_matching])
+def test_matches_a_shifted_pair(match, colour: bool) -> None:  # type: ignore[no-untyped-def]
+    right, left = shifted_pair(9, colour)
+    disparity = match(left, right, 20)
+    assert disparity.dtype == np.float32
+    inside = disparity[:, 40:-5]
+    assert np.isnan(disparity[:, :5]).all()
+    assert (np.abs(inside - (-9)) <= 0.5).mean() > 0.95 or (np.abs(inside - 9) <= 0.5).mean() > 0.95
+
+
+def test_equalisation_uses_the_whole_scale() -> None:
+    random = np.random.default_rng(1)
+    dull = random.integers(90, 130, (64, 96, 3)).astype(np.uint8)
+    full = baselines.equalise_channels(dull)
+    assert full.min() == 0
+    assert full.max() == 255
+    for method in (baselines.equalise_lightness, baselines.equalise_adaptively):
+        enhanced = method(dull)
+        lightness = metrics.lab(enhanced)[..., 0].std()
+        assert lightness > 1.5 * metrics.lab(dull)[..., 0].std()
+        assert enhanced.dtype == np.uint8
+
+
+def test_lightness_methods_keep_a_grey_image_grey() -> None:
+    ramp = np.tile(np.arange(80, 144, dtype=np.uint8), (64, 1))
+    grey = np.dstack([ramp] * 3)
+    enhanced = baselines.equalise_lightness(grey).astype(int)
+    assert np.abs(enhanced - enhanced[..., :1]).max() <= 2
+
+
+def test_clear_water_figures_on_aloe(shared_data) -> None:  # type: ignore[no-untyped-def]
+    scene = load_scene(shared_data / "middlebury" / "aloe")
+    size = (640, 480)
+    left, right = (
+        cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        for image in (scene.left, scene.right)
+    )
+    truth = cv2.resize(scene.disparity_left, size, interpolation=cv2.INTER_NEAREST)
+    truth *= 640 / scene.left.shape[1]
+    disparity = baselines.semi_global_matching(left, right, 128)
+    assert metrics.correct_fraction(disparity, truth) == pytest.approx(0.657, abs=0.01)
+    assert 1 - metrics.matched_fraction(disparity) == pytest.approx(0.297, abs=0.01)

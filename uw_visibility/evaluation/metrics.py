@@ -1,0 +1,219 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""How far results are from the truth: colours, disparities, estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uw_visibility.water.transfer import to_linear
+
+# Linear sRGB to CIE XYZ under D65, IEC 61966-2-1.
+XYZ_OF_RGB = np.array(
+    [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+)
+# CIE 15: constants of CIE 1976 L*a*b*.
+LAB_EDGE = 6 / 29
+DEPTH_EDGE = 2.0
+
+
+def lab(image: NDArray[np.generic], transfer: str = "srgb") -> NDArray[np.float64]:
+    """Convert RGB to CIE 1976 L*a*b*.
+
+    The primaries are sRGB's, and white, (1, 1, 1), is D65 and has L* = 100.
+
+    Parameters
+    ----------
+    image : (..., 3) ndarray of uint8, uint16 or float32
+        Code values; float32 is linear, 0..1.
+    transfer : str
+        ``"srgb"``: code values are shown on a display as they are, which is
+        how colour differences of pictures are usually given. ``"linear"``:
+        code values are proportional to light.
+
+    Returns
+    -------
+    (..., 3) float64 ndarray
+        L*, a*, b*.
+    """
+    light = to_linear(image, transfer).astype(np.float64)
+    ratio = light @ XYZ_OF_RGB.T / XYZ_OF_RGB.sum(axis=1)
+    root = np.where(
+        ratio > LAB_EDGE**3, np.cbrt(ratio), ratio / (3 * LAB_EDGE**2) + 4 / 29
+    )
+    x, y, z = root[..., 0], root[..., 1], root[..., 2]
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
+
+
+def colour_difference(
+    first: NDArray[np.generic], second: NDArray[np.generic], transfer: str = "srgb"
+) -> NDArray[np.float64]:
+    """CIE 1976 colour difference ΔE*ab of each pixel; 2.3 is just noticeable.
+
+    Parameters
+    ----------
+    first, second : (..., 3) ndarray of uint8, uint16 or float32
+        RGB images; see `lab`.
+    transfer : str
+        See `lab`.
+
+    Returns
+    -------
+    (...) float64 ndarray
+        ΔE*ab.
+    """
+    return np.asarray(np.linalg.norm(lab(first, transfer) - lab(second, transfer), axis=-1))
+
+
+def mean_colour_difference(
+    first: NDArray[np.generic],
+    second: NDArray[np.generic],
+    mask: NDArray[np.bool_] | None = None,
+    transfer: str = "srgb",
+) -> float:
+    """Mean of `colour_difference` over the image, or over a mask of it; NaN if that is empty."""
+    difference = colour_difference(first, second, transfer)
+    chosen = difference if mask is None else difference[mask]
+    return float(chosen.mean()) if chosen.size else float("nan")
+
+
+def matched_fraction(disparity: NDArray[np.float32]) -> float:
+    """Share of all pixels that have a disparity; what is missing to 1 is unmatched."""
+    return float(np.isfinite(disparity).mean())
+
+
+def correct_fraction(
+    disparity: NDArray[np.float32], truth: NDArray[np.float32], tolerance: float = 1.0
+) -> float:
+    """Share of correct disparities, of all pixels whose truth is known.
+
+    Parameters
+    ----------
+    disparity, truth : (H, W) float32 ndarray
+        px; NaN = unmatched or unknown.
+    tolerance : float
+        Largest error of a correct disparity, px.
+
+    Returns
+    -------
+    float
+        0..1; an unmatched pixel is not correct. NaN if no truth is known.
+    """
+    known = np.isfinite(truth)
+    if not known.any():
+        return float("nan")
+    return float((np.abs(disparity[known] - truth[known]) <= tolerance).mean())
+
+
+def bad_fraction(
+    disparity: NDArray[np.float32], truth: NDArray[np.float32], tolerance: float = 1.0
+) -> float:
+    """Share of wrong disparities, of the matched pixels whose truth is known; NaN if none is."""
+    both = np.isfinite(truth) & np.isfinite(disparity)
+    if not both.any():
+        return float("nan")
+    return float((np.abs(disparity[both] - truth[both]) > tolerance).mean())
+
+
+def error_percentiles(
+    values: ArrayLike, truth: ArrayLike, percentiles: Sequence[float] = (50, 90, 95)
+) -> tuple[float, ...]:
+    """Percentiles of the absolute error where both are finite; NaN if nowhere."""
+    error = np.abs(np.asarray(values, dtype=np.float64) - np.asarray(truth, dtype=np.float64))
+    error = error[np.isfinite(error)]
+    if not error.size:
+        return (float("nan"),) * len(percentiles)
+    return tuple(float(p) for p in np.percentile(error, percentiles))
+
+
+@dataclass(frozen=True)
+class Halo:
+    """Mean error near depth edges against that elsewhere.
+
+    Attributes
+    ----------
+    near, elsewhere : float
+        Mean errors; NaN where there is no such pixel.
+    """
+
+    near: float
+    elsewhere: float
+
+    @property
+    def ratio(self) -> float:
+        """near / elsewhere: 1 without halos."""
+        return self.near / self.elsewhere if self.elsewhere > 0 else float("nan")
+
+
+def depth_edges(
+    disparity: NDArray[np.float32], distance: int = 5, step: float = DEPTH_EDGE
+) -> NDArray[np.bool_]:
+    """Mark pixels near a jump of disparity.
+
+    Parameters
+    ----------
+    disparity : (H, W) float32 ndarray
+        True disparity, px; pixels that are NaN make no edge.
+    distance : int
+        How far from the jump, px.
+    step : float
+        Smallest difference of neighbours that is a jump, px.
+
+    Returns
+    -------
+    (H, W) bool ndarray
+    """
+    jump = np.zeros(disparity.shape, dtype=np.uint8)
+    with np.errstate(invalid="ignore"):
+        across = np.abs(np.diff(disparity, axis=1)) >= step
+        down = np.abs(np.diff(disparity, axis=0)) >= step
+    jump[:, 1:] |= across
+    jump[:, :-1] |= across
+    jump[1:] |= down
+    jump[:-1] |= down
+    size = 2 * distance - 1
+    return cv2.dilate(jump, np.ones((size, size), np.uint8)).astype(bool)
+
+
+def halo(
+    error: NDArray[np.floating], disparity: NDArray[np.float32], distance: int = 5
+) -> Halo:
+    """Compare an error near depth edges with that elsewhere.
+
+    Parameters
+    ----------
+    error : (H, W) ndarray
+        Error of each pixel, say `colour_difference`; NaN is left out.
+    disparity : (H, W) float32 ndarray
+        True disparity, px.
+    distance : int
+        What counts as near, px.
+    """
+    near = depth_edges(disparity, distance)
+    known = np.isfinite(error)
+    parts = (error[known & near], error[known & ~near])
+    return Halo(*(float(part.mean()) if part.size else float("nan") for part in parts))
+
+
+def normalised_errors(
+    estimates: ArrayLike, truth: ArrayLike, deviations: ArrayLike
+) -> NDArray[np.float64]:
+    """Errors over the standard deviations claimed for them, where all are finite.
+
+    Honest deviations give about 68 % within 1 and 95 % within 2.
+    """
+    difference = np.asarray(estimates, dtype=np.float64) - np.asarray(truth, dtype=np.float64)
+    sigma = np.broadcast_to(np.asarray(deviations, dtype=np.float64), difference.shape)
+    usable = np.isfinite(difference) & np.isfinite(sigma) & (sigma > 0)
+    return np.asarray(difference[usable] / sigma[usable])
+
+
+def fraction_within(errors: ArrayLike, sigmas: float) -> float:
+    """Share of normalised errors within so many standard deviations; NaN if there are none."""
+    values = np.abs(np.asarray(errors, dtype=np.float64))
+    return float((values <= sigmas).mean()) if values.size else float("nan")
