@@ -1,0 +1,58 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Pairs for the matcher that are exact by construction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from uw_visibility.parallel import Workers
+from uw_visibility.stereo.contrast import EvenContrast
+
+Image = NDArray[np.uint8]
+
+
+def make_texture(shape: tuple[int, int], seed: int = 0) -> Image:
+    """Return noise of several scales, (H, W) uint8."""
+    rng = np.random.default_rng(seed)
+    image = np.zeros(shape)
+    for scale in (1, 2, 4, 8):
+        small = rng.normal(size=(shape[0] // scale + 2, shape[1] // scale + 2))
+        image += np.kron(small, np.ones((scale, scale)))[: shape[0], : shape[1]] * scale**0.5
+    image -= image.min()
+    return (image * (255 / image.max())).astype(np.uint8)
+
+
+@pytest.fixture
+def texture() -> Callable[..., Image]:
+    """Maker of textures."""
+    return make_texture
+
+
+@pytest.fixture
+def shifted_pair() -> Callable[..., tuple[Image, Image]]:
+    """Maker of pairs of one plane parallel to the image."""
+
+    def make(
+        shape: tuple[int, int] = (96, 160), disparity: int = 12, seed: int = 0
+    ) -> tuple[Image, Image]:
+        wide = make_texture((shape[0], shape[1] + disparity), seed)
+        return wide[:, : shape[1]].copy(), wide[:, disparity:].copy()
+
+    return make
+
+
+@pytest.fixture
+def contrast_of() -> Callable[[Image], EvenContrast]:
+    """Maker of the raw contrast of an image."""
+
+    def make(image: Image) -> EvenContrast:
+        contrast = EvenContrast((image.shape[0], image.shape[1]))
+        contrast.stretch(image, Workers(1))
+        return contrast
+
+    return make

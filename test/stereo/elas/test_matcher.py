@@ -1,0 +1,96 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The matcher as a whole."""
+
+import numpy as np
+import pytest
+
+from uw_visibility.config import StereoConfig
+from uw_visibility.evaluation.baselines import semi_global_matching
+from uw_visibility.evaluation.degrade import load_scene
+from uw_visibility.parallel import Workers
+from uw_visibility.stereo.elas import Matcher
+
+
+def match(pair, contrast_of, disparities=(0, 40), threads=1):
+    left, right = pair
+    matcher = Matcher(left.shape[:2], disparities, StereoConfig(), Workers(threads))
+    matcher.describe(contrast_of(left), contrast_of(right))
+    return matcher.dense_disparity(matcher.support_points())
+
+
+def step_pair(texture, near=20, far=8):
+    """A square before a wall, with true occlusions."""
+    wall = texture((120, 240), 1)
+    square = texture((60, 80), 2)
+    left, right = wall[:, :200].copy(), wall[:, far : 200 + far].copy()
+    left[30:90, 70:150] = square
+    right[30:90, 70 - near : 150 - near] = square
+    truth = np.full(left.shape, far, np.float32)
+    truth[30:90, 70:150] = near
+    return (left, right), truth
+
+
+def test_both_sides_of_a_depth_step_are_found(texture, contrast_of):
+    pair, truth = step_pair(texture)
+    disparity = match(pair, contrast_of).left
+    matched = np.isfinite(disparity)
+    inner = np.zeros_like(matched)
+    inner[35:85, 75:145] = True
+    inner[:, 10:45] = True
+    assert matched[inner].mean() > 0.97
+    assert np.mean(np.abs(disparity - truth)[matched & inner] <= 0.5) > 0.99
+    # Left of the square the wall is hidden from the right camera.
+    assert matched[40:80, 60:68].mean() < 0.5
+
+
+def test_the_right_view_agrees_with_the_left(texture, contrast_of):
+    pair, _ = step_pair(texture)
+    match_both = match(pair, contrast_of)
+    v, u = np.nonzero(np.isfinite(match_both.left))
+    d = match_both.left[v, u]
+    there = match_both.right[v, np.clip(np.round(u - d).astype(int), 0, None)]
+    assert np.nanmean(np.abs(there - d) <= 1) > 0.97
+
+
+def test_an_untextured_pair_matches_nothing(contrast_of):
+    flat = np.full((96, 160), 120, np.uint8)
+    match_both = match((flat, flat), contrast_of)
+    assert np.isnan(match_both.left).all()
+    assert np.isnan(match_both.right).all()
+
+
+def test_threads_do_not_change_a_bit(texture, contrast_of):
+    pair, _ = step_pair(texture)
+    one, four = match(pair, contrast_of), match(pair, contrast_of, threads=4)
+    np.testing.assert_array_equal(one.left, four.left)
+    np.testing.assert_array_equal(one.right, four.right)
+
+
+def test_memory_of_one_pair_does_not_leak_into_the_next(texture, contrast_of):
+    pair, _ = step_pair(texture)
+    other = tuple(np.ascontiguousarray(image[::-1]) for image in pair)
+    matcher = Matcher(pair[0].shape, (0, 40), StereoConfig(), Workers(2))
+
+    def run(images):
+        matcher.describe(contrast_of(images[0]), contrast_of(images[1]))
+        return matcher.dense_disparity(matcher.support_points()).left
+
+    first = run(pair)
+    run(other)
+    np.testing.assert_array_equal(run(pair), first)
+
+
+@pytest.mark.parametrize("name", ["art", "dolls", "moebius"])
+def test_more_is_right_than_by_semi_global_matching(shared_data, contrast_of, name):
+    """On scenes in air with known disparity, at the same search range."""
+    scene = load_scene(shared_data / "middlebury" / name)
+    left, right = scene.left, scene.right
+    ours = match((left, right), contrast_of, (0, 95), threads=2).left
+    peer = semi_global_matching(left, right, 96)
+
+    def correct(disparity):
+        with np.errstate(invalid="ignore"):
+            return np.mean((np.abs(disparity - scene.disparity_left) <= 1)[scene.known])
+
+    assert correct(ours) > correct(peer) + 0.03

@@ -1,0 +1,73 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Support points: found where they can be, and only there."""
+
+import numpy as np
+
+from uw_visibility.config import StereoConfig
+from uw_visibility.parallel import Workers
+from uw_visibility.stereo.elas.matcher import Matcher
+from uw_visibility.stereo.elas.support import vertex_of_parabola
+
+
+def search(pair, contrast_of, disparities=(0, 40), threads=1, **config):
+    left, right = pair
+    matcher = Matcher(left.shape, disparities, StereoConfig(**config), Workers(threads))
+    matcher.describe(contrast_of(left), contrast_of(right))
+    return matcher.support_points()
+
+
+def test_a_textured_plane_gives_its_disparity_nearly_everywhere(shifted_pair, contrast_of):
+    support = search(shifted_pair(disparity=12), contrast_of)
+    assert len(support) > 0.8 * (96 // 5) * ((160 - 12) // 5)
+    np.testing.assert_allclose(support.points[:, 2], 12, atol=0.5)
+    assert np.mean(np.abs(support.points[:, 2] - 12) < 0.1) > 0.95
+
+
+def test_a_half_pixel_is_seen(texture, contrast_of):
+    """The left view is the mean of two shifts: half way between them."""
+    wide = texture((96, 400))
+    smooth = wide.astype(float)
+    smooth = (np.roll(smooth, 1, 1) + 2 * smooth + np.roll(smooth, -1, 1)) / 4
+    fine = np.repeat(smooth, 2, 1)
+    left = fine[:, 2:322:2].astype(np.uint8)
+    shifted = (fine[:, 21:341:2] + fine[:, 22:342:2]) / 2
+    support = search((left, shifted.astype(np.uint8)), contrast_of)
+    assert 9.3 < np.median(support.points[:, 2]) < 10.2
+    assert abs(np.median(support.points[:, 2]) - 9.75) < 0.35
+
+
+def test_nothing_is_found_without_texture(contrast_of):
+    flat = np.full((96, 160), 90, np.uint8)
+    assert len(search((flat, flat), contrast_of)) == 0
+
+
+def test_nothing_is_found_between_unrelated_images(texture, contrast_of):
+    support = search((texture((96, 160), 1), texture((96, 160), 2)), contrast_of)
+    assert len(support) <= 0.01 * (96 // 5) * (160 // 5)
+
+
+def test_a_pattern_that_repeats_is_refused(texture, contrast_of):
+    """Two disparities fit equally well: neither may be taken."""
+    tile = texture((96, 16))
+    pattern = np.tile(tile, (1, 12))
+    left, right = pattern[:, :160].copy(), pattern[:, 8:168].copy()
+    assert len(search((left, right), contrast_of)) == 0
+
+
+def test_negative_disparities_are_not_matched(shifted_pair, contrast_of):
+    left, right = shifted_pair(disparity=12)
+    assert len(search((right, left), contrast_of)) <= 5
+
+
+def test_threads_do_not_change_a_bit(shifted_pair, contrast_of):
+    pair = shifted_pair(disparity=9, seed=4)
+    one, three = search(pair, contrast_of), search(pair, contrast_of, threads=3)
+    np.testing.assert_array_equal(one.points, three.points)
+    np.testing.assert_array_equal(one.vertices, three.vertices)
+
+
+def test_parabola_finds_its_vertex():
+    costs = [(d - 0.3) ** 2 for d in (-1, 0, 1)]
+    assert abs(vertex_of_parabola(*costs) - 0.3) < 1e-12
+    assert vertex_of_parabola(1.0, 1.0, 1.0) == 0.0
