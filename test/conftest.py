@@ -5,6 +5,11 @@
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The first example of a compiled kernel includes its compilation.
+settings.register_profile("project", deadline=None)
+settings.load_profile("project")
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from uw_visibility.parallel import Workers
 
+# Widths and heights of the image around it in which the mesh is built.
+_FRAME = 20
+
 
 def in_right_view(points: NDArray[np.float32]) -> NDArray[np.float32]:
     """Move support points to where the right view sees them; of two at one pixel the nearer stays.
@@ -79,7 +82,10 @@ def triangulate(points: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[
     height, width = shape
     if len(points) < 3:
         return np.empty((0, 3, 3), np.float32)
-    subdivision = cv2.Subdiv2D((0, 0, width, height))
+    # The subdivision starts from one large triangle around this frame, and the
+    # larger it is, the less of the points' hull is lost to its corners.
+    subdivision = cv2.Subdiv2D((-_FRAME * width, -_FRAME * height,
+                                (2 * _FRAME + 1) * width, (2 * _FRAME + 1) * height))
     subdivision.insert(np.ascontiguousarray(points[:, :2]))
     corners = np.asarray(subdivision.getTriangleList(), np.float32).reshape(-1, 3, 2)
     inside = np.all(
