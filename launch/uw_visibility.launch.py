@@ -7,10 +7,11 @@ from __future__ import annotations
 from typing import Any
 
 from ament_index_python.packages import get_package_share_path
-from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+
+from launch import LaunchContext, LaunchDescription
 
 PACKAGE = "uw_visibility"
 

@@ -190,7 +190,7 @@ def test_limits_and_step_of_the_disparity_are_true(make: MessageFactory) -> None
     published = disparities(message)
     valid = published[published >= message.min_disparity]
     assert (message.min_disparity, message.max_disparity) == (0.0, 32.0 - RIG.offset)
-    assert 0.0 < valid.min() and valid.max() <= message.max_disparity
+    assert valid.min() > 0.0 and valid.max() <= message.max_disparity
     assert np.array_equal(valid % message.delta_d, np.zeros_like(valid))
     assert (published[published < message.min_disparity] == message.min_disparity - 1).all()
     shifted = build(make, result(min_disparity=8))["disparity"]

@@ -70,13 +70,13 @@ class FrameProcessor:
         Raises
         ------
         InputError
-            If the frame cannot be used.
+            If the frame cannot be used, or shows nothing that could be matched.
         """
         pair = self.reader.read(frame)
         wanted = (pair.rig, pipeline_config)
         if self._pipeline is None or wanted != self._made_for:
             self._pipeline = Pipeline(*wanted)
             self._made_for = wanted
-        result = self._pipeline.process(pair.left, pair.right)
+        result = self._pipeline.process(pair.left, pair.right, valid=pair.valid)
         source = Source(self._make, frame, pair, result, node_config)
         return result, build_messages(source, topics)

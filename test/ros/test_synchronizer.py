@@ -17,23 +17,29 @@ from uw_visibility.ros.synchronizer import Synchronizer
 
 
 def image(seconds: float) -> SimpleNamespace:
+    """Make what has a stamp: an image, or a CameraInfo."""
     nanoseconds = round(seconds * 1e9)
     stamp = SimpleNamespace(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
     return SimpleNamespace(header=SimpleNamespace(stamp=stamp), seconds=seconds)
 
 
+LEFT_INFO, RIGHT_INFO = image(0.0), image(0.0)
+
+
 def synchronizer(tolerance: float = 0.0, queue_size: int = 10) -> Synchronizer:
     """Make one that has its CameraInfo."""
     result = Synchronizer(SynchronizationConfig(tolerance=tolerance, queue_size=queue_size))
-    result.add_info("left", "left info")
-    result.add_info("right", "right info")
+    result.add_info("left", LEFT_INFO)
+    result.add_info("right", RIGHT_INFO)
     return result
 
 
 def feed(sync: Synchronizer, *arrivals: tuple[str, float]) -> list[tuple[float, float]]:
     """Add images; return the stamps of the frames."""
-    frames = [sync.add_image(side, image(seconds)) for side, seconds in arrivals]
-    return [(f.left.seconds, f.right.seconds) for f in frames if f is not None]
+    return [
+        (frame.left.seconds, frame.right.seconds)
+        for side, seconds in arrivals for frame in sync.add_image(side, image(seconds))
+    ]
 
 
 def test_equal_stamps_make_a_frame_in_either_order() -> None:
@@ -49,7 +55,7 @@ def test_frame_holds_the_messages_themselves() -> None:
     sync = synchronizer()
     left, right = image(1.0), image(1.0)
     sync.add_image("left", left)
-    assert sync.add_image("right", right) == StereoFrame(left, right, "left info", "right info")
+    assert sync.add_image("right", right) == [StereoFrame(left, right, LEFT_INFO, RIGHT_INFO)]
 
 
 def test_without_tolerance_stamps_must_be_equal() -> None:
@@ -85,23 +91,67 @@ def test_tolerance_can_change_between_images() -> None:
 
 def test_late_camera_info_completes_the_newest_pair() -> None:
     sync = Synchronizer(SynchronizationConfig())
-    sync.add_info("left", "left info")
+    sync.add_info("left", LEFT_INFO)
     assert feed(sync, ("left", 1.0), ("right", 1.0), ("left", 2.0), ("right", 2.0)) == []
     assert sync.dropped == {
         "left image while there is no right/camera_info": 1,
         "right image while there is no right/camera_info": 1,
     }
-    frame = sync.add_info("right", "right info")
-    assert frame is not None and frame.left.seconds == 2.0
-    assert sync.add_info("right", "right info") is None
+    assert [frame.left.seconds for frame in sync.add_info("right", RIGHT_INFO)] == [2.0]
+    assert sync.add_info("right", RIGHT_INFO) == []
 
 
-def test_newest_camera_info_is_used() -> None:
+def test_camera_info_without_the_images_stamp_is_the_newest_one() -> None:
     sync = synchronizer()
-    sync.add_info("left", "new info")
+    newest = image(0.5)
+    sync.add_info("left", newest)
+    sync.add_info("left", image(0.4))
+    sync.add_info("left", newest)
     sync.add_image("left", image(1.0))
-    frame = sync.add_image("right", image(1.0))
-    assert frame is not None and frame.left_info == "new info"
+    assert sync.add_image("right", image(1.0))[0].left_info is newest
+
+
+def test_frames_have_the_camera_info_of_their_own_stamp_however_late() -> None:
+    sync = synchronizer()
+    frames = []
+    for second in range(1, 6):
+        frames += sync.add_info("left", image(second))
+        for side in ("left", "right"):
+            frames += sync.add_image(side, image(second))
+        frames += sync.add_info("right", image(second))
+    # Only the first frame could not know that more would come.
+    assert [frame.left.seconds for frame in frames] == [1, 2, 3, 4, 5]
+    assert [frame.left_info.seconds for frame in frames] == [1, 2, 3, 4, 5]
+    assert [frame.right_info.seconds for frame in frames] == [0, 2, 3, 4, 5]
+    assert not sync.dropped
+
+
+def test_camera_info_that_stops_coming_is_waited_for_once() -> None:
+    sync = synchronizer()
+    for side in ("left", "right"):
+        sync.add_info(side, image(1.0))
+    assert feed(sync, ("left", 1.0), ("right", 1.0)) == [(1.0, 1.0)]
+    assert feed(sync, ("left", 2.0), ("right", 2.0)) == []
+    assert feed(sync, ("left", 3.0), ("right", 3.0)) == [(2.0, 2.0), (3.0, 3.0)]
+    assert feed(sync, ("left", 4.0), ("right", 4.0)) == [(4.0, 4.0)]
+
+
+def test_lost_camera_info_does_not_hold_up_the_last_pair() -> None:
+    sync = synchronizer()
+    for side in ("left", "right"):
+        sync.add_info(side, image(1.0))
+    feed(sync, ("left", 1.0), ("right", 1.0), ("left", 2.0), ("right", 2.0))
+    assert sync.end_wait() == []
+    assert [frame.left.seconds for frame in sync.end_wait()] == [2.0]
+    assert sync.end_wait() == []
+
+
+def test_pair_that_has_no_camera_info_at_all_goes_on_waiting() -> None:
+    sync = Synchronizer(SynchronizationConfig())
+    feed(sync, ("left", 1.0), ("right", 1.0))
+    assert sync.end_wait() == sync.end_wait() == []
+    sync.add_info("left", LEFT_INFO)
+    assert len(sync.add_info("right", RIGHT_INFO)) == 1
 
 
 @pytest.mark.parametrize(("arrivals", "dropped"), [
@@ -171,8 +221,7 @@ def test_every_image_is_used_waits_or_is_counted(
     if informed:
         sync = synchronizer(tolerance, queue_size)
     for side, seconds in arrivals:
-        frame = sync.add_image(side, image(seconds))
-        if frame is not None:
+        for frame in sync.add_image(side, image(seconds)):
             assert abs(frame.left.seconds - frame.right.seconds) <= tolerance + 1e-9
         assert sync.waiting <= 2 * queue_size + 2
     used = 2 * sync.frames

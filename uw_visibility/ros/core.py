@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
@@ -30,13 +31,15 @@ from uw_visibility.ros.worker import NewestWorker
 from uw_visibility.stereo.rig import StereoRig
 
 OUTPUT_DEPTH = 10
+# A pair waits for CameraInfo of its own stamp for one to two of these, s.
+CAMERA_INFO_PERIOD = 0.1
 QOS_POLICIES = (
     QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY,
 )
 
 # Kernels are compiled once per type of pixel, not per size or rig.
 WARM_UP_RIG = StereoRig(500.0, 0.1, (319.5, 239.5))
-WARM_UP_SHAPE = (480, 640, 3)
+WARM_UP_SHAPE = (480, 640)
 
 
 class NodeCore:
@@ -73,15 +76,20 @@ class NodeCore:
         self._node = node
         self._log = node.get_logger()
         self.parameters = NodeParameters(node)
-        self.failures = ReasonLog(self._log.error)
+        # rclpy ties a severity to the line that logs, so each log has a line of its own.
+        self.failures = ReasonLog(lambda line: self._log.error(line))
         self.processed = 0
-        self._drops = ReasonLog(self._log.warning)
+        self._drops = ReasonLog(lambda line: self._log.warning(line))
         self._calibrations = 0
         self.synchronizer = Synchronizer(self._settings.node.synchronization, self._report_drop)
         self._processor = FrameProcessor(make_message, self._settings.node.rectify)
         self._publishers = self._create_publishers()
         self._create_subscriptions()
         check_qos_overrides(node)
+        # The time that a CameraInfo takes is the network's, not the recording's.
+        node.create_timer(
+            CAMERA_INFO_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
         self.worker = NewestWorker(self._process, self._warm_up)
         self.worker.start()
 
@@ -123,8 +131,11 @@ class NodeCore:
     def _on_info(self, side: str, message: CameraInfo) -> None:
         self._offer(self.synchronizer.add_info(side, message))
 
-    def _offer(self, frame: StereoFrame | None) -> None:
-        if frame is not None:
+    def _on_timer(self) -> None:
+        self._offer(self.synchronizer.end_wait())
+
+    def _offer(self, frames: list[StereoFrame]) -> None:
+        for frame in frames:
             self.worker.offer(frame)
 
     def _report_drop(self, reason: str) -> None:
@@ -144,26 +155,30 @@ class NodeCore:
         self._log.info(f"ready after {time.monotonic() - started:.1f} s: waiting for images")
 
     def _process(self, frame: StereoFrame) -> None:
-        settings = self._settings
         try:
-            _, messages = self._processor.process(
-                frame, settings.pipeline, settings.node, self._wanted_topics()
-            )
+            self._answer(frame)
         except InputError as error:
             self.failures.add(f"dropped a frame: {error}")
-            return
         except Exception as error:
             # Whatever went wrong costs this frame, not the node.
+            if self.worker.stopping:
+                return
             place = traceback.extract_tb(error.__traceback__)[-1]
             kind = f"{type(error).__name__} at {place.filename}:{place.lineno}"
             self.failures.add(f"lost a frame to {kind}", f"\n{traceback.format_exc()}")
-            return
+
+    def _answer(self, frame: StereoFrame) -> None:
+        settings = self._settings
+        _, messages = self._processor.process(
+            frame, settings.pipeline, settings.node, self._wanted_topics()
+        )
         if self._processor.reader.calibrations != self._calibrations:
             self._report_calibration()
-        if not self.worker.stopping:
-            for topic, message in messages.items():
-                self._publishers[topic].publish(message)
-            self.processed += 1
+        if self.worker.stopping:
+            return
+        for topic, message in messages.items():
+            self._publishers[topic].publish(message)
+        self.processed += 1
 
     def _wanted_topics(self) -> list[str]:
         """Return the topics to publish: estimates always, images where someone listens."""

@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter
 from uw_visibility.config import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.parameters import ParameterInfo, describe
+from uw_visibility.water.optics import load_response
 
 TYPES = {
     bool: Parameter.Type.BOOL,
@@ -40,8 +41,17 @@ class Settings:
 
     @classmethod
     def from_values(cls, values: dict[str, Any]) -> Settings:
-        """Check values by dotted name and make them settings; see `InputError`."""
-        return cls(PipelineConfig.from_parameters(values), NodeConfig.from_parameters(values))
+        """Make settings of values by dotted name.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown, a value is not allowed, or a table that is
+            named cannot be loaded.
+        """
+        settings = cls(PipelineConfig.from_parameters(values), NodeConfig.from_parameters(values))
+        load_response(settings.pipeline.camera.response)
+        return settings
 
 
 class NodeParameters:

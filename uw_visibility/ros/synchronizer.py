@@ -20,12 +20,14 @@ RESTART_NANOSECONDS = 1_000_000_000
 
 
 class Synchronizer:
-    """Pairs images by their stamps and adds the newest CameraInfo of each side.
+    """Pairs images by their stamps and adds each side's CameraInfo.
 
     An image is paired as soon as a partner within the tolerance is there: the
-    nearest of those that wait. A pair whose CameraInfo has not come yet waits
-    for it, one pair at most. Every image leaves as part of a frame or is
-    counted in `dropped`, and what waits is bounded.
+    nearest of those that wait. Where a camera sends a CameraInfo with every
+    image, a pair waits for those of its own stamps, until the next pair or
+    `end_wait` at the latest; where it does not, the newest one is taken at once. Every image
+    leaves as part of a frame or is counted in `dropped`, and what waits is
+    bounded.
 
     Parameters
     ----------
@@ -61,16 +63,20 @@ class Synchronizer:
         self.restarts = 0
         # By stamp, in the order of arrival.
         self._waiting: dict[str, dict[int, Any]] = {side: {} for side in SIDES}
-        self._infos: dict[str, Any] = {}
-        self._pair: tuple[Any, Any] | None = None
+        self._infos: dict[str, dict[int, Any]] = {side: {} for side in SIDES}
+        self._pair: dict[str, Any] | None = None
+        self._waited: dict[str, Any] | None = None
         self._last: int | None = None
+        # Stamps of the last frame, to see whether CameraInfo comes with every image.
+        self._sent: dict[str, int] = {}
+        self._with_every_image = dict.fromkeys(SIDES, False)
 
     @property
     def waiting(self) -> int:
         """Images that wait, for a partner or for their CameraInfo."""
         return sum(map(len, self._waiting.values())) + (2 if self._pair else 0)
 
-    def add_info(self, side: str, info: Any) -> StereoFrame | None:
+    def add_info(self, side: str, info: Any) -> list[StereoFrame]:
         """Take a CameraInfo.
 
         Parameters
@@ -82,14 +88,22 @@ class Synchronizer:
 
         Returns
         -------
-        StereoFrame or None
-            A frame that waited for this message.
+        list of StereoFrame
+            The frame that waited for this message, or nothing.
         """
         self.received[f"{side} info"] += 1
-        self._infos[side] = info
-        return self._complete()
+        stamp = stamp_to_nanoseconds(info.header.stamp)
+        infos = self._infos[side]
+        # Taken out first, so that the newest arrival is always the last one.
+        infos.pop(stamp, None)
+        infos[stamp] = info
+        while len(infos) > self.config.queue_size:
+            del infos[next(iter(infos))]
+        if stamp == self._sent.get(side):
+            self._with_every_image[side] = True
+        return self._release(at_once=False)
 
-    def add_image(self, side: str, image: Any) -> StereoFrame | None:
+    def add_image(self, side: str, image: Any) -> list[StereoFrame]:
         """Take an image.
 
         Parameters
@@ -101,26 +115,40 @@ class Synchronizer:
 
         Returns
         -------
-        StereoFrame or None
-            The frame that it completes.
+        list of StereoFrame
+            The frame that it completes, after one that it ends the wait of.
         """
         self.received[side] += 1
         stamp = stamp_to_nanoseconds(image.header.stamp)
         reason = self._refusal(side, stamp)
         if reason:
             self._drop(f"{side} image {reason}")
-            return None
+            return []
         other = SIDES[side == "left"]
         partner = self._partner(other, stamp)
         if partner is None:
             self._wait(side, stamp, image)
-            return None
+            return []
         pair = {side: image, other: self._waiting[other].pop(partner)}
         self._advance(min(stamp, partner))
-        if self._pair is not None:
-            self._drop_pair()
-        self._pair = (pair["left"], pair["right"])
-        return self._complete()
+        frames = self._release(at_once=True)
+        self._pair = pair
+        return frames + self._release(at_once=False)
+
+    def end_wait(self) -> list[StereoFrame]:
+        """Release a pair that was there at the last call already, with the newest CameraInfo.
+
+        Called from time to time, so that a CameraInfo that was lost does not
+        hold up the last pair of a sequence.
+
+        Returns
+        -------
+        list of StereoFrame
+            The frame, or nothing.
+        """
+        waited, self._waited = self._waited, self._pair
+        known = all(self._infos.values())
+        return self._release(at_once=True) if known and waited is self._pair else []
 
     def _refusal(self, side: str, stamp: int) -> str:
         if stamp == 0:
@@ -156,24 +184,40 @@ class Synchronizer:
             self.restarts += 1
         self._last = stamp
         for side, queue in self._waiting.items():
-            late = [other for other in queue if restarted or other < stamp]
-            for other in late:
+            for other in [other for other in queue if restarted or other < stamp]:
                 del queue[other]
                 self._drop(f"{side} image unmatched")
 
-    def _complete(self) -> StereoFrame | None:
-        if self._pair is None or any(side not in self._infos for side in SIDES):
-            return None
-        left, right = self._pair
-        self._pair = None
-        self.frames += 1
-        return StereoFrame(left, right, self._infos["left"], self._infos["right"])
-
-    def _drop_pair(self) -> None:
-        missing = " and ".join(f"{side}/camera_info" for side in SIDES if side not in self._infos)
-        self._pair = None
+    def _release(self, at_once: bool) -> list[StereoFrame]:
+        """Return the pair that waits with its CameraInfo, if that is there or not waited for."""
+        if self._pair is None:
+            return []
+        missing = [side for side in SIDES if not self._infos[side]]
+        if missing:
+            if at_once:
+                self._drop_pair(missing)
+            return []
+        stamps = {side: stamp_to_nanoseconds(self._pair[side].header.stamp) for side in SIDES}
+        late = [side for side in SIDES if stamps[side] not in self._infos[side]]
+        if not at_once and any(self._with_every_image[side] for side in late):
+            return []
         for side in SIDES:
-            self._drop(f"{side} image while there is no {missing}")
+            self._with_every_image[side] = side not in late
+        infos = {
+            side: self._infos[side].get(stamps[side]) or next(reversed(self._infos[side].values()))
+            for side in SIDES
+        }
+        frame = StereoFrame(self._pair["left"], self._pair["right"], infos["left"], infos["right"])
+        self._pair = None
+        self._sent = stamps
+        self.frames += 1
+        return [frame]
+
+    def _drop_pair(self, missing: list[str]) -> None:
+        self._pair = None
+        names = " and ".join(f"{side}/camera_info" for side in missing)
+        for side in SIDES:
+            self._drop(f"{side} image while there is no {names}")
 
     def _drop(self, reason: str) -> None:
         self.dropped[reason] += 1

@@ -1,0 +1,291 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""A node in a process of its own, and a client that feeds and hears it."""
+
+from __future__ import annotations
+
+import array
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from uw_visibility.messages import stamp_to_nanoseconds
+from uw_visibility.outputs import TOPICS
+from uw_visibility.water.light_model import attenuate
+
+# Two test runs on one machine must not meet.
+DOMAIN = 1 + os.getpid() % 99
+ENVIRONMENT = {
+    **os.environ,
+    "ROS_DOMAIN_ID": str(DOMAIN),
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    "PYTHONUNBUFFERED": "1",
+}
+
+# The first start compiles every kernel.
+READY_TIMEOUT = 300.0
+RESULT_TIMEOUT = 20.0
+
+WIDTH, HEIGHT, FOCAL, BASELINE, CENTRE = 160, 120, 200.0, 0.1, (79.5, 59.5)
+
+
+@dataclass(frozen=True)
+class KnownScene:
+    """A sloping sea floor whose disparity, water and images are known."""
+
+    left: np.ndarray
+    right: np.ndarray
+    disparity: np.ndarray
+    attenuation: np.ndarray
+    ambient_light: np.ndarray
+
+
+def make_scene() -> KnownScene:
+    generator = np.random.default_rng(11)
+    columns = np.arange(WIDTH)
+    rows = np.repeat(np.linspace(5.0, 24.0, HEIGHT)[:, None], WIDTH, axis=1)
+    fine = generator.random((HEIGHT, WIDTH + 40, 3))
+    coarse = np.kron(generator.random((HEIGHT // 8, WIDTH // 8 + 5, 3)), np.ones((8, 8, 1)))
+    texture = np.clip(1.6 * (0.5 * fine + 0.5 * coarse) - 0.3, 0.0, 1.0)
+    right = np.stack([
+        np.stack([np.interp(columns + d, np.arange(WIDTH + 40), c) for c in row.T], -1)
+        for row, d in zip(texture, rows[:, 0], strict=True)
+    ])
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    ray = np.sqrt(1 + ((x - CENTRE[0]) / FOCAL) ** 2 + ((y - CENTRE[1]) / FOCAL) ** 2)
+    ranges = (FOCAL * BASELINE / rows * ray).astype(np.float32)
+    attenuation, ambient_light = np.array([0.6, 0.4, 0.3]), np.array([0.4, 0.55, 0.6])
+    images = [
+        np.round(255 * attenuate(radiance.astype(np.float32), ranges, attenuation, ambient_light))
+        .clip(0, 255).astype(np.uint8)
+        for radiance in (texture[:, :WIDTH], right)
+    ]
+    return KnownScene(*images, rows, attenuation, ambient_light)
+
+
+class NodeProcess:
+    """The real node, started as a user would start it."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self._log = folder / f"node_{time.monotonic_ns()}.log"
+        command = [sys.executable, "-m", "uw_visibility.ros.node"]
+        if arguments:
+            command += ["--ros-args", *arguments]
+        with self._log.open("w") as output:
+            self.process = subprocess.Popen(
+                command, stdout=output, stderr=subprocess.STDOUT, env=ENVIRONMENT,
+                cwd=Path(__file__).resolve().parents[2],
+            )
+
+    @property
+    def log(self) -> str:
+        return self._log.read_text()
+
+    def wait_for(self, text: str, timeout: float = RESULT_TIMEOUT) -> None:
+        """Wait until the node logs a text."""
+        end = time.monotonic() + timeout
+        while text not in self.log:
+            assert self.process.poll() is None, f"the node has ended:\n{self.log}"
+            assert time.monotonic() < end, f"{text!r} did not appear in:\n{self.log}"
+            time.sleep(0.02)
+
+    def stop(self, number: int = signal.SIGINT) -> tuple[int, float]:
+        """Signal the node; return its exit code and how long it took, s."""
+        started = time.monotonic()
+        self.process.send_signal(number)
+        return self.process.wait(timeout=20), time.monotonic() - started
+
+    def kill(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+
+class Client:
+    """Publishes stereo frames to a node and collects what comes back."""
+
+    def __init__(self, inputs: dict[str, str], outputs: tuple[str, ...] | None = None) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.qos import QoSProfile
+        from sensor_msgs.msg import CameraInfo, Image
+
+        from uw_visibility.ros.factory import message_type
+
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=DOMAIN)
+        self.node = rclpy.create_node("client", context=self.context)
+        self.received: dict[str, list[Any]] = {topic: [] for topic in outputs or TOPICS}
+        types = {"image": Image, "camera_info": CameraInfo}
+        self.publishers = {
+            name: self.node.create_publisher(types[name.split("/")[1]], topic, QoSProfile(depth=50))
+            for name, topic in inputs.items()
+        }
+        for topic, messages in self.received.items():
+            self.node.create_subscription(
+                message_type(TOPICS[topic]), topic, messages.append, QoSProfile(depth=50)
+            )
+        self._seconds = 100
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self._thread.join(10)
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def wait(self, done: Callable[[], bool], what: str, timeout: float = RESULT_TIMEOUT) -> None:
+        end = time.monotonic() + timeout
+        while not done():
+            assert time.monotonic() < end, f"{what} did not happen"
+            time.sleep(0.01)
+
+    def connect(self, *frame: Any) -> None:
+        """Publish a frame until the node answers it, so that nothing later is lost."""
+        for _ in range(100):
+            stamp = self.publish(*frame)
+            try:
+                self.wait(lambda: self.has("disparity", stamp), "an answer", timeout=2.0)
+            except AssertionError:
+                continue
+            time.sleep(0.3)
+            for messages in self.received.values():
+                messages.clear()
+            return
+        raise AssertionError("the node did not answer")
+
+    def next_stamp(self) -> int:
+        self._seconds += 1
+        return self._seconds
+
+    def publish(
+        self, left: Any, right: Any, left_info: Any, right_info: Any, stamp: int | None = None
+    ) -> int:
+        """Publish a stereo frame; return its stamp in s."""
+        stamp = self.next_stamp() if stamp is None else stamp
+        messages = {
+            "left/camera_info": left_info, "right/camera_info": right_info,
+            "left/image": left, "right/image": right,
+        }
+        for name, message in messages.items():
+            message.header.stamp.sec, message.header.stamp.nanosec = stamp, 5
+            message.header.frame_id = f"{name.split('/')[0]}_camera"
+            self.publishers[name].publish(message)
+        return stamp
+
+    def has(self, topic: str, stamp: int) -> bool:
+        return any(m.header.stamp.sec == stamp for m in list(self.received[topic]))
+
+    def result(self, stamp: int, *topics: str) -> list[Any]:
+        """Wait for the messages of topics with a stamp, and return them."""
+        self.wait(
+            lambda: all(self.has(topic, stamp) for topic in topics), f"{topics} of {stamp}"
+        )
+        return [
+            next(m for m in self.received[topic] if m.header.stamp.sec == stamp)
+            for topic in topics
+        ]
+
+    def stamps(self, topic: str) -> list[int]:
+        return [stamp_to_nanoseconds(m.header.stamp) for m in self.received[topic]]
+
+
+def image_message(pixels: np.ndarray, encoding: str, **changes: Any) -> Any:
+    """Make an Image message of an array in the encoding's own layout."""
+    from sensor_msgs.msg import Image
+
+    pixels = np.ascontiguousarray(pixels)
+    fields = {
+        "height": pixels.shape[0], "width": pixels.shape[1], "encoding": encoding,
+        "step": pixels.strides[0], "data": array.array("B", pixels.tobytes()),
+    }
+    return Image(**(fields | changes))
+
+
+def info_message(side: str, offset: float = 0.0, **changes: Any) -> Any:
+    """Make the CameraInfo of the known scene; cx of the right camera is less by an offset."""
+    from sensor_msgs.msg import CameraInfo
+
+    right = side == "right"
+    cx = CENTRE[0] - (offset if right else 0.0)
+    fields = {
+        "width": WIDTH, "height": HEIGHT, "distortion_model": "plumb_bob",
+        "d": [0.0] * 5, "r": np.eye(3).ravel(),
+        "k": [FOCAL, 0.0, cx, 0.0, FOCAL, CENTRE[1], 0.0, 0.0, 1.0],
+        "p": [
+            FOCAL, 0.0, cx, -FOCAL * BASELINE if right else 0.0,
+            0.0, FOCAL, CENTRE[1], 0.0, 0.0, 0.0, 1.0, 0.0,
+        ],
+    }
+    return CameraInfo(**(fields | changes))
+
+
+@pytest.fixture(scope="session")
+def scene() -> KnownScene:
+    """Return the known scene."""
+    return make_scene()
+
+
+@pytest.fixture(scope="module")
+def start_node(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., NodeProcess]]:
+    """Start nodes in processes of their own; they end with the module."""
+    pytest.importorskip("rclpy", reason="ROS is not installed")
+    nodes: list[NodeProcess] = []
+
+    def start(*arguments: str, ready: bool = True) -> NodeProcess:
+        nodes.append(NodeProcess(tmp_path_factory.mktemp("node"), *arguments))
+        if ready:
+            nodes[-1].wait_for("ready after", READY_TIMEOUT)
+        return nodes[-1]
+
+    yield start
+    for node in nodes:
+        node.kill()
+
+
+@pytest.fixture(scope="module")
+def make_client() -> Iterator[Callable[..., Client]]:
+    """Make clients; they end with the module."""
+    pytest.importorskip("rclpy", reason="ROS is not installed")
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    clients: list[Client] = []
+
+    def make(
+        inputs: dict[str, str] | None = None, outputs: tuple[str, ...] | None = None
+    ) -> Client:
+        topics = inputs or {
+            f"{side}/{name}": f"{side}/{topic}"
+            for side in ("left", "right")
+            for name, topic in (("image", "image_rect"), ("camera_info", "camera_info"))
+        }
+        clients.append(Client(topics, outputs))
+        return clients[-1]
+
+    yield make
+    for client in clients:
+        client.close()
+
+
+@pytest.fixture(scope="session")
+def image() -> Callable[..., Any]:
+    """Make Image messages."""
+    return image_message
+
+
+@pytest.fixture(scope="session")
+def info() -> Callable[..., Any]:
+    """Make CameraInfo messages."""
+    return info_message

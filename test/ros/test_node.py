@@ -1,0 +1,367 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The real node in its own process: every topic and field, faults, and its end."""
+
+from __future__ import annotations
+
+import math
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from uw_visibility.messages import read_image
+from uw_visibility.outputs import TOPICS
+
+STAMPED = [topic for topic in TOPICS if topic != "visibility/mean_attenuation"]
+IMAGES = [topic for topic in STAMPED if not topic.startswith("visibility/")]
+
+
+@pytest.fixture(scope="module")
+def node(start_node: Callable[..., Any]) -> Any:
+    return start_node("-p", "stereo.max_disparity:=40", "-p", "depth_frame:=odom")
+
+
+@pytest.fixture(scope="module")
+def client(
+    node: Any, make_client: Callable[..., Any], scene: Any, image: Any, info: Any
+) -> Any:
+    client = make_client()
+    client.connect(
+        image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right")
+    )
+    return client
+
+
+def depths(message: Any) -> np.ndarray:
+    """Compute Z from a DisparityImage alone; NaN where it says invalid."""
+    image = message.image
+    disparity = np.frombuffer(image.data, np.float32).reshape(image.height, image.width)
+    assert np.isfinite(disparity).all()
+    valid = disparity >= message.min_disparity
+    assert (disparity[valid] <= message.max_disparity).all()
+    return np.where(valid, message.f * message.t / np.where(valid, disparity, 1), np.nan)
+
+
+@pytest.mark.parametrize("offset", [0.0, 6.0])
+def test_every_topic_of_a_known_scene(
+    client: Any, scene: Any, image: Any, info: Any, offset: float
+) -> None:
+    # Moving the right image's content moves its principal point with it.
+    right = np.roll(scene.right, -round(offset), axis=1)
+    stamp = client.publish(
+        image(scene.left, "rgb8"), image(right, "rgb8"), info("left"), info("right", offset)
+    )
+    messages = dict(zip(STAMPED, client.result(stamp, *STAMPED), strict=True))
+    for topic, message in messages.items():
+        side = topic.split("/")[0] if "enhanced" in topic else "left"
+        frame = "odom" if topic == "visibility/depth" else f"{side}_camera"
+        assert (message.header.stamp.nanosec, message.header.frame_id) == (5, frame), topic
+
+    disparity = messages["disparity"]
+    assert disparity.image.header == disparity.header
+    assert (disparity.f, disparity.t) == (200.0, pytest.approx(0.1))
+    assert disparity.delta_d > 0
+    depth, truth = depths(disparity), 20.0 / scene.disparity
+    matched = np.isfinite(depth)
+    window = disparity.valid_window
+    assert (window.x_offset, window.y_offset) == (0, 0)
+    assert (window.width, window.height) == (160, 120)
+    assert matched.mean() > 0.6
+    assert np.median(np.abs(depth - truth)[matched] / truth[matched]) < 0.01
+
+    for side, given in (("left", scene.left), ("right", right)):
+        enhanced = messages[f"{side}/enhanced/image"]
+        assert (enhanced.encoding, enhanced.width, enhanced.height) == ("rgb8", 160, 120)
+        # The water took contrast.
+        assert read_image(enhanced).std() > 1.2 * given.std()
+    np.testing.assert_array_equal(messages["right/enhanced/camera_info"].p, info("right", offset).p)
+
+    vectors = {
+        name: np.array([getattr(messages[f"visibility/{name}"].vector, c) for c in "xyz"])
+        for name in ("attenuation", "attenuation_stddev", "ambient_light")
+    }
+    np.testing.assert_allclose(vectors["attenuation"], scene.attenuation, atol=0.12)
+    np.testing.assert_allclose(vectors["ambient_light"], scene.ambient_light, atol=0.08)
+    assert (vectors["attenuation_stddev"] > 0).all()
+    distance = messages["visibility/distance"]
+    assert distance.range == pytest.approx(2.351 / vectors["attenuation"].min(), rel=1e-3)
+    assert distance.variance > 0
+    position = messages["visibility/depth"].pose.pose.position
+    assert position.z <= 0 and math.isfinite(position.z)
+    assert messages["visibility/depth"].pose.covariance[14] > 0
+
+
+def test_mean_attenuation_comes_with_every_frame(
+    client: Any, scene: Any, image: Any, info: Any
+) -> None:
+    before = len(client.received["visibility/mean_attenuation"])
+    client.publish(
+        image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right")
+    )
+    client.wait(
+        lambda: len(client.received["visibility/mean_attenuation"]) > before, "a mean attenuation"
+    )
+    value = client.received["visibility/mean_attenuation"][-1].data
+    assert 0.0 < value < 0.6
+
+
+def to_encoding(pixels: np.ndarray, encoding: str) -> np.ndarray:
+    if encoding == "mono8":
+        return pixels[..., 1]
+    if encoding == "bgr8":
+        return pixels[..., ::-1]
+    if encoding == "rgba8":
+        return np.dstack([pixels, np.full(pixels.shape[:2], 255, np.uint8)])
+    return (pixels.astype(np.uint16) * 257).astype(">u2")
+
+
+@pytest.mark.parametrize(("encoding", "enhanced"), [
+    ("bgr8", "bgr8"), ("rgba8", "rgb8"), ("rgb16", "rgb16"), ("mono8", "mono8"),
+])
+def test_encodings_of_one_scene(
+    client: Any, scene: Any, image: Any, info: Any, encoding: str, enhanced: str
+) -> None:
+    images = [
+        image(to_encoding(p, encoding), encoding, is_bigendian=int(encoding == "rgb16"))
+        for p in (scene.left, scene.right)
+    ]
+    stamp = client.publish(*images, info("left"), info("right"))
+    disparity, left = client.result(stamp, "disparity", "left/enhanced/image")
+    assert left.encoding == enhanced
+    depth, truth = depths(disparity), 20.0 / scene.disparity
+    matched = np.isfinite(depth)
+    assert matched.mean() > 0.5
+    assert np.median(np.abs(depth - truth)[matched] / truth[matched]) < 0.02
+    if encoding == "mono8":
+        # What grey cannot tell is not published, and nothing of it is late.
+        good = client.publish(
+            image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right")
+        )
+        client.result(good, *STAMPED)
+        assert not any(client.has(topic, stamp) for topic in STAMPED if topic not in IMAGES)
+
+
+def flat(value: int) -> Callable[..., tuple[Any, Any, Any, Any]]:
+    """Make frames whose pixels all have one value."""
+    return lambda s, image, info: (
+        image(np.full_like(s.left, value), "rgb8"), image(np.full_like(s.right, value), "rgb8"),
+        info("left"), info("right"),
+    )
+
+
+BAD_INPUTS: dict[str, tuple[Callable[..., tuple[Any, Any, Any, Any]], str]] = {
+    "sizes differ": (
+        lambda s, image, info: (
+            image(s.left, "rgb8"), image(s.right[:100], "rgb8"),
+            info("left"), info("right", height=100),
+        ),
+        "both cameras must send images of one size",
+    ),
+    "calibration of another size": (
+        lambda s, image, info: (
+            image(s.left, "rgb8"), image(s.right, "rgb8"), info("left", width=80), info("right")
+        ),
+        "left image has 160x120 pixels and its camera_info 80x120",
+    ),
+    "zero K": (
+        lambda s, image, info: (
+            image(s.left, "rgb8"), image(s.right, "rgb8"), info("left", k=[0.0] * 9), info("right")
+        ),
+        "left camera_info is not calibrated, K",
+    ),
+    "K with NaN": (
+        lambda s, image, info: (
+            image(s.left, "rgb8"), image(s.right, "rgb8"),
+            info("left"), info("right", k=[math.nan] * 9),
+        ),
+        "right camera_info has K with values that are not finite",
+    ),
+    "baseline zero": (
+        lambda s, image, info: (
+            image(s.left, "rgb8"), image(s.right, "rgb8"), info("left"), info("left")
+        ),
+        "the baseline is 0",
+    ),
+    "calibrations swapped": (
+        lambda s, image, info: (
+            image(s.left, "rgb8"), image(s.right, "rgb8"), info("right"), info("left")
+        ),
+        "are left and right swapped?",
+    ),
+    "unknown encoding": (
+        lambda s, image, info: (
+            image(s.left, "8UC3"), image(s.right, "rgb8"), info("left"), info("right")
+        ),
+        "left image has the encoding '8UC3'",
+    ),
+    "truncated": (
+        lambda s, image, info: (
+            image(s.left, "rgb8", height=121), image(s.right, "rgb8"), info("left"), info("right")
+        ),
+        "the message is truncated",
+    ),
+    "too small": (
+        lambda s, image, info: (
+            image(s.left[:32, :48], "rgb8"), image(s.right[:32, :48], "rgb8"),
+            info("left", width=48, height=32), info("right", width=48, height=32),
+        ),
+        "48x32",
+    ),
+    "constant": (flat(90), "dropped a frame: "),
+    "black": (flat(0), "dark"),
+    "saturated": (flat(255), "saturated"),
+    "images swapped": (
+        lambda s, image, info: (
+            image(s.right, "rgb8"), image(s.left, "rgb8"), info("left"), info("right")
+        ),
+        "negative disparities",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_INPUTS)
+def test_bad_frame_is_dropped_with_its_reason_and_the_next_is_processed(
+    node: Any, client: Any, scene: Any, image: Any, info: Any, case: str
+) -> None:
+    make, reason = BAD_INPUTS[case]
+    bad = client.publish(*make(scene, image, info))
+    node.wait_for(reason)
+    good = client.publish(
+        image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right")
+    )
+    client.result(good, *STAMPED)
+    assert not any(client.has(topic, bad) for topic in STAMPED)
+    assert "Traceback" not in node.log
+
+
+def test_burst_ends_with_its_newest_frame(client: Any, scene: Any, image: Any, info: Any) -> None:
+    parts = (image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right"))
+    stamps = [client.publish(*parts) for _ in range(40)]
+    client.result(stamps[-1], *STAMPED)
+    answered = [stamp for stamp in stamps if client.has("disparity", stamp)]
+    assert answered[-1] == stamps[-1]
+    assert len(answered) < len(stamps)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("ready", [True, False])
+def test_signal_ends_the_node_soon_and_quietly(
+    start_node: Callable[..., Any], number: int, ready: bool
+) -> None:
+    node = start_node(ready=ready)
+    node.wait_for("compiling")
+    code, seconds = node.stop(number)
+    assert (code, "Traceback" in node.log) == (0, False), node.log
+    assert seconds < 2.0
+
+
+def test_signal_ends_a_busy_node_soon(
+    start_node: Callable[..., Any], make_client: Any, scene: Any, image: Any, info: Any
+) -> None:
+    node = start_node("-r", "__ns:=/busy")
+    client = make_client(
+        {f"{s}/{n}": f"/busy/{s}/{t}" for s in ("left", "right") for n, t in (
+            ("image", "image_rect"), ("camera_info", "camera_info"))},
+        outputs=("disparity",),
+    )
+    parts = (image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right"))
+    for _ in range(400):
+        client.publish(*parts)
+        if "first frame" in node.log:
+            break
+        client.wait(lambda: True, "nothing")
+    node.wait_for("first frame")
+    for _ in range(5):
+        client.publish(*parts)
+    code, seconds = node.stop(signal.SIGINT)
+    assert (code, "Traceback" in node.log) == (0, False), node.log
+    assert seconds < 2.0
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (("-p", "max_rnge:=3.0"), "unknown parameter max_rnge: did you mean max_range?"),
+    (("-p", "max_range:=-3.0"), "parameter max_range is -3.0: give a value between"),
+    (("-p", "camera.transfer:=gamma"), "camera.transfer is 'gamma': give one of linear, srgb"),
+    (("-p", "camera.response:=/no/such.csv"), "/no/such.csv"),
+    (
+        ("-p", "qos_overrides./disparity.publisher.dept:=3"),
+        "did you mean qos_overrides./disparity.publisher.depth?",
+    ),
+    (("-p", "qos_overrides./disparity.publisher.reliability:=maybe"), "maybe"),
+    (("--params-file", "/no/such/file.yaml"), "/no/such/file.yaml"),
+])
+def test_bad_start_is_one_sentence_and_exit_code_2(
+    start_node: Callable[..., Any], arguments: tuple[str, ...], message: str
+) -> None:
+    node = start_node(*arguments, ready=False)
+    assert node.process.wait(timeout=30) == 2
+    said = [line for line in node.log.splitlines() if line.startswith("uw_visibility: ")]
+    assert len(said) == 1 and message in said[0], node.log
+    assert "Traceback" not in node.log
+
+
+def test_whole_numbers_and_files_are_understood_at_start(
+    start_node: Callable[..., Any], tmp_path: Path
+) -> None:
+    file = tmp_path / "parameters.yaml"
+    file.write_text(
+        "/**:\n  ros__parameters:\n    max_range: 30\n    camera:\n      white_reference: [1, 1, 2]\n"
+    )
+    shipped = Path(__file__).resolve().parents[2] / "config" / "uw_visibility.yaml"
+    node = start_node("--params-file", str(shipped), "--params-file", str(file))
+    assert node.stop()[0] == 0
+
+
+def test_recorded_raw_pairs_are_rectified_and_processed(
+    start_node: Callable[..., Any], make_client: Callable[..., Any], shared_data: Path
+) -> None:
+    rosbags = pytest.importorskip("rosbags.highlevel", reason="rosbags is not installed")
+    from rclpy.serialization import deserialize_message
+    from sensor_msgs.msg import CameraInfo, Image
+
+    remappings = [
+        part
+        for side in ("left", "right")
+        for name, source in (("image_rect", "image_raw"), ("camera_info", "camera_info"))
+        for part in ("-r", f"{side}/{name}:=/stereo/{side}/{source}")
+    ]
+    node = start_node("-p", "rectify:=true", *remappings)
+    names = {
+        f"/stereo/{side}/{topic}": f"{side}/{name}"
+        for side in ("left", "right")
+        for name, topic in (("image", "image_raw"), ("camera_info", "camera_info"))
+    }
+    pairs: dict[int, dict[str, Any]] = {}
+    with rosbags.AnyReader([shared_data / "underwater" / "bermuda_raw_bag"]) as reader:
+        for connection, time, raw in reader.messages():
+            kind = Image if "image" in connection.topic else CameraInfo
+            message = deserialize_message(bytes(raw), kind)
+            pairs.setdefault(time, {})[names[connection.topic]] = message
+    frames = [
+        tuple(p[n] for n in ("left/image", "right/image", "left/camera_info", "right/camera_info"))
+        for p in pairs.values()
+    ]
+    assert len(frames) == 12
+    client = make_client({name: topic for topic, name in names.items()})
+    client.connect(*frames[0])
+    complete = []
+    for frame in frames:
+        stamp = client.publish(*frame)
+        client.result(stamp, *IMAGES)
+        disparity = client.result(stamp, "disparity")[0]
+        assert disparity.f == pytest.approx(435.35213527586393)
+        assert disparity.t == pytest.approx(0.06620494413054522)
+        complete.append(stamp)
+    # The estimates of the last frame follow its images at once.
+    client.wait(
+        lambda: len(client.received["visibility/attenuation"]) >= 11, "11 estimates", timeout=5
+    )
+    answered = {
+        topic: sum(client.has(topic, stamp) for stamp in complete) for topic in STAMPED
+    }
+    answered["visibility/mean_attenuation"] = len(client.received["visibility/mean_attenuation"])
+    assert min(answered.values()) >= 11, (answered, node.log)
