@@ -1,0 +1,81 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Even contrast: what attenuation took from gradients comes back."""
+
+import numpy as np
+import pytest
+
+from uw_visibility.parallel import Workers
+from uw_visibility.stereo.contrast import EvenContrast
+
+ATTENUATION = np.array([0.5, 0.3, 0.2])
+AMBIENT = np.array([0.3, 0.7, 0.8])
+SHAPE = (80, 120)
+
+
+def stretched(image):
+    contrast = EvenContrast(image.shape[:2])
+    contrast.stretch(image, Workers(2))
+    return contrast
+
+
+def test_a_weak_contrast_is_stretched_to_eight_bits():
+    rng = np.random.default_rng(0)
+    image = rng.integers(100, 140, (*SHAPE, 3)).astype(np.uint8)
+    image[:] = image[..., :1]
+    contrast = stretched(image)
+    span = np.percentile(contrast.grey, 99.5) - np.percentile(contrast.grey, 0.5)
+    assert contrast.gain.max() * span == pytest.approx(255, rel=0.01)
+
+
+def test_the_gain_of_an_image_without_contrast_stays_limited():
+    contrast = stretched(np.full((*SHAPE, 3), 128, np.uint8))
+    assert contrast.gain.max() * 256 <= 16
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_grey_and_colour_of_any_depth_agree(dtype):
+    rng = np.random.default_rng(1)
+    grey = rng.integers(0, 255, SHAPE).astype(np.uint8)
+    scaled = grey.astype(dtype) * (1 if dtype == np.uint8 else 256)
+    mono = stretched(scaled)
+    colour = stretched(np.repeat(scaled[..., None], 3, 2))
+    np.testing.assert_allclose(mono.grey, grey.astype(int) * 256, atol=1)
+    np.testing.assert_allclose(colour.grey, mono.grey, atol=1)
+
+
+def test_contrast_of_near_and_far_becomes_even():
+    """The same stripes at two ranges have the same contrast once restored."""
+    stripes = np.where(np.arange(SHAPE[1]) // 4 % 2, 0.8, 0.2)
+    ranges = np.full(SHAPE, 1.0, np.float32)
+    ranges[40:] = 5.0
+    transmission = np.exp(-ATTENUATION * ranges[..., None])
+    light = AMBIENT * (stripes[:, None] * transmission + 1 - transmission)
+    image = np.round(light * 65535).astype(np.uint16)
+    contrast = EvenContrast(SHAPE)
+    contrast.restore(image, ranges, ATTENUATION, AMBIENT, Workers(1))
+    levels = contrast.grey * contrast.gain
+    near, far = np.ptp(levels[20]), np.ptp(levels[60])
+    assert near == pytest.approx(0.6 * 1.5 * 255, rel=0.02)
+    assert far == pytest.approx(near, rel=0.02)
+
+
+def test_channels_that_are_not_known_are_left_out():
+    rng = np.random.default_rng(2)
+    image = rng.integers(0, 255, (*SHAPE, 3)).astype(np.uint8)
+    attenuation = np.array([np.nan, 0.3, np.nan])
+    contrast = EvenContrast(SHAPE)
+    contrast.restore(image, np.full(SHAPE, 2, np.float32), attenuation, AMBIENT, Workers(1))
+    np.testing.assert_allclose(contrast.grey, image[..., 1].astype(int) * 256, atol=1)
+
+
+def test_unknown_range_takes_the_gain_of_the_farthest():
+    image = np.random.default_rng(3).integers(0, 255, (*SHAPE, 3)).astype(np.uint8)
+    ranges = np.full(SHAPE, 2, np.float32)
+    ranges[:10] = 4
+    ranges[10:20] = np.nan
+    ranges[20:30] = np.inf
+    contrast = EvenContrast(SHAPE)
+    contrast.restore(image, ranges, ATTENUATION, AMBIENT, Workers(1))
+    np.testing.assert_array_equal(contrast.gain[:30], contrast.gain[0, 0])
+    assert contrast.gain[40, 0] < contrast.gain[0, 0]
