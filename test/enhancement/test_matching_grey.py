@@ -35,7 +35,7 @@ def grey_of(image: np.ndarray, distance: np.ndarray, smooth: bool, threads: int 
 
 
 @pytest.mark.parametrize("smooth", [False, True])
-@pytest.mark.parametrize("metres", [1.0, 4.0])
+@pytest.mark.parametrize("metres", [1.0, 4.0, 7.0])
 def test_mean_and_noise_are_what_is_claimed(metres: float, smooth: bool) -> None:
     distance = np.full(SHAPE, metres, np.float32)
     grey, claimed = grey_of(noisy(0.5, distance), distance, smooth)

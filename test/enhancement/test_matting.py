@@ -212,3 +212,12 @@ def test_filter_keeps_its_buffers_for_one_size() -> None:
     tool.refine(np.ones(SHAPE, np.float32), None, textured())
     assert isinstance(first, GuidedFilter)
     assert tool._filter is first
+
+
+def test_depth_edge_that_the_image_does_not_show_stays_narrow() -> None:
+    coarse = np.full(SHAPE, 10, np.float32)
+    coarse[:, 64:] = 40
+    matte = matting(matting_radius=8).refine(coarse, None, np.full((*SHAPE, 3), 90, np.uint8))
+    wrong = np.abs(matte.disparity[48] - coarse[48]) > 1
+    # 30 px where all windows weigh the same.
+    assert wrong.sum() <= 26

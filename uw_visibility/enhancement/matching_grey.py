@@ -60,7 +60,7 @@ class MatchingGrey:
         image: NDArray[np.generic],
         range_map: NDArray[np.float32],
         water: Water,
-        smooth: bool = True,
+        smooth: bool = False,
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Restore an image as one grey channel.
 
@@ -74,7 +74,9 @@ class MatchingGrey:
             One attenuation and ambient light for each channel; channels that
             are not assessable are left out.
         smooth : bool
-            Smooth each pixel the more, the more its noise was amplified.
+            Smooth each pixel the more, the more its noise was amplified. For matchers
+            that compare single pixels; those that add costs over an area do better
+            without.
 
         Returns
         -------
