@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import array
+import functools
 import os
 import signal
 import subprocess
@@ -114,7 +115,7 @@ class NodeProcess:
 class Client:
     """Publishes stereo frames to a node and collects what comes back."""
 
-    def __init__(self, inputs: dict[str, str], outputs: tuple[str, ...] | None = None) -> None:
+    def __init__(self, inputs: dict[str, str], namespace: str) -> None:
         import rclpy
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.qos import QoSProfile
@@ -124,8 +125,10 @@ class Client:
 
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=DOMAIN)
-        self.node = rclpy.create_node("client", context=self.context)
-        self.received: dict[str, list[Any]] = {topic: [] for topic in outputs or TOPICS}
+        self.node = rclpy.create_node(
+            f"client_{time.monotonic_ns()}", namespace=namespace, context=self.context
+        )
+        self.received: dict[str, list[Any]] = {topic: [] for topic in TOPICS}
         types = {"image": Image, "camera_info": CameraInfo}
         self.publishers = {
             name: self.node.create_publisher(types[name.split("/")[1]], topic, QoSProfile(depth=50))
@@ -158,7 +161,7 @@ class Client:
         for _ in range(100):
             stamp = self.publish(*frame)
             try:
-                self.wait(lambda: self.has("disparity", stamp), "an answer", timeout=2.0)
+                self.wait(functools.partial(self.has, "disparity", stamp), "an answer", 2.0)
             except AssertionError:
                 continue
             time.sleep(0.3)
@@ -185,6 +188,16 @@ class Client:
             message.header.frame_id = f"{name.split('/')[0]}_camera"
             self.publishers[name].publish(message)
         return stamp
+
+    def call(self, service: str, request: Any) -> Any:
+        """Call a service of the node, by its name and with its request."""
+        name = type(request).__name__.removesuffix("_Request")
+        module = sys.modules[type(request).__module__.rsplit(".", 1)[0]]
+        client = self.node.create_client(getattr(module, name), service)
+        assert client.wait_for_service(timeout_sec=RESULT_TIMEOUT), service
+        future = client.call_async(request)
+        self.wait(future.done, service)
+        return future.result()
 
     def has(self, topic: str, stamp: int) -> bool:
         return any(m.header.stamp.sec == stamp for m in list(self.received[topic]))
@@ -263,15 +276,13 @@ def make_client() -> Iterator[Callable[..., Client]]:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     clients: list[Client] = []
 
-    def make(
-        inputs: dict[str, str] | None = None, outputs: tuple[str, ...] | None = None
-    ) -> Client:
+    def make(inputs: dict[str, str] | None = None, namespace: str = "") -> Client:
         topics = inputs or {
             f"{side}/{name}": f"{side}/{topic}"
             for side in ("left", "right")
             for name, topic in (("image", "image_rect"), ("camera_info", "camera_info"))
         }
-        clients.append(Client(topics, outputs))
+        clients.append(Client(topics, namespace))
         return clients[-1]
 
     yield make

@@ -1,0 +1,104 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the node asks of the pipeline, and what a failure inside costs."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from uw_visibility.errors import InputError
+from uw_visibility.outputs import TOPICS
+
+pytest.importorskip("rclpy", reason="ROS is not installed")
+
+import rclpy
+from rclpy.node import Node
+from std_msgs.msg import Float64
+
+from uw_visibility.ros import core as module
+
+ESTIMATES = {topic for topic in TOPICS if topic.startswith("visibility/")}
+
+
+class Processor:
+    """Stands for the pipeline: fails as told, and notes what was asked."""
+
+    def __init__(self, *arguments: Any) -> None:
+        self.reader = self
+        self.calibrations = 0
+        self.asked: list[set[str]] = []
+        self.failure: Exception | None = None
+
+    def process(self, frame: Any, pipeline: Any, node: Any, topics: Any) -> tuple[None, dict]:
+        self.asked.append(set(topics))
+        if self.failure is not None:
+            raise self.failure
+        return None, {"visibility/mean_attenuation": Float64(data=frame)}
+
+
+class Pipeline:
+    def __init__(self, *arguments: Any) -> None:
+        pass
+
+    def warm_up(self, *arguments: Any) -> None:
+        pass
+
+
+@pytest.fixture
+def core(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    monkeypatch.setattr(module, "FrameProcessor", Processor)
+    monkeypatch.setattr(module, "Pipeline", Pipeline)
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=1 + os.getpid() % 99)
+    node = Node("uw_visibility", context=context)
+    core = module.NodeCore(node)
+    yield core
+    assert core.stop(10)
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def wait(done: Callable[[], bool]) -> None:
+    end = time.monotonic() + 20
+    while not done():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def test_images_are_made_for_subscribers_only_and_estimates_always(core: Any) -> None:
+    node = core._node
+    core.worker.offer(1.0)
+    wait(lambda: core.processed == 1)
+    subscription = node.create_subscription(
+        module.message_type(TOPICS["disparity"]), "disparity", lambda message: None, 1
+    )
+    wait(lambda: core._publishers["disparity"].get_subscription_count() == 1)
+    core.worker.offer(2.0)
+    wait(lambda: core.processed == 2)
+    assert core._processor.asked == [ESTIMATES, ESTIMATES | {"disparity"}]
+    node.destroy_subscription(subscription)
+
+
+def test_failure_costs_one_frame_and_tells_its_traceback_once(
+    core: Any, capfd: pytest.CaptureFixture[str]
+) -> None:
+    core._processor.failure = ZeroDivisionError("inside")
+    for count in (1, 2, 3):
+        core.worker.offer(0.0)
+        wait(lambda count=count: core.failures.total == count)
+    core._processor.failure = InputError("the frame is odd: make it even")
+    core.worker.offer(0.0)
+    wait(lambda: core.failures.total == 4)
+    core._processor.failure = None
+    core.worker.offer(5.0)
+    wait(lambda: core.processed == 1)
+    assert sorted(core.failures.counts.values()) == [1, 3]
+    said = "".join(capfd.readouterr())
+    assert said.count("Traceback") == 1
+    assert "dropped a frame: the frame is odd: make it even" in said

@@ -1,0 +1,116 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the running node: described, changed all or none, refused with the reason."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from uw_visibility.config import NodeConfig, PipelineConfig
+from uw_visibility.parameters import describe
+
+pytest.importorskip("rclpy", reason="ROS is not installed")
+
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParametersAtomically,
+)
+from rclpy.parameter import Parameter, parameter_value_to_python
+
+INFOS = {info.name: info for info in [*describe(PipelineConfig), *describe(NodeConfig)]}
+
+
+@pytest.fixture(scope="module")
+def client(start_node: Callable[..., Any], make_client: Callable[..., Any]) -> Any:
+    start_node("-r", "__ns:=/parameters")
+    return make_client(namespace="/parameters")
+
+
+def change(client: Any, **values: Any) -> Any:
+    """Set parameters together; double underscores stand for dots."""
+    parameters = [
+        Parameter(name.replace("__", "."), value=value).to_parameter_msg()
+        for name, value in values.items()
+    ]
+    request = SetParametersAtomically.Request(parameters=parameters)
+    return client.call("uw_visibility/set_parameters_atomically", request).result
+
+
+def get(client: Any, *names: str) -> list[Any]:
+    request = GetParameters.Request(names=list(names))
+    values = client.call("uw_visibility/get_parameters", request).values
+    return [parameter_value_to_python(value) for value in values]
+
+
+def test_every_parameter_is_there_and_described(client: Any) -> None:
+    listed = client.call("uw_visibility/list_parameters", ListParameters.Request()).result.names
+    assert set(INFOS) <= set(listed)
+    request = DescribeParameters.Request(names=list(INFOS))
+    for described in client.call("uw_visibility/describe_parameters", request).descriptors:
+        info = INFOS[described.name]
+        assert info.description in described.description
+        assert described.read_only == info.read_only
+        if info.type in (int, float) and info.minimum is not None and info.maximum is not None:
+            (limits,) = [*described.integer_range, *described.floating_point_range]
+            assert (limits.from_value, limits.to_value) == (info.minimum, info.maximum)
+        for choice in info.choices:
+            assert choice in described.additional_constraints
+
+
+def test_every_topic_has_qos_overrides(client: Any) -> None:
+    listed = client.call("uw_visibility/list_parameters", ListParameters.Request()).result.names
+    for topic in ("disparity.publisher", "left/image_rect.subscription"):
+        assert f"qos_overrides./parameters/{topic}.reliability" in listed
+
+
+def test_values_are_those_of_the_configuration(client: Any) -> None:
+    names = [name for name in INFOS if name != "max_range"]
+    defaults = [INFOS[name].default for name in names]
+    values = [tuple(v) if hasattr(v, "tolist") or isinstance(v, list) else v
+              for v in get(client, *names)]
+    assert values == defaults
+
+
+@pytest.mark.parametrize(("values", "reason"), [
+    ({"camera__transfer": "gamma"}, "camera.transfer is 'gamma': give one of linear, srgb"),
+    ({"camera__response": "/no/such.csv"}, "/no/such.csv"),
+    ({"rectify": True}, "read-only"),
+    ({"camera__white_reference": [1.0, 2.0]}, "give 3 numbers"),
+    ({"max_range": "far"}, "expected 'Type.DOUBLE'"),
+    ({"synchronization__tolerance": -1.0}, "synchronization.tolerance"),
+])
+def test_refused_change_says_why_and_changes_nothing(
+    client: Any, values: dict[str, Any], reason: str
+) -> None:
+    before = get(client, "assessment.contrast")
+    result = change(client, assessment__contrast=0.1, **values)
+    assert not result.successful
+    assert reason in result.reason
+    assert get(client, "assessment.contrast") == before
+
+
+def test_whole_number_stands_for_a_decimal_one(client: Any) -> None:
+    assert change(client, max_range=30).successful
+    assert get(client, "max_range") == [30.0]
+
+
+def test_change_holds_from_the_next_frame(
+    client: Any, scene: Any, image: Any, info: Any
+) -> None:
+    parts = (image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right"))
+    client.connect(*parts)
+    assert change(client, max_range=100.0, assessment__contrast=0.05).successful
+    before = client.result(client.publish(*parts), "visibility/distance")[0]
+    assert change(client, assessment__contrast=0.2).successful
+    after = client.result(client.publish(*parts), "visibility/distance")[0]
+    expected = math.log(0.8 / 0.4 + 1) / math.log(0.95 / 0.1 + 1)
+    assert after.range / before.range == pytest.approx(expected, rel=1e-3)
+    assert change(client, max_range=0.5).successful
+    beyond = client.result(client.publish(*parts), "visibility/distance")[0]
+    assert (beyond.range, beyond.max_range) == (math.inf, 0.5)
