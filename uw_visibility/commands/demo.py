@@ -47,7 +47,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         help="folder for the results (%(default)s)",
     )
     parser.add_argument(
-        "--frames", metavar="N", type=int, default=24, help="stereo frames (%(default)s)"
+        "--frames", metavar="N", type=int, default=20, help="stereo frames (%(default)s)"
     )
     parser.add_argument(
         "--rate", metavar="HZ", type=float, default=2.0, help="frames per second (%(default)s)"

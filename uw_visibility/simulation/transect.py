@@ -45,7 +45,7 @@ class Transect:
         See `Renderer`.
     """
 
-    frames: int = 24
+    frames: int = 20
     rate: float = 2.0
     depth: tuple[float, float] = (2.0, 6.0)
     attenuation: tuple[float, float] = (0.05, 0.3)
