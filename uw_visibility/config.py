@@ -194,10 +194,6 @@ class EnhancementConfig:
         "few is inpainted.",
         unit="px", minimum=1, maximum=512,
     )
-    sensor_noise: float = parameter(
-        1.0, "Standard deviation of the camera's noise in 8-bit grey levels.",
-        minimum=0.1, maximum=50.0,
-    )
 
 
 @dataclass(frozen=True)

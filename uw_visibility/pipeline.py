@@ -35,8 +35,8 @@ from uw_visibility.water.optics import load_response
 
 # Fewer support points than this make no mesh worth a plane.
 _FEWEST_SUPPORT_POINTS = 10
-# So many more support points with the images exchanged mean that they are.
-_SWAPPED_RATIO = 5
+# So many times the matches with the images exchanged mean that they are.
+_EXCHANGED_RATIO = 1.5
 # Deviation of a matched disparity, px; the mesh's is that of its points.
 _DISPARITY_DEVIATION = 0.3
 
@@ -118,10 +118,9 @@ class Pipeline:
         dtype : dtype
             uint8 or uint16.
         """
-        texture = np.random.default_rng(0).integers(0, 255, (*shape, 3)).astype(dtype)
-        texture *= np.iinfo(dtype).max // 255
+        left, right = _warm_up_pair(shape, np.dtype(dtype))
         with self._lock:
-            self._process(texture, np.roll(texture, -4, axis=1), None, True)
+            self._process(left, right, None, True)
 
     def _process(
         self,
@@ -137,7 +136,7 @@ class Pipeline:
         with clock("support points"):
             stages.describe_raw(left, right)
             support = stages.matcher.support_points()
-            stages.refuse_blind_pair(left, right, support)
+            stages.refuse_useless_pair(left, right, support)
         original = None
         if match_original:
             with clock("original disparity"):
@@ -156,7 +155,7 @@ class Pipeline:
             support2 = stages.matcher.support_points()
             improved = stages.matcher.dense_disparity(support2)
         with clock("interpolation"):
-            filled = stages.fill(improved, support2)
+            filled = stages.fill(improved)
         with clock("visibility estimation 2"):
             water = self._estimate(left, improved.left, valid, support, step1)
         with clock("image enhancement 2"):
@@ -233,7 +232,7 @@ class _Stages:
         self._workers = workers
         self._contrast = (EvenContrast(shape), EvenContrast(shape))
         self._matting = Matting(config.enhancement, workers)
-        self._gaps = GapFiller(shape, workers=workers)
+        self._gaps = GapFiller(shape, config.enhancement.max_gap, workers)
 
     def describe_raw(self, left: NDArray[Any], right: NDArray[Any]) -> None:
         """Describe the pair for the matcher as it is."""
@@ -256,20 +255,20 @@ class _Stages:
             )
         self.matcher.describe(*self._contrast)
 
-    def refuse_blind_pair(
+    def refuse_useless_pair(
         self, left: NDArray[Any], right: NDArray[Any], support: SupportPoints
     ) -> None:
-        """Raise where few support points have a cause that no water explains."""
-        if len(support) >= _FEWEST_SUPPORT_POINTS:
-            return
-        for side, image in (("left", left), ("right", right)):
-            reason = blindness(image)
-            if reason is not Status.OK:
-                raise InputError(f"{side} image: {reason}; nothing can be matched")
-        self.describe_raw(right, left)
-        exchanged = self.matcher.support_points()
-        self.describe_raw(left, right)
-        if len(exchanged) >= _SWAPPED_RATIO * _FEWEST_SUPPORT_POINTS:
+        """Raise where few support points have a cause that no water explains.
+
+        Exchanged images still match here and there, and what follows from that
+        would be invented.
+        """
+        if len(support) < _FEWEST_SUPPORT_POINTS:
+            for side, image in (("left", left), ("right", right)):
+                reason = blindness(image)
+                if reason is not Status.OK:
+                    raise InputError(f"{side} image: {reason}; nothing can be matched")
+        if self.matcher.exchanged_ratio() > _EXCHANGED_RATIO:
             raise InputError(
                 "the images match with negative disparities only: exchange left and right"
             )
@@ -284,13 +283,14 @@ class _Stages:
             refined.append(self._matting.refine(filled, None, image).disparity)
         return DenseMatch(refined[0], refined[1])
 
-    def fill(self, match: DenseMatch, support: SupportPoints) -> DenseMatch:
+    def fill(self, match: DenseMatch) -> DenseMatch:
         """Fill gaps, then large areas, of both views."""
-        filled = []
-        for here, there in ((match.left, match.right), (match.right[:, ::-1], match.left[:, ::-1])):
-            gaps = self._gaps.fill(np.ascontiguousarray(here), np.ascontiguousarray(there))
-            filled.append(inpaint(gaps, self._workers))
-        return DenseMatch(filled[0], np.ascontiguousarray(filled[1][:, ::-1]))
+        left = self._gaps.fill(match.left, match.right_unchecked)
+        # Seen in a mirror, the right view is a left one.
+        right = self._gaps.fill(_mirrored(match.right), _mirrored(match.left_unchecked))
+        return DenseMatch(
+            inpaint(left, self._workers), _mirrored(inpaint(right, self._workers))
+        )
 
 
 class _Clock:
@@ -321,6 +321,26 @@ def _disparity_limits(config: PipelineConfig, width: int) -> tuple[int, int]:
             "leave at least 8 px between them"
         )
     return low, high
+
+
+def _warm_up_pair(
+    shape: tuple[int, int], dtype: np.dtype[Any]
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return a pair of three planes under water, which every stage has work with."""
+    height, width = shape
+    texture = np.random.default_rng(0).random((height, width, 3))
+    left, right = np.empty((2, height, width, 3))
+    for part, disparity in enumerate((12, 8, 5)):
+        rows = slice(part * height // 3, (part + 1) * height // 3)
+        transmission = np.exp(-np.array([0.5, 0.3, 0.2]) * 16 / disparity)
+        left[rows] = (1 - transmission) + transmission * texture[rows]
+        right[rows] = np.roll(left[rows], -disparity, axis=1)
+    scale = 0.8 * np.iinfo(dtype).max
+    return (left * scale).astype(dtype), (right * scale).astype(dtype)
+
+
+def _mirrored(image: Any) -> Any:
+    return np.ascontiguousarray(image[:, ::-1])
 
 
 def _matched_fraction(disparity: NDArray[np.float32]) -> float:

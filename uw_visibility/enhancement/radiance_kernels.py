@@ -11,14 +11,6 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-# Binomial weights, near a Gaussian of 1 px: what smoothing is blended from.
-OUTER = np.float32(1 / 16)
-INNER = np.float32(4 / 16)
-MIDDLE = np.float32(6 / 16)
-# Share of white noise's variance that the kernel keeps, and the kernel's centre.
-KEPT = np.float32((70 / 256) ** 2)
-CENTRE = np.float32((6 / 16) ** 2)
-
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def polynomial(limit, sign):  # type: ignore[no-untyped-def]
@@ -98,84 +90,3 @@ def restore(  # type: ignore[no-untyped-def]
         for x in range(width):
             u = distance[y, x] * steepest
             limited[y, x] = not (known or (u >= zero and u <= limit))
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def mix(  # type: ignore[no-untyped-def]
-    start, stop, image, distance, decode, attenuation, ambient, limits, precision, grey, noise
-):
-    """Mix the restored channels with the least noise; grey and noise in grey levels."""
-    width, count = image.shape[1], image.shape[2]
-    light = np.empty((count, width), np.float32)
-    row = np.empty(width, np.float32)
-    signal = np.empty(width, np.float32)
-    weight = np.empty(width, np.float32)
-    white = np.float32(255)
-    p, middle = polynomial(np.float64(limits.max()), -1.0)
-    for y in range(start, stop):
-        for x in range(width):
-            for c in range(count):
-                light[c, x] = decode[image[y, x, c]]
-        signal[:] = 0
-        weight[:] = 0
-        for c in range(count):
-            _thickness(distance[y], attenuation[c], limits[c], row)
-            _exponential(p, middle, row)
-            plane = light[c]
-            airlight = ambient[c]
-            scale = precision[c]
-            for x in range(width):
-                t = row[x] * airlight
-                share = t * scale
-                weight[x] += t * share
-                signal[x] += share * (plane[x] - airlight)
-        out = grey[y]
-        deviation = noise[y]
-        for x in range(width):
-            out[x] = white + white * signal[x] / weight[x]
-            deviation[x] = white / np.sqrt(weight[x])
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def smooth(start, stop, grey, even, out, noise):  # type: ignore[no-untyped-def]
-    """Blend each pixel with its smoothed value by the variance of its noise; round."""
-    height, width = grey.shape
-    padded = np.empty(width + 4, np.float32)
-    columns = padded[2 : width + 2]
-    smoothed = np.empty(width, np.float32)
-    most_left, left, right, most_right = padded[0:], padded[1:], padded[3:], padded[4:]
-    one = np.float32(1)
-    two = np.float32(2)
-    half = np.float32(0.5)
-    zero = np.float32(0)
-    white = np.float32(255)
-    for y in range(start, stop):
-        top = grey[max(y - 2, 0)]
-        above = grey[max(y - 1, 0)]
-        here = grey[y]
-        below = grey[min(y + 1, height - 1)]
-        bottom = grey[min(y + 2, height - 1)]
-        deviation = noise[y]
-        target = out[y]
-        for x in range(width):
-            columns[x] = (
-                OUTER * (top[x] + bottom[x]) + INNER * (above[x] + below[x]) + MIDDLE * here[x]
-            )
-        padded[:2] = columns[0]
-        padded[width + 2 :] = columns[width - 1]
-        for x in range(width):
-            smoothed[x] = (
-                OUTER * (most_left[x] + most_right[x])
-                + INNER * (left[x] + right[x])
-                + MIDDLE * columns[x]
-            )
-        for x in range(width):
-            variance = deviation[x] * deviation[x]
-            k = variance / (variance + even)
-            level = here[x] + k * (smoothed[x] - here[x])
-            level = level if level > zero else zero
-            smoothed[x] = level if level < white else white
-            rest = one - k
-            deviation[x] *= np.sqrt(rest * rest + two * k * rest * CENTRE + k * k * KEPT)
-        for x in range(width):
-            target[x] = np.int32(smoothed[x] + half)

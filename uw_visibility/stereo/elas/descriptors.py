@@ -66,7 +66,7 @@ class Descriptors:
 
 
 @njit(nogil=True, cache=True)
-def _byte(response: Any) -> int:
+def _byte(response: Any) -> np.uint8:
     shifted = response + np.float32(MIDDLE + 0.5)
     return np.uint8(min(max(shifted, np.float32(0)), np.float32(255)))
 

@@ -18,7 +18,6 @@ from uw_visibility.stereo.elas.descriptors import Descriptors
 from uw_visibility.stereo.elas.smoothing import AdaptiveMean
 from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints, SupportSettings
 
-
 # Disparities move to the left from the left to the right view.
 _SIGNS = (1, -1)
 
@@ -32,10 +31,15 @@ class DenseMatch:
     left, right : ndarray
         ``(H, W)`` float32, disparity at the pixels of either view, px; NaN
         where unmatched.
+    left_unchecked, right_unchecked : ndarray or None
+        The same before the views were compared, whole pixels. They tell
+        occlusions from mismatches.
     """
 
     left: NDArray[np.float32]
     right: NDArray[np.float32]
+    left_unchecked: NDArray[np.float32] | None = None
+    right_unchecked: NDArray[np.float32] | None = None
 
 
 class Matcher:
@@ -102,6 +106,12 @@ class Matcher:
             self._views[0].values, self._views[1].values, self._disparities, self._workers
         )
 
+    def exchanged_ratio(self) -> float:
+        """Matches of the described pair with its images exchanged, over those in order."""
+        return self._support.exchanged_ratio(
+            self._views[0].values, self._views[1].values, self._disparities, self._workers
+        )
+
     def coarse_disparity(self, support: SupportPoints) -> DenseMatch:
         """Return the mesh of the support points as an image of either view.
 
@@ -136,6 +146,7 @@ class Matcher:
         DenseMatch
         """
         disparity = np.full((2, *self._shape), np.nan, np.float32)
+        self._best[:] = -1
         if len(support) > 0:
             vertices = support.points[support.vertices]
             self._workers.together(
@@ -152,7 +163,9 @@ class Matcher:
                 )
             for view, sign in enumerate(_SIGNS):
                 self._postprocess(view, sign, disparity[view])
-        return DenseMatch(disparity[0], disparity[1])
+        unchecked = self._best.astype(np.float32)
+        unchecked[unchecked < 0] = np.nan
+        return DenseMatch(disparity[0], disparity[1], unchecked[0], unchecked[1])
 
     def _prepare(
         self, view: int, points: NDArray[np.float32], vertices: NDArray[np.float32]

@@ -26,6 +26,8 @@ REACH = 2
 # Neighbours of the best disparity are the same minimum of the cost.
 SAME_MINIMUM = 1
 _HUGE = np.int32(1 << 30)
+# Every this many rows of the grid tell the order of the images.
+_ORDER_STRIDE = 8
 # Deviation of a support disparity: this over the curvature of its cost, px.
 _COST_NOISE = np.float32(60.0)
 
@@ -86,6 +88,40 @@ class SupportGrid:
         self._smoothed = np.empty((rows, columns), np.float32)
         self._vertices = np.empty((rows, columns), np.bool_)
 
+    def exchanged_ratio(
+        self,
+        left: NDArray[np.uint8],
+        right: NDArray[np.uint8],
+        disparities: tuple[int, int],
+        workers: Workers,
+    ) -> float:
+        """Compare how often the pair matches with its images exchanged.
+
+        only every eighth row of the grid is searched.
+
+        Parameters
+        ----------
+        left, right, disparities, workers
+            As in `search`, which was called for the same pair before.
+
+        Returns
+        -------
+        float
+            Matches of the exchanged pair over those of the pair, ten added to both
+            so that a few chance matches say nothing.
+        """
+        settings = self._settings
+        height, width = self._shape
+        rows = -(-self._found.shape[0] // _ORDER_STRIDE)
+        exchanged = np.empty((2, rows, self._found.shape[1]), np.float32)
+        workers.rows(
+            _search, rows, _ORDER_STRIDE, right, left, width, height, settings.step,
+            disparities[0], disparities[1], settings.texture, np.float32(settings.uniqueness),
+            exchanged[0], exchanged[1],
+        )
+        in_order = np.count_nonzero(self._found[::_ORDER_STRIDE] >= 0)
+        return float((np.count_nonzero(exchanged[0] >= 0) + 10) / (in_order + 10))
+
     def search(
         self,
         left: NDArray[np.uint8],
@@ -110,9 +146,9 @@ class SupportGrid:
         """
         settings = self._settings
         height, width = self._shape
-        rows, columns = self._found.shape
+        rows = self._found.shape[0]
         workers.rows(
-            _search, rows, left, right, width, height, settings.step, disparities[0],
+            _search, rows, 1, left, right, width, height, settings.step, disparities[0],
             disparities[1], settings.texture, np.float32(settings.uniqueness), self._found,
             self._deviation,
         )
@@ -131,8 +167,8 @@ class SupportGrid:
 
 
 @njit(nogil=True, cache=True)
-def _texture(descriptors: Any, at: int) -> int:
-    total = 0
+def _texture(descriptors: Any, at: int) -> np.int32:
+    total = np.int32(0)
     for i in range(BYTES):
         total += abs(np.int32(descriptors[at + i]) - MIDDLE)
     return total
@@ -172,13 +208,13 @@ def _best(cost: Any, low: int, high: int, uniqueness: Any) -> int:
     two pixels: on sharp edges a true match half a pixel off costs more than
     another edge that happens to fall on a whole one, as on a checkerboard.
     """
-    best = _HUGE
+    best: Any = _HUGE
     at = low
     for d in range(low, high + 1):
         if cost[d] < best:
             best = cost[d]
             at = d
-    rival = _HUGE
+    rival: Any = _HUGE
     for d in range(low, at - SAME_MINIMUM):
         rival = min(rival, _between_pixels(cost, d, low, high))
     for d in range(at + SAME_MINIMUM + 1, high + 1):
@@ -207,13 +243,13 @@ def vertex_of_parabola(before: Any, at: Any, after: Any) -> float:
 
 @njit(nogil=True, cache=True)
 def _search(
-    start: int, stop: int, left: Any, right: Any, width: int, height: int, step: int,
+    start: int, stop: int, stride: int, left: Any, right: Any, width: int, height: int, step: int,
     low: int, high: int, texture: int, uniqueness: Any, found: Any, deviation: Any,
 ) -> None:
     cost = np.empty(high + 1, np.int32)
     reverse = np.empty(high + 1, np.int32)
     for row in range(start, stop):
-        v = row * step + step // 2
+        v = row * stride * step + step // 2
         for column in range(found.shape[1]):
             found[row, column] = -1.0
             u = column * step + step // 2

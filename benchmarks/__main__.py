@@ -1,0 +1,154 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Time the pipeline and its stages, as ratios to OpenCV's StereoSGBM in the same run.
+
+Absolute times of shared machines drift by a factor of two; a ratio of calls that
+take turns does not. Each round runs every candidate once, and the medians over
+the rounds are compared.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility import Pipeline, PipelineConfig, StereoRig
+from uw_visibility.evaluation.baselines import sgbm
+from uw_visibility.evaluation.degrade import load_scene
+from uw_visibility.parallel import Workers
+from uw_visibility.stereo.contrast import EvenContrast
+from uw_visibility.stereo.elas import Matcher
+from uw_visibility.water.optics import clear_water_attenuation, load_response
+
+# Width, height and number of disparities of each case.
+CASES = ((640, 480, 128), (1280, 960, 256))
+SCENE = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "middlebury" / "aloe"
+MEAN_ATTENUATION = 0.2
+DEPTH = 2.0
+
+Image = NDArray[np.uint8]
+
+
+def main() -> None:
+    """Run the benchmarks, print tables and write the ratios."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("--json", default="bench.json", metavar="FILE", help="ratios, as JSON")
+    parser.add_argument("--rounds", type=int, default=15, help="rounds of each case")
+    parser.add_argument("--small", action="store_true", help="640x480 only")
+    options = parser.parse_args()
+    report: dict[str, dict[str, Any]] = {}
+    for width, height, disparities in CASES[: 1 if options.small else None]:
+        left, right, source = load_pair(width, height)
+        print(f"\n{source}, {width}x{height} px, {disparities} disparities")
+        sizes = report.setdefault(f"{width}x{height}", {})
+        for threads in (1, 2):
+            sizes[str(threads)] = run_case(left, right, disparities, threads, options.rounds)
+    if not options.small:
+        for threads in ("1", "2"):
+            small, large = (report[f"{w}x{h}"][threads] for w, h, _ in CASES)
+            large["over_small"] = large["pipeline_ms"] / small["pipeline_ms"]
+            print(f"{threads} thread(s): large over small {large['over_small']:.2f}")
+    Path(options.json).write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    print(f"\nratios written to {options.json}")
+
+
+def load_pair(width: int, height: int) -> tuple[Image, Image, str]:
+    """Return a turbid pair: aloe where it is at hand, else a rendered reef."""
+    if SCENE.is_dir():
+        scene = load_scene(SCENE)
+        clear = clear_water_attenuation(load_response("nikon_d5100"))
+        pair = scene.degraded(MEAN_ATTENUATION, DEPTH, clear)
+        left, right = (
+            cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) for image in pair
+        )
+        return left, right, f"aloe at {MEAN_ATTENUATION} 1/m"
+    raise SystemExit(f"no benchmark scene: {SCENE.name} is not beside the tree")
+
+
+def run_case(
+    left: Image, right: Image, disparities: int, threads: int, rounds: int
+) -> dict[str, float]:
+    """Time one size with one number of threads; return ratios and medians."""
+    height, width = left.shape[:2]
+    cv2.setNumThreads(threads)
+    workers = Workers(threads)
+    rig = StereoRig(3740.0 * width / 1282, 0.160, ((width - 1) / 2, (height - 1) / 2))
+    config = PipelineConfig.from_parameters(
+        {"stereo.max_disparity": disparities - 1, "threads": threads}
+    )
+    pipeline = Pipeline(rig, config)
+    matcher = Matcher((height, width), (0, disparities - 1), config.stereo, workers)
+    contrast = EvenContrast((height, width)), EvenContrast((height, width))
+    for view, image in zip(contrast, (left, right), strict=True):
+        view.stretch(image, workers)
+    grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
+    peer = sgbm(disparities, 1)
+
+    def match() -> None:
+        matcher.describe(*contrast)
+        matcher.dense_disparity(matcher.support_points())
+
+    stages: dict[str, list[float]] = {}
+
+    def process() -> None:
+        for stage, milliseconds in pipeline.process(left, right).timing_ms.items():
+            stages.setdefault(stage, []).append(milliseconds)
+
+    times = take_turns(
+        {"sgbm": lambda: peer.compute(*grey), "matcher": match, "pipeline": process}, rounds
+    )
+    medians = {name: statistics.median(values) for name, values in times.items()}
+    print_stages(threads, stages, times)
+    return {
+        "pipeline_over_sgbm": medians["pipeline"] / medians["sgbm"],
+        "matcher_over_sgbm": medians["matcher"] / medians["sgbm"],
+        "pipeline_ms": medians["pipeline"],
+        "matcher_ms": medians["matcher"],
+        "sgbm_ms": medians["sgbm"],
+    }
+
+
+def take_turns(
+    candidates: dict[str, Callable[[], Any]], rounds: int
+) -> dict[str, list[float]]:
+    """Time every candidate once a round, after one round that does not count; ms."""
+    times: dict[str, list[float]] = {name: [] for name in candidates}
+    for turn in range(rounds + 1):
+        for name, call in candidates.items():
+            begin = time.perf_counter()
+            call()
+            if turn:
+                times[name].append(1e3 * (time.perf_counter() - begin))
+    return times
+
+
+def print_stages(
+    threads: int, stages: dict[str, list[float]], times: dict[str, list[float]]
+) -> None:
+    """Print median, spread and share of each stage, and the ratios."""
+    total = statistics.median(stages["total"][1:])
+    print(f"\n  {threads} thread(s)                  median ms   min .. max      share")
+    for stage, values in stages.items():
+        print_row(stage, values[1:], f"{statistics.median(values[1:]) / total:8.1%}")
+    peer = statistics.median(times["sgbm"])
+    for name, values in times.items():
+        print_row(f"[{name}]", values, f"{statistics.median(values) / peer:8.2f} x StereoSGBM")
+
+
+def print_row(name: str, values: list[float], last: str) -> None:
+    """Print one row of the table."""
+    middle = statistics.median(values)
+    print(f"  {name:28s} {middle:9.2f}   {min(values):7.2f} .. {max(values):7.2f} {last}")
+
+
+if __name__ == "__main__":
+    main()
