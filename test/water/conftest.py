@@ -28,13 +28,17 @@ class View:
 
 @pytest.fixture
 def make_view():
-    def make(alpha=0.15, depth=2.0, nearest=1.0, farthest=8.0, black=0.02, brightest=1.0,
-             darkest=0.0, size=(240, 320), planes=24, seed=0):
+    def make(alpha=0.15, depth=2.0, nearest=1.0, farthest=8.0, black=0.1, brightest=1.0,
+             darkest=0.0, size=(360, 320), planes=24, seed=0):
         rng = np.random.default_rng(seed)
-        rho = darkest + (brightest - darkest) * rng.random((*size, 3))
-        patch = rng.random(size)
-        rho[patch < black] = darkest
-        rho[patch > 0.97] = brightest
+        # Patches of 8 px, a tenth of them black and a tenth white, over plain sand.
+        shape = (size[0] // 8, size[1] // 8)
+        value = rng.random((*shape, 3))
+        kind = rng.random(shape)
+        value[kind < black] = 0
+        value[kind > 0.9] = 1
+        value[2 * shape[0] // 3:] = 0.4
+        rho = darkest + (brightest - darkest) * value.repeat(8, axis=0).repeat(8, axis=1)
         # Planes at steps of range, side by side, so that each bin has one range.
         steps = np.linspace(nearest, farthest, planes)
         distance = np.repeat(steps, -(-size[1] // planes))[:size[1]]

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from uw_visibility.water import fit as module
-from uw_visibility.water.fit import fit_lower_envelope, fit_plain
+from uw_visibility.water.fit import ATTENUATION_BOUNDS, fit_plain
+from uw_visibility.water.lower_envelope import fit_lower_envelope
 
 KAPPA = np.array([0.22776, 0.06641, 0.02455])
 ALL = np.ones(3, dtype=bool)
-STEP = 1 / 255
+DEVIATION = 1.04 / 255
 # Constants that the compiled cost holds, for the cost written out once more below.
 BELOW, ABOVE = 0.97, 0.03
 
@@ -22,10 +22,13 @@ def curve(beta, ambient, distance):
     return ambient[:, np.newaxis] * (1 - np.exp(-np.outer(beta, distance)))
 
 
-def lower(distance, dark, ambient_min, active=ALL, start=None, range_error=0.0, step=STEP):
+def lower(
+    distance, dark, ambient_min, active=ALL, start=None, range_error=0.0, deviation=DEVIATION
+):
     start = np.stack((KAPPA, ambient_min), axis=1) if start is None else start
     return fit_lower_envelope(
-        distance, dark, np.full(dark.shape, step), ambient_min, start, KAPPA, active, range_error)
+        distance, dark, np.full(dark.shape, deviation), ambient_min, start, KAPPA, active,
+        range_error)
 
 
 def plain(distance, dark, ambient_min, active=ALL):
@@ -102,7 +105,7 @@ def test_the_minimum_is_that_which_scipy_finds(loosest):
         return p[1] * (1 - np.exp(-p[0] * distance))
 
     direct = found[1] * np.exp(-found[0] * distance)
-    scale = np.sqrt(STEP**2 * (1 / 12 + 1) + (0.02 * direct) ** 2)
+    scale = np.sqrt(DEVIATION**2 + (0.02 * direct) ** 2)
 
     def residual(p):
         u = (dark[1] - curve_of(p)) / scale
@@ -132,7 +135,7 @@ def test_a_start_elsewhere_ends_at_the_same_place():
 
 
 def test_channels_left_out_are_not_invented():
-    beta, ambient, distance, dark = noisy()
+    _, ambient, distance, dark = noisy()
     active = np.array([False, True, True])
     for fit in (plain, lower):
         found = fit(distance, dark, ambient, active)
@@ -155,7 +158,7 @@ def test_covariance_is_a_covariance_and_grows_with_range_error_and_coarse_codes(
     fine = lower(distance, dark, ambient).covariance
     np.testing.assert_allclose(fine, fine.T, atol=1e-12)
     assert (np.linalg.eigvalsh(fine) > -1e-12).all()
-    coarse = lower(distance, dark, ambient, step=4 * STEP).covariance
+    coarse = lower(distance, dark, ambient, deviation=4 * DEVIATION).covariance
     loose = lower(distance, dark, ambient, range_error=0.05).covariance
     assert np.trace(coarse) > np.trace(fine)
     assert np.trace(loose) > np.trace(fine)
@@ -176,5 +179,5 @@ def test_attenuation_stays_within_its_bounds():
     distance = np.linspace(1, 3, 20)
     dark = np.full((3, 20), 0.5)
     found = lower(distance, dark, np.full(3, 0.5))
-    assert (found.parameters[:, 0] <= module.ATTENUATION_BOUNDS[1]).all()
+    assert (found.parameters[:, 0] <= ATTENUATION_BOUNDS[1]).all()
     assert np.isfinite(found.parameters).all()

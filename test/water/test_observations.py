@@ -10,6 +10,7 @@ from uw_visibility.water.observations import MAX_PIXELS, levels, observe
 SETTINGS = {
     "transfer": "linear", "bins": 10, "min_pixels": 20, "edge_tolerance": 10.0,
     "dark_quantile": 0.1, "bright_quantile": 0.9,
+    "denoise": False,
 }
 
 

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from uw_visibility.config import WaterConfig
 from uw_visibility.errors import InputError
 from uw_visibility.status import Status
-from uw_visibility.water.fit import ATTENUATION_BOUNDS, Fit, fit_lower_envelope, fit_plain
+from uw_visibility.water.fit import ATTENUATION_BOUNDS, Fit, fit_plain
+from uw_visibility.water.lower_envelope import fit_lower_envelope
 from uw_visibility.water.observations import Envelopes, observe
 
 # Quantile of the dark envelope by method; the paper's is 1 % (eq. 4).
@@ -166,6 +167,7 @@ class WaterEstimator:
             edge_tolerance=config.edge_tolerance,
             dark_quantile=DARK_QUANTILE[config.method],
             bright_quantile=BRIGHT_QUANTILE,
+            denoise=config.method != "paper",
         )
         reason = self._refuse_frame(codes, envelope)
         if reason is not Status.OK:
@@ -214,7 +216,7 @@ class WaterEstimator:
         if self._config.method == "paper":
             return fit_plain(envelope.range, envelope.dark, ambient_min, first, active)
         return fit_lower_envelope(
-            envelope.range, envelope.dark, envelope.step, ambient_min, first,
+            envelope.range, envelope.dark, envelope.deviation, ambient_min, first,
             self._clear_water, active, range_error,
         )
 

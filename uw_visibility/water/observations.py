@@ -9,11 +9,27 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
+from uw_visibility.water.noise import noise_stddev
 from uw_visibility.water.transfer import linear_table
+
+# Noise beyond the first of these, in 8-bit code values, would make up the dark
+# envelope: the image is then filtered by a median, which also takes the flakes of
+# marine snow. The quantiles move inwards, by the factors below at the second.
+NOISY = (0.6, 1.5)
+MEDIAN_SIZE = 3
+MEDIAN_NOISE_GAIN = 0.42
+NOISY_DARK_FACTOR = 2.0
+NOISY_BRIGHT_FACTOR = 3.0
+# The quantile that shows how steep the dark end of a bin is, over that of the envelope.
+STEEPNESS_FACTOR = 10.0
+# Calibration and fixed pattern that no filter takes, in 8-bit code values.
+FIXED_PATTERN = 1.0
 
 # 16-bit codes are counted in groups of 16: a group spans a sixteenth of an
 # 8-bit step, and the histogram still fits into the cache.
@@ -45,6 +61,10 @@ class Envelopes:
         pixels of the bin are unsaturated in that channel.
     step : (3, N) float64 ndarray
         Irradiance that one code value spans at the dark envelope.
+    deviation : (3, N) float64 ndarray
+        Standard deviation of the dark envelope by rounding and noise.
+    noise : (3,) float64 ndarray
+        Standard deviation of the image's noise, in code values.
     pixels : int
         Pixels read that have a range inside the bins, away from edges.
     saturated, zero : (3,) float64 ndarray
@@ -58,6 +78,8 @@ class Envelopes:
     dark: NDArray[np.float64]
     bright: NDArray[np.float64]
     step: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+    noise: NDArray[np.float64]
     pixels: int
     saturated: NDArray[np.float64]
     zero: NDArray[np.float64]
@@ -108,6 +130,7 @@ def observe(
     edge_tolerance: float,
     dark_quantile: float,
     bright_quantile: float,
+    denoise: bool = True,
 ) -> Envelopes:
     """Bin pixels by range and take the quantiles of each bin and channel (eq. 4-5).
 
@@ -130,6 +153,8 @@ def observe(
         differs by more than this fraction.
     dark_quantile, bright_quantile : float
         Quantiles of the envelopes, 0..1.
+    denoise : bool
+        Whether to take the effect of noise out of the envelopes.
 
     Returns
     -------
@@ -138,6 +163,16 @@ def observe(
         count, nor do saturated channels.
     """
     table = levels(transfer, image.dtype)
+    noise = noise_stddev(image)
+    code_8_bit = len(table.of_code) // 256
+    left = noise if denoise else np.zeros(3)
+    worst = noise.max() / code_8_bit
+    if denoise and worst > NOISY[0]:
+        image = cv2.medianBlur(image, MEDIAN_SIZE)
+        left = MEDIAN_NOISE_GAIN * noise
+        dark_quantile *= np.interp(worst, NOISY, (1.0, NOISY_DARK_FACTOR))
+        bright_quantile = 1.0 - (1.0 - bright_quantile) * np.interp(
+            worst, NOISY, (1.0, NOISY_BRIGHT_FACTOR))
     mask = np.ones((1, 1), np.bool_) if valid is None else valid
     low, high = _range_limits(range_map, mask, valid is not None)
     histogram = np.zeros((bins, 3, len(table.step)), np.int32)
@@ -149,23 +184,42 @@ def observe(
     count = histogram[:, 0].sum(axis=1, dtype=np.int64)
     pixels = int(count.sum())
     share = 1.0 / max(pixels, 1)
-    dark, bright, step = np.empty((3, 3, bins))
+    dark, steep, bright, step = np.empty((4, 3, bins))
+    quantiles = (dark_quantile, min(STEEPNESS_FACTOR * dark_quantile, 0.5), bright_quantile)
     _quantiles(
-        histogram, table.edges, table.step, min_pixels, dark_quantile, bright_quantile,
-        count, dark, bright, step,
+        histogram, table.edges, table.step, min_pixels, quantiles, count, dark, steep, bright,
+        step,
     )
+    shift = _noise_shift(left[:, np.newaxis] * step, steep - dark, quantiles)
     full = (count >= min_pixels) & (range_sum[:, 1] > 0)
     return Envelopes(
         range=range_sum[full, 0] / range_sum[full, 1],
         count=count[full],
-        dark=dark[:, full],
+        dark=(dark + shift)[:, full],
         bright=bright[:, full],
         step=step[:, full],
+        deviation=np.sqrt(
+            step**2 * (1 / 12 + (FIXED_PATTERN * code_8_bit)**2) + (0.5 * shift)**2)[:, full],
+        noise=noise,
         pixels=pixels,
         saturated=histogram[:, :, -1].sum(axis=0) * share,
         zero=histogram[:, :, 0].sum(axis=0) * share,
         grey=pixels > 0 and not coloured,
     )
+
+
+def _noise_shift(
+    noise: NDArray[np.float64], rise: NDArray[np.float64], quantiles: tuple[float, float, float]
+) -> NDArray[np.float64]:
+    """How far noise moves the dark envelope below the darkest light.
+
+    Where the dark end is as steep as noise alone makes it, the envelope lies
+    at the noise's own quantile; where the scene itself makes a long tail, the
+    noise moves it by less, in proportion to the steepness.
+    """
+    outer, inner = -ndtri(quantiles[0]), -ndtri(quantiles[1])
+    steepness = np.minimum((outer - inner) * noise / np.maximum(rise, 1e-9), 1.0)
+    return np.asarray(outer * noise * steepness)
 
 
 def _range_limits(
@@ -244,8 +298,9 @@ def _place_row(
 
 @njit(nogil=True, cache=True)
 def _quantiles(
-    histogram: Any, edges: Any, code_step: Any, min_pixels: int, dark_quantile: float,
-    bright_quantile: float, count: Any, dark: Any, bright: Any, step: Any,
+    histogram: Any, edges: Any, code_step: Any, min_pixels: int,
+    quantiles: tuple[float, float, float], count: Any, dark: Any, steep: Any, bright: Any,
+    step: Any,
 ) -> None:
     """Take the quantiles of each histogram, leaving out its saturated level."""
     bins, channels, number = histogram.shape
@@ -255,10 +310,11 @@ def _quantiles(
             total = count[at] - column[number - 1]
             if total < min_pixels:
                 dark[channel, at] = np.nan
+                steep[channel, at] = np.nan
                 bright[channel, at] = np.nan
                 step[channel, at] = np.nan
                 continue
-            level, inside = _find(column, max(dark_quantile * total, 0.5))
+            level, inside = _find(column, max(quantiles[0] * total, 0.5))
             # Counts that fall smoothly towards darkness place the quantile
             # inside its level. At a sharp end the true darkest value may lie
             # anywhere in the level: its middle is right on average.
@@ -267,7 +323,9 @@ def _quantiles(
             inside = smooth * inside + (1.0 - smooth) * 0.5
             dark[channel, at] = edges[level] + inside * (edges[level + 1] - edges[level])
             step[channel, at] = code_step[level]
-            level, inside = _find(column, bright_quantile * total)
+            level, inside = _find(column, max(quantiles[1] * total, 0.5))
+            steep[channel, at] = edges[level] + inside * (edges[level + 1] - edges[level])
+            level, inside = _find(column, quantiles[2] * total)
             # What is reached at least, since it bounds the ambient light.
             bright[channel, at] = edges[level]
 
