@@ -141,12 +141,18 @@ class Client:
         self._seconds = 100
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._closing = False
+        self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
 
+    def _spin(self) -> None:
+        while not self._closing:
+            self._executor.spin_once(timeout_sec=0.05)
+
     def close(self) -> None:
-        self._executor.shutdown()
+        self._closing = True
         self._thread.join(10)
+        self._executor.shutdown()
         self.node.destroy_node()
         self.context.try_shutdown()
 
