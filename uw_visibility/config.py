@@ -102,6 +102,11 @@ class StereoConfig:
     left_right_tolerance: int = parameter(
         2, "Largest difference of the two views' disparities.", unit="px", minimum=0, maximum=10,
     )
+    noise_ratio: float = parameter(
+        1.0, "Largest difference of matched descriptors over their texture, around a pixel; "
+        "noise in open water has about 1.1.",
+        minimum=0.1, maximum=10.0,
+    )
     segment_size: int = parameter(
         100, "Smallest number of pixels that a segment of the disparity map keeps.",
         unit="px", minimum=0, maximum=100000,

@@ -15,6 +15,7 @@ from uw_visibility.stereo.contrast import EvenContrast
 from uw_visibility.stereo.elas import dense, mesh, postprocess
 from uw_visibility.stereo.elas.dense import CellCandidates, DenseSettings
 from uw_visibility.stereo.elas.descriptors import Descriptors
+from uw_visibility.stereo.elas.evidence import NoiseFilter
 from uw_visibility.stereo.elas.smoothing import AdaptiveMean
 from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints, SupportSettings
 
@@ -92,6 +93,7 @@ class Matcher:
         self._planes = np.empty((2, *shape), np.float32)
         self._candidates = tuple(CellCandidates(shape, disparities[1] + 2) for _ in range(2))
         self._best = np.empty((2, *shape), np.int16)
+        self._noise = NoiseFilter(shape, config.noise_ratio)
         self._segments = postprocess.SegmentFilter(shape)
         self._mean = AdaptiveMean(shape, config.smoothing_radius, config.smoothing_difference)
 
@@ -184,6 +186,9 @@ class Matcher:
             (self._best[view], self._best[1 - view]),
             (self._views[view].values, self._views[1 - view].values),
             sign, config.left_right_tolerance, disparity, self._workers,
+        )
+        self._noise.remove(
+            self._views[view].values, self._views[1 - view].values, sign, disparity, self._workers
         )
         self._segments.remove(disparity, config.segment_size, config.segment_difference)
         postprocess.fill_small_gaps(

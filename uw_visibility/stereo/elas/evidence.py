@@ -1,0 +1,119 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a region's matches say more than its noise: open water has none that do.
+
+In water without texture the descriptors hold noise alone. The prior still makes
+both views agree on a disparity there, and an obstacle appears where is nothing.
+Two independent noises differ more than either differs from a blank, however,
+while the views of a textured surface differ less: the sum of differences over
+the sum of textures, taken over a neighbourhood, tells them apart. Flat patches
+of a surface pass by the texture around them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from uw_visibility.parallel import Workers
+from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
+from uw_visibility.stereo.elas.descriptors import MIDDLE
+
+# Side of the cells that sums are taken over, px, and cells to a neighbourhood's side.
+_CELL = 8
+_NEIGHBOURHOOD = 5
+
+
+class NoiseFilter:
+    """Removal of matches that noise explains, in memory that is allocated once.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the images, px.
+    most : float
+        Largest sum of differences over sum of textures that a match may have
+        around it; about 1.1 is noise, a clear surface has 0.2 to 0.6.
+    """
+
+    def __init__(self, shape: tuple[int, int], most: float) -> None:
+        cells = (-(-shape[0] // _CELL), -(-shape[1] // _CELL))
+        self._difference = np.empty(cells, np.float32)
+        self._texture = np.empty(cells, np.float32)
+        self._most = np.float32(most)
+
+    def remove(
+        self,
+        here: NDArray[np.uint8],
+        there: NDArray[np.uint8],
+        sign: int,
+        disparity: NDArray[np.float32],
+        workers: Workers,
+    ) -> None:
+        """Set matches that noise explains to NaN, in place.
+
+        Parameters
+        ----------
+        here, there : ndarray
+            Descriptors of this and of the other view, ``(H * W * 16,)`` uint8.
+        sign : int
+            1 where this is the left view, -1 where it is the right one.
+        disparity : ndarray
+            ``(H, W)`` float32, px; NaN where unmatched.
+        workers : Workers
+            Threads.
+        """
+        rows = self._difference.shape[0]
+        workers.rows(
+            _sum_up, rows, here, there, sign, disparity, self._difference, self._texture
+        )
+        size = (_NEIGHBOURHOOD, _NEIGHBOURHOOD)
+        difference = cv2.blur(self._difference, size, borderType=cv2.BORDER_CONSTANT)
+        texture = cv2.blur(self._texture, size, borderType=cv2.BORDER_CONSTANT)
+        noise = difference > self._most * texture
+        workers.rows(_clear, rows, noise, disparity)
+
+
+@njit(nogil=True, cache=True)
+def _sum_up(
+    start: int, stop: int, here: Any, there: Any, sign: int, disparity: Any,
+    difference: Any, texture: Any,
+) -> None:
+    """Sum over every other matched pixel of each cell."""
+    height, width = disparity.shape
+    # Longer than a descriptor, and read from a moving place: the loads stay in
+    # the loop, where they keep their vector form.
+    blank = np.full(BYTES + 2, MIDDLE, np.uint8)
+    for row in range(start, stop):
+        difference[row] = 0
+        texture[row] = 0
+        for y in range(row * _CELL, min((row + 1) * _CELL, height)):
+            for x in range(y & 1, width, 2):
+                d = disparity[y, x]
+                if d != d:
+                    continue
+                other = x - sign * np.int32(d + np.float32(0.5))
+                if other < 0 or other >= width:
+                    continue
+                i, j = (y * width + x) * BYTES, (y * width + other) * BYTES
+                column = x // _CELL
+                difference[row, column] += absolute_difference(here, i, there, j)
+                texture[row, column] += 0.5 * (
+                    absolute_difference(here, i, blank, x & 1)
+                    + absolute_difference(there, j, blank, x & 1)
+                )
+
+
+@njit(nogil=True, cache=True)
+def _clear(start: int, stop: int, noise: Any, disparity: Any) -> None:
+    height, width = disparity.shape
+    for row in range(start, stop):
+        for column in range(noise.shape[1]):
+            if noise[row, column]:
+                for y in range(row * _CELL, min((row + 1) * _CELL, height)):
+                    for x in range(column * _CELL, min((column + 1) * _CELL, width)):
+                        disparity[y, x] = np.nan
