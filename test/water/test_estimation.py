@@ -86,6 +86,19 @@ def test_a_start_changes_nothing_but_the_way(make_view):
     assert again.iterations <= first.iterations
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_a_grey_image_has_one_attenuation(make_view, method):
+    view = make_view()
+    for channel in (1, 2):
+        found = estimator(method=method).estimate_grey(view.codes()[..., channel], view.range)
+        assert found[0] == pytest.approx(view.attenuation[channel], abs=0.012)
+        assert found[1] == pytest.approx(view.ambient_light[channel], rel=0.04)
+    grey = view.codes()[..., 1]
+    assert estimator(method=method).estimate_grey(grey, np.full_like(view.range, 3)) is None
+    assert estimator(method=method).estimate_grey(np.zeros_like(grey), view.range) is None
+    assert estimator(method=method).estimate_grey(np.full_like(grey, 255), view.range) is None
+
+
 def test_one_estimator_serves_many_threads(make_view):
     views = [make_view(alpha) for alpha in (0.05, 0.1, 0.2, 0.3)]
     shared = estimator()

@@ -155,6 +155,69 @@ class WaterEstimator:
         _check(image, range_map, valid)
         if image.ndim == 2 or image.shape[2] == 1:
             return WaterEstimate.not_assessable(Status.NO_COLOUR)
+        codes, envelope = self._observe(image, range_map, valid)
+        reason = self._refuse_frame(codes, envelope)
+        if reason is Status.OK and envelope.grey:
+            reason = Status.NO_COLOUR
+        if reason is not Status.OK:
+            return WaterEstimate.not_assessable(reason, envelope)
+        status = [_refuse_channel(envelope, channel) for channel in range(3)]
+        active = np.array([reason is Status.OK for reason in status])
+        if not active.any():
+            return WaterEstimate.not_assessable(status[0], envelope)
+        fit = self._fit(envelope, active, start, range_error, self._clear_water)
+        for channel in np.flatnonzero(active):
+            status[channel] = _judge(fit, envelope, int(channel))
+        return _assemble(fit, envelope, status)
+
+    def estimate_grey(
+        self,
+        image: NDArray[Any],
+        range_map: NDArray[np.floating],
+        valid: NDArray[np.bool_] | None = None,
+    ) -> tuple[float, float] | None:
+        """Estimate attenuation and ambient light of a single channel, to restore its contrast.
+
+        Parameters
+        ----------
+        image : (H, W) ndarray of uint8, uint16 or float32
+            Code values; float32 is linear irradiance 0..1.
+        range_map : (H, W) ndarray of float
+            Range along the line of sight, m; NaN where unknown.
+        valid : (H, W) bool ndarray, optional
+            Pixels that may count.
+
+        Returns
+        -------
+        tuple of float, or None
+            Attenuation, 1/m, and ambient light in units of irradiance; None
+            where they are not assessable. A grey camera's response is taken
+            to reach the least attenuated channel.
+
+        Raises
+        ------
+        InputError
+            If shapes or types do not fit.
+        """
+        _check(image, range_map, valid)
+        codes, envelope = self._observe(np.dstack((image,) * 3), range_map, valid)
+        if self._refuse_frame(codes, envelope) is not Status.OK:
+            return None
+        if _refuse_channel(envelope, 0) is not Status.OK:
+            return None
+        alone = np.array([True, False, False])
+        fit = self._fit(envelope, alone, None, 0.0, np.full(3, self._clear_water.min()))
+        if _judge(fit, envelope, 0) is not Status.OK:
+            return None
+        attenuation, ambient_light = fit.parameters[0]
+        return float(attenuation), float(ambient_light)
+
+    def _observe(
+        self,
+        image: NDArray[Any],
+        range_map: NDArray[np.floating],
+        valid: NDArray[np.bool_] | None,
+    ) -> tuple[NDArray[Any], Envelopes]:
         config = self._config
         codes, transfer = _codes(image, self._transfer)
         envelope = observe(
@@ -169,17 +232,7 @@ class WaterEstimator:
             bright_quantile=BRIGHT_QUANTILE,
             denoise=config.method != "paper",
         )
-        reason = self._refuse_frame(codes, envelope)
-        if reason is not Status.OK:
-            return WaterEstimate.not_assessable(reason, envelope)
-        status = [_refuse_channel(envelope, channel) for channel in range(3)]
-        active = np.array([reason is Status.OK for reason in status])
-        if not active.any():
-            return WaterEstimate.not_assessable(status[0], envelope)
-        fit = self._fit(envelope, active, start, range_error)
-        for channel in np.flatnonzero(active):
-            status[channel] = _judge(fit, envelope, int(channel))
-        return _assemble(fit, envelope, status)
+        return codes, envelope
 
     def _refuse_frame(self, codes: NDArray[Any], envelope: Envelopes) -> Status:
         """Say why no channel is assessable, if so."""
@@ -189,8 +242,6 @@ class WaterEstimator:
             return Status.TOO_DARK if not codes.any() else Status.TOO_FEW_OBSERVATIONS
         if (envelope.saturated > MAX_CLIPPED_FRACTION).all():
             return Status.SATURATED
-        if envelope.grey:
-            return Status.NO_COLOUR
         if len(envelope.range) == 0:
             return Status.TOO_FEW_OBSERVATIONS
         if envelope.range[-1] < self._config.min_range_ratio * envelope.range[0]:
@@ -205,10 +256,11 @@ class WaterEstimator:
         active: NDArray[np.bool_],
         start: WaterEstimate | None,
         range_error: float,
+        clear_water: NDArray[np.float64],
     ) -> Fit:
         ambient_min = np.array([_bright(envelope, c) if active[c] else 1.0 for c in range(3)])
         brightest = [np.nanmax(envelope.bright[c]) if active[c] else 1.0 for c in range(3)]
-        first = np.stack((self._clear_water, brightest), axis=1)
+        first = np.stack((clear_water, brightest), axis=1)
         if start is not None:
             known = np.isfinite(start.attenuation)
             first[known, 0] = start.attenuation[known]
@@ -217,7 +269,7 @@ class WaterEstimator:
             return fit_plain(envelope.range, envelope.dark, ambient_min, first, active)
         return fit_lower_envelope(
             envelope.range, envelope.dark, envelope.deviation, ambient_min, first,
-            self._clear_water, active, range_error,
+            clear_water, active, range_error,
         )
 
 
