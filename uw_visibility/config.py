@@ -180,6 +180,11 @@ class EnhancementConfig:
         30.0, "Largest gain exp(attenuation x range); pixels beyond it are marked.",
         minimum=1.0, maximum=1e3,
     )
+    max_noise: float = parameter(
+        0.12, "Largest standard deviation of noise in an enhanced image, as part of white: "
+        "limits the gain of a noisy image further.",
+        minimum=1e-3, maximum=10.0,
+    )
     matting: str = parameter(
         "guided",
         "How the coarse disparity becomes dense: guided (a filter, fast) or laplacian "

@@ -21,6 +21,9 @@ WATER = SimpleNamespace(
 )
 SHAPE = (60, 70)
 
+# The images below are texture from pixel to pixel, which counts as noise.
+ANY_NOISE = EnhancementConfig(max_noise=10.0)
+
 
 def scene(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     random = np.random.default_rng(seed)
@@ -40,7 +43,7 @@ def seen(radiance: np.ndarray, distance: np.ndarray, transfer: str, dtype: type)
 def test_inverts_the_light_model_within_quantisation(dtype: type, transfer: str) -> None:
     radiance, distance = scene()
     image = seen(radiance, distance, transfer, dtype)
-    enhanced, limited = Restorer(transfer=transfer).restore(image, distance, WATER)
+    enhanced, limited = Restorer(ANY_NOISE, transfer).restore(image, distance, WATER)
     assert enhanced.dtype == dtype
     assert not limited.any()
     top = np.iinfo(dtype).max
@@ -68,7 +71,7 @@ def test_table_free_kernel_is_within_a_quarter_grey_level_of_equation_8(
     image = random.integers(0, 256, (7, 40, 3)).astype(np.uint8)
     distance = random.uniform(0, 20, (7, 40)).astype(np.float32)
     water = SimpleNamespace(attenuation=np.array(attenuation), ambient_light=np.array(ambient))
-    enhanced, _ = Restorer(EnhancementConfig(max_gain=max_gain), transfer).restore(
+    enhanced, _ = Restorer(EnhancementConfig(max_gain=max_gain, max_noise=10.0), transfer).restore(
         image, distance, water
     )
     exact = np.clip(recover_radiance(image, distance, water, transfer, max_gain), 0, 1)
@@ -83,7 +86,7 @@ def test_unknown_range_is_taken_as_far_and_marked(unknown: float) -> None:
     image = np.full((2, 3, 3), 120, np.uint8)
     distance = np.full((2, 3), 2, np.float32)
     distance[1, 2] = unknown
-    enhanced, limited = Restorer(EnhancementConfig(max_gain=10)).restore(image, distance, WATER)
+    enhanced, limited = Restorer(EnhancementConfig(max_gain=10, max_noise=10.0)).restore(image, distance, WATER)
     assert limited.tolist() == [[False] * 3, [False, False, True]]
     expected = 1 + (120 / 255 / WATER.ambient_light - 1) * 10
     np.testing.assert_allclose(enhanced[1, 2], np.clip(expected, 0, 1) * 255, atol=0.51)
@@ -92,7 +95,7 @@ def test_unknown_range_is_taken_as_far_and_marked(unknown: float) -> None:
 def test_limited_marks_where_one_channel_exceeds_the_gain() -> None:
     distance = np.linspace(0.1, 12, 200, dtype=np.float32)[np.newaxis]
     image = np.full((1, 200, 3), 100, np.uint8)
-    _, limited = Restorer(EnhancementConfig(max_gain=8)).restore(image, distance, WATER)
+    _, limited = Restorer(EnhancementConfig(max_gain=8, max_noise=10.0)).restore(image, distance, WATER)
     np.testing.assert_array_equal(limited[0], distance[0] > np.log(8) / 0.43)
 
 
@@ -156,3 +159,20 @@ def test_same_bits_for_any_number_of_threads() -> None:
 
 def _clear() -> SimpleNamespace:
     return SimpleNamespace(attenuation=np.zeros(3), ambient_light=np.ones(3))
+
+
+def test_noise_limits_the_gain_and_the_result_keeps_to_it():
+    """Far open water with noise: restored noise is at most what the parameter says."""
+    rng = np.random.default_rng(0)
+    distance = np.full((120, 160), 9, np.float32)
+    distance[:, :80] = 1
+    ambient = np.asarray(WATER.ambient_light)
+    light = np.broadcast_to(ambient * 0.7, (120, 160, 3)) * 255
+    image = np.clip(np.round(light + rng.normal(0, 1.5, light.shape)), 0, 255).astype(np.uint8)
+    config = EnhancementConfig(max_gain=1e3, max_noise=0.1)
+    enhanced, limited = Restorer(config).restore(image, distance, WATER)
+    assert limited[:, 80:].all()
+    assert not limited[:, :80].any()
+    gain = 0.1 * ambient / (1.5 / 255)
+    expected = np.clip(1 + (0.7 - 1) * np.minimum(gain, np.exp(9 * WATER.attenuation)), 0, 1)
+    np.testing.assert_allclose(enhanced[:, 80:].mean((0, 1)) / 255, expected, atol=0.12)

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +15,7 @@ from uw_visibility.config import EnhancementConfig
 from uw_visibility.enhancement import radiance_kernels as kernels
 from uw_visibility.errors import InputError
 from uw_visibility.parallel import Workers
+from uw_visibility.water.noise import noise_stddev
 from uw_visibility.water.transfer import encode_table, linear_table, to_linear
 
 
@@ -26,6 +27,9 @@ class Water(Protocol):
 
     @property
     def ambient_light(self) -> NDArray[np.float64]: ...
+
+# However noisy an image is, this much optical thickness is made up for.
+_LEAST_THICKNESS = 0.5
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,20 @@ class Channels:
     limits: NDArray[np.float32]
     assessable: NDArray[np.bool_]
 
+    def limited_by_noise(self, noise: NDArray[np.float64], largest: float) -> Channels:
+        """Lower the limits so that restored noise, σ exp(βd) / I∞, stays below ``largest``."""
+        gain = largest * self.ambient / np.maximum(noise, 1e-9)
+        thickness = np.log(np.maximum(gain, math.exp(_LEAST_THICKNESS)))
+        limits = np.where(self.assessable, np.minimum(self.limits, thickness), 0.0)
+        return replace(self, limits=limits.astype(np.float32))
+
+    def farthest(self) -> np.float32:
+        """Range (m) up to which no channel's gain is limited."""
+        steep = self.assessable & (self.attenuation > 0)
+        if not steep.any():
+            return np.float32(np.inf)
+        return np.float32((self.limits[steep] / self.attenuation[steep]).min())
+
 
 class Restorer:
     """Restores images; see `restore`.
@@ -70,7 +88,9 @@ class Restorer:
         transfer: str = "linear",
         workers: Workers | None = None,
     ) -> None:
-        self._max_gain = (config or EnhancementConfig()).max_gain
+        config = config or EnhancementConfig()
+        self._max_gain = config.max_gain
+        self._max_noise = config.max_noise
         self._transfer = transfer
         self._workers = workers or Workers(1)
 
@@ -99,8 +119,8 @@ class Restorer:
         enhanced : ndarray
             Of the image's shape and type.
         limited : (H, W) bool ndarray
-            Where the gain of a channel was limited to `max_gain`, or the range
-            is unknown.
+            Where the gain of a channel was limited, to `max_gain` or to what
+            keeps the image's noise below `max_noise`, or the range is unknown.
 
         Raises
         ------
@@ -109,14 +129,20 @@ class Restorer:
             neither 8- nor 16-bit.
         """
         planes = as_channels(image, range_map)
+        decode = linear_table(self._transfer, image.dtype)
         channels = prepare(water, planes.shape[2], self._max_gain)
+        channels = channels.limited_by_noise(
+            irradiance_noise(planes, decode, channels.ambient), self._max_noise
+        )
         enhanced = np.empty(planes.shape, image.dtype)
         limited = np.empty(range_map.shape, np.bool_)
         self._workers.rows(
             kernels.restore, planes.shape[0], planes, range_map,
-            linear_table(self._transfer, image.dtype), encode_table(self._transfer, image.dtype),
-            channels.attenuation, channels.ambient, channels.limits, enhanced, limited,
+            decode, encode_table(self._transfer, image.dtype), channels.attenuation,
+            channels.ambient, channels.limits, channels.farthest(), enhanced, limited,
         )
+        if not channels.assessable.any():
+            limited[:] = False
         return enhanced.reshape(image.shape), limited
 
 
@@ -178,6 +204,30 @@ def prepare(water: Water, count: int, max_gain: float) -> Channels:
         limits=np.where(assessable, max(math.log(max_gain), 1e-6), 0.0).astype(np.float32),
         assessable=assessable,
     )
+
+
+def irradiance_noise(
+    planes: NDArray[np.generic], decode: NDArray[np.float32], ambient: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """Standard deviation of the irradiance near the ambient light, where gains are large.
+
+    Parameters
+    ----------
+    planes : (H, W, C) ndarray of uint8 or uint16
+        Pixel values.
+    decode : float32 ndarray
+        Irradiance of each code value.
+    ambient : (C,) float32 ndarray
+        Ambient light of each channel.
+
+    Returns
+    -------
+    (C,) float64 ndarray
+    """
+    count = planes.shape[2]
+    codes = noise_stddev(planes if count == 3 else np.repeat(planes, 3, axis=2))[:count]
+    at = np.clip(np.searchsorted(decode, ambient), 1, decode.size - 1)
+    return np.asarray(codes * (decode[at] - decode[at - 1]), np.float64)
 
 
 def as_channels(

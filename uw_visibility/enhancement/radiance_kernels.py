@@ -52,7 +52,8 @@ def _exponential(p, middle, row):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def restore(  # type: ignore[no-untyped-def]
-    start, stop, image, distance, decode, encode, attenuation, ambient, limits, enhanced, limited
+    start, stop, image, distance, decode, encode, attenuation, ambient, limits, farthest, enhanced,
+    limited,
 ):
     """Restore a band of rows: ρ = 1 + (E / I∞ - 1) exp(βd), with βd and ρ limited."""
     width, count = image.shape[1], image.shape[2]
@@ -62,14 +63,7 @@ def restore(  # type: ignore[no-untyped-def]
     half = np.float32(0.5)
     one = np.float32(1)
     zero = np.float32(0)
-    steepest = np.float32(0)
-    limit = np.float32(0)
-    for c in range(count):
-        if limits[c] > 0:
-            steepest = max(steepest, attenuation[c])
-            limit = limits[c]
-    p, middle = polynomial(np.float64(limit), 1.0)
-    known = not limits.any()
+    p, middle = polynomial(np.float64(limits.max()), 1.0)
     for y in range(start, stop):
         for x in range(width):
             for c in range(count):
@@ -88,5 +82,4 @@ def restore(  # type: ignore[no-untyped-def]
             for c in range(count):
                 enhanced[y, x, c] = encode[np.uint32(light[c, x])]
         for x in range(width):
-            u = distance[y, x] * steepest
-            limited[y, x] = not (known or (u >= zero and u <= limit))
+            limited[y, x] = not (distance[y, x] >= zero and distance[y, x] <= farthest)
