@@ -5,11 +5,9 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from pathlib import Path
-from types import FrameType
-from typing import Any, NoReturn
+from typing import Any
 
 from uw_visibility.errors import InputError
 
@@ -29,8 +27,6 @@ written to DIR:
 The node runs with its default parameters, in a ROS domain of its own that stays on
 this machine. Images are stamped as they are sent; the latency is from there to the
 arrival of the last message of their result."""
-
-ENDING = (signal.SIGTERM, signal.SIGHUP)
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
@@ -76,16 +72,11 @@ def run(arguments: argparse.Namespace) -> None:
         arguments.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"cannot make folder {arguments.output}: {error.strerror}") from error
-    # Ending the command by a signal has to end the node as well.
-    before = {number: signal.signal(number, _interrupt) for number in ENDING}
     try:
         summary = demonstrate(arguments.output, transect)
     except node_died as error:
         print(f"uw_visibility: {error}", file=sys.stderr)
         raise SystemExit(1) from error
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
     width = max(len(name) for name, _ in summary)
     for name, value in summary:
         print(f"{name:{width}s}  {value}")
@@ -104,7 +95,3 @@ def _load() -> tuple[Any, Any]:
             "pip install 'uw_visibility[ros,report]'"
         ) from error
     return demonstrate, NodeDied
-
-
-def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
-    raise KeyboardInterrupt

@@ -8,12 +8,15 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from uw_visibility.demonstration.node_process import NodeDied, NodeProcess
+from uw_visibility.demonstration.node_process import NodeDied
 from uw_visibility.demonstration.recording import RecordedFrame
 
 if TYPE_CHECKING:
     from uw_visibility.ros.collector import Collector
     from uw_visibility.ros.player import Player
+
+Check = Callable[[], None]
+"""Called again and again; raises where the work cannot or shall not go on."""
 
 ANSWER = "disparity"
 """Topic that the node answers every frame with, whatever it can assess."""
@@ -27,7 +30,7 @@ POLL = 0.2
 
 
 def wait_until_ready(
-    node: NodeProcess, player: Player, collector: Collector, probe: RecordedFrame
+    check: Check, player: Player, collector: Collector, probe: RecordedFrame
 ) -> None:
     """Wait until the node has answered a first frame, which does not count.
 
@@ -38,11 +41,11 @@ def wait_until_ready(
     """
     end = time.monotonic() + START_TIMEOUT
     while "/left/image_rect" in player.unheard() or "/right/image_rect" in player.unheard():
-        _pause(node, end, "subscribed to the images")
+        _pause(check, end, "subscribed to the images")
     stamp = player.publish(probe.serialized)
     sent = time.monotonic()
     while not collector.wait(ANSWER, stamp, POLL):
-        _pause(node, end, "answered a frame")
+        _pause(check, end, "answered a frame")
         if time.monotonic() > sent + PROBE_INTERVAL:
             # Its best-effort subscriptions may have missed the one before.
             player.publish(probe.serialized)
@@ -52,7 +55,7 @@ def wait_until_ready(
 
 
 def play(
-    node: NodeProcess,
+    check: Check,
     player: Player,
     collector: Collector,
     frames: Sequence[RecordedFrame],
@@ -75,17 +78,17 @@ def play(
     for frame in progress(frames):
         due = start + (frame.time - frames[0].time) * 1e-9
         time.sleep(max(due - time.monotonic(), 0.0))
-        node.check()
+        check()
         stamps.append(player.publish(frame.serialized))
     collector.wait(ANSWER, stamps[-1], DRAIN_TIMEOUT)
     # The last frame's other messages come with it, but on topics of their own.
     time.sleep(2 * POLL)
-    node.check()
+    check()
     return stamps
 
 
-def _pause(node: NodeProcess, end: float, what: str) -> None:
-    node.check()
+def _pause(check: Check, end: float, what: str) -> None:
+    check()
     if time.monotonic() > end:
         raise NodeDied(f"the node has not {what} within {START_TIMEOUT:.0f} s")
     time.sleep(POLL)

@@ -4,10 +4,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,10 @@ from uw_visibility.demonstration.comparison import (
     write_csv,
 )
 from uw_visibility.demonstration.figures import draw_frame, draw_series
+from uw_visibility.demonstration.interruption import Interruption
 from uw_visibility.demonstration.isolation import isolate
 from uw_visibility.demonstration.node_process import COMMAND, NodeProcess
-from uw_visibility.demonstration.play import play, wait_until_ready
+from uw_visibility.demonstration.play import Check, play, wait_until_ready
 from uw_visibility.demonstration.recording import RecordedFrame, read_disparity, read_recording
 from uw_visibility.messages import read_image
 from uw_visibility.outputs import TOPICS
@@ -30,6 +31,8 @@ from uw_visibility.pipeline import Pipeline
 from uw_visibility.progress import progress_bar, tell
 from uw_visibility.simulation.bag import write_transect
 from uw_visibility.simulation.transect import Transect
+
+Item = TypeVar("Item")
 
 PICTURES = 4
 """Frames that are drawn, evenly spread over the transect."""
@@ -76,48 +79,72 @@ def demonstrate(
         If the node ends before its time.
     InputError
         If the recording cannot be written.
+    KeyboardInterrupt
+        After a signal that asks for the end.
     """
     domain = isolate(folder / "fastdds.xml")
     bag = folder / "transect"
-    with NodeProcess(folder / "node.log", domain, command) as node:
+    with Interruption() as interruption, NodeProcess(folder / "node.log", domain, command) as node:
+
+        def check() -> None:
+            interruption.check()
+            node.check()
+
         # The node compiles its kernels while the transect is being simulated.
         write_transect(
             bag, transect, overwrite=True,
-            progress=lambda frames: progress_bar(frames, "simulate", transect.frames),
+            progress=lambda frames: _checked(frames, "simulate", transect.frames, check),
         )
-        node.check()
         topics, frames = read_recording(bag)
-        answers = _ask(node, domain, topics, frames)
-    # The raw pairs are matched here, by the pipeline's own matcher.
-    pipeline = Pipeline(frames[0].rig)
-    rows = []
-    pictured = set(np.linspace(0, len(frames) - 1, PICTURES).round().astype(int).tolist())
-    _remove_pictures(folder)
-    for index, frame in enumerate(progress_bar(frames, "compare", len(frames))):
-        before = pipeline.process(frame.left, frame.right, match_original=True).disparity_original
-        assert before is not None
-        answer = answers[index]
-        seconds = (frame.time - frames[0].time) * 1e-9
-        row = compare(frame, seconds, answer.messages, answer.latency, before)
-        rows.append(row)
-        if index in pictured and row.answered:
-            _draw(folder / f"frame_{index:03d}.png", frame, answer, before, row)
+        answers = _ask(check, domain, topics, frames)
+    with Interruption() as interruption:
+        rows = _compare(folder, frames, answers, interruption.check)
     draw_series(folder / "series.png", rows)
     write_csv(folder / "frames.csv", rows)
     return summarize(rows)
 
 
+def _checked(
+    items: Iterable[Item], name: str, total: int, check: Check
+) -> Iterator[Item]:
+    """Yield items with a progress bar, as long as the check finds no objection."""
+    for item in progress_bar(items, name, total):
+        check()
+        yield item
+
+
+def _compare(
+    folder: Path, frames: Sequence[RecordedFrame], answers: Sequence[Answer], check: Check
+) -> list[FrameComparison]:
+    """Hold the answers against the truth, and draw some of them."""
+    # The raw pairs are matched here, by the pipeline's own matcher.
+    pipeline = Pipeline(frames[0].rig)
+    pictured = set(np.linspace(0, len(frames) - 1, PICTURES).round().astype(int).tolist())
+    _remove_pictures(folder)
+    rows = []
+    pairs = zip(frames, answers, strict=True)
+    for index, (frame, answer) in enumerate(_checked(pairs, "compare", len(frames), check)):
+        before = pipeline.process(frame.left, frame.right, match_original=True).disparity_original
+        assert before is not None
+        seconds = (frame.time - frames[0].time) * 1e-9
+        row = compare(frame, seconds, answer.messages, answer.latency, before)
+        rows.append(row)
+        if index in pictured and row.answered:
+            _draw(folder / f"frame_{index:03d}.png", frame, answer, before, row)
+    return rows
+
+
 def _ask(
-    node: NodeProcess, domain: int, topics: Mapping[str, str], frames: Sequence[RecordedFrame]
+    check: Check, domain: int, topics: Mapping[str, str], frames: Sequence[RecordedFrame]
 ) -> list[Answer]:
     """Play the frames into the node and return what it answers to each."""
     from uw_visibility.ros.link import open_link
 
     with open_link(domain, topics, TOPICS) as (player, collector):
         tell("waiting for the node to be ready")
-        wait_until_ready(node, player, collector, frames[0])
+        wait_until_ready(check, player, collector, frames[0])
         stamps = play(
-            node, player, collector, frames,
+            check, player, collector, frames,
             lambda items: progress_bar(items, "play", len(items)),
         )
         by_stamp = collector.by_stamp()
