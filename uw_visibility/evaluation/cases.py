@@ -1,0 +1,335 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""One scene in one water: what we make of it, what peers do, and what could be reached.
+
+A case is one point of section III of the paper. On the same 8-bit pixels stand side
+by side: the degraded input, OpenCV's peers, the pipeline, and the oracle, which
+restores with the true water and range.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.config import PipelineConfig
+from uw_visibility.enhancement.radiance import recover_radiance
+from uw_visibility.errors import InputError
+from uw_visibility.evaluation import baselines, metrics
+from uw_visibility.evaluation.degrade import Scene, fill_from_background
+from uw_visibility.evaluation.first_step import first_enhancement
+from uw_visibility.evaluation.readings import Reading, Truth, flat
+from uw_visibility.evaluation.scenes import SceneSource, search_limit, tolerance
+from uw_visibility.pipeline import Pipeline
+from uw_visibility.result import FrameResult
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.assessment import Assessor
+from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
+from uw_visibility.water.observations import Envelopes
+from uw_visibility.water.optics import load_response
+
+Image = NDArray[np.uint8]
+Map = NDArray[np.float32]
+
+READINGS = {
+    "step1": "ours after step 1, ranges of the pipeline",
+    "pipeline": "ours, ranges of the pipeline",
+    "exact": "ours, exact ranges",
+    "paper_pipeline": "plain method, ranges of the pipeline",
+    "paper_exact": "plain method, exact ranges",
+}
+"""Estimates of the water, by their names in tables; the plain method is the paper's own fit."""
+
+MATCHES = {
+    "sgbm": "SGBM, raw pair",
+    "clahe_sgbm": "SGBM after CLAHE",
+    "oracle_sgbm": "SGBM after the oracle",
+    "ours_raw": "ours, raw pair",
+    "ours": "ours, enhanced pair",
+}
+"""Disparity maps, by their names in tables."""
+
+IMAGES = {
+    "degraded": "degraded input",
+    "histogram": "histogram equalisation",
+    "clahe": "CLAHE",
+    "step1": "ours after step 1",
+    "final": "ours after step 2",
+    "oracle": "oracle",
+}
+"""Images that are held against the scene in air, by their names in tables."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene and the water to put it in.
+
+    Attributes
+    ----------
+    source : SceneSource
+        The scene.
+    mean_attenuation : float
+        α, 1/m.
+    depth : float
+        z, m.
+    pictures : bool
+        Whether images and observations are wanted too, for figures.
+    """
+
+    source: SceneSource
+    mean_attenuation: float
+    depth: float
+    pictures: bool = False
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """What figures 3 and 9 show of a case.
+
+    Attributes
+    ----------
+    radiance : (H, W, 3) uint8 ndarray
+        The scene in air.
+    images : dict of str to ndarray
+        Those of `IMAGES`; ours are absent where the pair was refused.
+    range : (H, W) float32 ndarray
+        True range, m; NaN where unknown.
+    envelope : Envelopes or None
+        What the estimate of step 2 rests on.
+    """
+
+    radiance: Image
+    images: dict[str, Image]
+    range: Map
+    envelope: Envelopes | None
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """Everything measured of a case.
+
+    Attributes
+    ----------
+    scene : str
+        Name of the scene.
+    truth : Truth
+        The water.
+    tolerance : float
+        Largest error of a correct disparity, px.
+    refusal : str or None
+        Why the pipeline refused the pair as a whole, if it did.
+    readings : dict of str to Reading
+        By the names of `READINGS`.
+    matched, correct : dict of str to float
+        Share of all pixels that have a disparity, and of the pixels with known
+        truth that have a correct one, by the names of `MATCHES`. A refused
+        pair has no disparities: 0.
+    colour_difference : dict of str to float
+        Mean ΔE*ab over the image, by the names of `IMAGES`; NaN where refused.
+    pictures : Pictures or None
+        Where the case asked for them.
+    """
+
+    scene: str
+    truth: Truth
+    tolerance: float
+    refusal: str | None
+    readings: dict[str, Reading]
+    matched: dict[str, float]
+    correct: dict[str, float]
+    colour_difference: dict[str, float]
+    pictures: Pictures | None = None
+
+    def row(self) -> dict[str, Any]:
+        """Return the case as a row of a table."""
+        columns: dict[str, Any] = {"scene": self.scene}
+        columns |= flat("true", self.truth)
+        columns |= {"tolerance": self.tolerance, "refusal": self.refusal}
+        for name, reading in self.readings.items():
+            columns |= flat(name, reading)
+        groups: tuple[tuple[str, Mapping[str, float]], ...] = (
+            ("matched", self.matched), ("correct", self.correct),
+            ("colour_difference", self.colour_difference),
+        )
+        for group, values in groups:
+            columns |= {f"{group}.{name}": value for name, value in values.items()}
+        return columns
+
+
+def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
+    """Put a scene under water and measure everything that the experiments need.
+
+    Parameters
+    ----------
+    case : Case
+        The scene and the water.
+    config : PipelineConfig
+        Parameters of the pipeline. Where `stereo.max_disparity` is 0, all
+        matchers search up to the scene's `search_limit`.
+
+    Returns
+    -------
+    CaseResult
+
+    Raises
+    ------
+    InputError
+        If the scene cannot be loaded.
+    """
+    scene = case.source.load()
+    bench = _bench(case.source, config)
+    kappa = bench.assessor.clear_water_attenuation
+    truth = Truth.of_clear_water_and_particles(
+        case.mean_attenuation, case.depth, kappa, config.assessment.contrast
+    )
+    left, right = scene.degraded(case.mean_attenuation, case.depth, kappa)
+    images, oracle_right = _peer_images(scene, left, right, truth)
+    refusal, result = _process(bench.pipeline, left, right)
+    if result is not None:
+        images["step1"] = first_enhancement(left, right, result, bench.rig, bench.config)
+        images["final"] = result.left_enhanced
+    disparities = _peer_matches(left, right, images["oracle"], oracle_right, bench.disparities)
+    if result is not None:
+        disparities["ours_raw"], disparities["ours"] = result.disparity_original, result.disparity
+    readings = bench.read(left, bench.exact_range, result, refusal)
+    return CaseResult(
+        scene=scene.name,
+        truth=truth,
+        tolerance=tolerance(scene),
+        refusal=refusal,
+        readings=readings,
+        matched={
+            name: _if_any(disparities.get(name), metrics.matched_fraction) for name in MATCHES
+        },
+        correct={
+            name: _if_any(
+                disparities.get(name),
+                lambda found: metrics.correct_fraction(
+                    found, scene.disparity_left, tolerance(scene)),
+            )
+            for name in MATCHES
+        },
+        colour_difference={
+            name: metrics.mean_colour_difference(images[name], scene.left)
+            if name in images else float("nan")
+            for name in IMAGES
+        },
+        pictures=None if not case.pictures else Pictures(
+            scene.left, {name: images[name] for name in IMAGES if name in images},
+            bench.exact_range, None if result is None else result.water.envelope,
+        ),
+    )
+
+
+class _Bench:
+    """What serves all cases of a scene."""
+
+    def __init__(self, scene: Scene, config: PipelineConfig) -> None:
+        self.disparities = config.stereo.max_disparity + 1
+        if config.stereo.max_disparity == 0:
+            self.disparities = search_limit(scene)
+        stereo = replace(config.stereo, max_disparity=self.disparities - 1)
+        self.config = replace(config, stereo=stereo)
+        self.rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+        self.pipeline = Pipeline(self.rig, self.config)
+        self.exact_range = scene.range_of(scene.disparity_left)
+        camera = config.camera
+        self.assessor = Assessor(
+            config.assessment, load_response(camera.response), camera.white_reference
+        )
+        self._estimators = {
+            method: WaterEstimator(
+                replace(config.water, method=method),
+                self.assessor.clear_water_attenuation, camera.transfer,
+            )
+            for method in (config.water.method, "paper")
+        }
+
+    def read(
+        self, left: Image, exact_range: Map, result: FrameResult | None, refusal: str | None
+    ) -> dict[str, Reading]:
+        """Estimate the water by both methods, with the pipeline's ranges and with the true ones."""
+        method = self.config.water.method
+        readings = {
+            "exact": self._reading(self._estimators[method].estimate(left, exact_range)),
+            "paper_exact": self._reading(self._estimators["paper"].estimate(left, exact_range)),
+        }
+        if result is None:
+            refused = Reading.refused(refusal or "")
+            readings |= dict.fromkeys(("step1", "pipeline", "paper_pipeline"), refused)
+        else:
+            found = self.rig.range_from_disparity(result.disparity)
+            readings["step1"] = self._reading(result.step1)
+            readings["pipeline"] = Reading.of(result.water, result.visibility)
+            readings["paper_pipeline"] = self._reading(
+                self._estimators["paper"].estimate(left, found)
+            )
+        return {name: readings[name] for name in READINGS}
+
+    def _reading(self, estimate: WaterEstimate) -> Reading:
+        return Reading.of(estimate, self.assessor.assess(estimate))
+
+
+@lru_cache(maxsize=1)
+def _bench(source: SceneSource, config: PipelineConfig) -> _Bench:
+    return _Bench(source.load(), config)
+
+
+def _process(
+    pipeline: Pipeline, left: Image, right: Image
+) -> tuple[str | None, FrameResult | None]:
+    """Run the pipeline; a pair that it refuses is a result too."""
+    try:
+        return None, pipeline.process(left, right, match_original=True)
+    except InputError as error:
+        return f"pair refused: {error}", None
+
+
+def _peer_images(
+    scene: Scene, left: Image, right: Image, truth: Truth
+) -> tuple[dict[str, Image], Image]:
+    """Return the left images that need no estimate, and the oracle's right one."""
+    oracle_left, oracle_right = (
+        _oracle(image, scene.range_of(fill_from_background(disparity)), truth)
+        for image, disparity in ((left, scene.disparity_left), (right, scene.disparity_right))
+    )
+    images = {
+        "degraded": left,
+        "histogram": baselines.equalise_channels(left),
+        "clahe": baselines.equalise_adaptively(left),
+        "oracle": oracle_left,
+    }
+    return images, oracle_right
+
+
+def _oracle(image: Image, range_map: Map, truth: Truth) -> Image:
+    """Restore an image with the true water and range, without limit of the gain (eq. 8)."""
+    water = _TrueWater(np.array(truth.attenuation), np.array(truth.ambient_light))
+    radiance = recover_radiance(image, range_map, water)
+    return np.asarray(np.clip(radiance * 255 + 0.5, 0, 255), dtype=np.uint8)
+
+
+@dataclass(frozen=True)
+class _TrueWater:
+    attenuation: NDArray[np.float64]
+    ambient_light: NDArray[np.float64]
+
+
+def _peer_matches(
+    left: Image, right: Image, oracle_left: Image, oracle_right: Image, disparities: int
+) -> dict[str, Map | None]:
+    match = baselines.semi_global_matching
+    return {
+        "sgbm": match(left, right, disparities),
+        "clahe_sgbm": baselines.equalised_matching(left, right, disparities),
+        "oracle_sgbm": match(oracle_left, oracle_right, disparities),
+    }
+
+
+def _if_any(found: Map | None, measure: Any) -> float:
+    return 0.0 if found is None else float(measure(found))

@@ -1,0 +1,186 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The grid of section III, case by case, in as many processes as wanted.
+
+Artificial degradation of scenes with known disparity "to approximate the underwater
+survey requirements of an AUV in a depth range of 0 - 5 m and a mean attenuation
+coefficient of 0 - 0.3 1/m" (section III), and a transect like those of section IV.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from multiprocessing import get_context
+from typing import Any
+
+import cv2
+
+from uw_visibility.config import PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.evaluation.cases import Case, CaseResult, evaluate_case
+from uw_visibility.evaluation.scenes import SceneSource
+from uw_visibility.evaluation.transects import TransectPlan, TransectRow, evaluate_transect
+
+ATTENUATIONS = (0.0, 0.1, 0.2, 0.3)
+DEPTHS = (1.0, 2.0, 5.0)
+# Figures 3, 7 and 9 show the water that is nearest to these: the paper's Fig. 7 has
+# a mean attenuation of 0.2 1/m, its Fig. 6 a depth of 2 m.
+SHOWN_ATTENUATION = 0.2
+SHOWN_DEPTH = 2.0
+# Range of what section III and IV look into; it also keeps code values above zero.
+LARGEST_ATTENUATION = 5.0
+LARGEST_DEPTH = 100.0
+
+Progress = Callable[[Iterator[Any], int], Iterator[Any]]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be evaluated.
+
+    Attributes
+    ----------
+    scenes : sequence of SceneSource
+        Scenes of the grid.
+    attenuations : tuple of float
+        α, 1/m, rising.
+    depths : tuple of float
+        z, m, rising.
+    transect : TransectPlan or None
+        The transect, where one is wanted.
+    config : PipelineConfig
+        Parameters of the pipeline, but for its threads.
+    """
+
+    scenes: Sequence[SceneSource]
+    attenuations: tuple[float, ...] = ATTENUATIONS
+    depths: tuple[float, ...] = DEPTHS
+    transect: TransectPlan | None = None
+    config: PipelineConfig = field(default_factory=PipelineConfig)
+
+    def __post_init__(self) -> None:
+        """Refuse what is no water, and put the grid in order."""
+        for name, unit, largest in (
+            ("attenuations", "1/m", LARGEST_ATTENUATION), ("depths", "m", LARGEST_DEPTH),
+        ):
+            values = tuple(sorted(set(getattr(self, name))))
+            if not values or not all(0.0 <= value <= largest for value in values):
+                raise InputError(
+                    f"{name} are {', '.join(f'{v:g}' for v in values) or 'missing'}: "
+                    f"give numbers between 0 and {largest:g} {unit}"
+                )
+            object.__setattr__(self, name, values)
+
+    @property
+    def shown(self) -> tuple[float, float]:
+        """Mean attenuation and depth of the grid that figures show where they show one."""
+        return (
+            min(self.attenuations, key=lambda a: abs(a - SHOWN_ATTENUATION)),
+            min(self.depths, key=lambda z: abs(z - SHOWN_DEPTH)),
+        )
+
+    def cases(self) -> list[Case]:
+        """Return the grid, scene by scene."""
+        return [
+            Case(scene, attenuation, depth, (attenuation, depth) == self.shown)
+            for scene in self.scenes for attenuation in self.attenuations for depth in self.depths
+        ]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What came out.
+
+    Attributes
+    ----------
+    plan : Plan
+        What was asked for.
+    cases : list of CaseResult
+        In the order of `Plan.cases`.
+    transect : list of TransectRow
+        Empty where none was wanted.
+    """
+
+    plan: Plan
+    cases: list[CaseResult]
+    transect: list[TransectRow]
+
+
+def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: items) -> Evaluation:
+    """Run everything that is planned.
+
+    Parameters
+    ----------
+    plan : Plan
+        What to run.
+    jobs : int
+        Processes that share the work; the result is the same for any number.
+    progress : callable
+        Takes an iterator over what is done and its length, and yields from it.
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    InputError
+        If a scene cannot be loaded.
+    """
+    for scene in plan.scenes:
+        scene.load()
+    # The transect goes first: it is the longest piece.
+    work: list[TransectPlan | Case] = [] if plan.transect is None else [plan.transect]
+    work += plan.cases()
+    threads = max(1, (os.cpu_count() or 1) // jobs)
+    config = replace(plan.config, threads=threads)
+    results: dict[int, Any] = {}
+    with _runner(jobs, threads) as run:
+        for index, result in progress(run(work, config), len(work)):
+            results[index] = result
+    ordered = [results[index] for index in range(len(work))]
+    split = len(work) - len(plan.cases())
+    return Evaluation(plan, ordered[split:], ordered[0] if split else [])
+
+
+def _evaluate(index: int, piece: TransectPlan | Case, config: PipelineConfig) -> tuple[int, Any]:
+    if isinstance(piece, Case):
+        return index, evaluate_case(piece, config)
+    return index, evaluate_transect(piece, config)
+
+
+Run = Callable[[Sequence[TransectPlan | Case], PipelineConfig], Iterator[tuple[int, Any]]]
+
+
+@contextmanager
+def _runner(jobs: int, threads: int) -> Iterator[Run]:
+    """Yield what runs the pieces of work, here or in processes of their own."""
+    if jobs == 1:
+        def run(
+            work: Sequence[TransectPlan | Case], config: PipelineConfig
+        ) -> Iterator[tuple[int, Any]]:
+            return (_evaluate(index, piece, config) for index, piece in enumerate(work))
+
+        yield run
+        return
+    # Processes are started anew: a fork of one that has threads may never answer.
+    pool = ProcessPoolExecutor(
+        jobs, mp_context=get_context("spawn"), initializer=cv2.setNumThreads, initargs=(threads,)
+    )
+
+    def run_in_pool(
+        work: Sequence[TransectPlan | Case], config: PipelineConfig
+    ) -> Iterator[tuple[int, Any]]:
+        futures: list[Future[tuple[int, Any]]] = [
+            pool.submit(_evaluate, index, piece, config) for index, piece in enumerate(work)
+        ]
+        return (future.result() for future in as_completed(futures))
+
+    try:
+        yield run_in_pool
+    finally:
+        pool.shutdown(cancel_futures=True)

@@ -1,0 +1,157 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What was estimated of the water, and what is true, in one form for tables and figures."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uw_visibility.status import Status
+from uw_visibility.water.assessment import Visibility
+from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.light_model import ambient_light_at_depth
+
+CHANNELS = ("red", "green", "blue")
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The water as it is.
+
+    Attributes
+    ----------
+    mean_attenuation : float
+        α, 1/m.
+    depth : float
+        z, m, positive down.
+    attenuation, ambient_light : tuple of float
+        β, 1/m, and I∞ for R, G, B.
+    distance : float
+        Visibility distance (eq. 12), m.
+    """
+
+    mean_attenuation: float
+    depth: float
+    attenuation: Triple
+    ambient_light: Triple
+    distance: float
+
+    @classmethod
+    def of_water(
+        cls,
+        attenuation: ArrayLike,
+        ambient_light: ArrayLike,
+        clear_water_attenuation: ArrayLike,
+        depth: float,
+        contrast: float,
+    ) -> Truth:
+        """Derive everything from β, I∞ and κ, with the visible contrast of eq. 11."""
+        beta = np.asarray(attenuation, dtype=np.float64)
+        return cls(
+            mean_attenuation=float(np.mean(beta - np.asarray(clear_water_attenuation))),
+            depth=depth,
+            attenuation=triple(beta),
+            ambient_light=triple(ambient_light),
+            distance=math.log((1 - contrast) / (2 * contrast) + 1) / float(beta.min()),
+        )
+
+    @classmethod
+    def of_clear_water_and_particles(
+        cls,
+        mean_attenuation: float,
+        depth: float,
+        clear_water_attenuation: NDArray[np.float64],
+        contrast: float,
+    ) -> Truth:
+        """Water as `degrade` makes it: β = κ + α, and T·I0 = 1 (eq. 2 and 3)."""
+        beta = clear_water_attenuation + mean_attenuation
+        ambient = ambient_light_at_depth(beta, depth)
+        return cls.of_water(beta, ambient, clear_water_attenuation, depth, contrast)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One estimate of the water and what follows from it; NaN = not assessable.
+
+    Attributes
+    ----------
+    status, distance_status, depth_status : str
+        ``ok``, or the reason why the water, the visibility distance or the depth is
+        not assessable.
+    attenuation, attenuation_stddev : tuple of float
+        β for R, G, B, 1/m.
+    ambient_light, ambient_light_stddev : tuple of float
+        I∞ for R, G, B.
+    mean_attenuation, mean_attenuation_stddev : float
+        α, 1/m.
+    distance, distance_stddev : float
+        Visibility distance, m.
+    depth, depth_stddev : float
+        m, positive down.
+    """
+
+    status: str
+    distance_status: str
+    depth_status: str
+    attenuation: Triple
+    attenuation_stddev: Triple
+    ambient_light: Triple
+    ambient_light_stddev: Triple
+    mean_attenuation: float
+    mean_attenuation_stddev: float
+    distance: float
+    distance_stddev: float
+    depth: float
+    depth_stddev: float
+
+    @classmethod
+    def of(cls, estimate: WaterEstimate, visibility: Visibility) -> Reading:
+        """Put an estimate and its assessment together."""
+        return cls(
+            status=str(estimate.status),
+            distance_status=str(visibility.status),
+            depth_status=str(visibility.depth_status),
+            attenuation=triple(estimate.attenuation),
+            attenuation_stddev=triple(estimate.attenuation_stddev),
+            ambient_light=triple(estimate.ambient_light),
+            ambient_light_stddev=triple(estimate.ambient_light_stddev),
+            mean_attenuation=visibility.mean_attenuation,
+            mean_attenuation_stddev=visibility.mean_attenuation_stddev,
+            distance=visibility.distance,
+            distance_stddev=visibility.distance_stddev,
+            depth=visibility.depth,
+            depth_stddev=visibility.depth_stddev,
+        )
+
+    @classmethod
+    def refused(cls, reason: str) -> Reading:
+        """Tell that nothing was assessed, and why."""
+        visibility = Visibility(Status.NO_TEXTURE, Status.NO_TEXTURE)
+        reading = cls.of(WaterEstimate.not_assessable(Status.NO_TEXTURE), visibility)
+        statuses = dict.fromkeys(("status", "distance_status", "depth_status"), reason)
+        return cls(**{**vars(reading), **statuses})
+
+
+def flat(prefix: str, record: Truth | Reading) -> dict[str, Any]:
+    """Return a record's fields as columns of a table, one for each channel."""
+    columns: dict[str, Any] = {}
+    for name, value in vars(record).items():
+        if isinstance(value, tuple):
+            columns |= {
+                f"{prefix}.{name}.{c}": v for c, v in zip(CHANNELS, value, strict=True)
+            }
+        else:
+            columns[f"{prefix}.{name}"] = value
+    return columns
+
+
+def triple(values: ArrayLike) -> Triple:
+    """Return the values for R, G, B as plain numbers."""
+    red, green, blue = (float(v) for v in np.asarray(values, dtype=np.float64))
+    return red, green, blue

@@ -1,0 +1,118 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where the scenes of an evaluation come from: folders, or our own renderer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from uw_visibility.errors import InputError
+from uw_visibility.evaluation.degrade import IMAGE_SUFFIXES, Scene, load_scene
+from uw_visibility.evaluation.rendered_scenes import render_scene
+
+RENDERED_SEEDS = (0, 1, 2)
+"""Reefs that are rendered where no dataset is given."""
+
+FULL_SIZE_WIDTH = 1000
+"""Beyond this width, px, a disparity is correct within 2 px instead of 1."""
+
+
+@dataclass(frozen=True)
+class SceneSource:
+    """A scene by where it comes from; small, so that processes can exchange it.
+
+    Attributes
+    ----------
+    folder : Path or None
+        Folder of a Middlebury-like scene.
+    seed : int
+        Seed of the rendered scene, where there is no folder.
+    """
+
+    folder: Path | None = None
+    seed: int = 0
+
+    def load(self) -> Scene:
+        """Load or render the scene; the last one is kept.
+
+        Raises
+        ------
+        InputError
+            If a file is absent or cannot be read.
+        """
+        return _load(self)
+
+
+@lru_cache(maxsize=1)
+def _load(source: SceneSource) -> Scene:
+    return render_scene(source.seed) if source.folder is None else load_scene(source.folder)
+
+
+def find_scenes(datasets: Sequence[Path]) -> list[SceneSource]:
+    """Find the scenes of datasets, each a scene's folder or a folder of such.
+
+    Parameters
+    ----------
+    datasets : sequence of Path
+        Without any, the scenes are rendered.
+
+    Returns
+    -------
+    list of SceneSource
+        In the order of the datasets, by name within each.
+
+    Raises
+    ------
+    InputError
+        If a folder is missing, or holds no scene, or two scenes have one name.
+    """
+    if not datasets:
+        return [SceneSource(seed=seed) for seed in RENDERED_SEEDS]
+    folders: list[Path] = []
+    for dataset in datasets:
+        folders += _scene_folders(dataset)
+    names = [folder.resolve().name for folder in folders]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(
+                f"two scenes are named {name}: rename one, tables tell them apart by name"
+            )
+    return [SceneSource(folder.resolve()) for folder in folders]
+
+
+def search_limit(scene: Scene) -> int:
+    """Number of disparities, from 0, that every matcher searches.
+
+    It is a multiple of 16, which OpenCV's matcher asks for, and holds the
+    scene's largest disparity.
+    """
+    largest = float(np.nanmax(scene.disparity_left))
+    return 16 * (int(largest) // 16 + 1)
+
+
+def tolerance(scene: Scene) -> float:
+    """Largest error of a correct disparity, px."""
+    return 2.0 if scene.left.shape[1] > FULL_SIZE_WIDTH else 1.0
+
+
+def _scene_folders(dataset: Path) -> list[Path]:
+    if not dataset.is_dir():
+        raise InputError(f"there is no folder {dataset}: give a scene or a folder of scenes")
+    if _is_scene(dataset):
+        return [dataset]
+    scenes = sorted(folder for folder in dataset.iterdir() if folder.is_dir() and _is_scene(folder))
+    if not scenes:
+        raise InputError(
+            f"{dataset} holds no scene: a scene is a folder with view1, view5 and disp1.png"
+        )
+    return scenes
+
+
+def _is_scene(folder: Path) -> bool:
+    """Tell whether a folder is meant as a scene; what is missing in it is told on loading."""
+    return any((folder / f"view1{suffix}").is_file() for suffix in IMAGE_SUFFIXES)

@@ -1,0 +1,208 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What an evaluation says in a few numbers; what is not assessable is counted beside them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from uw_visibility.evaluation.cases import IMAGES, MATCHES, READINGS, CaseResult
+from uw_visibility.evaluation.experiments import Evaluation
+from uw_visibility.evaluation.metrics import fraction_within, normalised_errors
+from uw_visibility.evaluation.readings import Reading, Truth
+from uw_visibility.evaluation.transects import TransectRow, frame_to_frame
+from uw_visibility.status import Status
+
+# Below this mean attenuation, 1/m, distances are beyond what a scene of a few metres tells.
+TURBID = 0.05
+OK = str(Status.OK)
+
+Pair = tuple[Truth, Reading, str]
+Summary = dict[str, Any]
+
+
+def summarise(evaluation: Evaluation) -> Summary:
+    """Reduce an evaluation to its summary.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        Everything measured.
+
+    Returns
+    -------
+    dict
+        ``water`` by the names of `READINGS`; ``disparity`` and
+        ``colour_difference`` by those of `MATCHES` and `IMAGES`; the last two
+        again in ``conditions``, over the scenes, for each water; ``transect``.
+        NaN where there is nothing to take a mean of.
+    """
+    cases = evaluation.cases
+    return {
+        "cases": len(cases),
+        "scenes": list(dict.fromkeys(case.scene for case in cases)),
+        "water": {
+            name: water_errors([(c.truth, c.readings[name], _label(c)) for c in cases])
+            for name in READINGS
+        },
+        "disparity": _mean_disparity(cases),
+        "colour_difference": _mean_colour(cases),
+        "conditions": [
+            {
+                "mean_attenuation": attenuation,
+                "depth": depth,
+                "mean_attenuation_error": {
+                    name: _absolute_errors(same, name) for name in READINGS
+                },
+                "disparity": _mean_disparity(same),
+                "colour_difference": _mean_colour(same),
+            }
+            for attenuation in evaluation.plan.attenuations
+            for depth in evaluation.plan.depths
+            for same in [[
+                case for case in cases
+                if (case.truth.depth == depth
+                    and np.isclose(case.truth.mean_attenuation, attenuation, atol=1e-9))
+            ]]
+        ],
+        "transect": _transect(evaluation.transect),
+    }
+
+
+def water_errors(pairs: Sequence[Pair]) -> Summary:
+    """Errors of α, d_vis and z, normalised errors of β, and what was not assessed and why.
+
+    Parameters
+    ----------
+    pairs : sequence of (Truth, Reading, str)
+        Truth, estimate, and a name for the place.
+
+    Returns
+    -------
+    dict
+        Each error has mean, worst, where the worst is, and how many were assessed.
+    """
+    beta = normalised_errors(
+        [r.attenuation for _, r, _ in pairs],
+        [t.attenuation for t, _, _ in pairs],
+        [r.attenuation_stddev for _, r, _ in pairs],
+    )
+    alpha = normalised_errors(
+        [r.mean_attenuation for _, r, _ in pairs],
+        [t.mean_attenuation for t, _, _ in pairs],
+        [r.mean_attenuation_stddev for _, r, _ in pairs],
+    )
+    turbid = [pair for pair in pairs if pair[0].mean_attenuation >= TURBID]
+    return {
+        "mean_attenuation_error": _errors(pairs, _alpha_error),
+        "distance_relative_error": _errors(pairs, _distance_error),
+        "distance_relative_error_turbid": _errors(turbid, _distance_error),
+        "depth_error": _errors(pairs, _depth_error),
+        "attenuation_within": _within(beta),
+        "mean_attenuation_within": _within(alpha),
+        "not_assessed": _reasons((r.status, name) for _, r, name in pairs),
+        "distance_not_assessed": _reasons((r.distance_status, name) for _, r, name in pairs),
+        "depth_not_assessed": _reasons((r.depth_status, name) for _, r, name in pairs),
+    }
+
+
+def _alpha_error(truth: Truth, reading: Reading) -> float:
+    return abs(reading.mean_attenuation - truth.mean_attenuation)
+
+
+def _distance_error(truth: Truth, reading: Reading) -> float:
+    return abs(reading.distance / truth.distance - 1.0)
+
+
+def _depth_error(truth: Truth, reading: Reading) -> float:
+    return abs(reading.depth - truth.depth)
+
+
+def _errors(pairs: Sequence[Pair], error: Callable[[Truth, Reading], float]) -> Summary:
+    values = np.array([error(truth, reading) for truth, reading, _ in pairs], dtype=np.float64)
+    known = np.flatnonzero(np.isfinite(values))
+    worst = int(known[values[known].argmax()]) if known.size else None
+    return {
+        "mean": float(values[known].mean()) if known.size else float("nan"),
+        "worst": float("nan") if worst is None else float(values[worst]),
+        "worst_at": None if worst is None else pairs[worst][2],
+        "assessed": int(known.size),
+        "of": len(pairs),
+    }
+
+
+def _within(errors: Any) -> Summary:
+    return {
+        "1_sigma": fraction_within(errors, 1.0),
+        "2_sigma": fraction_within(errors, 2.0),
+        "3_sigma": fraction_within(errors, 3.0),
+        "of": int(errors.size),
+    }
+
+
+def _reasons(found: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+    """List the places of each reason, the most frequent reason first."""
+    places: dict[str, list[str]] = {}
+    for status, name in found:
+        if status != OK:
+            places.setdefault(status, []).append(name)
+    order = Counter({reason: len(names) for reason, names in places.items()})
+    return {reason: places[reason] for reason, _ in order.most_common()}
+
+
+def _absolute_errors(cases: Sequence[CaseResult], name: str) -> float:
+    return _mean(_alpha_error(case.truth, case.readings[name]) for case in cases)
+
+
+def _mean_disparity(cases: Sequence[CaseResult]) -> dict[str, dict[str, float]]:
+    return {
+        name: {
+            "unmatched": _mean(1.0 - case.matched[name] for case in cases),
+            "correct": _mean(case.correct[name] for case in cases),
+        }
+        for name in MATCHES
+    }
+
+
+def _mean_colour(cases: Sequence[CaseResult]) -> dict[str, dict[str, float | int]]:
+    return {
+        name: {
+            "mean": _mean(case.colour_difference[name] for case in cases),
+            "assessed": sum(np.isfinite(case.colour_difference[name]) for case in cases),
+        }
+        for name in IMAGES
+    }
+
+
+def _transect(rows: list[TransectRow]) -> Summary | None:
+    if not rows:
+        return None
+    pairs = [(row.truth, row.reading, f"{row.time:g} s") for row in rows]
+    return {
+        "frames": len(rows), **water_errors(pairs), "frame_to_frame": frame_to_frame(rows),
+    }
+
+
+def _mean(values: Iterable[float]) -> float:
+    known = np.array([value for value in values if np.isfinite(value)], dtype=np.float64)
+    return float(known.mean()) if known.size else float("nan")
+
+
+def _label(case: CaseResult) -> str:
+    truth = case.truth
+    return f"{case.scene}, α = {truth.mean_attenuation:.4g} 1/m, z = {truth.depth:g} m"
+
+
+def columns_of(summary: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return the numbers of a summary's nested part as one row, by dotted names."""
+    row: dict[str, Any] = {}
+    for name, value in summary.items():
+        if isinstance(value, Mapping):
+            row |= columns_of(value, f"{prefix}{name}.")
+        else:
+            row[f"{prefix}{name}"] = value
+    return row

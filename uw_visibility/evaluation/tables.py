@@ -1,0 +1,85 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of an evaluation, as CSV and JSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from uw_visibility.evaluation.experiments import Evaluation
+from uw_visibility.evaluation.scenes import SceneSource
+from uw_visibility.evaluation.summary import Summary, columns_of
+
+
+def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None:
+    """Write ``cases.csv``, ``conditions.csv``, ``transect.csv`` and ``evaluation.json``.
+
+    What is not assessable is an empty field of a CSV file and null in JSON.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to.
+    evaluation : Evaluation
+        Everything measured.
+    summary : dict
+        What `summarise` made of it.
+    """
+    cases = [case.row() for case in evaluation.cases]
+    transect = [row.row() for row in evaluation.transect]
+    conditions = [columns_of(condition) for condition in summary["conditions"]]
+    for name, rows in (("cases", cases), ("conditions", conditions), ("transect", transect)):
+        if rows:
+            (folder / f"{name}.csv").write_text(_as_csv(rows), encoding="utf-8")
+    plan = evaluation.plan
+    report = {
+        "settings": {
+            "scenes": [_source(source) for source in plan.scenes],
+            "attenuations": plan.attenuations,
+            "depths": plan.depths,
+            "transect": None if plan.transect is None else vars(plan.transect),
+            # The number of threads changes nothing in the result.
+            "parameters": {
+                name: value for name, value in plan.config.to_parameters().items()
+                if name != "threads"
+            },
+        },
+        "summary": summary,
+        "cases": cases,
+        "transect": transect,
+    }
+    text = json.dumps(plain(report), indent=1, ensure_ascii=False, allow_nan=False)
+    (folder / "evaluation.json").write_text(text + "\n", encoding="utf-8")
+
+
+def plain(value: Any) -> Any:
+    """Return nested values in JSON's types; what is not finite becomes null."""
+    if isinstance(value, Mapping):
+        return {str(name): plain(item) for name, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, (bool, str)) or value is None:
+        return value
+    if float(value).is_integer() and not isinstance(value, float):
+        return int(value)
+    return float(value) if math.isfinite(value) else None
+
+
+def _as_csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(plain(row) for row in rows)
+    return stream.getvalue()
+
+
+def _source(source: SceneSource) -> str:
+    if source.folder is None:
+        return f"rendered, seed {source.seed}"
+    return source.folder.name

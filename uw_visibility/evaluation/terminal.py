@@ -1,0 +1,169 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The summary of an evaluation as text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from uw_visibility.evaluation.cases import IMAGES, MATCHES, READINGS
+from uw_visibility.evaluation.summary import TURBID, Summary
+
+# Places that are listed of one reason; evaluation.json has them all.
+PLACES_SHOWN = 4
+SHORT_MATCHES = ("SGBM", "CLAHE+", "oracle+", "ours raw", "ours")
+SHORT_IMAGES = ("input", "hist.", "CLAHE", "step 1", "final", "oracle")
+
+
+def as_text(summary: Summary) -> str:
+    """Return the summary as tables for a terminal.
+
+    Parameters
+    ----------
+    summary : dict
+        What `summarise` returned.
+
+    Returns
+    -------
+    str
+        Lines of up to 100 columns, but for lists of places.
+    """
+    parts = []
+    if summary["cases"]:
+        parts += [
+            f"{summary['cases']} cases: {', '.join(summary['scenes'])}",
+            _water(summary), _disparity(summary), _colour(summary), _conditions(summary),
+            _not_assessed(summary["water"]),
+        ]
+    if summary["transect"] is not None:
+        parts.append(_transect(summary["transect"]))
+    return "\n\n".join(parts)
+
+
+def _water(summary: Summary) -> str:
+    lines = [
+        _line("mean attenuation |α̂ − α| [1/m]", "mean", "worst", "assessed"),
+        *_error_lines(summary, "mean_attenuation_error", READINGS, 4),
+        "",
+        _line(f"visibility distance, relative, α ≥ {TURBID:g}", "mean", "worst", "assessed"),
+        *_error_lines(summary, "distance_relative_error_turbid", ("pipeline", "exact"), 3),
+        "",
+        _line("depth |ẑ − z| [m]", "mean", "worst", "assessed"),
+        *_error_lines(summary, "depth_error", ("pipeline", "exact"), 3),
+        "",
+        _line("normalised errors of β within", "1 σ", "2 σ", "of"),
+    ]
+    for name in ("pipeline", "exact"):
+        within = summary["water"][name]["attenuation_within"]
+        lines.append(_line(
+            f"  {READINGS[name]}", _number(within["1_sigma"], 2), _number(within["2_sigma"], 2),
+            str(within["of"]),
+        ))
+    return "\n".join(lines)
+
+
+def _error_lines(summary: Summary, field: str, names: Any, digits: int) -> list[str]:
+    lines = []
+    for name in names:
+        errors = summary["water"][name][field]
+        line = _line(
+            f"  {READINGS[name]}", _number(errors["mean"], digits),
+            _number(errors["worst"], digits), f"{errors['assessed']}/{errors['of']}",
+        )
+        where = errors["worst_at"]
+        lines.append(f"{line}  {where}" if where else line)
+    return lines
+
+
+def _disparity(summary: Summary) -> str:
+    lines = [_line("disparity, mean share of pixels", "correct", "unmatched", "")]
+    for name, title in MATCHES.items():
+        found = summary["disparity"][name]
+        lines.append(_line(
+            f"  {title}", _number(found["correct"], 3), _number(found["unmatched"], 3), ""
+        ))
+    return "\n".join(lines)
+
+
+def _colour(summary: Summary) -> str:
+    lines = [_line("colour difference ΔE*ab to the scene in air", "mean", "", "of")]
+    for name, title in IMAGES.items():
+        found = summary["colour_difference"][name]
+        lines.append(_line(
+            f"  {title}", _number(found["mean"], 2), "", f"{found['assessed']}/{summary['cases']}"
+        ))
+    return "\n".join(lines)
+
+
+def _conditions(summary: Summary) -> str:
+    """Means over the scenes for each water."""
+    lines = [
+        f"{'mean over the scenes':14s}{'correct disparities':>32s}{'ΔE*ab':>34s}",
+        _row("α", "z", SHORT_MATCHES, SHORT_IMAGES),
+    ]
+    for condition in summary["conditions"]:
+        lines.append(_row(
+            f"{condition['mean_attenuation']:.3g}", f"{condition['depth']:g}",
+            [_number(condition["disparity"][name]["correct"], 3) for name in MATCHES],
+            [_number(condition["colour_difference"][name]["mean"], 1) for name in IMAGES],
+        ))
+    return "\n".join(lines)
+
+
+def _not_assessed(water: Summary) -> str:
+    lines = []
+    for name, title in READINGS.items():
+        known = water[name]["not_assessed"]
+        for what in ("", "distance", "depth"):
+            for reason, places in water[name][f"{what}_not_assessed".lstrip("_")].items():
+                # What stops the estimate stops the rest: only what is lacking beyond it is new.
+                more = [place for place in places if not what or place not in known.get(reason, ())]
+                if more:
+                    subject = f"{what}, {title}" if what else title
+                    lines.append(f"  {subject}: {reason}, {len(more)} x: {_places(more)}")
+    return "\n".join(["not assessed" if lines else "not assessed: none", *lines])
+
+
+def _places(places: Sequence[str]) -> str:
+    more = len(places) - PLACES_SHOWN
+    shown = "; ".join(places[:PLACES_SHOWN])
+    return f"{shown}; and {more} more" if more > 0 else shown
+
+
+def _transect(transect: Summary) -> str:
+    alpha, within = transect["mean_attenuation_error"], transect["mean_attenuation_within"]
+    distance, depth = transect["distance_relative_error"], transect["depth_error"]
+    lines = [_line(f"transect of {transect['frames']} frames", "mean", "worst", "assessed")]
+    for title, errors, digits in (
+        ("  mean attenuation |α̂ − α| [1/m]", alpha, 4),
+        ("  visibility distance, relative", distance, 3),
+        ("  depth |ẑ − z| [m]", depth, 3),
+    ):
+        lines.append(_line(
+            title, _number(errors["mean"], digits), _number(errors["worst"], digits),
+            f"{errors['assessed']}/{errors['of']}",
+        ))
+    lines.append(
+        f"  α within 1 / 2 / 3 σ: {_number(within['1_sigma'], 2)} / "
+        f"{_number(within['2_sigma'], 2)} / {_number(within['3_sigma'], 2)}; "
+        f"its error from frame to frame, rms: {_number(transect['frame_to_frame'], 4)} 1/m"
+    )
+    for reason, places in transect["not_assessed"].items():
+        lines.append(f"  not assessed: {reason}, {len(places)} x")
+    return "\n".join(lines)
+
+
+def _line(title: str, first: str, second: str, third: str) -> str:
+    return f"{title:46s}{first:>9s}{second:>11s}{third:>10s}".rstrip()
+
+
+def _row(attenuation: str, depth: str, matches: Sequence[str], images: Sequence[str]) -> str:
+    left = "".join(f"{value:>9s}" for value in matches)
+    right = "".join(f"{value:>7s}" for value in images)
+    return f"{attenuation:>5s}{depth:>4s} {left} {right}"
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}f}"

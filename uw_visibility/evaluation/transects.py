@@ -1,0 +1,134 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""A rendered transect, assessed frame by frame against the truth (Fig. 10)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from uw_visibility.config import PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.evaluation.readings import Reading, Truth, flat
+from uw_visibility.parallel import Workers
+from uw_visibility.pipeline import Pipeline
+from uw_visibility.simulation.camera import StereoCamera
+from uw_visibility.simulation.frame import RESPONSE, Effects, RenderedFrame
+from uw_visibility.simulation.transect import Transect
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.optics import clear_water_attenuation, load_response
+
+
+@dataclass(frozen=True)
+class TransectPlan:
+    """A transect to be swum; small, so that processes can exchange it.
+
+    Attributes
+    ----------
+    frames : int
+        Number of stereo frames, 2 a second.
+    width, height : int
+        Size of an image, px.
+    marine_snow, caustics : float
+        What disturbs the light model; see `Effects`.
+    seed : int
+        Seed of reef, noise and particles.
+    """
+
+    frames: int
+    width: int = 640
+    height: int = 480
+    marine_snow: float = 0.0
+    caustics: float = 0.0
+    seed: int = 0
+
+    def transect(self, threads: int = 1) -> Transect:
+        """Return the transect: from 2 to 6 m of depth, α from 0.05 to 0.3 1/m.
+
+        Raises
+        ------
+        InputError
+            If a number is out of its range.
+        """
+        return Transect(
+            frames=self.frames,
+            seed=self.seed,
+            camera=StereoCamera(self.width, self.height, self.width * 15 / 16),
+            effects=Effects(self.marine_snow, self.caustics),
+            workers=Workers(threads),
+        )
+
+
+@dataclass(frozen=True)
+class TransectRow:
+    """One frame of a transect.
+
+    Attributes
+    ----------
+    time : float
+        s from the first frame.
+    truth : Truth
+        The water.
+    reading : Reading
+        What the pipeline says of it.
+    """
+
+    time: float
+    truth: Truth
+    reading: Reading
+
+    def row(self) -> dict[str, Any]:
+        """Return the frame as a row of a table."""
+        return {
+            "time": self.time, **flat("true", self.truth), **flat("pipeline", self.reading),
+        }
+
+
+def evaluate_transect(plan: TransectPlan, config: PipelineConfig) -> list[TransectRow]:
+    """Swim a transect and assess each frame on its own.
+
+    Parameters
+    ----------
+    plan : TransectPlan
+        Rendered with the sensor's noise, and the snow and caustics it asks for.
+    config : PipelineConfig
+        Parameters of the pipeline.
+
+    Returns
+    -------
+    list of TransectRow
+        One a frame; a frame that the pipeline refuses says so.
+    """
+    transect = plan.transect(config.threads)
+    camera = transect.camera
+    rig = StereoRig(camera.focal_length, camera.baseline, camera.principal_point)
+    pipeline = Pipeline(rig, config)
+    kappa = clear_water_attenuation(load_response(RESPONSE))
+    rows = []
+    for time, frame in transect.render():
+        truth = Truth.of_water(
+            frame.attenuation, frame.ambient_light, kappa, frame.depth, config.assessment.contrast
+        )
+        rows.append(TransectRow(time, truth, _read(pipeline, frame)))
+    return rows
+
+
+def _read(pipeline: Pipeline, frame: RenderedFrame) -> Reading:
+    try:
+        result = pipeline.process(frame.left, frame.right)
+    except InputError as error:
+        return Reading.refused(f"pair refused: {error}")
+    return Reading.of(result.water, result.visibility)
+
+
+def frame_to_frame(rows: list[TransectRow]) -> float:
+    """Root mean square of how the error of α changes from frame to frame, 1/m.
+
+    Frames without an estimate are left out, with both of their neighbours' steps.
+    """
+    errors = np.array([r.reading.mean_attenuation - r.truth.mean_attenuation for r in rows])
+    steps = np.diff(errors)
+    steps = steps[np.isfinite(steps)]
+    return float(np.sqrt(np.mean(steps**2))) if steps.size else float("nan")
