@@ -272,11 +272,87 @@ class SynchronizationConfig:
 
 
 @dataclass(frozen=True)
+class PlausibilityConfig:
+    """How a depth sensor is held against the depth that the water's colour tells."""
+
+    sensor_type: str = parameter(
+        "PoseWithCovarianceStamped",
+        "Type of the messages on depth_sensor; none where there is no sensor.",
+        choices=(
+            "PoseWithCovarianceStamped", "Odometry", "FluidPressure", "PointStamped", "Float64",
+            "none",
+        ),
+        read_only=True,
+    )
+    sensor_sign: str = parameter(
+        "auto",
+        "Where the sensor's numbers grow: down, up, or auto, which is down for Float64 and up "
+        "for z of a pose or point. A pressure always grows downwards.",
+        choices=("auto", "down", "up"),
+    )
+    sensor_offset: float = parameter(
+        0.0, "Depth of the camera below the sensor.", unit="m", minimum=-100.0, maximum=100.0,
+    )
+    sensor_stddev: float = parameter(
+        0.1, "Standard deviation of the sensor's depth where its messages state none.",
+        unit="m", minimum=1e-3, maximum=10.0,
+    )
+    density: float = parameter(
+        1025.0, "Density of the water, for FluidPressure.",
+        unit="kg/m^3", minimum=900.0, maximum=1300.0,
+    )
+    surface_pressure: float = parameter(
+        101325.0, "Pressure that the sensor has at the surface; 0 for a gauge.",
+        unit="Pa", minimum=0.0, maximum=200000.0,
+    )
+    confidence: float = parameter(
+        0.95, "Share of the differences that pass the gate where all is well (chi squared, one "
+        "degree of freedom).", minimum=0.5, maximum=0.9999,
+    )
+    warn_after: int = parameter(
+        3, "Differences beyond the gate in a row that are a warning.", minimum=1, maximum=1000,
+    )
+    error_after: int = parameter(
+        6, "Differences beyond the gate in a row that are an error.", minimum=1, maximum=1000,
+    )
+    model_stddev: float = parameter(
+        0.25, "Standard deviation of what the estimate's own does not hold: kind of water, light, "
+        "white balance.", unit="m", minimum=0.0, maximum=20.0,
+    )
+    max_gate: float = parameter(
+        1.5, "A difference whose gate is wider than this proves nothing and is not judged.",
+        unit="m", minimum=0.1, maximum=100.0,
+    )
+    bias_window: int = parameter(
+        0, "Differences at the start of which the mean is learned as a constant bias and then "
+        "taken off; 0 for none.", minimum=0, maximum=10000,
+    )
+    timeout: float = parameter(
+        2.0, "Age from which estimate or sensor are stale, and longest gap between the sensor's "
+        "messages that is bridged.", unit="s", minimum=0.1, maximum=60.0,
+    )
+
+
+@dataclass(frozen=True)
 class NodeConfig:
     """What the node needs beyond the pipeline."""
 
     rectify: bool = parameter(
         False, "Rectify raw images with K, D, R and P of their CameraInfo.", read_only=True,
+    )
+    image_transport: str = parameter(
+        "raw",
+        "Take Image messages (raw), or CompressedImage on the images' topics + /compressed.",
+        choices=("raw", "compressed"),
+        read_only=True,
+    )
+    publish_depth_image: bool = parameter(
+        False, "Publish depth/image and depth/camera_info: Z of the matched pixels, 32FC1, m "
+        "(REP 118).", read_only=True,
+    )
+    publish_points: bool = parameter(
+        False, "Publish points2: the matched pixels in space, in the enhanced image's colours.",
+        read_only=True,
     )
     max_range: float = parameter(
         50.0, "Visibility beyond this is published as infinite.",
@@ -286,6 +362,7 @@ class NodeConfig:
         "map", "Frame of the published depth: fixed to the world, z up, its origin at the surface.",
     )
     synchronization: SynchronizationConfig = section(SynchronizationConfig)
+    plausibility: PlausibilityConfig = section(PlausibilityConfig)
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> NodeConfig:

@@ -1,0 +1,69 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""A depth sensor's values in time, and its value in between."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DepthSample:
+    """A depth at an instant.
+
+    Attributes
+    ----------
+    stamp : int
+        In ns.
+    depth : float
+        m, positive down; NaN where it is not known.
+    variance : float
+        m².
+    """
+
+    stamp: int
+    depth: float
+    variance: float
+
+
+def interpolate(
+    samples: Sequence[DepthSample], stamp: int, longest_gap: float
+) -> DepthSample | None:
+    """Return the depth at a stamp, linear between its neighbours.
+
+    Parameters
+    ----------
+    samples : sequence of DepthSample
+        By rising stamp.
+    stamp : int
+        In ns.
+    longest_gap : float
+        Neighbours further apart than this are not neighbours, s.
+
+    Returns
+    -------
+    DepthSample or None
+        None where the samples do not enclose the stamp closely.
+    """
+    index = bisect_left(samples, stamp, key=lambda sample: sample.stamp)
+    if index == len(samples):
+        return None
+    after = samples[index]
+    if after.stamp == stamp:
+        return after
+    if index == 0:
+        return None
+    before = samples[index - 1]
+    gap = after.stamp - before.stamp
+    if gap > longest_gap * 1e9:
+        return None
+    share = (stamp - before.stamp) / gap
+    # Errors of a sensor are alike from one value to the next, so the mean of
+    # two is not taken to be better than one.
+    return DepthSample(
+        stamp,
+        before.depth + share * (after.depth - before.depth),
+        before.variance + share * (after.variance - before.variance),
+    )
