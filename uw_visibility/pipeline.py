@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,8 +160,9 @@ class Pipeline:
             water = self._estimate(left, improved.left, valid, support, step1)
         with clock("image enhancement 2"):
             range_left = self._range(filled.left)
-            left_enhanced, limited = self._restorer.restore(left, range_left, water)
-            right_enhanced, _ = self._restorer.restore(right, self._range(filled.right), water)
+            shown = water if left.ndim == 3 else self._estimate_grey(left, improved.left, valid)
+            left_enhanced, limited = self._restorer.restore(left, range_left, shown)
+            right_enhanced, _ = self._restorer.restore(right, self._range(filled.right), shown)
 
         with clock("assessment"):
             visibility = self._assessor.assess(water)
@@ -207,11 +208,31 @@ class Pipeline:
         range_map = self.rig.range_from_disparity(disparity)
         return self._estimator.estimate(image, range_map, valid, start, range_error)
 
+    def _estimate_grey(
+        self,
+        image: NDArray[Any],
+        disparity: NDArray[np.float32],
+        valid: NDArray[np.bool_] | None,
+    ) -> _GreyWater:
+        """What restores a grey image's contrast: it has no colour to be assessed."""
+        found = self._estimator.estimate_grey(
+            image, self.rig.range_from_disparity(disparity), valid
+        )
+        attenuation, ambient_light = found or (np.nan, np.nan)
+        return _GreyWater(np.array([attenuation]), np.array([ambient_light]))
+
     def _range(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
         """Range of a filled map: at or beyond infinity it is infinite."""
         range_map = self.rig.range_from_disparity(disparity)
         range_map[np.isnan(range_map) & np.isfinite(disparity)] = np.inf
         return range_map
+
+
+class _GreyWater(NamedTuple):
+    """Attenuation and ambient light of the one channel of a grey image."""
+
+    attenuation: NDArray[np.float64]
+    ambient_light: NDArray[np.float64]
 
 
 class _Stages:

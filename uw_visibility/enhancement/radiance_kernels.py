@@ -39,6 +39,18 @@ def _thickness(distance, attenuation, limit, out):  # type: ignore[no-untyped-de
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def _kept(distance, attenuation, limit, out):  # type: ignore[no-untyped-def]
+    """Write the part of a deviation that the limit of the thickness leaves, near exp(-excess)."""
+    one = np.float32(1)
+    for x in range(out.size):
+        excess = distance[x] * attenuation - limit
+        # Unknown range has no excess.
+        excess = excess if excess > np.float32(0) else np.float32(0)
+        excess = excess if excess < np.float32(1e3) else np.float32(1e3)
+        out[x] = one / (one + excess + np.float32(0.5) * excess * excess)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def _exponential(p, middle, row):  # type: ignore[no-untyped-def]
     """Replace each thickness in a row by its exponential."""
     p0, p1, p2, p3, p4, p5, p6 = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
@@ -55,10 +67,20 @@ def restore(  # type: ignore[no-untyped-def]
     start, stop, image, distance, decode, encode, attenuation, ambient, limits, farthest, enhanced,
     limited,
 ):
-    """Restore a band of rows: ρ = 1 + (E / I∞ - 1) exp(βd), with βd and ρ limited."""
+    """Restore a band of rows: ρ = 1 + (E / I∞ - 1) exp(βd), with βd and ρ limited.
+
+    A channel whose gain is limited keeps only a part of its deviation from
+    white. What the least limited channel has more is taken from the mean
+    deviation, each channel counting as far as its own gain goes: else the
+    channel that water takes first would turn all that is far into its colour.
+    """
     width, count = image.shape[1], image.shape[2]
-    light = np.empty((count, width), np.float32)
+    deviation = np.empty((count, width), np.float32)
+    kept = np.empty((count, width), np.float32)
     row = np.empty(width, np.float32)
+    total = np.empty(width, np.float32)
+    mean = np.empty(width, np.float32)
+    best = np.empty(width, np.float32)
     top = np.float32(encode.size - 1)
     half = np.float32(0.5)
     one = np.float32(1)
@@ -67,19 +89,38 @@ def restore(  # type: ignore[no-untyped-def]
     for y in range(start, stop):
         for x in range(width):
             for c in range(count):
-                light[c, x] = decode[image[y, x, c]]
+                deviation[c, x] = decode[image[y, x, c]]
+        total[:] = np.float32(1e-6)
+        mean[:] = 0
         for c in range(count):
             _thickness(distance[y], attenuation[c], limits[c], row)
             _exponential(p, middle, row)
-            plane = light[c]
+            _kept(distance[y], attenuation[c], limits[c], kept[c])
+            plane = deviation[c]
             inverse = one / ambient[c]
+            counts = one if limits[c] > 0 else zero
             for x in range(width):
-                radiance = one + (plane[x] * inverse - one) * row[x]
+                plane[x] = (plane[x] * inverse - one) * row[x]
+                total[x] += counts * kept[c, x]
+                mean[x] += counts * kept[c, x] * plane[x]
+        best[:] = 0
+        for c in range(count):
+            if limits[c] > 0:
+                for x in range(width):
+                    best[x] = best[x] if best[x] > kept[c, x] else kept[c, x]
+        for x in range(width):
+            mean[x] /= total[x]
+        for c in range(count):
+            plane = deviation[c]
+            for x in range(width):
+                lost = best[x] - kept[c, x]
+                lost = lost if lost > zero else zero
+                radiance = one + plane[x] + lost * mean[x]
                 radiance = radiance if radiance > zero else zero
                 radiance = radiance if radiance < one else one
                 plane[x] = radiance * top + half
         for x in range(width):
             for c in range(count):
-                enhanced[y, x, c] = encode[np.uint32(light[c, x])]
+                enhanced[y, x, c] = encode[np.uint32(deviation[c, x])]
         for x in range(width):
             limited[y, x] = not (distance[y, x] >= zero and distance[y, x] <= farthest)
