@@ -26,9 +26,9 @@ from uw_visibility.processor import FrameProcessor
 from uw_visibility.ros.factory import make_message, message_type
 from uw_visibility.ros.parameters import NodeParameters, Settings, check_qos_overrides
 from uw_visibility.ros.reasons import ReasonLog
-from uw_visibility.ros.synchronizer import SIDES, Synchronizer
 from uw_visibility.ros.worker import NewestWorker
 from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.synchronizer import SIDES, Synchronizer
 
 OUTPUT_DEPTH = 10
 # A pair waits for CameraInfo of its own stamp for one to two of these, s.

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from uw_visibility.config import SynchronizationConfig
 from uw_visibility.frames import StereoFrame
-from uw_visibility.ros.synchronizer import Synchronizer
+from uw_visibility.synchronizer import Synchronizer
 
 
 def image(seconds: float) -> SimpleNamespace:
