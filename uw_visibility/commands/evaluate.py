@@ -1,0 +1,212 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""`uw_visibility evaluate`: the paper's simulation experiments, beside peers and oracle."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from uw_visibility.errors import InputError
+
+if TYPE_CHECKING:
+    from uw_visibility.config import PipelineConfig
+    from uw_visibility.evaluation.experiments import Plan
+
+DESCRIPTION = """\
+Rerun section III of the paper: put stereo scenes with known disparity under water,
+for each mean attenuation and depth of a grid, and compare what the pipeline makes of
+them with the truth, with OpenCV's matcher and histogram methods, and with the oracle,
+which knows the water and the ranges. A rendered transect stands for section IV.
+
+A DATASET is a scene or a folder of scenes of the Middlebury 2005 or 2006 form: view1
+and view5 (images), disp1.png and, where there is one, disp5.png. Without a DATASET,
+scenes of our own are rendered."""
+
+EPILOG = """\
+written to DIR:
+  cases.csv         a row for each scene and water: every estimate and its truth,
+                    disparities and colours of all methods
+  conditions.csv    means over the scenes for each water
+  transect.csv      a row for each frame of the transect
+  evaluation.json   all of these, the settings, and the summary
+  fig3_SCENE.png    pixels over range, envelopes and fitted curves (Fig. 3)
+  fig6.png          attenuation, unmatched and correct disparities over turbidity (Fig. 6)
+  fig7.png          attenuation and colour difference over depth (Fig. 7)
+  fig9.png          histogram equalisation, CLAHE, ours, oracle (Fig. 9)
+  fig10.png         attenuation, visibility distance and depth of the transect (Fig. 10)
+
+An empty field, or null, is not assessable; the status beside it says why. A disparity
+is correct within 1 px (2 px for images wider than 1000 px), of all pixels whose truth
+is known. All matchers search the same disparities: up to the scene's largest, unless
+stereo.max_disparity is set. The result does not depend on --jobs.
+
+exit code: 0 done, 2 unusable input or options, 1 a failure inside"""
+
+QUICK_ATTENUATIONS, QUICK_DEPTHS, QUICK_FRAMES = (0.0, 0.2), (2.0,), 3
+QUICK_SIZE = (320, 240)
+FRAMES = 20
+
+
+def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+    """Add the sub-command `evaluate`."""
+    parser = subparsers.add_parser(
+        "evaluate",
+        help="the paper's simulation experiments, beside peers and oracle",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add(
+        "datasets", metavar="DATASET", type=Path, nargs="*",
+        help="a scene or a folder of scenes; none for rendered ones",
+    )
+    add(
+        "-o", "--output", metavar="DIR", type=Path, required=True,
+        help="new folder for tables and figures",
+    )
+    add("--force", action="store_true", help="replace a folder that an evaluation left there")
+    add(
+        "--attenuation", metavar="A", type=float, nargs="+",
+        help="mean attenuations α, 1/m (0 0.1 0.2 0.3)",
+    )
+    add("--depth", metavar="Z", type=float, nargs="+", help="depths z, m (1 2 5)")
+    add(
+        "--frames", metavar="N", type=int,
+        help=f"frames of the transect, 0 for none ({FRAMES})",
+    )
+    add(
+        "--marine-snow", metavar="SHARE", type=float, default=0.0,
+        help="share of the transect's pixels that particles cover, 0 .. 0.5 (%(default)s)",
+    )
+    add(
+        "--caustics", metavar="SHARE", type=float, default=0.0,
+        help="change of the transect's light by waves, 0 .. 1 (%(default)s)",
+    )
+    add(
+        "--quick", action="store_true",
+        help="a small grid (α 0 and 0.2 1/m, z 2 m) and a short, small transect",
+    )
+    add(
+        "--jobs", metavar="N", type=int, default=1,
+        help="processes that share the work; each takes up to 1 GB (%(default)s)",
+    )
+    add(
+        "--params-file", metavar="YAML", type=Path,
+        help="parameters of the pipeline, in the form of config/uw_visibility.yaml",
+    )
+    parser.set_defaults(func=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the sub-command.
+
+    Raises
+    ------
+    InputError
+        If an option, a scene or the output folder cannot be used.
+    """
+    if arguments.jobs < 1:
+        raise InputError(f"--jobs is {arguments.jobs}: give 1 or more")
+    _refuse_folder(arguments.output, arguments.force)
+    # Compiled modules load slowly; what is refused before needs none of them.
+    plan = _plan(arguments)
+    _check_figures()
+    from uw_visibility.evaluation.experiments import evaluate
+    from uw_visibility.evaluation.figures import write_figures
+    from uw_visibility.evaluation.summary import summarise
+    from uw_visibility.evaluation.tables import write_tables
+    from uw_visibility.evaluation.terminal import as_text
+    from uw_visibility.progress import progress_bar
+
+    evaluation = evaluate(
+        plan, arguments.jobs, lambda done, total: progress_bar(done, "evaluate", total)
+    )
+    summary = summarise(evaluation)
+    folder = _make_folder(arguments.output, arguments.force)
+    write_tables(folder, evaluation, summary)
+    write_figures(folder, evaluation)
+    print(as_text(summary))
+    print(f"\ntables and figures: {folder}")
+
+
+def _plan(arguments: argparse.Namespace) -> Plan:
+    from uw_visibility.evaluation.experiments import ATTENUATIONS, DEPTHS, Plan
+    from uw_visibility.evaluation.scenes import find_scenes
+    from uw_visibility.evaluation.transects import TransectPlan
+
+    quick = arguments.quick
+    frames = arguments.frames
+    if frames is None:
+        frames = QUICK_FRAMES if quick else FRAMES
+    transect = None
+    if frames != 0:
+        size = QUICK_SIZE if quick else (640, 480)
+        transect = TransectPlan(frames, *size, arguments.marine_snow, arguments.caustics)
+        transect.transect()
+    return Plan(
+        scenes=find_scenes(arguments.datasets),
+        attenuations=tuple(
+            arguments.attenuation or (QUICK_ATTENUATIONS if quick else ATTENUATIONS)),
+        depths=tuple(arguments.depth or (QUICK_DEPTHS if quick else DEPTHS)),
+        transect=transect,
+        config=_read_config(arguments.params_file),
+    )
+
+
+def _read_config(path: Path | None) -> PipelineConfig:
+    from uw_visibility.config import NodeConfig, PipelineConfig, read_yaml
+
+    if path is None:
+        return PipelineConfig()
+    values = read_yaml(path)
+    try:
+        NodeConfig.from_parameters(values)
+        config = PipelineConfig.from_parameters(values)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    if config.camera.transfer != "linear":
+        raise InputError(
+            f"{path}: camera.transfer is {config.camera.transfer}: "
+            "simulated water is linear, leave it out"
+        )
+    return config
+
+
+def _refuse_folder(folder: Path, force: bool) -> None:
+    """Refuse, before the work, a folder that holds something already."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file: give a folder with -o")
+    if not folder.is_dir() or not any(folder.iterdir()):
+        return
+    if not force:
+        raise InputError(f"folder {folder} is not empty: give another one with -o, or --force")
+    if not (folder / "evaluation.json").is_file():
+        raise InputError(
+            f"folder {folder} was not left by an evaluation: --force replaces no other, "
+            "give another one with -o"
+        )
+
+
+def _make_folder(folder: Path, force: bool) -> Path:
+    try:
+        if force and folder.is_dir():
+            shutil.rmtree(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make folder {folder}: {error.strerror}") from error
+    return folder
+
+
+def _check_figures() -> None:
+    try:
+        import matplotlib  # noqa: F401
+        import tqdm  # noqa: F401
+    except ImportError as error:
+        raise InputError(
+            f"evaluate needs {error.name}: install the extra report, "
+            "pip install 'uw_visibility[report]'"
+        ) from error

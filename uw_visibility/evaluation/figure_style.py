@@ -1,0 +1,73 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the figures of an evaluation share: colours, lines, how they are saved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from uw_visibility.evaluation.cases import IMAGES, MATCHES, READINGS
+
+DPI = 130
+ATTENUATION_LABEL = "mean attenuation α [1/m]"
+DEPTH_LABEL = "depth z [m]"
+
+CHANNEL_COLOURS = {"red": "#cc2020", "green": "#1e8a34", "blue": "#2050cc"}
+
+# Okabe and Ito's colours, which stay apart for every eye: one for each method,
+# the same in all figures.
+OURS, OURS_BEFORE, PLAIN = "#0072b2", "#56b4e9", "#d55e00"
+INPUT, HISTOGRAM, CLAHE, ORACLE = "#777777", "#cc79a7", "#e69f00", "#000000"
+
+Style = dict[str, Any]
+
+
+def _style(name: str, colour: str, marker: str, line: str = "-") -> Style:
+    return {
+        "label": name, "color": colour, "marker": marker, "linestyle": line,
+        "markersize": 5.0, "linewidth": 1.6,
+    }
+
+
+READING_STYLES = {
+    name: _style(READINGS[name], colour, marker, line)
+    for name, colour, marker, line in (
+        ("step1", OURS_BEFORE, "s", "-"),
+        ("pipeline", OURS, "o", "-"),
+        ("exact", OURS, "x", ":"),
+        ("paper_pipeline", PLAIN, "v", "-"),
+        ("paper_exact", PLAIN, "+", ":"),
+    )
+}
+MATCH_STYLES = {
+    name: _style(MATCHES[name], colour, marker, line)
+    for name, colour, marker, line in (
+        ("sgbm", INPUT, "^", "-"),
+        ("clahe_sgbm", CLAHE, "v", "-"),
+        ("oracle_sgbm", ORACLE, "D", ":"),
+        ("ours_raw", OURS_BEFORE, "s", "-"),
+        ("ours", OURS, "o", "-"),
+    )
+}
+IMAGE_STYLES = {
+    name: _style(IMAGES[name], colour, marker, line)
+    for name, colour, marker, line in (
+        ("degraded", INPUT, "^", "-"),
+        ("histogram", HISTOGRAM, "P", "-"),
+        ("clahe", CLAHE, "v", "-"),
+        ("step1", OURS_BEFORE, "s", "-"),
+        ("final", OURS, "o", "-"),
+        ("oracle", ORACLE, "D", ":"),
+    )
+}
+TRUTH_STYLE = {"label": "truth", "color": "black", "linewidth": 1.2, "linestyle": "--"}
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG."""
+    FigureCanvasAgg(figure)
+    figure.savefig(path, dpi=DPI)
