@@ -103,7 +103,7 @@ class StereoConfig:
         2, "Largest difference of the two views' disparities.", unit="px", minimum=0, maximum=10,
     )
     noise_ratio: float = parameter(
-        1.0, "Largest difference of matched descriptors over their texture, around a pixel; "
+        0.9, "Largest difference of matched descriptors over their texture, around a pixel; "
         "noise in open water has about 1.1.",
         minimum=0.1, maximum=10.0,
     )
