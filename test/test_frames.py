@@ -7,6 +7,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -51,6 +52,25 @@ def test_rectified_frame_is_passed_on() -> None:
     assert (pair.rig.baseline, pair.valid, pair.valid_window) == (0.1, None, (0, 0, 32, 24))
 
 
+def compressed(pixels: np.ndarray, codec: str = ".png") -> SimpleNamespace:
+    return SimpleNamespace(format="jpeg", data=cv2.imencode(codec, pixels)[1].tobytes())
+
+
+def test_compressed_frame_is_read() -> None:
+    colour = np.dstack([GREY, GREY // 2, GREY // 3])
+    pair = FrameReader(rectify=False).read(
+        frame(left=compressed(colour), right=compressed(colour))
+    )
+    np.testing.assert_array_equal(pair.left, colour[..., ::-1])
+    assert pair.encodings == ("bgr8", "bgr8")
+
+
+def test_compressed_and_raw_images_make_a_pair() -> None:
+    pair = FrameReader(rectify=False).read(frame(left=compressed(GREY)))
+    np.testing.assert_array_equal(pair.left, GREY)
+    assert pair.encodings == ("mono8", "mono8")
+
+
 def test_raw_frame_is_rectified() -> None:
     # Half a turn about the principal point, which is the image's centre.
     turned = {"r": [-1, 0, 0, 0, -1, 0, 0, 0, 1]}
@@ -89,11 +109,11 @@ def test_bad_calibration_does_not_outlive_its_frame() -> None:
     ),
     (
         {"right": image(np.dstack([GREY] * 3), "bgr8")},
-        "left image has the encoding mono8 and right image bgr8",
+        "left image is read as mono8 and right image as bgr8",
     ),
     (
         {"right": image(GREY.astype(np.uint16), "mono16")},
-        "left image has the encoding mono8 and right image mono16",
+        "left image is read as mono8 and right image as mono16",
     ),
     ({"left": image(GREY, "yuyv")}, "left image has the encoding 'yuyv'"),
     ({"left_info": info(-5.0), "right_info": info(0.0)}, "swapped"),

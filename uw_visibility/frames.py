@@ -10,14 +10,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compressed import read_compressed
 from uw_visibility.errors import InputError
-from uw_visibility.messages import read_image
+from uw_visibility.messages import output_encoding, read_image
 from uw_visibility.stereo.calibration import image_size
 from uw_visibility.stereo.rig import Rectifier, StereoRig
 
 
 class StereoFrame(NamedTuple):
-    """Messages of one instant: two images, and the CameraInfo that holds for each."""
+    """Messages of one instant: two images, and the CameraInfo that holds for each.
+
+    Images are of the type Image or CompressedImage.
+    """
 
     left: Any
     right: Any
@@ -39,6 +43,8 @@ class StereoPair:
         Where a left image rectified here shows the raw one; None for all of it.
     valid_window : tuple of int
         (x, y, width, height) of the smallest window that holds all of `valid`.
+    encodings : tuple of str
+        How the enhanced left and right image are to be encoded.
     """
 
     left: NDArray[Any]
@@ -46,6 +52,7 @@ class StereoPair:
     rig: StereoRig
     valid: NDArray[np.bool_] | None
     valid_window: tuple[int, int, int, int]
+    encodings: tuple[str, str]
 
 
 class FrameReader:
@@ -87,16 +94,19 @@ class FrameReader:
             If an image or a calibration cannot be used, or they do not belong
             together.
         """
-        left = read_image(frame.left, "left image")
-        right = read_image(frame.right, "right image")
+        left, left_encoding = _read(frame.left, "left image")
+        right, right_encoding = _read(frame.right, "right image")
+        encodings = left_encoding, right_encoding
         _check_size(left, frame.left_info, "left")
         _check_size(right, frame.right_info, "right")
-        _check_pair(left, right, frame)
+        _check_pair(left, right, encodings)
         rig = self._calibrate(frame)
         if self._rectifier is None:
-            return StereoPair(left, right, rig, None, (0, 0, left.shape[1], left.shape[0]))
+            window = (0, 0, left.shape[1], left.shape[0])
+            return StereoPair(left, right, rig, None, window, encodings)
         left, right = self._rectifier.rectify(left, right)
-        return StereoPair(left, right, rig, self._rectifier.valid, self._rectifier.valid_window)
+        valid, window = self._rectifier.valid, self._rectifier.valid_window
+        return StereoPair(left, right, rig, valid, window, encodings)
 
     def _calibrate(self, frame: StereoFrame) -> StereoRig:
         key = _calibration_key(frame.left_info) + _calibration_key(frame.right_info)
@@ -112,6 +122,13 @@ class FrameReader:
         return self._rig
 
 
+def _read(message: Any, name: str) -> tuple[NDArray[Any], str]:
+    """Return the pixels of an image and how its enhanced image is to be encoded."""
+    if hasattr(message, "format"):
+        return read_compressed(message, name)
+    return read_image(message, name), output_encoding(message.encoding)
+
+
 def _check_size(image: NDArray[Any], info: Any, side: str) -> None:
     width, height = image_size(info, side)
     if image.shape[:2] != (height, width):
@@ -121,7 +138,9 @@ def _check_size(image: NDArray[Any], info: Any, side: str) -> None:
         )
 
 
-def _check_pair(left: NDArray[Any], right: NDArray[Any], frame: StereoFrame) -> None:
+def _check_pair(
+    left: NDArray[Any], right: NDArray[Any], encodings: tuple[str, str]
+) -> None:
     if left.shape[:2] != right.shape[:2]:
         raise InputError(
             f"left image has {left.shape[1]}x{left.shape[0]} pixels and right image "
@@ -129,8 +148,8 @@ def _check_pair(left: NDArray[Any], right: NDArray[Any], frame: StereoFrame) -> 
         )
     if left.shape != right.shape or left.dtype != right.dtype:
         raise InputError(
-            f"left image has the encoding {frame.left.encoding} and right image "
-            f"{frame.right.encoding}: both cameras must send the same colours and depth"
+            f"left image is read as {encodings[0]} and right image as {encodings[1]}: "
+            "both cameras must send the same colours and depth"
         )
 
 

@@ -9,10 +9,8 @@ meets a NaN or an invented value. Images and the disparity always appear.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -20,14 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config import NodeConfig
-from uw_visibility.frames import StereoFrame, StereoPair
-from uw_visibility.messages import MessageFactory, output_encoding, write_image
-from uw_visibility.result import FrameResult
+from uw_visibility.output_images import (
+    Source,
+    depth_image,
+    depth_info,
+    disparity,
+    left_image,
+    left_info,
+    points,
+    right_image,
+    right_info,
+)
 from uw_visibility.status import Status
-
-# The disparity is published in steps of 1/64 px, far below what matching
-# resolves, so that delta_d can state the step.
-DISPARITY_STEP = 1.0 / 64.0
 
 # Variance of the components of a pose that are not measured: whoever fuses
 # them by mistake gives them no weight. A variance of 0 would mean certainty
@@ -38,35 +40,6 @@ UNMEASURED_VARIANCE = 1e6
 RADIATION_LIGHT = 1
 
 
-@dataclass(frozen=True)
-class Source:
-    """What messages are made from: the input, the result, and what makes messages."""
-
-    make: MessageFactory
-    frame: StereoFrame
-    pair: StereoPair
-    result: FrameResult
-    config: NodeConfig
-
-    @functools.cached_property
-    def left_header(self) -> Any:
-        """Stamp and frame of the left image."""
-        return self._header(self.frame.left)
-
-    @functools.cached_property
-    def right_header(self) -> Any:
-        """Stamp and frame of the right image."""
-        return self._header(self.frame.right)
-
-    def header(self, stamp: Any, frame_id: str) -> Any:
-        """Make a header from a stamp of whatever library."""
-        time = self.make("builtin_interfaces/msg/Time", sec=stamp.sec, nanosec=stamp.nanosec)
-        return self.make("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
-
-    def _header(self, message: Any) -> Any:
-        return self.header(message.header.stamp, message.header.frame_id)
-
-
 def build_messages(source: Source, topics: Collection[str]) -> dict[str, Any]:
     """Make the messages of one frame.
 
@@ -75,7 +48,7 @@ def build_messages(source: Source, topics: Collection[str]) -> dict[str, Any]:
     source : Source
         Input messages, the pair that was processed, and its result.
     topics : collection of str
-        Which of `TOPICS` are wanted.
+        Which of `all_topics` are wanted.
 
     Returns
     -------
@@ -88,107 +61,6 @@ def build_messages(source: Source, topics: Collection[str]) -> dict[str, Any]:
         if message is not None:
             messages[topic] = message
     return messages
-
-
-def _left_image(source: Source) -> Any:
-    encoding = output_encoding(source.frame.left.encoding)
-    return write_image(source.make, source.result.left_enhanced, encoding, source.left_header)
-
-
-def _right_image(source: Source) -> Any:
-    encoding = output_encoding(source.frame.right.encoding)
-    return write_image(source.make, source.result.right_enhanced, encoding, source.right_header)
-
-
-def _left_info(source: Source) -> Any:
-    return _camera_info(source, source.frame.left_info, source.left_header)
-
-
-def _right_info(source: Source) -> Any:
-    return _camera_info(source, source.frame.right_info, source.right_header)
-
-
-def _camera_info(source: Source, info: Any, header: Any) -> Any:
-    """Pass the calibration on: P holds for the rectified image, as image_pipeline has it."""
-    upper = not hasattr(info, "k")
-    matrices = {
-        name: np.array(getattr(info, name.upper() if upper else name), np.float64)
-        for name in "dkrp"
-    }
-    roi = info.roi
-    return source.make(
-        "sensor_msgs/msg/CameraInfo",
-        header=header,
-        height=info.height,
-        width=info.width,
-        distortion_model=info.distortion_model,
-        binning_x=info.binning_x,
-        binning_y=info.binning_y,
-        roi=_region(
-            source, (roi.x_offset, roi.y_offset, roi.width, roi.height), bool(roi.do_rectify)
-        ),
-        **matrices,
-    )
-
-
-def _disparity(source: Source) -> Any:
-    pixels, low, high = corrected_disparity(source)
-    return source.make(
-        "stereo_msgs/msg/DisparityImage",
-        header=source.left_header,
-        image=write_image(source.make, pixels, "32FC1", source.left_header),
-        f=source.pair.rig.focal_length,
-        t=source.pair.rig.baseline,
-        valid_window=_region(source, _valid_window(source)),
-        min_disparity=low,
-        max_disparity=high,
-        delta_d=DISPARITY_STEP,
-    )
-
-
-def corrected_disparity(source: Source) -> tuple[NDArray[np.float32], float, float]:
-    """Return the matched disparity as ``stereo_msgs/DisparityImage`` defines it.
-
-    Parameters
-    ----------
-    source : Source
-        The pair and its result.
-
-    Returns
-    -------
-    disparity : ndarray, (H, W) float32
-        x_left - x_right - (cx_left - cx_right), px, so that Z = f t / disparity;
-        ``low - 1`` where nothing was matched.
-    low, high : float
-        The range of disparities searched, without what lies behind infinity.
-    """
-    result, rig = source.result, source.pair.rig
-    low = max(result.min_disparity - rig.offset, 0.0)
-    high = max(result.max_disparity - rig.offset, low)
-    corrected = result.disparity - np.float32(rig.offset)
-    corrected = np.round(corrected / np.float32(DISPARITY_STEP)) * np.float32(DISPARITY_STEP)
-    # A comparison with NaN is false, so what was not matched is not kept.
-    kept = (corrected > 0.0) & (corrected >= np.float32(low)) & (corrected <= np.float32(high))
-    if source.pair.valid is not None:
-        kept &= source.pair.valid
-    return np.where(kept, corrected, np.float32(low - 1.0)), low, high
-
-
-def _valid_window(source: Source) -> tuple[int, int, int, int]:
-    """Return the window that may hold disparities: the partner must lie in the right image."""
-    x, y, width, height = source.pair.valid_window
-    image_width = source.result.disparity.shape[1]
-    start = max(x, source.result.min_disparity)
-    stop = min(x + width, image_width + source.result.max_disparity)
-    return start, y, max(stop - start, 0), height
-
-
-def _region(source: Source, window: tuple[int, int, int, int], do_rectify: bool = False) -> Any:
-    x, y, width, height = window
-    return source.make(
-        "sensor_msgs/msg/RegionOfInterest",
-        x_offset=x, y_offset=y, height=height, width=width, do_rectify=do_rectify,
-    )
 
 
 def _distance(source: Source) -> Any:
@@ -268,11 +140,11 @@ def _depth(source: Source) -> Any:
 
 
 _OUTPUTS: dict[str, tuple[str, Callable[[Source], Any]]] = {
-    "left/enhanced/image": ("sensor_msgs/msg/Image", _left_image),
-    "left/enhanced/camera_info": ("sensor_msgs/msg/CameraInfo", _left_info),
-    "right/enhanced/image": ("sensor_msgs/msg/Image", _right_image),
-    "right/enhanced/camera_info": ("sensor_msgs/msg/CameraInfo", _right_info),
-    "disparity": ("stereo_msgs/msg/DisparityImage", _disparity),
+    "left/enhanced/image": ("sensor_msgs/msg/Image", left_image),
+    "left/enhanced/camera_info": ("sensor_msgs/msg/CameraInfo", left_info),
+    "right/enhanced/image": ("sensor_msgs/msg/Image", right_image),
+    "right/enhanced/camera_info": ("sensor_msgs/msg/CameraInfo", right_info),
+    "disparity": ("stereo_msgs/msg/DisparityImage", disparity),
     "visibility/distance": ("sensor_msgs/msg/Range", _distance),
     "visibility/attenuation": ("geometry_msgs/msg/Vector3Stamped", _attenuation),
     "visibility/attenuation_stddev": ("geometry_msgs/msg/Vector3Stamped", _attenuation_stddev),
@@ -281,7 +153,37 @@ _OUTPUTS: dict[str, tuple[str, Callable[[Source], Any]]] = {
     "visibility/depth": ("geometry_msgs/msg/PoseWithCovarianceStamped", _depth),
 }
 
-_BUILDERS = {topic: builder for topic, (_, builder) in _OUTPUTS.items()}
+_DEPTH_OUTPUTS: dict[str, tuple[str, Callable[[Source], Any]]] = {
+    "depth/image": ("sensor_msgs/msg/Image", depth_image),
+    "depth/camera_info": ("sensor_msgs/msg/CameraInfo", depth_info),
+}
+_POINT_OUTPUTS: dict[str, tuple[str, Callable[[Source], Any]]] = {
+    "points2": ("sensor_msgs/msg/PointCloud2", points),
+}
+_BUILDERS = {
+    topic: builder
+    for outputs in (_OUTPUTS, _DEPTH_OUTPUTS, _POINT_OUTPUTS)
+    for topic, (_, builder) in outputs.items()
+}
 
 TOPICS = MappingProxyType({topic: name for topic, (name, _) in _OUTPUTS.items()})
 """Type of message by topic, in the order in which they are published."""
+
+_NEEDS_LEFT = ("left/enhanced/image", "points2")
+
+
+def all_topics(config: NodeConfig) -> dict[str, str]:
+    """Return type of message by topic, with the optional ones that are switched on."""
+    topics = dict(TOPICS)
+    if config.publish_depth_image:
+        topics |= {topic: name for topic, (name, _) in _DEPTH_OUTPUTS.items()}
+    if config.publish_points:
+        topics |= {topic: name for topic, (name, _) in _POINT_OUTPUTS.items()}
+    return topics
+
+
+def enhanced_sides(topics: Collection[str]) -> tuple[str, ...]:
+    """Return the sides whose enhanced image is needed for topics."""
+    left = any(topic in topics for topic in _NEEDS_LEFT)
+    right = "right/enhanced/image" in topics
+    return ("left",) * left + ("right",) * right

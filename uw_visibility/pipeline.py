@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +33,11 @@ from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
 from uw_visibility.water.optics import load_response
+
+SIDES = ("left", "right")
+
+# Stands for an image that nobody asked for.
+_NOT_WANTED: NDArray[Any] = np.empty((0, 0), np.uint8)
 
 # Fewer support points than this make no mesh worth a plane.
 _FEWEST_SUPPORT_POINTS = 10
@@ -82,6 +88,7 @@ class Pipeline:
         *,
         valid: NDArray[np.bool_] | None = None,
         match_original: bool = False,
+        enhance: Collection[str] = SIDES,
     ) -> FrameResult:
         """Assess and enhance one rectified pair.
 
@@ -94,6 +101,9 @@ class Pipeline:
             rectification leaves some that do not.
         match_original : bool
             Whether to match the raw pair too, for comparison.
+        enhance : collection of str
+            Which of the two images are wanted enhanced: "left", "right". The
+            estimates do not depend on it.
 
         Returns
         -------
@@ -106,7 +116,7 @@ class Pipeline:
         """
         left, right = check_pair(left, right)
         with self._lock:
-            return self._process(left, right, valid, match_original)
+            return self._process(left, right, valid, match_original, enhance)
 
     def warm_up(self, shape: tuple[int, int], dtype: Any = np.uint8) -> None:
         """Compile what is not compiled yet, and allocate for a size of image.
@@ -120,7 +130,7 @@ class Pipeline:
         """
         left, right = _warm_up_pair(shape, np.dtype(dtype))
         with self._lock:
-            self._process(left, right, None, True)
+            self._process(left, right, None, True, SIDES)
 
     def _process(
         self,
@@ -128,6 +138,7 @@ class Pipeline:
         right: NDArray[Any],
         valid: NDArray[np.bool_] | None,
         match_original: bool,
+        enhance: Collection[str],
     ) -> FrameResult:
         stages = self._stages_for(left.shape[:2])
         clock = _Clock()
@@ -155,14 +166,19 @@ class Pipeline:
             support2 = stages.matcher.support_points()
             improved = stages.matcher.dense_disparity(support2)
         with clock("interpolation"):
-            filled = stages.fill(improved)
+            filled = stages.fill(improved, enhance)
         with clock("visibility estimation 2"):
             water = self._estimate(left, improved.left, valid, support, step1)
         with clock("image enhancement 2"):
             range_left = self._range(filled.left)
             shown = water if left.ndim == 3 else self._estimate_grey(left, improved.left, valid)
-            left_enhanced, limited = self._restorer.restore(left, range_left, shown)
-            right_enhanced, _ = self._restorer.restore(right, self._range(filled.right), shown)
+            left_enhanced, limited = _NOT_WANTED, _NOT_WANTED.astype(bool)
+            if "left" in enhance:
+                left_enhanced, limited = self._restorer.restore(left, range_left, shown)
+            right_enhanced = _NOT_WANTED
+            if "right" in enhance:
+                range_right = self._range(filled.right)
+                right_enhanced, _ = self._restorer.restore(right, range_right, shown)
 
         with clock("assessment"):
             visibility = self._assessor.assess(water)
@@ -304,14 +320,17 @@ class _Stages:
             refined.append(self._matting.refine(filled, None, image).disparity)
         return DenseMatch(refined[0], refined[1])
 
-    def fill(self, match: DenseMatch) -> DenseMatch:
-        """Fill gaps, then large areas, of both views."""
-        left = self._gaps.fill(match.left, match.right_unchecked)
-        # Seen in a mirror, the right view is a left one.
-        right = self._gaps.fill(_mirrored(match.right), _mirrored(match.left_unchecked))
-        return DenseMatch(
-            inpaint(left, self._workers), _mirrored(inpaint(right, self._workers))
-        )
+    def fill(self, match: DenseMatch, views: Collection[str]) -> DenseMatch:
+        """Fill gaps, then large areas, of the views wanted; another one is NaN throughout."""
+        filled = DenseMatch(np.full_like(match.left, np.nan), np.full_like(match.right, np.nan))
+        if "left" in views:
+            left = self._gaps.fill(match.left, match.right_unchecked)
+            filled = replace(filled, left=inpaint(left, self._workers))
+        if "right" in views:
+            # Seen in a mirror, the right view is a left one.
+            right = self._gaps.fill(_mirrored(match.right), _mirrored(match.left_unchecked))
+            filled = replace(filled, right=_mirrored(inpaint(right, self._workers)))
+        return filled
 
 
 class _Clock:

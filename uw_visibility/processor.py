@@ -10,7 +10,7 @@ from typing import Any
 from uw_visibility.config import NodeConfig, PipelineConfig
 from uw_visibility.frames import FrameReader, StereoFrame
 from uw_visibility.messages import MessageFactory
-from uw_visibility.outputs import Source, build_messages
+from uw_visibility.outputs import Source, build_messages, enhanced_sides
 from uw_visibility.pipeline import Pipeline
 from uw_visibility.result import FrameResult
 from uw_visibility.stereo.rig import StereoRig
@@ -58,7 +58,7 @@ class FrameProcessor:
         node_config : NodeConfig
             Holds for this frame.
         topics : collection of str
-            Outputs wanted, of `uw_visibility.outputs.TOPICS`.
+            Outputs wanted, of `uw_visibility.outputs.all_topics`.
 
         Returns
         -------
@@ -77,6 +77,8 @@ class FrameProcessor:
         if self._pipeline is None or wanted != self._made_for:
             self._pipeline = Pipeline(*wanted)
             self._made_for = wanted
-        result = self._pipeline.process(pair.left, pair.right, valid=pair.valid)
+        result = self._pipeline.process(
+            pair.left, pair.right, valid=pair.valid, enhance=enhanced_sides(topics)
+        )
         source = Source(self._make, frame, pair, result, node_config)
         return result, build_messages(source, topics)

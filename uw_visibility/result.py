@@ -36,16 +36,18 @@ class FrameResult:
         ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
     disparity_filled : ndarray
         ``(H, W)`` float32, px; gaps filled, for colour only. Finite where
-        anything matched at all, else NaN everywhere.
+        anything matched at all, else NaN everywhere, as where the left image
+        was not wanted enhanced.
     range : ndarray
         ``(H, W)`` float32, m, of `disparity_filled`, along the line of sight;
         infinite where the filled disparity lies at or beyond infinity.
     disparity_original : ndarray or None
         ``(H, W)`` float32, px; the raw pair matched alone, where asked for.
     left_enhanced, right_enhanced : ndarray
-        Like the input images.
+        Like the input images; empty where not wanted.
     limited : ndarray
-        ``(H, W)`` bool; pixels of the left image whose gain was limited.
+        ``(H, W)`` bool; pixels of the left image whose gain was limited;
+        empty where that image was not wanted.
     support_points : int
         Support points of step 1.
     coverage : float

@@ -1,0 +1,222 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The images of a frame's result as messages: enhanced, disparity, depth and points."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.config import NodeConfig
+from uw_visibility.frames import StereoFrame, StereoPair
+from uw_visibility.messages import MessageFactory, write_image
+from uw_visibility.result import FrameResult
+
+# The disparity is published in steps of 1/64 px, far below what matching
+# resolves, so that delta_d can state the step.
+DISPARITY_STEP = 1.0 / 64.0
+
+# sensor_msgs/PointField.FLOAT32.
+POINT_FLOAT32 = 7
+
+
+@dataclass(frozen=True)
+class Source:
+    """What messages are made from: the input, the result, and what makes messages."""
+
+    make: MessageFactory
+    frame: StereoFrame
+    pair: StereoPair
+    result: FrameResult
+    config: NodeConfig
+
+    @functools.cached_property
+    def left_header(self) -> Any:
+        """Stamp and frame of the left image."""
+        return self._header(self.frame.left)
+
+    @functools.cached_property
+    def right_header(self) -> Any:
+        """Stamp and frame of the right image."""
+        return self._header(self.frame.right)
+
+    def header(self, stamp: Any, frame_id: str) -> Any:
+        """Make a header from a stamp of whatever library."""
+        time = self.make("builtin_interfaces/msg/Time", sec=stamp.sec, nanosec=stamp.nanosec)
+        return self.make("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
+
+    def _header(self, message: Any) -> Any:
+        return self.header(message.header.stamp, message.header.frame_id)
+
+
+def left_image(source: Source) -> Any:
+    """Make the enhanced left image."""
+    pixels = source.result.left_enhanced
+    return write_image(source.make, pixels, source.pair.encodings[0], source.left_header)
+
+
+def right_image(source: Source) -> Any:
+    """Make the enhanced right image."""
+    pixels = source.result.right_enhanced
+    return write_image(source.make, pixels, source.pair.encodings[1], source.right_header)
+
+
+def left_info(source: Source) -> Any:
+    """Pass the left calibration on."""
+    return _camera_info(source, source.frame.left_info, source.left_header)
+
+
+def right_info(source: Source) -> Any:
+    """Pass the right calibration on."""
+    return _camera_info(source, source.frame.right_info, source.right_header)
+
+
+def _camera_info(source: Source, info: Any, header: Any) -> Any:
+    """Pass the calibration on: P holds for the rectified image, as image_pipeline has it."""
+    upper = not hasattr(info, "k")
+    matrices = {
+        name: np.array(getattr(info, name.upper() if upper else name), np.float64)
+        for name in "dkrp"
+    }
+    roi = info.roi
+    return source.make(
+        "sensor_msgs/msg/CameraInfo",
+        header=header,
+        height=info.height,
+        width=info.width,
+        distortion_model=info.distortion_model,
+        binning_x=info.binning_x,
+        binning_y=info.binning_y,
+        roi=_region(
+            source, (roi.x_offset, roi.y_offset, roi.width, roi.height), bool(roi.do_rectify)
+        ),
+        **matrices,
+    )
+
+
+def disparity(source: Source) -> Any:
+    """Make the disparity image of the matched pixels."""
+    pixels, low, high = corrected_disparity(source)
+    return source.make(
+        "stereo_msgs/msg/DisparityImage",
+        header=source.left_header,
+        image=write_image(source.make, pixels, "32FC1", source.left_header),
+        f=source.pair.rig.focal_length,
+        t=source.pair.rig.baseline,
+        valid_window=_region(source, _valid_window(source)),
+        min_disparity=low,
+        max_disparity=high,
+        delta_d=DISPARITY_STEP,
+    )
+
+
+def corrected_disparity(source: Source) -> tuple[NDArray[np.float32], float, float]:
+    """Return the matched disparity as ``stereo_msgs/DisparityImage`` defines it.
+
+    Parameters
+    ----------
+    source : Source
+        The pair and its result.
+
+    Returns
+    -------
+    disparity : ndarray, (H, W) float32
+        x_left - x_right - (cx_left - cx_right), px, so that Z = f t / disparity;
+        ``low - 1`` where nothing was matched.
+    low, high : float
+        The range of disparities searched, without what lies behind infinity.
+    """
+    result, rig = source.result, source.pair.rig
+    low = max(result.min_disparity - rig.offset, 0.0)
+    high = max(result.max_disparity - rig.offset, low)
+    corrected = result.disparity - np.float32(rig.offset)
+    corrected = np.round(corrected / np.float32(DISPARITY_STEP)) * np.float32(DISPARITY_STEP)
+    # A comparison with NaN is false, so what was not matched is not kept.
+    kept = (corrected > 0.0) & (corrected >= np.float32(low)) & (corrected <= np.float32(high))
+    if source.pair.valid is not None:
+        kept &= source.pair.valid
+    return np.where(kept, corrected, np.float32(low - 1.0)), low, high
+
+
+def depth_info(source: Source) -> Any:
+    """Pass the calibration of the depth image on: it lies in the left rectified image."""
+    return left_info(source)
+
+
+def depth_image(source: Source) -> Any:
+    """Make the depth image (REP 118): Z in m, NaN where nothing was matched."""
+    return write_image(source.make, matched_depth(source), "32FC1", source.left_header)
+
+
+def points(source: Source) -> Any:
+    """Make the cloud of the matched pixels: one point per pixel, NaN where none was matched."""
+    rig, depth = source.pair.rig, matched_depth(source)
+    height, width = depth.shape
+    cloud = np.empty((height, width, 4), np.float32)
+    cx, cy = rig.principal_point
+    columns = (np.arange(width) - cx) / rig.focal_length
+    rows = (np.arange(height) - cy) / (rig.focal_length_y or rig.focal_length)
+    np.multiply(depth, columns.astype(np.float32), out=cloud[..., 0])
+    np.multiply(depth, rows.astype(np.float32)[:, None], out=cloud[..., 1])
+    cloud[..., 2] = depth
+    cloud[..., 3] = _packed_colours(source.result.left_enhanced).view(np.float32)
+    fields = [
+        source.make(
+            "sensor_msgs/msg/PointField", name=name, offset=4 * index, datatype=POINT_FLOAT32,
+            count=1,
+        )
+        for index, name in enumerate(("x", "y", "z", "rgb"))
+    ]
+    return source.make(
+        "sensor_msgs/msg/PointCloud2",
+        header=source.left_header,
+        height=height,
+        width=width,
+        fields=fields,
+        is_bigendian=sys.byteorder == "big",
+        point_step=16,
+        row_step=16 * width,
+        data=cloud.reshape(-1).view(np.uint8),
+        is_dense=False,
+    )
+
+
+def matched_depth(source: Source) -> NDArray[np.float32]:
+    """Return Z of the matched pixels, ``(H, W)`` float32, m; NaN elsewhere."""
+    disparity, low, _ = corrected_disparity(source)
+    rig = source.pair.rig
+    disparity[disparity < np.float32(low)] = np.nan
+    return np.float32(rig.focal_length * rig.baseline) / disparity
+
+
+def _packed_colours(pixels: NDArray[Any]) -> NDArray[np.uint32]:
+    """Return colours as PCL packs them, 0x00RRGGBB; grey and 16-bit images too."""
+    if pixels.dtype == np.uint16:
+        pixels = pixels >> 8
+    channels = pixels.astype(np.uint32)
+    if channels.ndim == 2:
+        return channels * np.uint32(0x010101)
+    packed: NDArray[np.uint32] = np.dot(channels, np.array([1 << 16, 1 << 8, 1], np.uint32))
+    return packed
+
+
+def _valid_window(source: Source) -> tuple[int, int, int, int]:
+    """Return the window that may hold disparities: the partner must lie in the right image."""
+    x, y, width, height = source.pair.valid_window
+    image_width = source.result.disparity.shape[1]
+    start = max(x, source.result.min_disparity)
+    stop = min(x + width, image_width + source.result.max_disparity)
+    return start, y, max(stop - start, 0), height
+
+
+def _region(source: Source, window: tuple[int, int, int, int], do_rectify: bool = False) -> Any:
+    x, y, width, height = window
+    return source.make(
+        "sensor_msgs/msg/RegionOfInterest",
+        x_offset=x, y_offset=y, height=height, width=width, do_rectify=do_rectify,
+    )
