@@ -173,6 +173,43 @@ class AssessmentConfig:
 
 
 @dataclass(frozen=True)
+class TrackingConfig:
+    """Recursion over frames: a Kalman filter of the water's state."""
+
+    enabled: bool = parameter(
+        True, "Filter the estimates of frames that come with a stamp.",
+    )
+    turbidity_rate: float = parameter(
+        0.05, "How fast attenuation wanders, as part of itself.",
+        unit="1/s^0.5", minimum=1e-4, maximum=10.0,
+    )
+    light_rate: float = parameter(
+        0.05, "How fast the colour of the ambient light wanders, as part of each channel.",
+        unit="1/s^0.5", minimum=1e-4, maximum=10.0,
+    )
+    exposure_change: float = parameter(
+        0.5, "How much the exposure, common to all channels, may change from frame to frame; "
+        "0 for a fixed one.", minimum=0.0, maximum=10.0,
+    )
+    common_error: float = parameter(
+        0.5, "Part of the variance of a frame's estimate that following frames share, since "
+        "they show the same scene: filtering does not lessen it.", minimum=0.0, maximum=0.95,
+    )
+    gate_probability: float = parameter(
+        0.999, "Share of the estimates that pass the gate where all is well (chi squared).",
+        minimum=0.5, maximum=0.999999,
+    )
+    reset_count: int = parameter(
+        3, "Estimates in a row beyond the gate that, agreeing with one another, are the new "
+        "state.", minimum=1, maximum=100,
+    )
+    timeout: float = parameter(
+        5.0, "Time without an estimate after which nothing is known of the state.",
+        unit="s", minimum=0.01, maximum=3600.0,
+    )
+
+
+@dataclass(frozen=True)
 class EnhancementConfig:
     """Restoration of the scene's radiance (eq. 8) and the dense range it needs."""
 
@@ -218,6 +255,7 @@ class PipelineConfig:
     stereo: StereoConfig = section(StereoConfig)
     water: WaterConfig = section(WaterConfig)
     assessment: AssessmentConfig = section(AssessmentConfig)
+    tracking: TrackingConfig = section(TrackingConfig)
     enhancement: EnhancementConfig = section(EnhancementConfig)
     threads: int = parameter(
         0, "Threads that the pipeline uses; 0 takes one per processor.",

@@ -97,7 +97,7 @@ class Assessor:
             is that of the best channel; a channel too dark to be assessed is
             not the best one.
         """
-        covariance = _joint_covariance(estimate)
+        covariance = joint_covariance(estimate)
         seen = np.isfinite(estimate.attenuation)
         dark = [reason is Status.TOO_DARK for reason in estimate.channel_status]
         alpha, alpha_stddev = self._mean_attenuation(estimate, covariance)
@@ -177,7 +177,11 @@ class Assessor:
         return theoretical_chromaticity(depth, self.clear_water_attenuation, self._white)
 
 
-def _joint_covariance(estimate: WaterEstimate) -> NDArray[np.float64]:
+def joint_covariance(estimate: WaterEstimate) -> NDArray[np.float64]:
+    """Return the covariance of β_R, I∞_R, β_G, I∞_G, β_B, I∞_B, (6, 6) float64.
+
+    The channels of an estimate that has none are taken as independent.
+    """
     if estimate.joint_covariance is not None:
         return estimate.joint_covariance
     joint = np.zeros((6, 6))
