@@ -47,6 +47,22 @@ class CameraConfig:
         minimum=1e-3,
         maximum=1e3,
     )
+    vignetting: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0),
+        "Relative illumination of the images is 1 + a r^2 + b r^4 + c r^6, with r the distance "
+        "from the principal point over half of the diagonal: a, b, c. Zeros leave images as "
+        "they are.",
+        minimum=-10.0,
+        maximum=10.0,
+    )
+    flat_field: str = parameter(
+        "",
+        "Path of an image of an evenly lit surface, of the size of the rectified images, which "
+        "takes the place of vignetting; empty for none.",
+    )
+    flat_field_right: str = parameter(
+        "", "The right camera's flat field; empty for the same as the left one's.",
+    )
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.tracking import TrackingEvent
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,18 @@ class FrameResult:
         Limits of the search, inclusive, px.
     timing_ms : dict of str to float
         Duration of each stage and of the whole (``total``).
+    right_gain : ndarray or None
+        ``(3,)``, or ``(1,)`` for grey images: irradiance in the right image over
+        that in the left one. The right image's ambient light is that of `water`
+        times this.
+    tracked : WaterEstimate or None
+        The water's state filtered over frames; None where the frame had no
+        stamp, or tracking is off. `water` and `visibility` are of this frame
+        alone.
+    tracked_visibility : Visibility or None
+        Of `tracked`.
+    tracking : TrackingEvent or None
+        What this frame did to the filtered state.
     """
 
     status: Status
@@ -81,3 +94,7 @@ class FrameResult:
     min_disparity: int
     max_disparity: int
     timing_ms: dict[str, float]
+    right_gain: NDArray[np.float64] | None = None
+    tracked: WaterEstimate | None = None
+    tracked_visibility: Visibility | None = None
+    tracking: TrackingEvent | None = None

@@ -1,0 +1,77 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""How much brighter the right camera sees what both cameras see."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.water.transfer import linear_table
+
+# More points than this tell nothing new.
+_MOST_POINTS = 2000
+# Fewer than this tell nothing.
+_FEWEST_POINTS = 30
+# Half side of the square over which pixels are averaged, px.
+_REACH = 2
+# Irradiance below which a ratio is that of black levels.
+_DARK = 0.02
+
+
+def right_gain(
+    left: NDArray[Any], right: NDArray[Any], points: NDArray[np.float32], transfer: str
+) -> NDArray[np.float64]:
+    """Estimate the gain of the right camera over the left one.
+
+    Parameters
+    ----------
+    left, right : ndarray
+        ``(H, W, 3)`` or ``(H, W)``; uint8 or uint16.
+    points : ndarray
+        ``(N, 3)`` float32: column and row in the left image, and disparity, px.
+    transfer : str
+        ``"linear"`` or ``"srgb"``.
+
+    Returns
+    -------
+    ndarray
+        ``(3,)`` or ``(1,)`` float64, median over the points of the ratio of
+        irradiances; 1 for a channel in which too few points can be compared.
+    """
+    stride = -(-len(points) // _MOST_POINTS) or 1
+    chosen = points[::stride]
+    height, width = left.shape[:2]
+    u, v = chosen[:, 0].astype(np.int64), chosen[:, 1].astype(np.int64)
+    partner = chosen[:, 0] - chosen[:, 2]
+    first = np.floor(partner).astype(np.int64)
+    inside = (v >= _REACH) & (v < height - _REACH) & (u >= _REACH) & (u < width - _REACH)
+    inside &= (first >= _REACH) & (first < width - _REACH - 1)
+    u, v, first, partner = u[inside], v[inside], first[inside], partner[inside]
+    table = linear_table(transfer, left.dtype)
+    here, clipped = _patch_means(left, u, v, table)
+    near, clipped_near = _patch_means(right, first, v, table)
+    next_to, clipped_next = _patch_means(right, first + 1, v, table)
+    part = (partner - first)[:, np.newaxis]
+    there = (1.0 - part) * near + part * next_to
+    usable = (here > _DARK) & (there > _DARK) & ~(clipped | clipped_near | clipped_next)
+    gain = np.ones(here.shape[1])
+    for channel in range(gain.size):
+        chosen_here = usable[:, channel]
+        if np.count_nonzero(chosen_here) >= _FEWEST_POINTS:
+            ratio = there[chosen_here, channel] / here[chosen_here, channel]
+            gain[channel] = np.median(ratio)
+    return gain
+
+
+def _patch_means(
+    image: NDArray[Any], u: NDArray[np.int64], v: NDArray[np.int64], table: NDArray[np.float32]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return mean irradiance about each point, and whether a pixel there is saturated."""
+    planes = image[..., np.newaxis] if image.ndim == 2 else image
+    offset = np.arange(-_REACH, _REACH + 1)
+    codes = planes[v[:, None, None] + offset[:, None], u[:, None, None] + offset]
+    saturated = (codes == np.iinfo(image.dtype).max).any(axis=(1, 2))
+    return table[codes].mean(axis=(1, 2), dtype=np.float64), saturated
