@@ -56,7 +56,7 @@ def first_enhancement(
     matcher.describe(*contrasts)
     support = matcher.support_points()
     mesh = matcher.coarse_disparity(support)
-    coarse, _ = fill_plane(mesh.left, support.points)
+    coarse, _ = fill_plane(mesh, support.points)
     dense = Matting(config.enhancement, workers).refine(coarse, None, left).disparity
     restorer = Restorer(config.enhancement, config.camera.transfer, workers)
     enhanced, _ = restorer.restore(left, rig.range_from_disparity(dense), result.step1)

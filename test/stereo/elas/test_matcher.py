@@ -33,7 +33,7 @@ def step_pair(texture, near=20, far=8):
 
 def test_both_sides_of_a_depth_step_are_found(texture, contrast_of):
     pair, truth = step_pair(texture)
-    disparity = match(pair, contrast_of).left
+    disparity = match(pair, contrast_of).disparity
     matched = np.isfinite(disparity)
     inner = np.zeros_like(matched)
     inner[35:85, 75:145] = True
@@ -47,8 +47,8 @@ def test_both_sides_of_a_depth_step_are_found(texture, contrast_of):
 def test_the_right_view_agrees_with_the_left(texture, contrast_of):
     pair, _ = step_pair(texture)
     match_both = match(pair, contrast_of)
-    v, u = np.nonzero(np.isfinite(match_both.left))
-    d = match_both.left[v, u]
+    v, u = np.nonzero(np.isfinite(match_both.disparity))
+    d = match_both.disparity[v, u]
     there = match_both.right[v, np.clip(np.round(u - d).astype(int), 0, None)]
     assert np.nanmean(np.abs(there - d) <= 1) > 0.97
 
@@ -56,14 +56,14 @@ def test_the_right_view_agrees_with_the_left(texture, contrast_of):
 def test_an_untextured_pair_matches_nothing(contrast_of):
     flat = np.full((96, 160), 120, np.uint8)
     match_both = match((flat, flat), contrast_of)
-    assert np.isnan(match_both.left).all()
+    assert np.isnan(match_both.disparity).all()
     assert np.isnan(match_both.right).all()
 
 
 def test_threads_do_not_change_a_bit(texture, contrast_of):
     pair, _ = step_pair(texture)
     one, four = match(pair, contrast_of), match(pair, contrast_of, threads=4)
-    np.testing.assert_array_equal(one.left, four.left)
+    np.testing.assert_array_equal(one.disparity, four.disparity)
     np.testing.assert_array_equal(one.right, four.right)
 
 
@@ -74,7 +74,7 @@ def test_memory_of_one_pair_does_not_leak_into_the_next(texture, contrast_of):
 
     def run(images):
         matcher.describe(contrast_of(images[0]), contrast_of(images[1]))
-        return matcher.dense_disparity(matcher.support_points()).left
+        return matcher.dense_disparity(matcher.support_points()).disparity
 
     first = run(pair)
     run(other)
@@ -86,7 +86,7 @@ def test_more_is_right_than_by_semi_global_matching(shared_data, contrast_of, na
     """On scenes in air with known disparity, at the same search range."""
     scene = load_scene(shared_data / "middlebury" / name)
     left, right = scene.left, scene.right
-    ours = match((left, right), contrast_of, (0, 95), threads=2).left
+    ours = match((left, right), contrast_of, (0, 95), threads=2).disparity
     peer = semi_global_matching(left, right, 96)
 
     def correct(disparity):

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from uw_visibility.parallel import Workers
-from uw_visibility.stereo.elas.mesh import in_right_view, rasterize, triangulate, with_corners
+from uw_visibility.stereo.elas.mesh import rasterize, triangulate, with_corners
 
 SHAPE = (60, 80)
 
@@ -53,11 +53,6 @@ def test_rows_in_bands_give_the_same_bits():
     rasterize(triangles, one, Workers(1))
     rasterize(triangles, four, Workers(4))
     np.testing.assert_array_equal(one, four)
-
-
-def test_of_two_points_at_one_right_pixel_the_nearer_stays():
-    points = np.array([[30, 7, 10], [40, 7, 20], [50, 7, 10]], np.float32)
-    np.testing.assert_array_equal(in_right_view(points), [[20, 7, 20], [40, 7, 10]])
 
 
 def test_too_few_points_make_no_triangles():

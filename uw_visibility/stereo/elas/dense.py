@@ -76,40 +76,40 @@ class CellCandidates:
 
 
 def match(
-    here: NDArray[np.uint8],
-    there: NDArray[np.uint8],
-    sign: int,
+    descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
     plane: NDArray[np.float32],
     candidates: CellCandidates,
     disparities: tuple[int, int],
     settings: DenseSettings,
-    disparity: NDArray[np.int16],
+    best: NDArray[np.int16],
     workers: Workers,
 ) -> None:
-    """Match every pixel of one view.
+    """Match every pixel of the left view, and every one of the right view with it.
+
+    A pixel of the right view takes the best of the pairs that were tried for
+    the left view: its own search would try nearly the same ones again.
 
     Parameters
     ----------
-    here, there : ndarray
-        Descriptors of this and of the other view, ``(H * W * 16,)`` uint8.
-    sign : int
-        1 where this is the left view, -1 where it is the right one.
+    descriptors : tuple of ndarray
+        Of the left and of the right view, ``(H * W * 16,)`` uint8.
     plane : ndarray
-        ``(H, W)`` float32, the mesh's disparity in this view, NaN outside.
+        ``(H, W)`` float32, the mesh's disparity in the left view, NaN outside.
     candidates : CellCandidates
-        What the support points propose in this view.
+        What the support points propose.
     disparities : tuple of int
         Smallest and largest disparity, inclusive, px.
     settings : DenseSettings
         Weights.
-    disparity : ndarray
-        ``(H, W)`` int16, overwritten; -1 where nothing was tried.
+    best : ndarray
+        ``(2, H, W)`` int16, overwritten: disparity at the pixels of the left and
+        of the right view, -1 where nothing was tried.
     workers : Workers
         Threads.
     """
     workers.rows(
-        _match, disparity.shape[0], here, there, sign, plane, candidates.count,
-        candidates.values, disparities[0], disparities[1], settings.prior(), disparity,
+        _match, plane.shape[0], descriptors[0], descriptors[1], plane, candidates.count,
+        candidates.values, disparities[0], disparities[1], settings.prior(), best[0], best[1],
     )
 
 
@@ -137,65 +137,73 @@ def _fill_cells(points: Any, seen: Any, count: Any, values: Any) -> None:
 
 @njit(nogil=True, cache=True)
 def _match(
-    start: int, stop: int, here: Any, there: Any, sign: int, plane: Any, count: Any,
-    candidates: Any, low: int, high: int, prior: Any, disparity: Any,
+    start: int, stop: int, left: Any, right: Any, plane: Any, count: Any, candidates: Any,
+    low: int, high: int, prior: Any, best_left: Any, best_right: Any,
 ) -> None:
-    height, width = disparity.shape
+    height, width = plane.shape
     radius = len(prior) - 1
-    best = np.empty(width, np.int32)
+    here = np.empty(width, np.int32)
+    there = np.empty(width, np.int32)
     middle = np.empty(width, np.int32)
     for y in range(start, stop):
         for x in range(width):
-            best[x] = _NOTHING
+            here[x] = _NOTHING
+            there[x] = _NOTHING
             mean = plane[y, x]
-            middle[x] = np.int32(mean + 0.5) if mean == mean else np.int32(-2 * radius - 2)
+            middle[x] = np.int32(mean + np.float32(0.5)) if mean == mean else np.int32(-1 << 20)
         if BORDER <= y < height - BORDER:
+            at = y * width * BYTES
             for column in range(count.shape[1]):
-                x_first = max(column * CELL, BORDER)
-                x_last = min((column + 1) * CELL, width - BORDER)
                 for i in range(count[y // CELL, column]):
                     d = np.int32(candidates[y // CELL, column, i])
                     if low <= d <= high:
-                        _try_disparity(here, there, y * width, sign, d, x_first, x_last, width,
-                                       best)
+                        _try_disparity(
+                            left, right, at, d, max(column * CELL, d + BORDER),
+                            min((column + 1) * CELL, width - BORDER), here, there,
+                        )
             for offset in range(-radius, radius + 1):
-                _try_plane(here, there, y * width, sign, offset, low, high, width, middle,
-                           prior[abs(offset)], best)
+                _try_plane(
+                    left, right, at, offset, low, high, middle, prior[abs(offset)], here, there)
         for x in range(width):
-            disparity[y, x] = -1 if best[x] == _NOTHING else best[x] & _DISPARITY_MASK
+            best_left[y, x] = _disparity_of(here[x])
+            best_right[y, x] = _disparity_of(there[x])
+
+
+@njit(nogil=True, cache=True)
+def _disparity_of(key: Any) -> Any:
+    return np.int16(-1) if key == _NOTHING else np.int16(key & _DISPARITY_MASK)
 
 
 @njit(nogil=True, cache=True)
 def _try_disparity(
-    here: Any, there: Any, at: int, sign: int, d: int, x_first: int, x_last: int, width: int,
-    best: Any,
+    left: Any, right: Any, at: int, d: int, first: int, last: int, here: Any, there: Any
 ) -> None:
     """Offer one disparity to the pixels of a cell's row.
 
     The prior is left out: where it is below zero, `_try_plane` offers the same
     disparity with it.
     """
-    if sign > 0:
-        x_first = max(x_first, d + BORDER)
-    else:
-        x_last = min(x_last, width - BORDER - d)
-    shift = sign * d
-    for x in range(x_first, x_last):
-        energy = absolute_difference(here, (at + x) * BYTES, there, (at + x - shift) * BYTES)
-        best[x] = min(best[x], np.int32((energy << _DISPARITY_BITS) + d))
+    shift = d * BYTES
+    for x in range(first, last):
+        i = at + x * BYTES
+        key = np.int32((absolute_difference(left, i, right, i - shift) << _DISPARITY_BITS) + d)
+        here[x] = min(here[x], key)
+        there[x - d] = min(there[x - d], key)
 
 
 @njit(nogil=True, cache=True)
 def _try_plane(
-    here: Any, there: Any, at: int, sign: int, offset: int, low: int, high: int, width: int,
-    middle: Any, prior: int, best: Any,
+    left: Any, right: Any, at: int, offset: int, low: int, high: int, middle: Any, prior: int,
+    here: Any, there: Any,
 ) -> None:
     """Offer each pixel of a row the disparity at one distance from its plane."""
+    width = here.size
     for x in range(BORDER, width - BORDER):
         d = middle[x] + offset
-        other = x - sign * d
-        if d < low or d > high or other < BORDER or other >= width - BORDER:
+        if d < low or d > min(high, x - BORDER):
             continue
-        energy = prior + absolute_difference(
-            here, (at + x) * BYTES, there, (at + other) * BYTES)
-        best[x] = min(best[x], np.int32((energy << _DISPARITY_BITS) + d))
+        i = at + x * BYTES
+        energy = prior + absolute_difference(left, i, right, i - d * BYTES)
+        key = np.int32((energy << _DISPARITY_BITS) + d)
+        here[x] = min(here[x], key)
+        there[x - d] = min(there[x - d], key)

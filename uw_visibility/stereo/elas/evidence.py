@@ -48,9 +48,7 @@ class NoiseFilter:
 
     def remove(
         self,
-        here: NDArray[np.uint8],
-        there: NDArray[np.uint8],
-        sign: int,
+        descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
         disparity: NDArray[np.float32],
         workers: Workers,
     ) -> None:
@@ -58,18 +56,17 @@ class NoiseFilter:
 
         Parameters
         ----------
-        here, there : ndarray
-            Descriptors of this and of the other view, ``(H * W * 16,)`` uint8.
-        sign : int
-            1 where this is the left view, -1 where it is the right one.
+        descriptors : tuple of ndarray
+            Of the left and of the right view, ``(H * W * 16,)`` uint8.
         disparity : ndarray
-            ``(H, W)`` float32, px; NaN where unmatched.
+            ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
         workers : Workers
             Threads.
         """
         rows = self._difference.shape[0]
         workers.rows(
-            _sum_up, rows, here, there, sign, disparity, self._difference, self._texture
+            _sum_up, rows, descriptors[0], descriptors[1], disparity, self._difference,
+            self._texture,
         )
         size = (_NEIGHBOURHOOD, _NEIGHBOURHOOD)
         difference = cv2.blur(self._difference, size, borderType=cv2.BORDER_CONSTANT)
@@ -80,8 +77,8 @@ class NoiseFilter:
 
 @njit(nogil=True, cache=True)
 def _sum_up(
-    start: int, stop: int, here: Any, there: Any, sign: int, disparity: Any,
-    difference: Any, texture: Any,
+    start: int, stop: int, left: Any, right: Any, disparity: Any, difference: Any,
+    texture: Any,
 ) -> None:
     """Sum over every other matched pixel of each cell."""
     height, width = disparity.shape
@@ -96,15 +93,13 @@ def _sum_up(
                 d = disparity[y, x]
                 if d != d:
                     continue
-                other = x - sign * np.int32(d + np.float32(0.5))
-                if other < 0 or other >= width:
-                    continue
+                other = max(x - np.int32(d + np.float32(0.5)), 0)
                 i, j = (y * width + x) * BYTES, (y * width + other) * BYTES
                 column = x // _CELL
-                difference[row, column] += absolute_difference(here, i, there, j)
+                difference[row, column] += absolute_difference(left, i, right, j)
                 texture[row, column] += 0.5 * (
-                    absolute_difference(here, i, blank, x & 1)
-                    + absolute_difference(there, j, blank, x & 1)
+                    absolute_difference(left, i, blank, x & 1)
+                    + absolute_difference(right, j, blank, x & 1)
                 )
 
 

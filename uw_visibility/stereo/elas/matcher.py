@@ -19,9 +19,6 @@ from uw_visibility.stereo.elas.evidence import NoiseFilter
 from uw_visibility.stereo.elas.smoothing import AdaptiveMean
 from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints, SupportSettings
 
-# Disparities move to the left from the left to the right view.
-_SIGNS = (1, -1)
-
 
 @dataclass(frozen=True)
 class DenseMatch:
@@ -29,18 +26,16 @@ class DenseMatch:
 
     Attributes
     ----------
-    left, right : ndarray
-        ``(H, W)`` float32, disparity at the pixels of either view, px; NaN
-        where unmatched.
-    left_unchecked, right_unchecked : ndarray or None
-        The same before the views were compared, whole pixels. They tell
+    disparity : ndarray
+        ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
+    right : ndarray
+        ``(H, W)`` float32, what each pixel of the right view matches best, whole
+        px, before the views are compared; NaN where nothing was tried. It tells
         occlusions from mismatches.
     """
 
-    left: NDArray[np.float32]
+    disparity: NDArray[np.float32]
     right: NDArray[np.float32]
-    left_unchecked: NDArray[np.float32] | None = None
-    right_unchecked: NDArray[np.float32] | None = None
 
 
 class Matcher:
@@ -90,8 +85,8 @@ class Matcher:
             plane_deviation=config.plane_deviation,
             outlier=config.prior_outlier,
         )
-        self._planes = np.empty((2, *shape), np.float32)
-        self._candidates = tuple(CellCandidates(shape, disparities[1] + 2) for _ in range(2))
+        self._plane = np.empty(shape, np.float32)
+        self._candidates = CellCandidates(shape, disparities[1] + 2)
         self._best = np.empty((2, *shape), np.int16)
         self._noise = NoiseFilter(shape, config.noise_ratio)
         self._segments = postprocess.SegmentFilter(shape)
@@ -114,8 +109,8 @@ class Matcher:
             self._views[0].values, self._views[1].values, self._disparities, self._workers
         )
 
-    def coarse_disparity(self, support: SupportPoints) -> DenseMatch:
-        """Return the mesh of the support points as an image of either view.
+    def coarse_disparity(self, support: SupportPoints) -> NDArray[np.float32]:
+        """Return the mesh of the support points as an image.
 
         Parameters
         ----------
@@ -124,16 +119,13 @@ class Matcher:
 
         Returns
         -------
-        DenseMatch
-            NaN outside the mesh.
+        ndarray
+            ``(H, W)`` float32, left-referenced, px; NaN outside the mesh.
         """
+        coarse = np.empty(self._shape, np.float32)
         vertices = support.points[support.vertices]
-        coarse = np.empty((2, *self._shape), np.float32)
-        self._workers.together(
-            lambda: self._rasterize(vertices, coarse[0]),
-            lambda: self._rasterize(mesh.in_right_view(vertices), coarse[1]),
-        )
-        return DenseMatch(coarse[0], coarse[1])
+        mesh.rasterize(mesh.triangulate(vertices, self._shape), coarse, self._workers)
+        return coarse
 
     def dense_disparity(self, support: SupportPoints) -> DenseMatch:
         """Match every pixel of the described pair.
@@ -147,49 +139,32 @@ class Matcher:
         -------
         DenseMatch
         """
-        disparity = np.full((2, *self._shape), np.nan, np.float32)
-        self._best[:] = -1
-        if len(support) > 0:
-            vertices = support.points[support.vertices]
-            self._workers.together(
-                lambda: self._prepare(0, support.points, vertices),
-                lambda: self._prepare(
-                    1, mesh.in_right_view(support.points), mesh.in_right_view(vertices)
-                ),
-            )
-            for view, sign in enumerate(_SIGNS):
-                dense.match(
-                    self._views[view].values, self._views[1 - view].values, sign,
-                    self._planes[view], self._candidates[view], self._disparities,
-                    self._dense_settings, self._best[view], self._workers,
-                )
-            for view, sign in enumerate(_SIGNS):
-                self._postprocess(view, sign, disparity[view])
-        unchecked = self._best.astype(np.float32)
-        unchecked[unchecked < 0] = np.nan
-        return DenseMatch(disparity[0], disparity[1], unchecked[0], unchecked[1])
+        disparity = np.full(self._shape, np.nan, np.float32)
+        if len(support) == 0:
+            return DenseMatch(disparity, disparity.copy())
+        self._candidates.fill(support.points)
+        corners = mesh.with_corners(support.points[support.vertices], self._shape)
+        mesh.rasterize(mesh.triangulate(corners, self._shape), self._plane, self._workers)
+        descriptors = (self._views[0].values, self._views[1].values)
+        dense.match(
+            descriptors, self._plane, self._candidates, self._disparities,
+            self._dense_settings, self._best, self._workers,
+        )
+        self._postprocess(descriptors, disparity)
+        right = self._best[1].astype(np.float32)
+        right[right < 0] = np.nan
+        return DenseMatch(disparity, right)
 
-    def _prepare(
-        self, view: int, points: NDArray[np.float32], vertices: NDArray[np.float32]
+    def _postprocess(
+        self,
+        descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+        disparity: NDArray[np.float32],
     ) -> None:
-        """Candidates and plane of one view."""
-        self._candidates[view].fill(points)
-        self._rasterize(mesh.with_corners(vertices, self._shape), self._planes[view])
-
-    def _rasterize(self, vertices: NDArray[np.float32], disparity: NDArray[np.float32]) -> None:
-        # One thread a view: this runs inside of the pool already.
-        mesh.rasterize(mesh.triangulate(vertices, self._shape), disparity, Workers(1))
-
-    def _postprocess(self, view: int, sign: int, disparity: NDArray[np.float32]) -> None:
         config = self._config
         postprocess.check_and_refine(
-            (self._best[view], self._best[1 - view]),
-            (self._views[view].values, self._views[1 - view].values),
-            sign, config.left_right_tolerance, disparity, self._workers,
+            self._best, descriptors, config.left_right_tolerance, disparity, self._workers
         )
-        self._noise.remove(
-            self._views[view].values, self._views[1 - view].values, sign, disparity, self._workers
-        )
+        self._noise.remove(descriptors, disparity, self._workers)
         self._segments.remove(disparity, config.segment_size, config.segment_difference)
         postprocess.fill_small_gaps(
             disparity, config.gap_width, config.gap_difference, self._workers

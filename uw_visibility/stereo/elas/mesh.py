@@ -17,28 +17,6 @@ from uw_visibility.parallel import Workers
 _FRAME = 20
 
 
-def in_right_view(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Move support points to where the right view sees them; of two at one pixel the nearer stays.
-
-    Parameters
-    ----------
-    points : ndarray
-        ``(N, 3)`` float32: u and v in the left image, disparity, px.
-
-    Returns
-    -------
-    ndarray
-        ``(M, 3)`` float32: u and v in the right image, disparity, px.
-    """
-    moved = points.copy()
-    moved[:, 0] = np.round(points[:, 0] - points[:, 2])
-    order = np.lexsort((-moved[:, 2], moved[:, 0], moved[:, 1]))
-    moved = moved[order]
-    first = np.ones(len(moved), bool)
-    first[1:] = np.any(moved[1:, :2] != moved[:-1, :2], axis=1)
-    return moved[first]
-
-
 def with_corners(points: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
     """Add the image's four corners, each with the disparity of the nearest point.
 

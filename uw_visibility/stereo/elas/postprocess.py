@@ -17,9 +17,8 @@ from uw_visibility.stereo.elas.support import vertex_of_parabola
 
 
 def check_and_refine(
-    best: tuple[NDArray[np.int16], NDArray[np.int16]],
+    best: NDArray[np.int16],
     descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-    sign: int,
     tolerance: int,
     disparity: NDArray[np.float32],
     workers: Workers,
@@ -28,13 +27,11 @@ def check_and_refine(
 
     Parameters
     ----------
-    best : tuple of ndarray
-        Disparities of this and of the other view, ``(H, W)`` int16, -1 where
-        there is none.
+    best : ndarray
+        ``(2, H, W)`` int16, disparities of the left and of the right view, -1
+        where there is none.
     descriptors : tuple of ndarray
-        Of this and of the other view, ``(H * W * 16,)`` uint8.
-    sign : int
-        1 where this is the left view, -1 where it is the right one.
+        Of the left and of the right view, ``(H * W * 16,)`` uint8.
     tolerance : int
         Largest difference of the two views' disparities, px.
     disparity : ndarray
@@ -44,7 +41,7 @@ def check_and_refine(
     """
     workers.rows(
         _check_and_refine, disparity.shape[0], best[0], best[1], descriptors[0], descriptors[1],
-        sign, tolerance, disparity,
+        tolerance, disparity,
     )
 
 
@@ -85,28 +82,24 @@ def fill_small_gaps(
 
 @njit(nogil=True, cache=True)
 def _check_and_refine(
-    start: int, stop: int, mine: Any, others: Any, here: Any, there: Any, sign: int,
+    start: int, stop: int, best_left: Any, best_right: Any, left: Any, right: Any,
     tolerance: int, disparity: Any,
 ) -> None:
-    width = mine.shape[1]
+    width = best_left.shape[1]
     for y in range(start, stop):
-        at = y * width
         for x in range(width):
             disparity[y, x] = np.nan
-            d = np.int32(mine[y, x])
-            other = x - sign * d
-            if d < 0 or other < 0 or other >= width:
-                continue
-            back = np.int32(others[y, other])
-            if back < 0 or abs(back - d) > tolerance:
+            d = np.int32(best_left[y, x])
+            if d < 0 or abs(best_right[y, x - d] - d) > tolerance:
                 continue
             offset = 0.0
-            if BORDER < other < width - BORDER - 1:
-                i = (at + x) * BYTES
+            if BORDER < x - d < width - BORDER - 1:
+                i = (y * width + x) * BYTES
+                j = i - d * BYTES
                 offset = vertex_of_parabola(
-                    absolute_difference(here, i, there, (at + other + sign) * BYTES),
-                    absolute_difference(here, i, there, (at + other) * BYTES),
-                    absolute_difference(here, i, there, (at + other - sign) * BYTES),
+                    absolute_difference(left, i, right, j + BYTES),
+                    absolute_difference(left, i, right, j),
+                    absolute_difference(left, i, right, j - BYTES),
                 )
             disparity[y, x] = max(d + offset, 0.0)
 

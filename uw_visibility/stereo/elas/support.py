@@ -177,59 +177,64 @@ def _texture(descriptors: Any, at: int) -> np.int32:
 @njit(nogil=True, cache=True)
 def _scan(
     here: Any, there: Any, u: int, v: int, width: int, sign: int, low: int, high: int, cost: Any
-) -> None:
-    """Costs of pixel (u, v) of one view against (u - sign * d, v) of the other.
+) -> int:
+    """Costs of pixel (u, v) of one view against (u - sign * d, v) of the other, d from low on.
 
     The costs are stored, not reduced on the fly: the store keeps LLVM from
     moving half of the absolute difference out of the loop, which would break
     its vector form.
     """
-    above = (v - REACH) * width
-    below = (v + REACH) * width
-    for d in range(low, high + 1):
-        x = u - sign * d
-        cost[d] = (
-            absolute_difference(
-                here, (above + u - REACH) * BYTES, there, (above + x - REACH) * BYTES)
-            + absolute_difference(
-                here, (above + u + REACH) * BYTES, there, (above + x + REACH) * BYTES)
-            + absolute_difference(
-                here, (below + u - REACH) * BYTES, there, (below + x - REACH) * BYTES)
-            + absolute_difference(
-                here, (below + u + REACH) * BYTES, there, (below + x + REACH) * BYTES)
+    a = ((v - REACH) * width + u - REACH) * BYTES
+    b = a + 2 * REACH * BYTES
+    c = ((v + REACH) * width + u - REACH) * BYTES
+    e = c + 2 * REACH * BYTES
+    count = high - low + 1
+    for k in range(count):
+        shift = -sign * (low + k) * BYTES
+        cost[k] = (
+            absolute_difference(here, a, there, a + shift)
+            + absolute_difference(here, b, there, b + shift)
+            + absolute_difference(here, c, there, c + shift)
+            + absolute_difference(here, e, there, e + shift)
         )
+    return count
 
 
 @njit(nogil=True, cache=True)
-def _best(cost: Any, low: int, high: int, uniqueness: Any) -> int:
-    """Disparity of least cost, or -1 - that where a rival comes too near.
+def _least(cost: Any, start: int, stop: int) -> Any:
+    best = _HUGE
+    for k in range(start, stop):
+        best = min(best, cost[k])
+    return best
+
+
+@njit(nogil=True, cache=True)
+def _position(cost: Any, value: Any) -> int:
+    k = 0
+    while cost[k] != value:
+        k += 1
+    return k
+
+
+@njit(nogil=True, cache=True)
+def _is_unique(cost: Any, count: int, at: int, uniqueness: Any, floor: Any) -> bool:
+    """Whether no rival comes near the cost of the best.
 
     The best is taken as it is sampled, a rival as low as it could lie between
     two pixels: on sharp edges a true match half a pixel off costs more than
     another edge that happens to fall on a whole one, as on a checkerboard.
     """
-    best: Any = _HUGE
-    at = low
-    for d in range(low, high + 1):
-        if cost[d] < best:
-            best = cost[d]
-            at = d
-    rival: Any = _HUGE
-    for d in range(low, at - SAME_MINIMUM):
-        rival = min(rival, _between_pixels(cost, d, low, high))
-    for d in range(at + SAME_MINIMUM + 1, high + 1):
-        rival = min(rival, _between_pixels(cost, d, low, high))
-    if np.float32(best) > uniqueness * np.float32(rival):
-        return -1 - at
-    return at
-
-
-@njit(nogil=True, cache=True)
-def _between_pixels(cost: Any, d: int, low: int, high: int) -> int:
-    """Bottom of the V that the cost of a shifted edge makes around a minimum."""
-    if low < d < high and cost[d] <= cost[d - 1] and cost[d] <= cost[d + 1]:
-        return cost[d] - (abs(cost[d + 1] - cost[d - 1]) >> 1)
-    return cost[d]
+    floor[0] = cost[0]
+    floor[count - 1] = cost[count - 1]
+    for k in range(1, count - 1):
+        before, here, after = cost[k - 1], cost[k], cost[k + 1]
+        # The bottom of the V that a shifted edge makes around a minimum.
+        depth = np.int32(abs(after - before) >> 1)
+        floor[k] = here - (depth if here <= before and here <= after else np.int32(0))
+    rival = min(
+        _least(floor, 0, at - SAME_MINIMUM), _least(floor, at + SAME_MINIMUM + 1, count)
+    )
+    return np.float32(cost[at]) < uniqueness * np.float32(rival)
 
 
 @njit(nogil=True, cache=True)
@@ -246,8 +251,8 @@ def _search(
     start: int, stop: int, stride: int, left: Any, right: Any, width: int, height: int, step: int,
     low: int, high: int, texture: int, uniqueness: Any, found: Any, deviation: Any,
 ) -> None:
-    cost = np.empty(high + 1, np.int32)
-    reverse = np.empty(high + 1, np.int32)
+    cost = np.empty(high - low + 1, np.int32)
+    floor = np.empty(high - low + 1, np.int32)
     for row in range(start, stop):
         v = row * stride * step + step // 2
         for column in range(found.shape[1]):
@@ -260,21 +265,20 @@ def _search(
             last = min(high, u - REACH)
             if last - low < 2 * SAME_MINIMUM + 2:
                 continue
-            _scan(left, right, u, v, width, 1, low, last, cost)
-            d = _best(cost, low, last, uniqueness)
-            if d < 0:
+            count = _scan(left, right, u, v, width, 1, low, last, cost)
+            at = _position(cost, _least(cost, 0, count))
+            if not _is_unique(cost, count, at, uniqueness, floor):
                 continue
-            x = u - d
-            reverse_last = min(high, width - REACH - 1 - x)
-            _scan(right, left, x, v, width, -1, low, reverse_last, reverse)
-            back = _best(reverse, low, reverse_last, np.float32(1e9))
-            if abs(back - d) > 1:
+            before, here, after = cost[max(at - 1, 0)], cost[at], cost[min(at + 1, count - 1)]
+            x = u - low - at
+            count = _scan(
+                right, left, x, v, width, -1, low, min(high, width - REACH - 1 - x), cost)
+            if abs(_position(cost, _least(cost, 0, count)) - at) > 1:
                 continue
-            before, after = cost[max(d - 1, low)], cost[min(d + 1, last)]
             offset = 0.0
-            if low < d < last:
+            if 0 < at < last - low:
                 offset = vertex_of_parabola(
-                    np.float64(before), np.float64(cost[d]), np.float64(after)
+                    np.float64(before), np.float64(here), np.float64(after)
                 )
-            found[row, column] = d + offset
-            deviation[row, column] = _COST_NOISE / np.float32(max(before + after - 2 * cost[d], 1))
+            found[row, column] = low + at + offset
+            deviation[row, column] = _COST_NOISE / np.float32(max(before + after - 2 * here, 1))

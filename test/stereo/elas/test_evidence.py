@@ -1,0 +1,36 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Open water has no matches, whatever the prior makes of its noise."""
+
+import numpy as np
+
+from uw_visibility.config import StereoConfig
+from uw_visibility.parallel import Workers
+from uw_visibility.stereo.elas import Matcher
+
+
+def test_a_floor_is_matched_and_the_noise_of_the_water_above_it_is_not(texture, contrast_of):
+    """The views' noise is independent, and as strong as that of a small camera."""
+    rng = np.random.default_rng(0)
+    floor = texture((100, 240)).astype(float) * 0.2
+    views = []
+    for shift in (0, 12):
+        view = np.full((200, 220), 40.0)
+        view[100:] = floor[:, shift : 220 + shift]
+        views.append(np.round(view + rng.normal(0, 1.5, view.shape)).clip(0, 255).astype(np.uint8))
+    matcher = Matcher((200, 220), (0, 50), StereoConfig(), Workers(2))
+    matcher.describe(contrast_of(views[0]), contrast_of(views[1]))
+    disparity = matcher.dense_disparity(matcher.support_points()).disparity
+    assert np.isfinite(disparity[:70]).mean() < 0.02
+    assert np.isfinite(disparity[115:, 20:]).mean() > 0.95
+
+
+def test_a_blank_patch_on_a_surface_keeps_the_surface(texture, contrast_of):
+    """Flat within, but texture all around says where it is."""
+    wide = texture((160, 260))
+    wide[60:84, 120:144] = 200
+    left, right = wide[:, :240].copy(), wide[:, 12:252].copy()
+    matcher = Matcher(left.shape, (0, 50), StereoConfig(), Workers(1))
+    matcher.describe(contrast_of(left), contrast_of(right))
+    disparity = matcher.dense_disparity(matcher.support_points()).disparity
+    np.testing.assert_allclose(disparity[60:84, 120:144], 12, atol=1)
