@@ -7,12 +7,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from uw_visibility.water.transfer import linear_table
 
 # More points than this tell nothing new.
-_MOST_POINTS = 2000
+_MOST_POINTS = 1000
 # Fewer than this tell nothing.
 _FEWEST_POINTS = 30
 # Half side of the square over which pixels are averaged, px.
@@ -71,7 +72,25 @@ def _patch_means(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return mean irradiance about each point, and whether a pixel there is saturated."""
     planes = image[..., np.newaxis] if image.ndim == 2 else image
-    offset = np.arange(-_REACH, _REACH + 1)
-    codes = planes[v[:, None, None] + offset[:, None], u[:, None, None] + offset]
-    saturated = (codes == np.iinfo(image.dtype).max).any(axis=(1, 2))
-    return table[codes].mean(axis=(1, 2), dtype=np.float64), saturated
+    means = np.empty((len(u), planes.shape[2]))
+    saturated = np.empty(means.shape, np.bool_)
+    _average_patches(planes, u, v, table, means, saturated)
+    return means, saturated
+
+
+@njit(nogil=True, cache=True)
+def _average_patches(
+    planes: Any, u: Any, v: Any, table: Any, means: Any, saturated: Any
+) -> None:
+    top = table.size - 1
+    for i in range(u.size):
+        for channel in range(planes.shape[2]):
+            total = 0.0
+            clipped = False
+            for y in range(v[i] - _REACH, v[i] + _REACH + 1):
+                for x in range(u[i] - _REACH, u[i] + _REACH + 1):
+                    code = planes[y, x, channel]
+                    total += table[code]
+                    clipped |= code == top
+            means[i, channel] = total / (2 * _REACH + 1) ** 2
+            saturated[i, channel] = clipped
