@@ -200,7 +200,8 @@ class DepthMonitor:
         """Return the verdict at a time of the clock of the arrivals, s."""
         self._give_up_waiting()
         verdict, reason = self._judge(now)
-        bias, bias_variance = self._bias() if self._learning_done() else (math.nan, math.nan)
+        learned = self.config.bias_window > 0 and self._learning_done()
+        bias, bias_variance = self._bias() if learned else (math.nan, math.nan)
         return Report(
             verdict, reason, self._last, self._compared, self._failed, self._inconclusive,
             self._unmatched, self._consecutive, bias, math.sqrt(bias_variance),

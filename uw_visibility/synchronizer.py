@@ -76,6 +76,15 @@ class Synchronizer:
         """Images that wait, for a partner or for their CameraInfo."""
         return sum(map(len, self._waiting.values())) + (2 if self._pair else 0)
 
+    def reset(self) -> None:
+        """Drop what waits and accept any stamp next; CameraInfo and counters stay."""
+        for side, queue in self._waiting.items():
+            for _ in range(len(queue)):
+                self._drop(f"{side} image unmatched")
+            queue.clear()
+        self._pair = self._waited = self._last = None
+        self._sent = {}
+
     def add_info(self, side: str, info: Any) -> list[StereoFrame]:
         """Take a CameraInfo.
 
@@ -149,6 +158,21 @@ class Synchronizer:
         waited, self._waited = self._waited, self._pair
         known = all(self._infos.values())
         return self._release(at_once=True) if known and waited is self._pair else []
+
+    def finish(self) -> list[StereoFrame]:
+        """End a sequence: release the pair that is there, and drop what has no partner.
+
+        Returns
+        -------
+        list of StereoFrame
+            The frame, or nothing.
+        """
+        frames = self._release(at_once=True)
+        for side, queue in self._waiting.items():
+            for _ in range(len(queue)):
+                self._drop(f"{side} image unmatched")
+            queue.clear()
+        return frames
 
     def _refusal(self, side: str, stamp: int) -> str:
         if stamp == 0:

@@ -15,13 +15,15 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from uw_visibility.config import NodeConfig
 from uw_visibility.messages import stamp_to_nanoseconds
-from uw_visibility.outputs import TOPICS
+from uw_visibility.outputs import all_topics
 from uw_visibility.water.light_model import attenuate
 
 # Two test runs on one machine must not meet.
@@ -31,6 +33,12 @@ ENVIRONMENT = {
     "ROS_DOMAIN_ID": str(DOMAIN),
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     "PYTHONUNBUFFERED": "1",
+}
+
+# What the node publishes beside the optional outputs, and about itself.
+OUTPUTS = all_topics(NodeConfig(publish_depth_image=True, publish_points=True)) | {
+    "depth_plausibility/nis": "std_msgs/msg/Float64",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
 }
 
 # The first start compiles every kernel.
@@ -77,9 +85,9 @@ def make_scene() -> KnownScene:
 class NodeProcess:
     """The real node, started as a user would start it."""
 
-    def __init__(self, folder: Path, *arguments: str) -> None:
+    def __init__(self, folder: Path, *arguments: str, module: str = "node") -> None:
         self._log = folder / f"node_{time.monotonic_ns()}.log"
-        command = [sys.executable, "-m", "uw_visibility.ros.node"]
+        command = [sys.executable, "-m", f"uw_visibility.ros.{module}"]
         if arguments:
             command += ["--ros-args", *arguments]
         with self._log.open("w") as output:
@@ -119,7 +127,7 @@ class Client:
         import rclpy
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.qos import QoSProfile
-        from sensor_msgs.msg import CameraInfo, Image
+        from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
         from uw_visibility.ros.factory import message_type
 
@@ -128,15 +136,15 @@ class Client:
         self.node = rclpy.create_node(
             f"client_{time.monotonic_ns()}", namespace=namespace, context=self.context
         )
-        self.received: dict[str, list[Any]] = {topic: [] for topic in TOPICS}
+        self.received: dict[str, list[Any]] = {topic: [] for topic in OUTPUTS}
         types = {"image": Image, "camera_info": CameraInfo}
-        self.publishers = {
-            name: self.node.create_publisher(types[name.split("/")[1]], topic, QoSProfile(depth=50))
-            for name, topic in inputs.items()
-        }
+        self.publishers = {}
+        for name, topic in inputs.items():
+            kind = CompressedImage if topic.endswith("/compressed") else types[name.split("/")[1]]
+            self.publishers[name] = self.node.create_publisher(kind, topic, QoSProfile(depth=50))
         for topic, messages in self.received.items():
             self.node.create_subscription(
-                message_type(TOPICS[topic]), topic, messages.append, QoSProfile(depth=50)
+                message_type(OUTPUTS[topic]), topic, messages.append, QoSProfile(depth=50)
             )
         self._seconds = 100
         self._executor = SingleThreadedExecutor(context=self.context)
@@ -218,6 +226,25 @@ class Client:
             for topic in topics
         ]
 
+    def diagnosis(self, part: str) -> Any:
+        """Return the newest status of a part of the node, with its values as `numbers`."""
+        arrays = list(self.received["/diagnostics"])
+        name = f"{self.node.get_namespace().strip('/')}/uw_visibility: {part}".lstrip("/")
+        found = [s for array in arrays for s in array.status if s.name == name]
+        if not found:
+            return SimpleNamespace(level=None, message="", numbers={})
+        status = found[-1]
+        numbers = {value.key: value.value for value in status.values}
+        return SimpleNamespace(level=status.level, message=status.message, numbers=numbers)
+
+    def diagnosed(self, part: str, message: str, timeout: float = RESULT_TIMEOUT) -> Any:
+        """Wait until a part of the node says something; return that status."""
+        end = time.monotonic() + timeout
+        while message not in (status := self.diagnosis(part)).message:
+            assert time.monotonic() < end, f"{message!r} was not said, but {status}"
+            time.sleep(0.05)
+        return status
+
     def stamps(self, topic: str) -> list[int]:
         return [stamp_to_nanoseconds(m.header.stamp) for m in self.received[topic]]
 
@@ -264,8 +291,9 @@ def start_node(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..
     pytest.importorskip("rclpy", reason="ROS is not installed")
     nodes: list[NodeProcess] = []
 
-    def start(*arguments: str, ready: bool = True) -> NodeProcess:
-        nodes.append(NodeProcess(tmp_path_factory.mktemp("node"), *arguments))
+    def start(*arguments: str, ready: bool = True, module: str = "node") -> NodeProcess:
+        folder = tmp_path_factory.mktemp("node")
+        nodes.append(NodeProcess(folder, *arguments, module=module))
         if ready:
             nodes[-1].wait_for("ready after", READY_TIMEOUT)
         return nodes[-1]

@@ -7,22 +7,36 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import fields
 from typing import Any
 
 import pytest
 
 from uw_visibility.errors import InputError
+from uw_visibility.frames import StereoFrame
 from uw_visibility.outputs import TOPICS
+from uw_visibility.result import FrameResult
+from uw_visibility.status import Status
+from uw_visibility.water.assessment import Visibility
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
 import rclpy
 from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float64
 
 from uw_visibility.ros import core as module
+from uw_visibility.ros.parameters import NodeParameters
 
 ESTIMATES = {topic for topic in TOPICS if topic.startswith("visibility/")}
+
+
+FRAME = StereoFrame(Image(), Image(), CameraInfo(), CameraInfo())
+RESULT = FrameResult(**(dict.fromkeys(f.name for f in fields(FrameResult)) | {
+    "visibility": Visibility(Status.TOO_DARK, Status.TOO_DARK), "coverage": 0.5,
+    "matched_fraction_enhanced": 0.5, "timing_ms": {"total": 1.0},
+}))
 
 
 class Processor:
@@ -34,11 +48,11 @@ class Processor:
         self.asked: list[set[str]] = []
         self.failure: Exception | None = None
 
-    def process(self, frame: Any, pipeline: Any, node: Any, topics: Any) -> tuple[None, dict]:
+    def process(self, frame: Any, pipeline: Any, node: Any, topics: Any) -> tuple[Any, dict]:
         self.asked.append(set(topics))
         if self.failure is not None:
             raise self.failure
-        return None, {"visibility/mean_attenuation": Float64(data=frame)}
+        return RESULT, {"visibility/mean_attenuation": Float64(data=1.0)}
 
 
 class Pipeline:
@@ -57,7 +71,8 @@ def core(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=1 + os.getpid() % 99)
     node = Node("uw_visibility", context=context)
-    core = module.NodeCore(node)
+    core = module.NodeCore(node, NodeParameters(node))
+    core.activate()
     yield core
     assert core.stop(10)
     node.destroy_node()
@@ -73,14 +88,14 @@ def wait(done: Callable[[], bool]) -> None:
 
 def test_images_are_made_for_subscribers_only_and_estimates_always(core: Any) -> None:
     node = core._node
-    core.worker.offer(1.0)
-    wait(lambda: core.processed == 1)
+    core.worker.offer(FRAME)
+    wait(lambda: core.state.processed == 1)
     subscription = node.create_subscription(
         module.message_type(TOPICS["disparity"]), "disparity", lambda message: None, 1
     )
     wait(lambda: core._publishers["disparity"].get_subscription_count() == 1)
-    core.worker.offer(2.0)
-    wait(lambda: core.processed == 2)
+    core.worker.offer(FRAME)
+    wait(lambda: core.state.processed == 2)
     assert core._processor.asked == [ESTIMATES, ESTIMATES | {"disparity"}]
     node.destroy_subscription(subscription)
 
@@ -90,15 +105,15 @@ def test_failure_costs_one_frame_and_tells_its_traceback_once(
 ) -> None:
     core._processor.failure = ZeroDivisionError("inside")
     for count in (1, 2, 3):
-        core.worker.offer(0.0)
-        wait(lambda count=count: core.failures.total == count)
+        core.worker.offer(FRAME)
+        wait(lambda count=count: core.state.failures.total == count)
     core._processor.failure = InputError("the frame is odd: make it even")
-    core.worker.offer(0.0)
-    wait(lambda: core.failures.total == 4)
+    core.worker.offer(FRAME)
+    wait(lambda: core.state.failures.total == 4)
     core._processor.failure = None
-    core.worker.offer(5.0)
-    wait(lambda: core.processed == 1)
-    assert sorted(core.failures.counts.values()) == [1, 3]
+    core.worker.offer(FRAME)
+    wait(lambda: core.state.processed == 1)
+    assert sorted(core.state.failures.counts.values()) == [1, 3]
     said = "".join(capfd.readouterr())
     assert said.count("Traceback") == 1
     assert "dropped a frame: the frame is odd: make it even" in said

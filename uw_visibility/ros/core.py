@@ -4,38 +4,38 @@
 
 from __future__ import annotations
 
-import functools
 import time
 import traceback
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
-from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
-from sensor_msgs.msg import CameraInfo, Image
 
 from uw_visibility.errors import InputError
 from uw_visibility.frames import StereoFrame
-from uw_visibility.outputs import TOPICS
+from uw_visibility.messages import stamp_to_nanoseconds
+from uw_visibility.outputs import all_topics
 from uw_visibility.pipeline import Pipeline
 from uw_visibility.processor import FrameProcessor
+from uw_visibility.ros.depth_check import DepthCheck
+from uw_visibility.ros.diagnostics import WARN, DiagnosticsPublisher, Finding
 from uw_visibility.ros.factory import make_message, message_type
+from uw_visibility.ros.inputs import SILENCE, StereoInput
 from uw_visibility.ros.parameters import NodeParameters, Settings, check_qos_overrides
+from uw_visibility.ros.pipeline_state import PipelineState
+from uw_visibility.ros.qos import publish_on
 from uw_visibility.ros.reasons import ReasonLog
 from uw_visibility.ros.worker import NewestWorker
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.synchronizer import SIDES, Synchronizer
 
-OUTPUT_DEPTH = 10
 # A pair waits for CameraInfo of its own stamp for one to two of these, s.
 CAMERA_INFO_PERIOD = 0.1
-QOS_POLICIES = (
-    QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY,
-)
+DIAGNOSTICS_PERIOD = 1.0
+# How often a reason for the lack of output is repeated in the log, s.
+SILENCE_PERIOD = 30.0
+# A clock that goes back by more than this was set back, s.
+CLOCK_JUMP = 0.1
 
 # Kernels are compiled once per type of pixel, not per size or rig.
 WARM_UP_RIG = StereoRig(500.0, 0.1, (319.5, 239.5))
@@ -51,20 +51,18 @@ class NodeCore:
     Parameters
     ----------
     node : rclpy.node.Node
-        Parameters, subscriptions and publishers are made on it.
+        Subscriptions and publishers are made on it.
+    parameters : NodeParameters
+        Hold the settings of the next frame.
 
     Attributes
     ----------
-    parameters : NodeParameters
-        Hold the settings of the next frame.
-    synchronizer : Synchronizer
+    input : StereoInput
         Knows what came in and what was dropped.
     worker : NewestWorker
         Knows what was skipped.
-    processed : int
-        Frames whose results were published.
-    failures : ReasonLog
-        Why other frames gave no result.
+    state : PipelineState
+        Knows what became of the frames.
 
     Raises
     ------
@@ -72,74 +70,70 @@ class NodeCore:
         If a parameter that the node was started with cannot be used.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, parameters: NodeParameters) -> None:
         self._node = node
         self._log = node.get_logger()
-        self.parameters = NodeParameters(node)
+        self._parameters = parameters
         # rclpy ties a severity to the line that logs, so each log has a line of its own.
-        self.failures = ReasonLog(lambda line: self._log.error(line))
-        self.processed = 0
-        self._drops = ReasonLog(lambda line: self._log.warning(line))
+        self.state = PipelineState(ReasonLog(lambda line: self._log.error(line)))
+        self._silences = ReasonLog(lambda line: self._log.warning(line), SILENCE_PERIOD)
+        self._jumps = ReasonLog(lambda line: self._log.warning(line))
         self._calibrations = 0
-        self.synchronizer = Synchronizer(self._settings.node.synchronization, self._report_drop)
+        self._active_since: float | None = None
         self._processor = FrameProcessor(make_message, self._settings.node.rectify)
-        self._publishers = self._create_publishers()
-        self._create_subscriptions()
-        check_qos_overrides(node)
-        # The time that a CameraInfo takes is the network's, not the recording's.
-        node.create_timer(
-            CAMERA_INFO_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        self._publishers = {
+            topic: publish_on(node, message_type(name), topic)
+            for topic, name in all_topics(self._settings.node).items()
+        }
         self.worker = NewestWorker(self._process, self._warm_up)
+        self.input = StereoInput(node, parameters, self.worker.offer, self._on_jump)
+        self._depth = DepthCheck(node, parameters)
+        self._diagnostics = DiagnosticsPublisher(node)
+        check_qos_overrides(node)
+        # Time in the network and in the log is not that of a recording.
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timers = [
+            node.create_timer(CAMERA_INFO_PERIOD, self.input.end_wait, clock=clock),
+            node.create_timer(DIAGNOSTICS_PERIOD, self._diagnose, clock=clock),
+        ]
+        backward = JumpThreshold(
+            min_forward=None, min_backward=Duration(seconds=-CLOCK_JUMP), on_clock_change=False
+        )
+        self._jump_handle = node.get_clock().create_jump_callback(
+            backward, post_callback=lambda jump: self._on_jump()
+        )
         self.worker.start()
+
+    def activate(self) -> None:
+        """Take images and publish results from now on."""
+        self._active_since = time.monotonic()
+        self.input.active = True
+
+    def deactivate(self) -> None:
+        """Take no image and publish no result from now on."""
+        self._active_since = None
+        self.input.active = False
+        self.input.reset()
 
     def stop(self, timeout: float) -> bool:
         """End the worker; returns whether it ended within the timeout (s)."""
+        self.deactivate()
         return self.worker.stop(timeout)
+
+    def destroy(self) -> None:
+        """Destroy what was made on the node, after `stop`."""
+        self._jump_handle.unregister()
+        for timer in self._timers:
+            self._node.destroy_timer(timer)
+        self.input.destroy()
+        self._depth.destroy()
+        self._diagnostics.destroy()
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
 
     @property
     def _settings(self) -> Settings:
-        return self.parameters.settings
-
-    def _create_publishers(self) -> dict[str, Any]:
-        qos = QoSProfile(depth=OUTPUT_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
-        return {
-            topic: _with_overrides(
-                self._node.create_publisher, message_type(name), topic, _copy(qos)
-            )
-            for topic, name in TOPICS.items()
-        }
-
-    def _create_subscriptions(self) -> None:
-        for side in SIDES:
-            for kind, topic, callback in (
-                (Image, f"{side}/image_rect", self._on_image),
-                (CameraInfo, f"{side}/camera_info", self._on_info),
-            ):
-                _with_overrides(
-                    self._node.create_subscription,
-                    kind, topic, functools.partial(callback, side), _copy(qos_profile_sensor_data),
-                )
-
-    def _on_image(self, side: str, message: Image) -> None:
-        self.synchronizer.config = self._settings.node.synchronization
-        restarts = self.synchronizer.restarts
-        self._offer(self.synchronizer.add_image(side, message))
-        if self.synchronizer.restarts != restarts:
-            self._log.warning("stamps of the images jumped back: starting anew from there")
-
-    def _on_info(self, side: str, message: CameraInfo) -> None:
-        self._offer(self.synchronizer.add_info(side, message))
-
-    def _on_timer(self) -> None:
-        self._offer(self.synchronizer.end_wait())
-
-    def _offer(self, frames: list[StereoFrame]) -> None:
-        for frame in frames:
-            self.worker.offer(frame)
-
-    def _report_drop(self, reason: str) -> None:
-        self._drops.add(f"dropped: {reason}")
+        return self._parameters.settings
 
     def _warm_up(self) -> None:
         self._log.info("compiling the pipeline: this takes a while at the first start only")
@@ -150,35 +144,46 @@ class NodeCore:
         except Exception:
             # A frame of the real size may still work, and says why if not.
             self._log.error(f"the pipeline failed to warm up\n{traceback.format_exc()}")
+        self.state.ready = True
         if self.worker.stopping:
             return
         self._log.info(f"ready after {time.monotonic() - started:.1f} s: waiting for images")
 
     def _process(self, frame: StereoFrame) -> None:
-        try:
-            self._answer(frame)
-        except InputError as error:
-            self.failures.add(f"dropped a frame: {error}")
-        except Exception as error:
-            # Whatever went wrong costs this frame, not the node.
-            if self.worker.stopping:
-                return
-            place = traceback.extract_tb(error.__traceback__)[-1]
-            kind = f"{type(error).__name__} at {place.filename}:{place.lineno}"
-            self.failures.add(f"lost a frame to {kind}", f"\n{traceback.format_exc()}")
+        if not self._wanted():
+            return
+        with self.state.busy():
+            try:
+                self._answer(frame)
+            except InputError as error:
+                self.state.refuse(f"dropped a frame: {error}")
+            except Exception as error:
+                # Whatever went wrong costs this frame, not the node.
+                if not self._wanted():
+                    return
+                place = traceback.extract_tb(error.__traceback__)[-1]
+                kind = f"{type(error).__name__} at {place.filename}:{place.lineno}"
+                self.state.fail(f"lost a frame to {kind}", f"\n{traceback.format_exc()}")
 
     def _answer(self, frame: StereoFrame) -> None:
         settings = self._settings
-        _, messages = self._processor.process(
+        result, messages = self._processor.process(
             frame, settings.pipeline, settings.node, self._wanted_topics()
         )
         if self._processor.reader.calibrations != self._calibrations:
             self._report_calibration()
-        if self.worker.stopping:
+        if not self._wanted():
             return
         for topic, message in messages.items():
             self._publishers[topic].publish(message)
-        self.processed += 1
+        stamp = frame.left.header.stamp
+        now = self._node.get_clock().now().nanoseconds
+        self.state.add(result, 1e-9 * (now - stamp_to_nanoseconds(stamp)))
+        self._depth.add_result(stamp, result)
+
+    def _wanted(self) -> bool:
+        """Return whether results are wanted, which may end while a frame is processed."""
+        return self._active_since is not None and not self.worker.stopping
 
     def _wanted_topics(self) -> list[str]:
         """Return the topics to publish: estimates always, images where someone listens."""
@@ -194,18 +199,29 @@ class NodeCore:
         else:
             self._log.warning("camera_info has changed: using the new calibration")
 
+    def _on_jump(self) -> None:
+        """Start anew where time went back: stamps and clock of a recording do so together."""
+        self._jumps.add("time jumped back: starting anew from there")
+        self.input.reset()
+        self._depth.reset()
 
-def _with_overrides(create: Callable[..., Any], *arguments: Any) -> Any:
-    """Create a publisher or subscription whose QoS can be overridden by parameters."""
-    options = QoSOverridingOptions(QOS_POLICIES)
-    try:
-        return create(*arguments, qos_overriding_options=options)
-    except (InvalidQosOverridesError, InvalidParameterTypeException, RuntimeError) as error:
-        raise InputError(f"a parameter under qos_overrides cannot be used: {error}") from error
+    def _diagnose(self) -> None:
+        reason = self._silence()
+        since = self._active_since
+        waited = self.state.ready and since is not None and time.monotonic() - since > SILENCE
+        if reason and waited:
+            self._silences.add(f"no output: {reason}")
+        findings = {
+            "input": self.input.diagnose(),
+            "pipeline": self.state.diagnose(reason, self.worker.skipped),
+            "plausibility": self._depth.diagnose(),
+        }
+        if since is None:
+            findings["input"] = Finding(WARN, reason, findings["input"].values)
+        self._diagnostics.publish(findings)
 
-
-def _copy(profile: QoSProfile) -> QoSProfile:
-    # Overrides are written into the profile.
-    return QoSProfile(**{
-        name: getattr(profile, name) for name in ("history", "depth", "reliability", "durability")
-    })
+    def _silence(self) -> str:
+        """Return why there is no output, or nothing where there is."""
+        if self._active_since is None:
+            return "the node is not active: activate it"
+        return self.state.obstacle() or self.input.silence() or self.state.silence()

@@ -49,6 +49,11 @@ class ReasonLog:
         self._logged: dict[str, float] = {}
         self._lock = threading.Lock()
 
+    def most_common(self, number: int) -> list[tuple[str, int]]:
+        """Return the most frequent reasons with their counts."""
+        with self._lock:
+            return self.counts.most_common(number)
+
     def add(self, reason: str, details: str = "") -> None:
         """Count a reason; details are added the first time it is logged."""
         with self._lock:

@@ -1,0 +1,227 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Why there is no output, what was lost, and how the depth sensor does: said on /diagnostics."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS is not installed")
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+
+NAMESPACE = "/watched"
+
+
+@pytest.fixture(scope="module")
+def node(start_node: Callable[..., Any]) -> Any:
+    return start_node("-r", f"__ns:={NAMESPACE}", "-p", "stereo.max_disparity:=40")
+
+
+@pytest.fixture(scope="module")
+def parts(scene: Any, image: Any, info: Any) -> tuple[Any, Any, Any, Any]:
+    return image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right")
+
+
+@pytest.fixture(scope="module")
+def client(node: Any, make_client: Callable[..., Any], parts: Any) -> Any:
+    """Go through a bad start, which the first test looks at, and end with a working node."""
+    client = make_client(namespace=NAMESPACE)
+    client.story = [client.diagnosed("input", "no left/image_rect yet")]
+    for _ in range(3):
+        stamp = client.next_stamp()
+        for name, message in zip(("left/image", "right/image"), parts[:2], strict=True):
+            message.header.stamp.sec = stamp
+            client.publishers[name].publish(message)
+        time.sleep(0.2)
+    client.publishers["left/camera_info"].publish(parts[2])
+    client.story.append(client.diagnosed("input", "no right/camera_info yet"))
+    node.wait_for("no output: ")
+    client.connect(*parts)
+    return client
+
+
+def set_parameters(client: Any, **values: Any) -> None:
+    parameters = [
+        Parameter(name.replace("__", "."), value=value).to_parameter_msg()
+        for name, value in values.items()
+    ]
+    request = SetParametersAtomically.Request(parameters=parameters)
+    result = client.call("uw_visibility/set_parameters_atomically", request).result
+    assert result.successful, result.reason
+
+
+def test_missing_input_is_named_until_it_comes(node: Any, client: Any) -> None:
+    nothing, half = client.story
+    assert nothing.level == half.level == DiagnosticStatus.WARN
+    # The client's publishers may be known already.
+    assert "/watched/left/image_rect has " in nothing.message
+    assert "/watched/right/camera_info has 1 publisher" in half.message
+    assert int(half.numbers["left received"]) >= 1
+    assert "no output: no " in node.log
+    status = client.diagnosed("pipeline", "frames per second")
+    assert status.level == DiagnosticStatus.OK
+    dropped = client.diagnosis("input").numbers
+    reasons = [key for key in dropped if key.startswith("dropped: ")]
+    assert any("there is no" in reason and "camera_info" in reason for reason in reasons)
+
+
+def test_numbers_of_a_working_node(client: Any, parts: Any) -> None:
+    client.result(client.publish(*parts), "disparity")
+    before = int(client.diagnosis("pipeline").numbers["frames processed"])
+    arrays = len(client.received["/diagnostics"])
+    started = time.monotonic()
+    for _ in range(12):
+        client.result(client.publish(*parts), "disparity")
+        time.sleep(0.1)
+    client.wait(
+        lambda: int(client.diagnosis("pipeline").numbers["frames processed"]) >= before + 12,
+        "12 frames in the diagnostics",
+    )
+    seconds = time.monotonic() - started
+    assert len(client.received["/diagnostics"]) - arrays == pytest.approx(seconds, abs=1.5)
+    pipeline = client.diagnosis("pipeline")
+    assert pipeline.level == DiagnosticStatus.OK
+    assert pipeline.numbers["status"] == "ok"
+    for share in ("coverage", "matched fraction"):
+        assert 0.5 < float(pipeline.numbers[share]) <= 1.0
+    stages = ("support points (ms)", "improved disparity (ms)", "total (ms)", "latency (ms)")
+    assert all(float(pipeline.numbers[stage]) > 0 for stage in stages)
+    client.wait(
+        lambda: float(client.diagnosis("input").numbers["left rate (Hz)"]) > 1.0, "a rate"
+    )
+    given = client.diagnosis("input").numbers
+    assert given["left received"] == given["right received"]
+    assert (given["stamp gap (s)"], given["waiting images"]) == ("0.000000", "0")
+
+
+def test_unusable_frame_is_counted_with_its_reason(
+    client: Any, parts: Any, scene: Any, image: Any
+) -> None:
+    before = int(client.diagnosis("pipeline").numbers["frames refused"])
+    bad = image(scene.left, "rgb8", height=121)
+    client.publish(bad, *parts[1:])
+    status = client.diagnosed("pipeline", "the message is truncated")
+    assert status.level in (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
+    assert int(status.numbers["frames refused"]) == before + 1
+    assert any(key.startswith("problem: ") and "truncated" in key for key in status.numbers)
+    client.result(client.publish(*parts), "disparity")
+
+
+def test_images_without_common_stamps_are_explained(node: Any, client: Any, parts: Any) -> None:
+    unmatched = int(client.diagnosis("input").numbers["unmatched images"])
+    end = time.monotonic() + 20.0
+    message = "left and right images have no stamps in common: set synchronization.tolerance"
+    while message not in client.diagnosis("input").message:
+        assert time.monotonic() < end, client.diagnosis("input")
+        stamp = client.next_stamp()
+        for side, part, nanoseconds in (("left", parts[0], 0), ("right", parts[1], 12_000_000)):
+            part.header.stamp.sec, part.header.stamp.nanosec = stamp, nanoseconds
+            client.publishers[f"{side}/image"].publish(part)
+        time.sleep(0.2)
+    status = client.diagnosis("input")
+    assert status.level == DiagnosticStatus.ERROR
+    assert float(status.numbers["stamp gap (s)"]) == pytest.approx(0.012)
+    node.wait_for(f"no output: {message}")
+    # What waited leaves with the next pair, counted.
+    client.result(client.publish(*parts), "disparity")
+    client.wait(
+        lambda: int(client.diagnosis("input").numbers["unmatched images"]) > unmatched + 10,
+        "the count of unmatched images",
+    )
+
+
+def test_input_that_stops_is_noticed(node: Any, client: Any, parts: Any) -> None:
+    client.result(client.publish(*parts), "disparity")
+    status = client.diagnosed("input", "no left/image_rect any more")
+    assert status.level == DiagnosticStatus.ERROR
+    assert "no output: no left/image_rect any more" in client.diagnosis("pipeline").message
+    node.wait_for("no output: no left/image_rect any more")
+    client.result(client.publish(*parts), "disparity")
+    client.diagnosed("pipeline", "frames per second")
+
+
+def test_parameters_are_answered_while_a_frame_is_processed(client: Any, parts: Any) -> None:
+    # A frame takes several times as long as an answer, so one that comes
+    # before the frame's result was not held up by it.
+    request = GetParameters.Request(names=["max_range"])
+    client.call("uw_visibility/get_parameters", request)
+    first = 0
+    for _ in range(10):
+        stamp = client.publish(*parts)
+        client.call("uw_visibility/get_parameters", request)
+        first += not client.has("disparity", stamp)
+        client.result(stamp, "disparity")
+    assert first >= 5
+
+
+class Sensor:
+    """Publishes depths as a pose, with each frame."""
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+        self._publisher = client.node.create_publisher(
+            PoseWithCovarianceStamped, "depth_sensor", QoSProfile(depth=50)
+        )
+        client.wait(lambda: self._publisher.get_subscription_count() == 1, "a subscription")
+
+    def publish(self, stamp: int, depth: float) -> None:
+        message = PoseWithCovarianceStamped()
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp, 5
+        message.pose.pose.position.z = -depth
+        message.pose.covariance[14] = 0.01
+        self._publisher.publish(message)
+
+    def close(self) -> None:
+        self._client.node.destroy_publisher(self._publisher)
+
+
+def test_depth_sensor_is_checked(client: Any, parts: Any) -> None:
+    client.diagnosed("plausibility", "stale: no depth_sensor yet")
+    # The known scene says little of its depth, so the gate may be wide.
+    set_parameters(client, plausibility__max_gate=100.0, plausibility__timeout=5.0)
+    sensor = Sensor(client)
+    nis = client.received["depth_plausibility/nis"]
+
+    def frame(deviations: float) -> float:
+        """Let the sensor differ by so many standard deviations; return the NIS."""
+        count, stamp = len(nis), client.publish(*parts)
+        pose = client.result(stamp, "visibility/depth")[0].pose
+        variance = pose.covariance[14] + 0.01 + 0.25**2
+        sensor.publish(stamp, -pose.pose.position.z + deviations * math.sqrt(variance))
+        client.wait(lambda: len(nis) > count, "a NIS")
+        return float(nis[-1].data)
+
+    for _ in range(4):
+        assert frame(0.5) == pytest.approx(0.25, rel=1e-3)
+    status = client.diagnosed("plausibility", "ok: sensor +")
+    assert status.level == DiagnosticStatus.OK
+    innovation, variance = (
+        float(status.numbers[name]) for name in ("innovation (m)", "innovation variance (m^2)")
+    )
+    assert innovation / math.sqrt(variance) == pytest.approx(0.5, rel=1e-2)
+    assert float(status.numbers["gate (m)"]) == pytest.approx(1.96 * math.sqrt(variance), rel=1e-2)
+    for _ in range(4):
+        assert frame(-4.0) == pytest.approx(16.0, rel=1e-3)
+    status = client.diagnosed("plausibility", "warning: sensor -")
+    assert status.level == DiagnosticStatus.WARN
+    for _ in range(4):
+        frame(-4.0)
+    status = client.diagnosed("plausibility", "error: ")
+    assert status.level == DiagnosticStatus.ERROR
+    assert int(status.numbers["beyond the gate in a row"]) == 8
+    sensor.publish(client.next_stamp(), math.nan)
+    status = client.diagnosed("plausibility", "depth_sensor says nan")
+    assert status.numbers["refused sensor messages"] == "1"
+    sensor.close()
+    status = client.diagnosed("plausibility", "stale: no ")
+    assert status.level == DiagnosticStatus.STALE

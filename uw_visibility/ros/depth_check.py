@@ -1,0 +1,154 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The depth sensor beside the node's estimates: subscription, NIS, and its diagnostics."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+from rclpy.node import Node
+from std_msgs.msg import Float64
+
+from uw_visibility.depth_sensor import SENSOR_TYPES, read_depth
+from uw_visibility.depth_series import DepthSample
+from uw_visibility.errors import InputError
+from uw_visibility.messages import stamp_to_nanoseconds
+from uw_visibility.plausibility import Comparison, DepthMonitor, Report, Verdict
+from uw_visibility.result import FrameResult
+from uw_visibility.ros.diagnostics import ERROR, OK, STALE, WARN, Finding
+from uw_visibility.ros.factory import message_type
+from uw_visibility.ros.parameters import NodeParameters
+from uw_visibility.ros.qos import publish_on, subscribe_to
+from uw_visibility.ros.reasons import ReasonLog
+
+SENSOR_TOPIC, NIS_TOPIC = "depth_sensor", "depth_plausibility/nis"
+
+LEVELS = {
+    Verdict.OK: OK, Verdict.LEARNING: OK, Verdict.WARN: WARN, Verdict.ERROR: ERROR,
+    Verdict.STALE: STALE, Verdict.NOT_ASSESSABLE: WARN,
+}
+
+
+class DepthCheck:
+    """Feeds a `DepthMonitor` from the sensor's callback and the pipeline's thread.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Subscription and publisher are made on it.
+    parameters : NodeParameters
+        Type of the sensor, and what the monitor is told.
+    """
+
+    def __init__(self, node: Node, parameters: NodeParameters) -> None:
+        self._node = node
+        self._parameters = parameters
+        self._monitor = DepthMonitor(parameters.settings.node.plausibility)
+        self._lock = threading.Lock()
+        log = node.get_logger()
+        self._refusals = ReasonLog(lambda line: log.warning(line))
+        self._verdicts = ReasonLog(lambda line: log.warning(line))
+        self._refused: tuple[float, str] | None = None
+        self._nis = publish_on(node, Float64, NIS_TOPIC)
+        self._subscription = None
+        kind = parameters.settings.node.plausibility.sensor_type
+        if kind in SENSOR_TYPES:
+            self._subscription = subscribe_to(
+                node, message_type(SENSOR_TYPES[kind]), SENSOR_TOPIC, self._on_sensor
+            )
+
+    def destroy(self) -> None:
+        """Destroy subscription and publisher."""
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+        self._node.destroy_publisher(self._nis)
+
+    def reset(self) -> None:
+        """Forget everything: time has jumped."""
+        with self._lock:
+            self._monitor.reset()
+
+    def add_result(self, stamp: Any, result: FrameResult) -> None:
+        """Take the depth that the pipeline found at an image's stamp."""
+        if self._subscription is None:
+            return
+        visibility = result.visibility
+        sample = DepthSample(
+            stamp_to_nanoseconds(stamp), visibility.depth, visibility.depth_stddev**2
+        )
+        with self._lock:
+            comparisons = self._updated_monitor().add_estimate(
+                sample, visibility.depth_status, time.monotonic()
+            )
+        self._publish(comparisons)
+
+    def diagnose(self) -> Finding:
+        """Return level, message and numbers."""
+        if self._subscription is None:
+            return Finding(OK, "switched off: plausibility.sensor_type is none")
+        now = time.monotonic()
+        with self._lock:
+            report = self._updated_monitor().report(now)
+        values = _values(report) | {"refused sensor messages": self._refusals.total}
+        refused, timeout = self._refused, self._monitor.config.timeout
+        if refused is not None and now - refused[0] <= timeout:
+            return Finding(WARN, refused[1], values)
+        if report.verdict in (Verdict.WARN, Verdict.ERROR):
+            self._verdicts.add(
+                f"depth sensor and estimate do not agree ({report.verdict})", f": {report.reason}"
+            )
+        return Finding(LEVELS[report.verdict], f"{report.verdict}: {report.reason}", values)
+
+    def _on_sensor(self, message: Any) -> None:
+        config = self._parameters.settings.node.plausibility
+        try:
+            sample = read_depth(message, config, self._node.get_clock().now().nanoseconds)
+        except InputError as error:
+            self._refused = time.monotonic(), str(error)
+            self._refusals.add(str(error))
+            return
+        with self._lock:
+            comparisons = self._updated_monitor().add_sensor(sample, time.monotonic())
+        self._publish(comparisons)
+
+    def _updated_monitor(self) -> DepthMonitor:
+        self._monitor.config = self._parameters.settings.node.plausibility
+        return self._monitor
+
+    def _publish(self, comparisons: list[Comparison]) -> None:
+        for comparison in comparisons:
+            self._nis.publish(Float64(data=comparison.nis))
+
+
+def _values(report: Report) -> dict[str, Any]:
+    values: dict[str, Any] = {
+        "verdict": report.verdict,
+        "comparisons": report.compared,
+        "beyond the gate": report.failed,
+        "beyond the gate in a row": report.consecutive,
+        "too uncertain to judge": report.inconclusive,
+        "estimates without a sensor value": report.unmatched,
+        "learned from": report.learned,
+        "learned bias (m)": _number(report.bias),
+        "learned bias stddev (m)": _number(report.bias_stddev),
+    }
+    last = report.last
+    if last is not None:
+        values |= {
+            "estimated depth (m)": _number(last.estimate.depth),
+            "estimated depth stddev (m)": _number(last.estimate.variance**0.5),
+            "sensor depth (m)": _number(last.sensor.depth),
+            "sensor depth stddev (m)": _number(last.sensor.variance**0.5),
+            "innovation (m)": _number(last.innovation),
+            "innovation variance (m^2)": _number(last.variance),
+            "nis": _number(last.nis),
+            "gate (m)": _number(last.gate),
+        }
+    return values
+
+
+def _number(value: float) -> str:
+    # A quantity that is not known has no number.
+    return f"{value:.4f}" if value == value else ""

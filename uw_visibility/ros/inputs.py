@@ -1,0 +1,193 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The node's stereo input: four subscriptions, the synchronizer, and what is wrong with them."""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from uw_visibility.frames import StereoFrame
+from uw_visibility.messages import stamp_to_nanoseconds
+from uw_visibility.ros.diagnostics import ERROR, OK, WARN, Finding
+from uw_visibility.ros.parameters import NodeParameters
+from uw_visibility.ros.qos import subscribe_to
+from uw_visibility.ros.rates import RecentCounts
+from uw_visibility.ros.reasons import ReasonLog
+from uw_visibility.synchronizer import SIDES, Synchronizer
+
+# An input that was silent for so long has stopped, s.
+SILENCE = 5.0
+RECENT_STAMPS = 10
+
+
+class StereoInput:
+    """Subscribes to images and CameraInfo, and hands on stereo frames.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Subscriptions are made on it.
+    parameters : NodeParameters
+        Tolerance, queue size, and transport.
+    offer : callable
+        Takes each stereo frame.
+    on_restart : callable
+        Called when the stamps jump back.
+
+    Attributes
+    ----------
+    synchronizer : Synchronizer
+        Knows what came in and what was dropped.
+    active : bool
+        Whether images are taken; CameraInfo always is.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        parameters: NodeParameters,
+        offer: Callable[[StereoFrame], None],
+        on_restart: Callable[[], None],
+    ) -> None:
+        self.active = False
+        self._node = node
+        self._parameters = parameters
+        self._offer = offer
+        self._on_restart = on_restart
+        log = node.get_logger()
+        self._drops = ReasonLog(lambda line: log.warning(line))
+        config = parameters.settings.node.synchronization
+        self.synchronizer = Synchronizer(config, self._report_drop)
+        self._recent = RecentCounts(SILENCE)
+        self._arrivals: dict[str, float] = {}
+        self._stamps: dict[str, deque[int]] = {side: deque(maxlen=RECENT_STAMPS) for side in SIDES}
+        self._subscriptions = self._subscribe()
+
+    def destroy(self) -> None:
+        """Destroy the subscriptions."""
+        for subscription in self._subscriptions.values():
+            self._node.destroy_subscription(subscription)
+
+    def reset(self) -> None:
+        """Forget what waits: time has jumped."""
+        self.synchronizer.reset()
+
+    def end_wait(self) -> None:
+        """Let go of a frame whose CameraInfo does not come; called from time to time."""
+        self._hand_on(self.synchronizer.end_wait())
+
+    def silence(self) -> str:
+        """Return why no stereo frame comes, or nothing where they do."""
+        now = time.monotonic()
+        for topic in self._subscriptions:
+            if topic not in self._arrivals:
+                return f"no {topic} yet: {self._senders(topic)}"
+        for topic in self._subscriptions:
+            if "image" in topic and now - self._arrivals[topic] > SILENCE:
+                return f"no {topic} any more: {self._senders(topic)}"
+        if now - self._arrivals.get("frame", 0.0) > SILENCE:
+            tolerance = self._parameters.settings.node.synchronization.tolerance
+            return (
+                "left and right images have no stamps in common: "
+                f"set synchronization.tolerance, which is {tolerance:g} s"
+            )
+        return ""
+
+    def diagnose(self) -> Finding:
+        """Return level, message and numbers of the input."""
+        now, sync = time.monotonic(), self.synchronizer
+        counts = Counter(sync.received)
+        counts["frames"] = sync.frames
+        counts.update({f"dropped {reason}": count for reason, count in sync.dropped.items()})
+        recent = self._recent.update(now, counts)
+        period = max(self._recent.duration, 1e-9)
+        values: dict[str, Any] = {}
+        for name in ("left", "right", "left info", "right info", "frames"):
+            values[f"{name} received" if name != "frames" else "stereo frames"] = counts[name]
+            values[f"{name} rate (Hz)"] = f"{recent.get(name, 0) / period:.2f}"
+        values["dropped images"] = sync.dropped.total()
+        values["unmatched images"] = sum(
+            count for reason, count in sync.dropped.items() if "unmatched" in reason
+        )
+        values["waiting images"] = sync.waiting
+        values["restarts"] = sync.restarts
+        values["stamp gap (s)"] = self._stamp_gap()
+        for topic in self._subscriptions:
+            arrival = self._arrivals.get(topic)
+            values[f"age of {topic} (s)"] = "" if arrival is None else f"{now - arrival:.1f}"
+        values |= {f"dropped: {reason}": count for reason, count in sync.dropped.items()}
+        return self._level(recent, period, values)
+
+    def _level(self, recent: dict[str, int], period: float, values: dict[str, Any]) -> Finding:
+        reason = self.silence()
+        if reason:
+            return Finding(WARN if " yet" in reason else ERROR, reason, values)
+        drops = {name: count for name, count in recent.items() if name.startswith("dropped ")}
+        if drops:
+            worst = max(drops, key=drops.__getitem__)
+            message = f"{sum(drops.values())} images in {period:.0f} s: {worst}"
+            return Finding(WARN, message, values)
+        rate = recent.get("frames", 0) / period
+        return Finding(OK, f"{rate:.1f} stereo frames per second", values)
+
+    def _subscribe(self) -> dict[str, Any]:
+        """Subscribe, and return the subscriptions by the name that the documentation uses."""
+        compressed = self._parameters.settings.node.image_transport == "compressed"
+        subscriptions = {}
+        for side in SIDES:
+            image, info = f"{side}/image_rect", f"{side}/camera_info"
+            topic, kind = image, Image
+            if compressed:
+                # As image_transport has it, the image's own topic is what is remapped.
+                topic = f"{self._node.resolve_topic_name(image)}/compressed"
+                image, kind = f"{image}/compressed", CompressedImage
+            subscriptions[image] = subscribe_to(
+                self._node, kind, topic, functools.partial(self._on_image, side, image)
+            )
+            subscriptions[info] = subscribe_to(
+                self._node, CameraInfo, info, functools.partial(self._on_info, side, info)
+            )
+        return subscriptions
+
+    def _on_image(self, side: str, topic: str, message: Any) -> None:
+        self._arrivals[topic] = time.monotonic()
+        if not self.active:
+            return
+        self._stamps[side].append(stamp_to_nanoseconds(message.header.stamp))
+        self.synchronizer.config = self._parameters.settings.node.synchronization
+        restarts = self.synchronizer.restarts
+        frames = self.synchronizer.add_image(side, message)
+        if self.synchronizer.restarts != restarts:
+            self._on_restart()
+        self._hand_on(frames)
+
+    def _on_info(self, side: str, topic: str, message: CameraInfo) -> None:
+        self._arrivals[topic] = time.monotonic()
+        self._hand_on(self.synchronizer.add_info(side, message))
+
+    def _hand_on(self, frames: list[StereoFrame]) -> None:
+        for frame in frames:
+            self._arrivals["frame"] = time.monotonic()
+            self._offer(frame)
+
+    def _report_drop(self, reason: str) -> None:
+        self._drops.add(f"dropped: {reason}")
+
+    def _senders(self, topic: str) -> str:
+        name = self._subscriptions[topic].topic_name
+        count = self._node.count_publishers(name)
+        if count == 0:
+            return f"{name} has no publisher"
+        return f"{name} has {count} publisher{'s' * (count > 1)}, is their QoS compatible?"
+
+    def _stamp_gap(self) -> str:
+        """Return the smallest difference of recent stamps of the two sides, s."""
+        gaps = [abs(a - b) for a in self._stamps["left"] for b in self._stamps["right"]]
+        return f"{1e-9 * min(gaps):.6f}" if gaps else ""

@@ -1,0 +1,135 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What became of the frames that the node processed, and its diagnostics."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from uw_visibility.result import FrameResult
+from uw_visibility.ros.diagnostics import ERROR, OK, WARN, Finding
+from uw_visibility.ros.inputs import SILENCE
+from uw_visibility.ros.rates import RecentCounts
+from uw_visibility.ros.reasons import ReasonLog
+from uw_visibility.status import Status
+
+SHOWN_REASONS = 10
+
+
+class PipelineState:
+    """Counts frames by their outcome; written by the worker, read by the diagnostics.
+
+    Parameters
+    ----------
+    failures : ReasonLog
+        Logs why frames gave no result.
+
+    Attributes
+    ----------
+    ready : bool
+        Whether the pipeline is compiled.
+    processed, refused, failed : int
+        Frames whose results were published; those that cannot be used; those
+        lost to an error inside.
+    failures : ReasonLog
+        Why frames gave no result.
+    """
+
+    def __init__(self, failures: ReasonLog) -> None:
+        self.ready = False
+        self.processed = self.refused = self.failed = 0
+        self.failures = failures
+        self._recent = RecentCounts(SILENCE)
+        self._busy_since: float | None = None
+        self._answered = 0.0
+        self._problem = ""
+        self._result: FrameResult | None = None
+        self._latency = 0.0
+
+    @contextmanager
+    def busy(self) -> Iterator[None]:
+        """Note that a frame is being processed."""
+        self._busy_since = time.monotonic()
+        try:
+            yield
+        finally:
+            self._busy_since = None
+
+    def add(self, result: FrameResult, latency: float) -> None:
+        """Note a result that was published, and the time since its image's stamp, s."""
+        self._result, self._latency, self._problem = result, latency, ""
+        self._answered = time.monotonic()
+        self.processed += 1
+
+    def refuse(self, reason: str) -> None:
+        """Note a frame that cannot be used."""
+        self._problem = reason
+        self.failures.add(reason)
+        self.refused += 1
+
+    def fail(self, reason: str, details: str) -> None:
+        """Note a frame that was lost to an error inside."""
+        self._problem = reason
+        self.failures.add(reason, details)
+        self.failed += 1
+
+    def obstacle(self) -> str:
+        """Return what holds up every frame, or nothing."""
+        busy = self._busy_since
+        if not self.ready:
+            return "the pipeline is being compiled"
+        if busy is not None and time.monotonic() - busy > SILENCE:
+            return "the pipeline is still busy with one frame"
+        return ""
+
+    def silence(self) -> str:
+        """Return why frames come in but no results go out, or nothing where they do."""
+        if time.monotonic() - self._answered <= SILENCE:
+            return ""
+        return self._problem or "no frame was processed yet"
+
+    def diagnose(self, silence: str, skipped: int) -> Finding:
+        """Return level, message and numbers.
+
+        Parameters
+        ----------
+        silence : str
+            Why there is no output, or nothing where there is.
+        skipped : int
+            Frames that newer ones replaced.
+        """
+        counts = {
+            "processed": self.processed, "refused": self.refused, "failed": self.failed,
+            "skipped": skipped,
+        }
+        recent = self._recent.update(time.monotonic(), counts)
+        rate = recent.get("processed", 0) / max(self._recent.duration, 1e-9)
+        values: dict[str, Any] = {f"frames {name}": count for name, count in counts.items()}
+        values["rate (Hz)"] = f"{rate:.2f}"
+        if self._result is not None:
+            values |= _values(self._result) | {"latency (ms)": f"{1e3 * self._latency:.1f}"}
+        failures = self.failures.most_common(SHOWN_REASONS)
+        values |= {f"problem: {reason}": count for reason, count in failures}
+        if silence:
+            stopped = self.processed > 0 or self.refused + self.failed > 0
+            return Finding(ERROR if stopped else WARN, f"no output: {silence}", values)
+        if recent.get("refused") or recent.get("failed"):
+            level = ERROR if recent.get("failed") else WARN
+            return Finding(level, self._problem or "frames were lost lately", values)
+        if self._result is not None and self._result.status is not Status.OK:
+            return Finding(WARN, f"the water is not assessable: {self._result.status}", values)
+        return Finding(OK, f"{rate:.1f} frames per second", values)
+
+
+def _values(result: FrameResult) -> dict[str, Any]:
+    return {
+        "status": result.status,
+        "visibility status": result.visibility.status,
+        "depth status": result.visibility.depth_status,
+        "support points": result.support_points,
+        "coverage": f"{result.coverage:.3f}",
+        "matched fraction": f"{result.matched_fraction_enhanced:.3f}",
+    } | {f"{stage} (ms)": f"{duration:.1f}" for stage, duration in result.timing_ms.items()}

@@ -1,0 +1,79 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Runs a node until a signal ends it, and makes exit codes of what can go wrong."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+
+from uw_visibility.errors import InputError
+
+# How long the exit waits for the frame that is being processed, s.
+STOP_TIMEOUT = 1.0
+
+
+def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
+    """Run a node until it is told to stop.
+
+    Parameters
+    ----------
+    make_node : callable
+        Makes a node with a method ``stop(timeout) -> bool``, which ends its work
+        and tells whether that has ended within the timeout (s).
+    arguments : sequence of str or None
+        Command line with ROS arguments; that of the process where absent.
+
+    Returns
+    -------
+    int
+        Exit code: 0 after Ctrl-C or SIGTERM, 2 where a parameter or argument
+        cannot be used.
+    """
+    # rclpy's handlers stop the executor; Python's own would also raise
+    # KeyboardInterrupt at a place of its choice.
+    signal.signal(signal.SIGINT, lambda *_: None)
+    signal.signal(signal.SIGTERM, lambda *_: None)
+    try:
+        rclpy.init(args=None if arguments is None else list(arguments))
+    except Exception as error:
+        return _refuse(error)
+    try:
+        node = make_node()
+    except InputError as error:
+        rclpy.try_shutdown()
+        return _refuse(error)
+    _spin(node)
+    if not node.stop(STOP_TIMEOUT):
+        _leave()
+    node.destroy_node()
+    rclpy.try_shutdown()
+    return 0
+
+
+def _spin(node: Node) -> None:
+    try:
+        rclpy.spin(node)
+    except ExternalShutdownException:
+        # The signal's way of ending spin.
+        return
+
+
+def _refuse(error: Exception) -> int:
+    print(f"uw_visibility: {' '.join(str(error).split())}", file=sys.stderr)
+    return 2
+
+
+def _leave() -> None:
+    """End the process while the worker is still computing, which cannot be interrupted."""
+    rclpy.try_shutdown()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
