@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import csv
+import json
 import math
 
 import cv2
@@ -16,6 +18,7 @@ from uw_visibility.evaluation.experiments import Evaluation, Plan
 from uw_visibility.evaluation.figures import write_figures
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.summary import summarise
+from uw_visibility.evaluation.tables import write_tables
 from uw_visibility.evaluation.terminal import as_text
 
 
@@ -65,6 +68,18 @@ def test_the_summary_counts_it(refused):
     text = as_text(summary)
     assert f"{READINGS['pipeline']}: pair refused" in text
     assert "0/1" in text
+
+
+def test_its_row_is_empty_where_nothing_was_assessed(refused, tmp_path):
+    write_tables(tmp_path, refused, summarise(refused))
+    report = json.loads(
+        (tmp_path / "evaluation.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    with (tmp_path / "cases.csv").open(encoding="utf-8") as stream:
+        (row,) = csv.DictReader(stream)
+    for column in ("pipeline.mean_attenuation", "colour_difference.final", "step1.depth"):
+        assert report["cases"][0][column] is None
+        assert row[column] == ""
+    assert row["pipeline.status"] == row["refusal"] == refused.cases[0].refusal
 
 
 def test_its_figures_are_drawn_nevertheless(refused, tmp_path):

@@ -168,7 +168,14 @@ def test_the_transect_has_a_row_for_each_frame(run):
     # From 0.05 1/m at 2 m to 0.3 1/m at 6 m.
     assert float(rows[0]["true.mean_attenuation"]) == pytest.approx(0.05)
     assert float(rows[1]["true.depth"]) == pytest.approx(6.0)
-    assert run.report["summary"]["transect"]["frames"] == 2
+    summary = run.report["summary"]["transect"]
+    assert summary["frames"] == 2
+    errors = [
+        abs(float(row["exact.mean_attenuation"]) - float(row["true.mean_attenuation"]))
+        for row in rows]
+    assert summary["exact"]["mean_attenuation_error"]["worst"] == pytest.approx(max(errors))
+    assert rows[1]["tracked.mean_attenuation"] != rows[1]["pipeline.mean_attenuation"]
+    assert rows[0]["exact.mean_attenuation"] != rows[0]["pipeline.mean_attenuation"]
 
 
 def test_every_figure_is_drawn(run):

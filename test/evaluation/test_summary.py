@@ -12,7 +12,7 @@ import pytest
 
 from uw_visibility.evaluation.readings import Reading, Truth
 from uw_visibility.evaluation.summary import water_errors
-from uw_visibility.evaluation.transects import TransectRow, frame_to_frame
+from uw_visibility.evaluation.transects import frame_to_frame
 
 KAPPA = np.array([0.23, 0.07, 0.02])
 
@@ -68,11 +68,11 @@ def test_what_is_not_assessed_is_counted_by_reason():
 
 
 def test_frame_to_frame_changes_leave_out_the_bias_and_the_gaps():
-    def row(error):
-        truth, reading, _ = place(0.1, error)
-        return TransectRow(0.0, truth, reading)
+    def change(*errors):
+        places = [place(0.1, error) for error in errors]
+        return frame_to_frame([p[0] for p in places], [p[1] for p in places])
 
-    assert frame_to_frame([row(0.05), row(0.05), row(0.05)]) == pytest.approx(0.0, abs=1e-12)
-    assert frame_to_frame([row(0.0), row(0.03), row(math.nan), row(9.0), row(9.04)]) \
-        == pytest.approx(math.sqrt((0.03**2 + 0.04**2) / 2))
-    assert math.isnan(frame_to_frame([row(0.0)]))
+    assert change(0.05, 0.05, 0.05) == pytest.approx(0.0, abs=1e-12)
+    assert change(0.0, 0.03, math.nan, 9.0, 9.04) == pytest.approx(
+        math.sqrt((0.03**2 + 0.04**2) / 2))
+    assert math.isnan(change(0.0))

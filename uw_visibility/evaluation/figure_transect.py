@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from uw_visibility.evaluation.figure_style import ATTENUATION_LABEL, DEPTH_LABEL, OURS, save
 from uw_visibility.evaluation.transects import TransectRow
 
+FILTERED = "#d55e00"
 QUANTITIES = (
     ("mean_attenuation", ATTENUATION_LABEL),
     ("distance", "visibility distance [m]"),
@@ -44,6 +45,14 @@ def draw_transect(path: Path, rows: Sequence[TransectRow]) -> None:
                 linewidth=0.0, label=f"± {factor} σ",
             )
         axes.plot(time, value, "o-", color=OURS, markersize=3.5, linewidth=1.2, label="estimate")
+        axes.plot(
+            time, [getattr(row.tracked, name) for row in rows], "-", color=FILTERED,
+            linewidth=1.6, label="filtered over frames",
+        )
+        axes.plot(
+            time, [getattr(row.exact, name) for row in rows], "x:", color=OURS, markersize=4.0,
+            linewidth=1.0, label="with exact ranges",
+        )
         axes.plot(time, truth, color="black", linewidth=1.5, linestyle="--", label="truth")
         axes.set_ylabel(label)
         axes.set_ylim(*_limits(value, truth))
@@ -51,7 +60,7 @@ def draw_transect(path: Path, rows: Sequence[TransectRow]) -> None:
         missing = time[~np.isfinite(value)]
         if missing.size:
             axes.plot(
-                missing, np.zeros(missing.size), "|", color="#d55e00", markersize=9.0,
+                missing, np.zeros(missing.size), "|", color="#cc2020", markersize=9.0,
                 transform=axes.get_xaxis_transform(), clip_on=False, label="not assessed",
             )
     panels[-1].set_xlabel("time [s]")
@@ -59,8 +68,8 @@ def draw_transect(path: Path, rows: Sequence[TransectRow]) -> None:
     for axes in panels:
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     figure.legend(
-        list(handles.values()), list(handles), loc="outside lower center", ncols=5, frameon=False)
-    figure.suptitle("Transect, each frame on its own (as Fig. 10 of the paper)")
+        list(handles.values()), list(handles), loc="outside lower center", ncols=6, frameon=False)
+    figure.suptitle("Transect (as Fig. 10 of the paper)")
     save(figure, path)
 
 

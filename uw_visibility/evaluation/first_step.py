@@ -14,13 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config import PipelineConfig
-from uw_visibility.enhancement.matting import Matting
 from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.parallel import Workers
 from uw_visibility.result import FrameResult
-from uw_visibility.stereo.contrast import EvenContrast
-from uw_visibility.stereo.elas import Matcher
-from uw_visibility.stereo.interpolation import fill_plane
+from uw_visibility.stages import Stages
 from uw_visibility.stereo.rig import StereoRig
 
 
@@ -38,7 +35,7 @@ def first_enhancement(
     left, right : (H, W, 3) ndarray
         The pair under water.
     result : FrameResult
-        What the pipeline said of the pair; `step1` and the limits of the search are used.
+        What the pipeline said of the pair; `step1` is used.
     rig, config
         Those of the pipeline.
 
@@ -48,16 +45,10 @@ def first_enhancement(
         Like `left`.
     """
     workers = Workers(config.threads)
-    limits = (result.min_disparity, result.max_disparity)
-    matcher = Matcher(left.shape[:2], limits, config.stereo, workers)
-    contrasts = (EvenContrast(left.shape[:2]), EvenContrast(left.shape[:2]))
-    for contrast, image in zip(contrasts, (left, right), strict=True):
-        contrast.stretch(image, workers)
-    matcher.describe(*contrasts)
-    support = matcher.support_points()
-    mesh = matcher.coarse_disparity(support)
-    coarse, _ = fill_plane(mesh, support.points)
-    dense = Matting(config.enhancement, workers).refine(coarse, None, left).disparity
+    stages = Stages((left.shape[0], left.shape[1]), rig, config, workers)
+    stages.describe_raw(left, right)
+    support = stages.matcher.support_points()
+    dense = stages.dense_map(stages.matcher.coarse_disparity(support), support, left)
     restorer = Restorer(config.enhancement, config.camera.transfer, workers)
     enhanced, _ = restorer.restore(left, rig.range_from_disparity(dense), result.step1)
     return np.asarray(enhanced)

@@ -181,10 +181,19 @@ def _mean_colour(cases: Sequence[CaseResult]) -> dict[str, dict[str, float | int
 def _transect(rows: list[TransectRow]) -> Summary | None:
     if not rows:
         return None
-    pairs = [(row.truth, row.reading, f"{row.time:g} s") for row in rows]
-    return {
-        "frames": len(rows), **water_errors(pairs), "frame_to_frame": frame_to_frame(rows),
-    }
+    truths = [row.truth for row in rows]
+    places = [f"{row.time:g} s" for row in rows]
+    summary: Summary = {"frames": len(rows)}
+    for name, readings in (
+        ("pipeline", [row.reading for row in rows]),
+        ("tracked", [row.tracked for row in rows]),
+        ("exact", [row.exact for row in rows]),
+    ):
+        summary[name] = {
+            **water_errors(list(zip(truths, readings, places, strict=True))),
+            "frame_to_frame": frame_to_frame(truths, readings),
+        }
+    return summary
 
 
 def _mean(values: Iterable[float]) -> float:

@@ -13,6 +13,7 @@ from uw_visibility.evaluation.summary import TURBID, Summary
 
 # Places that are listed of one reason; evaluation.json has them all.
 PLACES_SHOWN = 4
+TRANSECT = {"pipeline": "", "tracked": ", filtered", "exact": ", exact ranges"}
 SHORT_MATCHES = ("SGBM", "CLAHE+", "oracle+", "ours raw", "ours")
 SHORT_IMAGES = ("input", "hist.", "CLAHE", "step 1", "final", "oracle")
 
@@ -133,25 +134,25 @@ def _places(places: Sequence[str]) -> str:
 
 
 def _transect(transect: Summary) -> str:
-    alpha, within = transect["mean_attenuation_error"], transect["mean_attenuation_within"]
-    distance, depth = transect["distance_relative_error"], transect["depth_error"]
     lines = [_line(f"transect of {transect['frames']} frames", "mean", "worst", "assessed")]
-    for title, errors, digits in (
-        ("  mean attenuation |α̂ − α| [1/m]", alpha, 4),
-        ("  visibility distance, relative", distance, 3),
-        ("  depth |ẑ − z| [m]", depth, 3),
-    ):
-        lines.append(_line(
-            title, _number(errors["mean"], digits), _number(errors["worst"], digits),
-            f"{errors['assessed']}/{errors['of']}",
-        ))
-    lines.append(
-        f"  α within 1 / 2 / 3 σ: {_number(within['1_sigma'], 2)} / "
-        f"{_number(within['2_sigma'], 2)} / {_number(within['3_sigma'], 2)}; "
-        f"its error from frame to frame, rms: {_number(transect['frame_to_frame'], 4)} 1/m"
-    )
-    for reason, places in transect["not_assessed"].items():
-        lines.append(f"  not assessed: {reason}, {len(places)} x")
+    for name, how in TRANSECT.items():
+        for field, title, digits in (
+            ("mean_attenuation_error", "|α̂ − α| [1/m]", 4),
+            ("distance_relative_error", "visibility distance, relative", 3),
+            ("depth_error", "|ẑ − z| [m]", 3),
+        ):
+            errors = transect[name][field]
+            lines.append(_line(
+                f"  {title}{how}", _number(errors["mean"], digits),
+                _number(errors["worst"], digits), f"{errors['assessed']}/{errors['of']}",
+            ))
+        within = transect[name]["mean_attenuation_within"]
+        shares = (_number(within[f"{k}_sigma"], 2) for k in (1, 2, 3))
+        lines.append(f"  α within 1 / 2 / 3 σ{how}: {' / '.join(shares)}")
+        change = _number(transect[name]["frame_to_frame"], 4)
+        lines.append(f"  error of α from frame to frame, rms{how}: {change} 1/m")
+        for reason, places in transect[name]["not_assessed"].items():
+            lines.append(f"  not assessed{how}: {reason}, {len(places)} x")
     return "\n".join(lines)
 
 

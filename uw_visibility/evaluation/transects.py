@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,8 @@ from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.frame import RESPONSE, Effects, RenderedFrame
 from uw_visibility.simulation.transect import Transect
 from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.assessment import Assessor
+from uw_visibility.water.estimation import WaterEstimator
 from uw_visibility.water.optics import clear_water_attenuation, load_response
 
 
@@ -72,22 +75,30 @@ class TransectRow:
     truth : Truth
         The water.
     reading : Reading
-        What the pipeline says of it.
+        What the pipeline says of this frame.
+    tracked : Reading
+        The same filtered over the frames so far.
+    exact : Reading
+        What the same estimate says with exact ranges: what is left are noise,
+        particles and caustics.
     """
 
     time: float
     truth: Truth
     reading: Reading
+    tracked: Reading
+    exact: Reading
 
     def row(self) -> dict[str, Any]:
         """Return the frame as a row of a table."""
         return {
             "time": self.time, **flat("true", self.truth), **flat("pipeline", self.reading),
+            **flat("tracked", self.tracked), **flat("exact", self.exact),
         }
 
 
 def evaluate_transect(plan: TransectPlan, config: PipelineConfig) -> list[TransectRow]:
-    """Swim a transect and assess each frame on its own.
+    """Swim a transect and assess its frames, each alone and filtered over time.
 
     Parameters
     ----------
@@ -106,29 +117,44 @@ def evaluate_transect(plan: TransectPlan, config: PipelineConfig) -> list[Transe
     rig = StereoRig(camera.focal_length, camera.baseline, camera.principal_point)
     pipeline = Pipeline(rig, config)
     kappa = clear_water_attenuation(load_response(RESPONSE))
+    assessor = Assessor(
+        config.assessment, load_response(config.camera.response), config.camera.white_reference)
+    estimator = WaterEstimator(
+        config.water, assessor.clear_water_attenuation, config.camera.transfer)
     rows = []
     for time, frame in transect.render():
         truth = Truth.of_water(
             frame.attenuation, frame.ambient_light, kappa, frame.depth, config.assessment.contrast
         )
-        rows.append(TransectRow(time, truth, _read(pipeline, frame)))
+        known = np.isfinite(frame.range_left)
+        exact = estimator.estimate(
+            frame.left, np.where(known, frame.range_left, np.float32(np.nan)))
+        rows.append(TransectRow(
+            time, truth, *_read(pipeline, frame, time), Reading.of(exact, assessor.assess(exact))))
     return rows
 
 
-def _read(pipeline: Pipeline, frame: RenderedFrame) -> Reading:
+def _read(pipeline: Pipeline, frame: RenderedFrame, time: float) -> tuple[Reading, Reading]:
+    """Read a frame alone, and the state filtered up to it."""
     try:
-        result = pipeline.process(frame.left, frame.right)
+        result = pipeline.process(frame.left, frame.right, stamp=time, enhance=())
     except InputError as error:
-        return Reading.refused(f"pair refused: {error}")
-    return Reading.of(result.water, result.visibility)
+        refused = Reading.refused(f"pair refused: {error}")
+        return refused, refused
+    alone = Reading.of(result.water, result.visibility)
+    if result.tracked is None or result.tracked_visibility is None:
+        return alone, Reading.refused("tracking is off")
+    return alone, Reading.of(result.tracked, result.tracked_visibility)
 
 
-def frame_to_frame(rows: list[TransectRow]) -> float:
+def frame_to_frame(truths: Sequence[Truth], readings: Sequence[Reading]) -> float:
     """Root mean square of how the error of α changes from frame to frame, 1/m.
 
     Frames without an estimate are left out, with both of their neighbours' steps.
     """
-    errors = np.array([r.reading.mean_attenuation - r.truth.mean_attenuation for r in rows])
+    errors = np.array([
+        reading.mean_attenuation - truth.mean_attenuation
+        for truth, reading in zip(truths, readings, strict=True)])
     steps = np.diff(errors)
     steps = steps[np.isfinite(steps)]
     return float(np.sqrt(np.mean(steps**2))) if steps.size else float("nan")
