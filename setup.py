@@ -18,13 +18,17 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={f"{NAME}.data": ["*.csv", "*.txt"]},
+    package_data={
+        f"{NAME}.data": ["*.csv", "*.txt"],
+        f"{NAME}.replay": ["templates/*.html"],
+    },
     data_files=[
         # What ros2 run, ros2 launch and ament's index look for.
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/config", [str(file) for file in Path("config").glob("*.yaml")]),
         (f"share/{NAME}/launch", [str(file) for file in Path("launch").glob("*.launch.py")]),
+        (f"share/{NAME}/foxglove", [str(file) for file in Path("foxglove").glob("*.json")]),
     ],
     # Tables are read as files, and compiled kernels are cached beside their source.
     zip_safe=False,
@@ -54,6 +58,8 @@ setup(
         "console_scripts": [
             f"uw_visibility = {NAME}.cli:main",
             f"uw_visibility_node = {NAME}.ros.node:main",
+            f"uw_visibility_lifecycle_node = {NAME}.ros.lifecycle:main",
+            f"uw_visibility_lifecycle_node = {NAME}.ros.lifecycle:main",
         ],
     },
 )

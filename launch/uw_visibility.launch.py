@@ -1,19 +1,30 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Start the node, with its namespace, camera and parameter file from arguments."""
+"""Start the node, plain or managed, with its namespace, camera and parameters from arguments."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from ament_index_python.packages import get_package_share_path
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    OpaqueFunction,
+    RegisterEventHandler,
+)
+from launch.event_handlers import OnProcessStart
+from launch.events import matches_action
 from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
+from launch_ros.actions import LifecycleNode, Node
+from launch_ros.event_handlers import OnStateTransition
+from launch_ros.events.lifecycle import ChangeState
+from lifecycle_msgs.msg import Transition
 
 from launch import LaunchContext, LaunchDescription
 
 PACKAGE = "uw_visibility"
+SWITCH = ["true", "false"]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -32,12 +43,28 @@ def generate_launch_description() -> LaunchDescription:
             "empty.",
         ),
         DeclareLaunchArgument(
-            "rectify", default_value="false", choices=["true", "false"],
+            "rectify", default_value="false", choices=SWITCH,
             description="Take image_raw instead of image_rect, and rectify it.",
         ),
         DeclareLaunchArgument(
-            "use_sim_time", default_value="false", choices=["true", "false"],
+            "image_transport", default_value="raw", choices=["raw", "compressed"],
+            description="Take Image messages, or CompressedImage on the topics + /compressed.",
+        ),
+        DeclareLaunchArgument(
+            "depth_sensor", default_value="depth_sensor",
+            description="Topic of the depth sensor; see plausibility.sensor_type.",
+        ),
+        DeclareLaunchArgument(
+            "use_sim_time", default_value="false", choices=SWITCH,
             description="Take the time from /clock, as with ros2 bag play --clock.",
+        ),
+        DeclareLaunchArgument(
+            "lifecycle", default_value="false", choices=SWITCH,
+            description="Start a managed node, which somebody configures and activates.",
+        ),
+        DeclareLaunchArgument(
+            "autostart", default_value="true", choices=SWITCH,
+            description="Configure and activate the managed node at once.",
         ),
         DeclareLaunchArgument("log_level", default_value="info", description="Log level."),
         OpaqueFunction(function=make_node),
@@ -50,24 +77,48 @@ def make_node(context: LaunchContext) -> list[Any]:
         return LaunchConfiguration(name).perform(context)
 
     # What the file says holds unless an argument asks for more.
-    switches = {name: True for name in ("rectify", "use_sim_time") if value(name) == "true"}
-    camera = value("camera_namespace").rstrip("/")
-    prefix = f"{camera}/" if value("camera_namespace") else ""
+    overrides: dict[str, Any] = {
+        name: True for name in ("rectify", "use_sim_time") if value(name) == "true"
+    }
+    if value("image_transport") != "raw":
+        overrides["image_transport"] = value("image_transport")
+    prefix = f"{value('camera_namespace').rstrip('/')}/" if value("camera_namespace") else ""
     image = "image_raw" if value("rectify") == "true" else "image_rect"
-    return [
-        Node(
-            package=PACKAGE,
-            executable="uw_visibility_node",
-            name=PACKAGE,
-            namespace=value("namespace"),
-            parameters=[value("params_file"), *([switches] if switches else [])],
-            remappings=[
+    managed = value("lifecycle") == "true"
+    node = (LifecycleNode if managed else Node)(
+        package=PACKAGE,
+        executable="uw_visibility_lifecycle_node" if managed else "uw_visibility_node",
+        name=PACKAGE,
+        namespace=value("namespace"),
+        parameters=[value("params_file"), *([overrides] if overrides else [])],
+        remappings=[
+            *(
                 (f"{side}/{name}", f"{prefix}{side}/{source}")
                 for side in ("left", "right")
                 for name, source in (("image_rect", image), ("camera_info", "camera_info"))
-            ],
-            ros_arguments=["--log-level", value("log_level")],
-            output="screen",
-            emulate_tty=True,
-        )
+            ),
+            ("depth_sensor", value("depth_sensor")),
+        ],
+        ros_arguments=["--log-level", value("log_level")],
+        output="screen",
+        emulate_tty=True,
+    )
+    return [*autostart(node), node] if managed and value("autostart") == "true" else [node]
+
+
+def autostart(node: LifecycleNode) -> list[Any]:
+    """Configure a managed node when it has started, and activate it when it is configured."""
+    def change(transition: int) -> EmitEvent:
+        return EmitEvent(event=ChangeState(
+            lifecycle_node_matcher=matches_action(node), transition_id=transition,
+        ))
+
+    return [
+        RegisterEventHandler(OnProcessStart(
+            target_action=node, on_start=[change(Transition.TRANSITION_CONFIGURE)],
+        )),
+        RegisterEventHandler(OnStateTransition(
+            target_lifecycle_node=node, start_state="configuring", goal_state="inactive",
+            entities=[change(Transition.TRANSITION_ACTIVATE)],
+        )),
     ]

@@ -17,7 +17,11 @@ def test_launch_file_compiles() -> None:
     assert "generate_launch_description" in code.co_names
 
 
-def test_launch_file_describes_the_node() -> None:
+@pytest.mark.parametrize(("lifecycle", "actions"), [
+    ("false", ["Node"]),
+    ("true", ["RegisterEventHandler", "RegisterEventHandler", "LifecycleNode"]),
+])
+def test_launch_file_describes_the_node(lifecycle: str, actions: list[str]) -> None:
     for name in ("launch", "launch_ros", "ament_index_python"):
         pytest.importorskip(name, reason=f"{name} is not among the ROS packages on PyPI")
     index = pytest.importorskip("ament_index_python.packages")
@@ -31,7 +35,8 @@ def test_launch_file_describes_the_node() -> None:
     context = launch.LaunchContext()
     for argument in description.get_launch_arguments():
         argument.visit(context)
+    context.launch_configurations["lifecycle"] = lifecycle
     nodes = [
         action for entity in description.entities[-1:] for action in entity.execute(context) or []
     ]
-    assert [type(node).__name__ for node in nodes] == ["Node"]
+    assert [type(node).__name__ for node in nodes] == actions

@@ -33,6 +33,7 @@ ROSDEP_KEYS = {
     "jinja2": "python3-jinja2",
     "launch": "launch",
     "launch_ros": "launch_ros",
+    "lifecycle_msgs": "lifecycle_msgs",
     "llvmlite": "python3-numba",  # numba is built on it
     "matplotlib": "python3-matplotlib",
     "nav_msgs": "nav_msgs",
@@ -227,7 +228,9 @@ def test_the_wheel_holds_modules_tables_and_what_ament_looks_for(wheel: zipfile.
     shared = {name.partition(".data/data/share/")[2] for name in names}
     assert "ament_index/resource_index/packages/uw_visibility" in shared
     assert "uw_visibility/package.xml" in shared
-    for folder, pattern in (("config", "*.yaml"), ("launch", "*.launch.py")):
+    for folder, pattern in (
+        ("config", "*.yaml"), ("launch", "*.launch.py"), ("foxglove", "*.json")
+    ):
         for file in (ROOT / folder).glob(pattern):
             assert f"uw_visibility/{folder}/{file.name}" in shared
     assert not any(name.startswith(("test", "benchmarks")) for name in names)
@@ -238,7 +241,9 @@ def test_the_wheel_declares_both_executables(wheel: zipfile.ZipFile) -> None:
     entry_points = configparser.ConfigParser()
     entry_points.read_string(wheel.read(name).decode())
     scripts = dict(entry_points["console_scripts"])
-    assert set(scripts) == {"uw_visibility", "uw_visibility_node"}
+    assert set(scripts) == {
+        "uw_visibility", "uw_visibility_node", "uw_visibility_lifecycle_node"
+    }
     for target in scripts.values():
         module, _, function = target.partition(":")
         source = (ROOT / (module.replace(".", "/") + ".py")).read_text(encoding="utf-8")

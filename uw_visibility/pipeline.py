@@ -187,7 +187,9 @@ class Pipeline:
             support2 = stages.matcher.support_points()
             improved = stages.matcher.dense_disparity(support2)
         with clock("interpolation"):
-            filled = stages.fill(improved)
+            # What is filled serves colour only.
+            nothing = np.full_like(improved.disparity, np.nan)
+            filled = stages.fill(improved) if enhance else nothing
         with clock("visibility estimation 2"):
             water = self._estimate(left, improved.disparity, valid, support, step1)
         with clock("image enhancement 2"):

@@ -37,8 +37,8 @@ class FrameResult:
         ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
     disparity_filled : ndarray
         ``(H, W)`` float32, px; gaps filled, for colour only. Finite where
-        anything matched at all, else NaN everywhere, as where the left image
-        was not wanted enhanced.
+        anything matched at all, else NaN everywhere, as where no image was
+        wanted enhanced.
     range : ndarray
         ``(H, W)`` float32, m, of `disparity_filled`, along the line of sight;
         infinite where the filled disparity lies at or beyond infinity.
