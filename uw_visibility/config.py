@@ -183,6 +183,12 @@ class AssessmentConfig:
         0.05, "Smallest contrast that an observer distinguishes (eq. 11).",
         minimum=1e-3, maximum=0.5,
     )
+    water_type: str = parameter(
+        "clear",
+        "Water above the camera, whose attenuation tells how daylight's colour follows depth: "
+        "clear sea water, a Jerlov type, or as estimated from each frame.",
+        choices=("clear", "IB", "II", "III", "1C", "3C", "5C", "estimated"),
+    )
     max_depth: float = parameter(
         60.0, "Largest depth considered.", unit="m", minimum=1.0, maximum=200.0,
     )

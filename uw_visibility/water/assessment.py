@@ -12,15 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.config import AssessmentConfig
 from uw_visibility.status import Status
+from uw_visibility.water.depth import DepthModel
 from uw_visibility.water.estimation import WaterEstimate
-from uw_visibility.water.optics import (
-    CameraResponse,
-    clear_water_attenuation,
-    theoretical_chromaticity,
-)
+from uw_visibility.water.optics import CameraResponse, clear_water_attenuation
 
-GRID_STEP = 0.1
-REFINEMENTS = 8
 # A distance or depth whose standard deviation is beyond this fraction of it, or
 # of the largest depth, says nothing.
 MAX_RELATIVE_STDDEV = 1.0
@@ -78,10 +73,8 @@ class Assessor:
         white_reference: ArrayLike = (1.0, 1.0, 1.0),
     ) -> None:
         self._config = config
-        self._white = np.array(white_reference, dtype=np.float64)
         self.clear_water_attenuation = clear_water_attenuation(response)
-        self._depths = np.arange(0.0, config.max_depth + GRID_STEP / 2, GRID_STEP)
-        self._chromaticities = self._chromaticity(self._depths)
+        self._depth = DepthModel(config.water_type, response, white_reference, config.max_depth)
 
     def assess(self, estimate: WaterEstimate) -> Visibility:
         """Assess visibility and depth, with standard deviations by propagation.
@@ -109,7 +102,8 @@ class Assessor:
                     status, Status.RANGE_SPREAD_TOO_SMALL), math.nan, math.nan
         depth_status, depth, depth_stddev = estimate.status, math.nan, math.nan
         if estimate.status is Status.OK:
-            depth, depth_stddev = self._depth(estimate.ambient_light, covariance[1::2, 1::2])
+            depth, depth_stddev = self._depth.depth(
+                estimate.attenuation, estimate.ambient_light, covariance)
             if not depth_stddev <= MAX_RELATIVE_STDDEV * self._config.max_depth:
                 depth_status, depth, depth_stddev = (
                     Status.AMBIENT_LIGHT_UNBOUNDED, math.nan, math.nan)
@@ -134,47 +128,6 @@ class Assessor:
         attenuation = float(estimate.attenuation[best])
         distance = math.log((1 - contrast) / (2 * contrast) + 1) / attenuation
         return distance, distance * math.sqrt(covariance[2 * best, 2 * best]) / attenuation
-
-    def _depth(
-        self, ambient_light: NDArray[np.float64], covariance: NDArray[np.float64]
-    ) -> tuple[float, float]:
-        """Depth at which clear water's chromaticity is nearest the estimated one (eq. 13-14)."""
-        total = ambient_light.sum()
-        chromaticity = ambient_light / total
-        depth = self._nearest_depth(chromaticity)
-        slope, curvature = self._derivatives(depth)
-        deviation = self._chromaticity(depth) - chromaticity
-        # Where the sum of squares is least, slope·deviation = 0; how depth
-        # follows chromaticity is the derivative of that equation.
-        stiffness = float(slope @ slope + deviation @ curvature)
-        if stiffness <= 0:
-            return depth, math.inf
-        by_light = (np.eye(3) - chromaticity[:, np.newaxis]) / total
-        by_depth = slope @ by_light / stiffness
-        return depth, math.sqrt(max(float(by_depth @ covariance @ by_depth), 0.0))
-
-    def _nearest_depth(self, chromaticity: NDArray[np.float64]) -> float:
-        distances = ((self._chromaticities - chromaticity) ** 2).sum(axis=1)
-        depth = float(self._depths[int(distances.argmin())])
-        for _ in range(REFINEMENTS):
-            slope, _ = self._derivatives(depth)
-            deviation = self._chromaticity(depth) - chromaticity
-            step = float(slope @ deviation / max(float(slope @ slope), 1e-30))
-            step = min(max(step, -GRID_STEP), GRID_STEP)
-            depth = min(max(depth - step, 0.0), self._config.max_depth)
-        return depth
-
-    def _derivatives(self, depth: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """First and second derivative of the theoretical chromaticity by depth."""
-        rate = self.clear_water_attenuation
-        gamma = self._chromaticity(depth)
-        mean = float(gamma @ rate)
-        slope = gamma * (mean - rate)
-        curvature = slope * (mean - rate) + gamma * float(slope @ rate)
-        return slope, curvature
-
-    def _chromaticity(self, depth: ArrayLike) -> NDArray[np.float64]:
-        return theoretical_chromaticity(depth, self.clear_water_attenuation, self._white)
 
 
 def joint_covariance(estimate: WaterEstimate) -> NDArray[np.float64]:

@@ -19,13 +19,17 @@ __all__ = [
     "CameraResponse", "clear_water_attenuation", "clear_water_spectrum", "compose_attenuation",
     "daylight_white", "encode_table", "from_linear", "linear_table", "load_response",
     "response_names", "theoretical_chromaticity", "to_linear", "water_type_attenuation",
-    "water_types",
+    "water_type_diffuse_attenuation", "water_types",
 ]
 
 # Eq. 10 integrates over these wavelengths, which are those of Smith and Baker's table.
 WAVELENGTH_MIN = 200.0
 WAVELENGTH_MAX = 800.0
 WAVELENGTH_STEP = 1.0
+
+# Part of what natural particles scatter that goes backwards: mean of Petzold's
+# measurements (1972), in C. D. Mobley, Light and Water, 1994, table 3.10.
+BACKSCATTERED = 0.0183
 
 
 @dataclass(frozen=True)
@@ -213,19 +217,34 @@ def water_type_attenuation(
     B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types,
     Applied Optics 61(33), 2022, doi 10.1364/AO.470464.
     """
-    head, rows = tables.read_shipped("jerlov_water_types.csv")
-    if water_type not in water_types():
-        raise InputError(
-            f"no water type {water_type!r}: give one of {', '.join(water_types())}"
-        )
-    mine = [row for row in rows if row[0] == water_type]
-    values = tables.numbers(
-        (head, mine), ("wavelength_nm", "a_per_m", "b_per_m"), "jerlov_water_types.csv"
-    )
-    attenuation = values[:, 1] + values[:, 2]
-    weight = _on_grid(response)
-    on_grid = np.interp(_grid(), values[:, 0], attenuation)
-    return np.asarray(on_grid @ weight / weight.sum(axis=0), dtype=np.float64)
+    return _water_type(water_type, response, 1.0)
+
+
+def water_type_diffuse_attenuation(
+    water_type: str, response: CameraResponse
+) -> NDArray[np.float64]:
+    """Diffuse attenuation K = a + b_b of a Jerlov water type as a camera sees it.
+
+    How daylight fades with depth: light scattered forwards is not lost to it, so
+    that only the part scattered back counts, as in clear water's K_w.
+
+    Parameters
+    ----------
+    water_type : str
+        One of `water_types`.
+    response : CameraResponse
+
+    Returns
+    -------
+    (3,) float64 ndarray
+        K for R, G, B, 1/m; see `water_type_attenuation` for its source.
+
+    Raises
+    ------
+    InputError
+        If the type is not known.
+    """
+    return _water_type(water_type, response, BACKSCATTERED)
 
 
 def daylight_white(response: CameraResponse, illuminant: str = "d55") -> NDArray[np.float64]:
@@ -294,3 +313,22 @@ def _on_grid(response: CameraResponse) -> NDArray[np.float64]:
         for c in range(3)
     )
     return np.stack(list(channels), axis=1)
+
+
+def _water_type(
+    water_type: str, response: CameraResponse, scattering: float
+) -> NDArray[np.float64]:
+    """Absorption, and a part of scattering, of a Jerlov type as a camera sees it, 1/m."""
+    head, rows = tables.read_shipped("jerlov_water_types.csv")
+    if water_type not in water_types():
+        raise InputError(
+            f"no water type {water_type!r}: give one of {', '.join(water_types())}"
+        )
+    mine = [row for row in rows if row[0] == water_type]
+    values = tables.numbers(
+        (head, mine), ("wavelength_nm", "a_per_m", "b_per_m"), "jerlov_water_types.csv"
+    )
+    attenuation = values[:, 1] + scattering * values[:, 2]
+    weight = _on_grid(response)
+    on_grid = np.interp(_grid(), values[:, 0], attenuation)
+    return np.asarray(on_grid @ weight / weight.sum(axis=0), dtype=np.float64)

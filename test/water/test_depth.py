@@ -1,0 +1,112 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Depth from colour, in water of any kind, against closed forms and samples."""
+
+import math
+
+import numpy as np
+import pytest
+
+from uw_visibility.config import AssessmentConfig
+from uw_visibility.errors import InputError
+from uw_visibility.parameters import describe
+from uw_visibility.status import Status
+from uw_visibility.water.assessment import Assessor
+from uw_visibility.water.depth import CLEAR, ESTIMATED, DepthModel, diffuse_attenuation
+from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.optics import (
+    clear_water_attenuation,
+    load_response,
+    water_type_attenuation,
+    water_type_diffuse_attenuation,
+    water_types,
+)
+
+RESPONSE = load_response("nikon_d5100")
+KAPPA = clear_water_attenuation(RESPONSE)
+WHITE = np.array([1.4, 1.0, 1.2])
+NONE = np.zeros((6, 6))
+# Green coastal water: blue goes as fast as red, which no clear water shows.
+COASTAL = np.array([0.55, 0.3, 0.42])
+
+
+def test_the_parameter_knows_every_type_that_is_shipped():
+    choices = {i.name: i.choices for i in describe(AssessmentConfig)}["water_type"]
+    assert set(choices) == {CLEAR, ESTIMATED, *water_types()}
+
+
+@pytest.mark.parametrize("depth", [0.5, 3.0, 15.0])
+@pytest.mark.parametrize("water_type", [CLEAR, *water_types()])
+def test_light_of_a_type_tells_its_depth(water_type, depth):
+    rate = diffuse_attenuation(water_type, RESPONSE)
+    light = 0.3 * WHITE * np.exp(-rate * depth)
+    found, stddev = DepthModel(water_type, RESPONSE, WHITE).depth(COASTAL, light, NONE)
+    assert found == pytest.approx(depth, abs=1e-6)
+    assert stddev == 0
+
+
+@pytest.mark.parametrize("depth", [0.5, 3.0, 15.0])
+def test_the_estimated_attenuation_tells_the_depth_where_clear_water_does_not(depth):
+    light = 0.3 * WHITE * np.exp(-COASTAL * depth)
+    found, _ = DepthModel(ESTIMATED, RESPONSE, WHITE).depth(COASTAL, light, NONE)
+    assert found == pytest.approx(depth, abs=1e-6)
+    clear, _ = DepthModel(CLEAR, RESPONSE, WHITE).depth(COASTAL, light, NONE)
+    assert abs(clear - depth) > 0.1 * depth
+
+
+@pytest.mark.parametrize("water_type", [CLEAR, "3C", ESTIMATED])
+@pytest.mark.parametrize("depth", [1.0, 5.0])
+@pytest.mark.parametrize("off", [0.0, 0.02], ids=["on the curve", "off the curve"])
+def test_standard_deviation_is_that_of_samples(water_type, depth, off):
+    rng = np.random.default_rng(3)
+    rate = COASTAL if water_type == ESTIMATED else diffuse_attenuation(water_type, RESPONSE)
+    light = 0.5 * np.exp(-rate * depth) * (1 + off * np.array([1, -1, 1]))
+    centre = np.empty(6)
+    centre[0::2], centre[1::2] = COASTAL, light
+    root = 2e-3 * np.diag(centre) @ (np.eye(6) + 0.4 * rng.standard_normal((6, 6)))
+    covariance = root @ root.T
+    model = DepthModel(water_type, RESPONSE)
+    _, stddev = model.depth(COASTAL, light, covariance)
+    samples = rng.multivariate_normal(centre, covariance, 1500)
+    spread = np.std([model.depth(s[0::2], s[1::2], covariance)[0] for s in samples])
+    assert stddev == pytest.approx(spread, rel=0.08)
+
+
+def test_attenuation_counts_only_where_it_is_estimated():
+    light = np.exp(-COASTAL * 4)
+    only_attenuation = np.diag([0.01, 0, 0.01, 0, 0.01, 0])
+    assert DepthModel(CLEAR, RESPONSE).depth(COASTAL, light, only_attenuation)[1] == 0
+    assert DepthModel(ESTIMATED, RESPONSE).depth(COASTAL, light, only_attenuation)[1] > 0.5
+
+
+def assess(attenuation, light, deviation):
+    covariance = np.tile(np.diag([deviation**2, (0.01 * light.mean()) ** 2]), (3, 1, 1))
+    estimate = WaterEstimate(
+        Status.OK, attenuation, light, covariance, 9, 40, (Status.OK,) * 3)
+    return Assessor(AssessmentConfig(water_type=ESTIMATED), RESPONSE).assess(estimate)
+
+
+def test_water_that_takes_all_colours_alike_tells_no_depth():
+    grey = np.array([0.4, 0.4001, 0.4])
+    seen = assess(grey, np.exp(-grey * 5), 0.01)
+    assert seen.depth_status is not Status.OK
+    assert math.isnan(seen.depth)
+    assert math.isfinite(seen.mean_attenuation)
+    assert assess(COASTAL, np.exp(-COASTAL * 5), 0.01).depth == pytest.approx(5)
+
+
+def test_less_light_is_lost_than_a_beam_loses():
+    """Forward scattering takes from a beam, not from daylight."""
+    for name in water_types():
+        diffuse = water_type_diffuse_attenuation(name, RESPONSE)
+        assert (diffuse < water_type_attenuation(name, RESPONSE)).all()
+    # Coastal water takes blue more than green, the ocean the other way round.
+    assert water_type_diffuse_attenuation("5C", RESPONSE)[2] > 1.1 * (
+        water_type_diffuse_attenuation("5C", RESPONSE)[1])
+    assert water_type_diffuse_attenuation("IB", RESPONSE)[2] < (
+        water_type_diffuse_attenuation("IB", RESPONSE)[1])
+
+
+def test_an_unknown_type_is_refused():
+    with pytest.raises(InputError, match="water type"):
+        DepthModel("9Z", RESPONSE)

@@ -1,0 +1,197 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""White reference and water type from a series of estimates beside a depth sensor.
+
+The ratio of two channels' ambient light is that of white at the surface times
+exp(−(K₁ − K₂) z): in logarithms a line over depth, whose slope belongs to the
+water and whose offset to the camera's white.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.status import Status
+from uw_visibility.water.assessment import joint_covariance
+from uw_visibility.water.depth import CLEAR, ESTIMATED, DepthModel, diffuse_attenuation
+from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.optics import CameraResponse, water_types
+
+FEWEST_FRAMES = 10
+# Residuals beyond so many of their scatter lose weight (Huber).
+_TUNING = 1.345
+_ITERATIONS = 30
+# A median absolute deviation of 1 is a normal law's standard deviation of this.
+_NORMAL = 1.4826
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A water type with the white reference that fits it best.
+
+    Attributes
+    ----------
+    water_type : str
+        As in `assessment.water_type`.
+    white_reference, white_reference_stddev : (3,) float64 ndarray
+        R, G, B of white at the surface, and their standard deviations; G is 1.
+    depth_rms : float
+        Root mean square of estimated less sensed depth over the frames, m;
+        far-off frames count as far as a normal law would have them.
+    """
+
+    water_type: str
+    white_reference: NDArray[np.float64]
+    white_reference_stddev: NDArray[np.float64]
+    depth_rms: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Result of `calibrate`.
+
+    Attributes
+    ----------
+    best : Candidate
+        The one to use: clear water unless another is certainly better.
+    candidates : tuple of Candidate
+        All, by rising `depth_rms`.
+    residuals : (N,) float64 ndarray
+        Estimated less sensed depth of each frame used, with `best`, m.
+    depth_range : tuple of float
+        Least and largest depth sensed, m. The less they differ, the less the
+        water type can be told.
+    """
+
+    best: Candidate
+    candidates: tuple[Candidate, ...]
+    residuals: NDArray[np.float64]
+    depth_range: tuple[float, float]
+
+    def parameters(self) -> dict[str, str | tuple[float, ...]]:
+        """Return the parameters found, by their dotted names."""
+        white = tuple(round(float(value), 4) for value in self.best.white_reference)
+        return {
+            "camera.white_reference": white, "assessment.water_type": self.best.water_type,
+        }
+
+    def yaml(self) -> str:
+        """Return the parameters as a ROS 2 parameter file."""
+        white = ", ".join(f"{value:.4f}" for value in self.best.white_reference)
+        return (
+            "/**:\n  ros__parameters:\n"
+            f"    camera:\n      white_reference: [{white}]\n"
+            f"    assessment:\n      water_type: {self.best.water_type}\n"
+        )
+
+
+def calibrate(
+    estimates: Sequence[WaterEstimate], depths: ArrayLike, response: CameraResponse
+) -> Calibration:
+    """Fit the white reference, and choose the water type that fits the depths best.
+
+    Parameters
+    ----------
+    estimates : sequence of WaterEstimate
+        One a frame, in the order of time; those that are not assessable are
+        left out.
+    depths : (N,) array_like
+        Depth of the camera at each frame by a sensor, m, positive down; NaN
+        where there is none.
+    response : CameraResponse
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    InputError
+        If the lengths differ, or fewer than ten frames can be used.
+    """
+    sensed = np.asarray(depths, dtype=np.float64)
+    if sensed.shape != (len(estimates),):
+        raise InputError(
+            f"there are {len(estimates)} estimates and {sensed.size} depths: "
+            "give one depth for each estimate"
+        )
+    used = [
+        k for k, estimate in enumerate(estimates)
+        if estimate.status is Status.OK and math.isfinite(sensed[k])
+    ]
+    if len(used) < FEWEST_FRAMES:
+        raise InputError(
+            f"{len(used)} of {len(estimates)} frames have both an estimate and a depth: "
+            f"a calibration needs {FEWEST_FRAMES} at least"
+        )
+    chosen, sensed = [estimates[k] for k in used], sensed[used]
+    fits = [_fit(name, chosen, sensed, response) for name in (CLEAR, *water_types(), ESTIMATED)]
+    ordered = sorted(fits, key=lambda fit: fit[0].depth_rms)
+    # The deviation of a root mean square over n independent values is its 1/sqrt(2n).
+    count = _independent(ordered[0][1])
+    tolerable = ordered[0][0].depth_rms * (1.0 + 2.0 / math.sqrt(2.0 * count))
+    best = fits[0] if fits[0][0].depth_rms <= tolerable else ordered[0]
+    return Calibration(
+        best=best[0],
+        candidates=tuple(candidate for candidate, _ in ordered),
+        residuals=best[1],
+        depth_range=(float(sensed.min()), float(sensed.max())),
+    )
+
+
+def _fit(
+    water_type: str,
+    estimates: list[WaterEstimate],
+    sensed: NDArray[np.float64],
+    response: CameraResponse,
+) -> tuple[Candidate, NDArray[np.float64]]:
+    """Fit the white reference for a water type; return the residuals of depth with it."""
+    light = np.log([estimate.ambient_light for estimate in estimates])
+    if water_type == ESTIMATED:
+        rate = np.array([estimate.attenuation for estimate in estimates])
+    else:
+        rate = np.tile(diffuse_attenuation(water_type, response), (len(estimates), 1))
+    # What is left of each frame once the water above is taken off: white, if all is right.
+    white = light + rate * sensed[:, np.newaxis]
+    white = (white - white[:, 1:2])[:, [0, 2]]
+    found = [_robust_mean(white[:, k]) for k in range(2)]
+    reference = np.exp([found[0][0], 0.0, found[1][0]])
+    spread = np.array([found[0][1], 0.0, found[1][1]])
+    model = DepthModel(water_type, response, reference)
+    depths = np.array([
+        model.depth(e.attenuation, e.ambient_light, joint_covariance(e))[0] for e in estimates
+    ])
+    residuals = depths - sensed
+    candidate = Candidate(water_type, reference, reference * spread, _robust_rms(residuals))
+    return candidate, residuals
+
+
+def _robust_mean(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Huber's mean of a series, and its standard deviation."""
+    mean = float(np.median(values))
+    scale = max(_NORMAL * float(np.median(np.abs(values - mean))), 1e-9)
+    for _ in range(_ITERATIONS):
+        weight = 1.0 / np.maximum(np.abs(values - mean) / (_TUNING * scale), 1.0)
+        mean = float((weight * values).sum() / weight.sum())
+    return mean, scale / math.sqrt(_independent(values - mean))
+
+
+def _robust_rms(residuals: NDArray[np.float64]) -> float:
+    scale = max(_NORMAL * float(np.median(np.abs(residuals))), 1e-9)
+    return float(np.sqrt(np.mean(np.clip(residuals, -3.0 * scale, 3.0 * scale) ** 2)))
+
+
+def _independent(residuals: NDArray[np.float64]) -> float:
+    """How many independent values a series in time is worth (first-order autoregression)."""
+    centred = residuals - residuals.mean()
+    variance = float(centred @ centred)
+    if variance == 0:
+        return float(len(centred))
+    correlation = min(max(float(centred[1:] @ centred[:-1]) / variance, 0.0), 0.98)
+    return max(len(centred) * (1.0 - correlation) / (1.0 + correlation), 1.0)

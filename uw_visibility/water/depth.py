@@ -1,0 +1,155 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Depth from the chromaticity of the ambient light (eq. 13-14), in any water."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uw_visibility.water.optics import (
+    CameraResponse,
+    clear_water_attenuation,
+    theoretical_chromaticity,
+    water_type_diffuse_attenuation,
+)
+
+GRID_STEP = 0.1
+REFINEMENTS = 8
+
+CLEAR = "clear"
+ESTIMATED = "estimated"
+
+
+class DepthModel:
+    """How the chromaticity of ambient light follows depth, γ(z) ∝ white · exp(−K z).
+
+    Parameters
+    ----------
+    water_type : str
+        What K is: ``"clear"`` takes that of clear sea water (eq. 13), the name of
+        a Jerlov type that type's, and ``"estimated"`` the estimated attenuation β
+        itself (eq. 2).
+    response : CameraResponse
+    white_reference : (3,) array_like
+        The camera's R, G, B of white at the surface; the scale is free.
+    max_depth : float
+        Largest depth considered, m.
+
+    Raises
+    ------
+    InputError
+        If the type is not known.
+    """
+
+    def __init__(
+        self,
+        water_type: str,
+        response: CameraResponse,
+        white_reference: ArrayLike = (1.0, 1.0, 1.0),
+        max_depth: float = 60.0,
+    ) -> None:
+        self._white = np.array(white_reference, dtype=np.float64)
+        self._max_depth = max_depth
+        self._grid = np.arange(0.0, max_depth + GRID_STEP / 2, GRID_STEP)
+        self._rate: NDArray[np.float64] | None = None
+        if water_type != ESTIMATED:
+            self._rate = diffuse_attenuation(water_type, response)
+            self._table = theoretical_chromaticity(self._grid, self._rate, self._white)
+
+    def depth(
+        self,
+        attenuation: NDArray[np.float64],
+        ambient_light: NDArray[np.float64],
+        covariance: NDArray[np.float64],
+    ) -> tuple[float, float]:
+        """Find the depth whose chromaticity is nearest that of the ambient light.
+
+        Parameters
+        ----------
+        attenuation, ambient_light : (3,) float64 ndarray
+            β, 1/m, and I∞, all finite.
+        covariance : (6, 6) float64 ndarray
+            Of β_R, I∞_R, β_G, I∞_G, β_B, I∞_B.
+
+        Returns
+        -------
+        depth : float
+            m, from 0 to the largest depth considered.
+        stddev : float
+            By propagation of I∞ and, where it is K, of β; infinite where the
+            chromaticity does not tell the depth.
+        """
+        total = ambient_light.sum()
+        chromaticity = ambient_light / total
+        estimated = self._rate is None
+        rate = attenuation if self._rate is None else self._rate
+        table = None if estimated else self._table
+        depth = self._nearest(chromaticity, rate, table)
+        gamma, slope, curvature = self._derivatives(depth, rate)
+        deviation = gamma - chromaticity
+        # Where the sum of squares is least, slope·deviation = 0; how depth
+        # follows chromaticity, and K, is the derivative of that equation.
+        stiffness = float(slope @ slope + deviation @ curvature)
+        if stiffness <= 0:
+            return depth, math.inf
+        by = np.zeros(6)
+        by[1::2] = slope @ (np.eye(3) - chromaticity[:, np.newaxis]) / total / stiffness
+        if estimated:
+            by_rate, slope_by_rate = _by_rate(depth, rate, gamma)
+            by[0::2] = -(slope @ by_rate + deviation @ slope_by_rate) / stiffness
+        return depth, math.sqrt(max(float(by @ covariance @ by), 0.0))
+
+    def _nearest(
+        self,
+        chromaticity: NDArray[np.float64],
+        rate: NDArray[np.float64],
+        table: NDArray[np.float64] | None,
+    ) -> float:
+        if table is None:
+            table = theoretical_chromaticity(self._grid, rate, self._white)
+        distances = ((table - chromaticity) ** 2).sum(axis=1)
+        depth = float(self._grid[int(distances.argmin())])
+        for _ in range(REFINEMENTS):
+            gamma, slope, _ = self._derivatives(depth, rate)
+            step = float(slope @ (gamma - chromaticity) / max(float(slope @ slope), 1e-30))
+            step = min(max(step, -GRID_STEP), GRID_STEP)
+            depth = min(max(depth - step, 0.0), self._max_depth)
+        return depth
+
+    def _derivatives(
+        self, depth: float, rate: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Theoretical chromaticity, and its first and second derivative by depth."""
+        gamma = theoretical_chromaticity(depth, rate, self._white)
+        mean = float(gamma @ rate)
+        slope = gamma * (mean - rate)
+        curvature = slope * (mean - rate) + gamma * float(slope @ rate)
+        return gamma, slope, curvature
+
+
+def diffuse_attenuation(water_type: str, response: CameraResponse) -> NDArray[np.float64]:
+    """Diffuse attenuation K of clear water or of a Jerlov type, (3,) 1/m.
+
+    Raises
+    ------
+    InputError
+        If the type is not known.
+    """
+    if water_type == CLEAR:
+        return clear_water_attenuation(response)
+    return water_type_diffuse_attenuation(water_type, response)
+
+
+def _by_rate(
+    depth: float, rate: NDArray[np.float64], gamma: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Derivatives by K (columns) of the chromaticity and of its slope over depth."""
+    by_rate = -depth * (np.diag(gamma) - np.outer(gamma, gamma))
+    mean = gamma @ rate
+    mean_by_rate = gamma + rate @ by_rate
+    slope_by_rate = (mean - rate)[:, np.newaxis] * by_rate
+    slope_by_rate += gamma[:, np.newaxis] * (mean_by_rate - np.eye(3))
+    return by_rate, slope_by_rate
