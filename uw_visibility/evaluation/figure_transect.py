@@ -44,7 +44,9 @@ def draw_transect(path: Path, rows: Sequence[TransectRow]) -> None:
                 time, value - factor * sigma, value + factor * sigma, color=OURS, alpha=opacity,
                 linewidth=0.0, label=f"± {factor} σ",
             )
-        axes.plot(time, value, "o-", color=OURS, markersize=3.5, linewidth=1.2, label="each frame alone")
+        axes.plot(
+            time, value, "o-", color=OURS, markersize=3.5, linewidth=1.2, label="each frame alone"
+        )
         axes.plot(
             time, [getattr(row.tracked, name) for row in rows], "-", color=FILTERED,
             linewidth=1.6, label="filtered over frames",
