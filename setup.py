@@ -43,7 +43,9 @@ setup(
         # On a robot these come from apt with ROS 2 Jazzy itself.
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
         # Commands that read and write recordings, draw and show progress.
-        "report": ["jinja2>=3.1", "matplotlib>=3.6", "rosbags>=0.10", "tqdm>=4.66"],
+        "report": ["jinja2>=3.1", "matplotlib>=3.6", "rosbags>=0.11.9", "tqdm>=4.66"],
+        # replay --scheduler, on a Dask cluster that is there already.
+        "distributed": ["distributed>=2024.1"],
         "test": [
             "hypothesis",
             "import-linter",

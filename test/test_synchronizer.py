@@ -82,6 +82,18 @@ def test_camera_at_twice_the_rate_loses_every_other_image() -> None:
     assert sync.dropped == {"left image unmatched": 19}
 
 
+def test_the_end_releases_the_last_pair_and_counts_what_has_no_partner() -> None:
+    sync = synchronizer()
+    sync.add_info("left", image(1.0))
+    assert feed(sync, ("left", 1.0), ("right", 1.0)) == [(1.0, 1.0)]
+    # CameraInfo comes with every image, so this pair waits for the one that is lost.
+    assert feed(sync, ("left", 2.0), ("right", 2.0), ("left", 3.0), ("left", 4.0)) == []
+    assert [frame.left.seconds for frame in sync.finish()] == [2.0]
+    assert sync.dropped == {"left image unmatched": 2}
+    assert sync.waiting == 0
+    assert sync.finish() == []
+
+
 def test_tolerance_can_change_between_images() -> None:
     sync = synchronizer()
     assert feed(sync, ("left", 1.0), ("right", 1.01)) == []

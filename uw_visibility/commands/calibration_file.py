@@ -10,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import yaml
 
 from uw_visibility.errors import InputError
@@ -46,6 +47,59 @@ def read_rig(paths: Sequence[str | Path]) -> tuple[StereoRig, tuple[int, int] | 
         f"--calibration names {len(paths)} files: give one JSON with P1 and P2, "
         "or the left and the right camera's YAML"
     )
+
+
+def read_camera_infos(paths: Sequence[str | Path]) -> tuple[Any, Any]:
+    """Read the calibration of a pair in the form of two CameraInfo messages.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        As `read_rig` takes them. A JSON file must state ``width`` and ``height``;
+        to rectify, it needs ``K_left``, ``D_left``, ``R1`` and ``K_right``,
+        ``D_right``, ``R2`` besides.
+
+    Returns
+    -------
+    left, right : object
+        With the fields of a CameraInfo.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read or has another form; the file is named.
+    """
+    _, size = read_rig(paths)
+    if len(paths) == 2:
+        return _camera_info(Path(paths[0])), _camera_info(Path(paths[1]))
+    path = Path(paths[0])
+    content = _read(path)
+    if size is None:
+        raise InputError(f"calibration {path} has no width and height: add them, in pixels")
+    infos = []
+    for side, number in (("left", 1), ("right", 2)):
+        projection = np.asarray(content[f"P{number}"], np.float64)
+        infos.append(SimpleNamespace(
+            width=size[0],
+            height=size[1],
+            distortion_model="plumb_bob",
+            k=_flat(path, content, f"K_{side}", projection[:, :3]),
+            d=_flat(path, content, f"D_{side}", np.zeros(5)),
+            r=_flat(path, content, f"R{number}", np.eye(3)),
+            p=projection.ravel().tolist(),
+            binning_x=0,
+            binning_y=0,
+            roi=SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0, do_rectify=False),
+        ))
+    return infos[0], infos[1]
+
+
+def _flat(path: Path, content: dict[str, Any], name: str, absent: Any) -> list[float]:
+    try:
+        values = np.asarray(content.get(name, absent), np.float64).ravel()
+    except (TypeError, ValueError) as error:
+        raise InputError(f"calibration {path} holds no numbers under {name}") from error
+    return [float(value) for value in values]
 
 
 def _from_projection_file(path: Path) -> tuple[StereoRig, tuple[int, int] | None]:
@@ -91,7 +145,7 @@ def _camera_info(path: Path) -> Any:
         p=_numbers(path, content, "projection_matrix", 12),
         binning_x=0,
         binning_y=0,
-        roi=SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0),
+        roi=SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0, do_rectify=False),
     )
 
 

@@ -65,9 +65,20 @@ class BagWriter:
 
     def write(self, topic: str, message: Any, time: int) -> None:
         """Write a message with the time in ns at which it was received."""
-        connection = self._connections[topic]
-        data = self._types.serialize_cdr(message, connection.msgtype)
-        self._writer.write(connection, time, data)
+        data = self._types.serialize_cdr(message, self._connections[topic].msgtype)
+        self.write_serialised(topic, bytes(data), time)
+
+    def write_serialised(self, topic: str, data: bytes, time: int) -> None:
+        """Write a message that is serialised already (CDR)."""
+        self._writer.write(self._connections[topic], time, data)
+
+    def annotate(self, key: str, value: str) -> None:
+        """Add to the custom data in the bag's metadata; until it is closed."""
+        self._writer.set_custom_data(key, value)
+
+    def close(self) -> None:
+        """Complete the bag."""
+        self._writer.close()
 
     def __enter__(self) -> BagWriter:
         return self
@@ -79,7 +90,7 @@ class BagWriter:
         trace: TracebackType | None,
     ) -> None:
         if kind is None:
-            self._writer.close()
+            self.close()
         else:
             self._writer.abort()
             shutil.rmtree(self.path)

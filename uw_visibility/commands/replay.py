@@ -1,0 +1,245 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""`uw_visibility replay`: the node's outputs from recorded bags, without a ROS graph."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from uw_visibility.errors import InputError
+
+if TYPE_CHECKING:
+    from uw_visibility.replay.options import ReplayOptions
+    from uw_visibility.replay.runner import Summary
+
+DESCRIPTION = """\
+Turn recorded bags into what the node would have published, a table and a report.
+
+A BAG is the folder of a ROS 2 bag (mcap or sqlite3, split, compressed), one of its
+files, or a .bag of ROS 1. The stereo pair is found by type and name: left and right
+in the names, camera_info beside the images."""
+
+EPILOG = """\
+written to DIR (with several bags: to DIR/NAME for each):
+  results.mcap     the node's topics; stamps as recorded, logged when the left image was
+  frames.csv       one row a frame: estimates with standard deviations, sensor, statuses
+  timings.csv      duration of each stage, ms
+  report.html      time series, pictures, what was not assessable and why
+  replay.json      counts, parameters, hash of the input
+  images/, video.mp4, frames.geojson   on request
+
+DIR appears when all is written; until then it is DIR.partial, which is what an
+interruption leaves, and what --resume goes on from.
+
+frames.csv and the messages do not depend on --jobs. Each job takes one thread, unless
+the parameter threads says otherwise.
+
+exit code: 0 done, with a warning where a bag is damaged; 2 unusable input or options;
+1 nothing in a bag could be read, or a failure inside; 130 interrupted"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+    """Add the sub-command `replay`."""
+    parser = subparsers.add_parser(
+        "replay",
+        help="the node's outputs from recorded bags",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("bags", metavar="BAG", type=Path, nargs="+", help="recording")
+    add("-o", "--output", metavar="DIR", type=Path, help="folder for the results")
+    add("--list", action="store_true", help="show what is there and what would be used, and end")
+    add("--force", action="store_true", help="replace an existing result")
+    add("--resume", action="store_true", help="go on from a partial result")
+    add("--rectify", action="store_true", help="rectify raw images (parameter rectify)")
+    add("--params-file", metavar="YAML", type=Path, help="parameters, those of the node")
+    add(
+        "--calibration", metavar="FILE", type=Path, action="append", default=[],
+        help="JSON with P1 and P2, or two YAML files of CameraInfo, instead of the recorded ones",
+    )
+    add("--left", metavar="TOPIC", help="left images")
+    add("--right", metavar="TOPIC", help="right images")
+    add("--left-info", metavar="TOPIC", help="CameraInfo of the left camera")
+    add("--right-info", metavar="TOPIC", help="CameraInfo of the right camera")
+    add("--depth-sensor", metavar="TOPIC", help="depth sensor")
+    add("--start", metavar="S", type=float, default=0.0, help="leave out the first S seconds")
+    add("--duration", metavar="S", type=float, default=math.inf, help="replay S seconds")
+    add("--every", metavar="N", type=int, default=1, help="process every Nth frame")
+    add("--jobs", metavar="N", type=int, default=0, help="processes; 0 takes one per processor")
+    add(
+        "--scheduler", metavar="ADDRESS",
+        help="replay bags on a Dask cluster, one bag a task (extra: distributed)",
+    )
+    add(
+        "--images", metavar="N", type=int, default=0,
+        help="write every Nth frame's pictures side by side to images/",
+    )
+    add("--video", action="store_true", help="write video.mp4")
+    add(
+        "--geo", metavar="TOPIC",
+        help="join a NavSatFix or Odometry to the table and write frames.geojson",
+    )
+    add(
+        "--origin", metavar=("LAT", "LON"), type=float, nargs=2,
+        help="where the origin of --geo's Odometry is, in degrees (x east, y north)",
+    )
+    parser.set_defaults(func=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the sub-command.
+
+    Raises
+    ------
+    InputError
+        If an option or a recording cannot be used.
+    SystemExit
+        With code 1 where nothing of a recording could be read.
+    """
+    try:
+        from uw_visibility.replay.reader import UnreadableError
+    except ImportError as error:
+        raise InputError(
+            f"replay needs {error.name}: install the extra report, "
+            "pip install 'uw_visibility[report]'"
+        ) from error
+    try:
+        options = _options(arguments)
+        if arguments.list:
+            for bag in arguments.bags:
+                _list(bag, options)
+            return
+        summaries = _replay(arguments, options)
+    except UnreadableError as error:
+        print(f"uw_visibility: {error}", file=sys.stderr)
+        raise SystemExit(1) from error
+    for summary in summaries:
+        _tell(summary)
+    if any(summary.frames == summary.failed for summary in summaries):
+        raise SystemExit(1)
+
+
+def _options(arguments: argparse.Namespace) -> ReplayOptions:
+    from uw_visibility.commands.calibration_file import read_camera_infos
+    from uw_visibility.config import NodeConfig, PipelineConfig, read_yaml
+    from uw_visibility.replay.options import ReplayOptions
+    from uw_visibility.replay.topics import Wanted
+
+    path = arguments.params_file
+    values: dict[str, Any] = {} if path is None else read_yaml(path)
+    try:
+        pipeline, node = PipelineConfig.from_parameters(values), NodeConfig.from_parameters(values)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    if arguments.rectify:
+        node = replace(node, rectify=True)
+    if arguments.origin is not None and arguments.geo is None:
+        raise InputError("--origin is given without --geo: name the Odometry with --geo")
+    return ReplayOptions(
+        pipeline=pipeline,
+        node=node,
+        wanted=Wanted(
+            arguments.left, arguments.right, arguments.left_info, arguments.right_info,
+            arguments.depth_sensor, arguments.geo,
+        ),
+        sensor_type=values.get("plausibility.sensor_type"),
+        infos=read_camera_infos(arguments.calibration) if arguments.calibration else None,
+        start=arguments.start,
+        duration=arguments.duration,
+        every=arguments.every,
+        images=arguments.images,
+        video=arguments.video,
+        geo=arguments.geo is not None,
+        origin=None if arguments.origin is None else tuple(arguments.origin),
+    )
+
+
+def _replay(arguments: argparse.Namespace, options: ReplayOptions) -> list[Summary]:
+    if arguments.output is None:
+        raise InputError("-o is missing: name the folder for the results, or give --list")
+    if arguments.jobs < 0:
+        raise InputError(f"--jobs is {arguments.jobs}: give 1 or more, or 0")
+    targets = _targets(arguments.bags, arguments.output)
+    flags = {"force": arguments.force, "resume": arguments.resume}
+    options = options.with_threads(1)
+    if arguments.scheduler is not None:
+        from uw_visibility.replay.cluster import replay_on_cluster
+
+        return replay_on_cluster(arguments.scheduler, targets, options, **flags)
+    from uw_visibility.progress import tell
+    from uw_visibility.replay.batch import replay_bags
+
+    tell("preparing; the first run compiles, for about a minute")
+    return replay_bags(targets, options, jobs=arguments.jobs or os.cpu_count() or 1, **flags)
+
+
+def _targets(bags: list[Path], output: Path) -> dict[Path, Path]:
+    """Return the folder of each bag's result."""
+    if len(bags) == 1:
+        return {bags[0]: output}
+    names = [bag.resolve().stem for bag in bags]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"two bags are named {twice[0]}: replay them one by one")
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make folder {output}: {error.strerror}") from error
+    return {bag: output / name for bag, name in zip(bags, names, strict=True)}
+
+
+def _list(bag: Path, options: ReplayOptions) -> None:
+    from uw_visibility.replay.reader import BagReader
+    from uw_visibility.replay.topics import find_topics
+
+    with BagReader(bag) as reader:
+        span = reader.span
+        length = "" if span is None else f", {(span[1] - span[0]) / 1e9:.1f} s"
+        kind = "ROS 1" if reader.ros1 else "ROS 2"
+        print(f"{bag}: {kind}, {len(reader.files)} files{length}")
+        for note in reader.damage:
+            print(f"  damaged: {note}")
+        width = max(len(topic) for topic in reader.channels)
+        for topic, channel in sorted(reader.channels.items()):
+            count = "?" if channel.count is None else str(channel.count)
+            print(f"  {topic:{width}}  {count:>7}  {channel.type}")
+        try:
+            used = find_topics(
+                reader.channels, options.wanted, rectify=options.node.rectify,
+                calibrated=options.infos is not None, sensor_type=options.sensor_type,
+            )
+        except InputError as error:
+            print(f"would be used: nothing, {error}")
+            return
+        print("would be used:")
+        for name in ("left", "right", "left_info", "right_info", "depth", "position"):
+            topic = getattr(used, name)
+            print(f"  {name.replace('_', ' '):{width}}  {topic or 'none'}")
+        for note in used.notes:
+            print(f"  {note}")
+
+
+def _tell(summary: Summary) -> None:
+    rate = summary.frames / summary.seconds if summary.seconds else 0.0
+    again = f", {summary.resumed} of them from before" if summary.resumed else ""
+    print(
+        f"{summary.bag}: {summary.frames} frames{again}, water assessed in {summary.assessed}, "
+        f"{summary.seconds:.1f} s ({rate:.1f} frames/s); written to {summary.output}"
+    )
+    for status, count in summary.status.most_common():
+        if status not in ("ok", "unusable"):
+            print(f"  not assessable: {status} ({count})")
+    for reason, count in summary.reasons.most_common():
+        print(f"  unusable frame: {reason} ({count})")
+    for reason, count in summary.dropped.most_common():
+        print(f"  dropped: {reason} ({count})")
+    for note in summary.damage:
+        print(f"uw_visibility: warning: {note}", file=sys.stderr)

@@ -1,0 +1,113 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Serialised messages of a recording as objects, by the definitions that it holds."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from typing import Any
+
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+from uw_visibility.errors import InputError
+from uw_visibility.replay.bags.storage import Channel, Recorded
+
+IDL_SEPARATOR = "=" * 80 + "\n"
+
+
+class Decoder:
+    """Decodes messages; each type by its own definition, so that a bad one spoils no other.
+
+    Parameters
+    ----------
+    channels : mapping of str to Channel
+        Topics by type; their definitions are used.
+    ros1 : bool
+        Whether messages are serialised as in ROS 1.
+    """
+
+    def __init__(self, channels: Mapping[str, Channel], ros1: bool) -> None:
+        self._channels = channels
+        self._ros1 = ros1
+        self._stores: dict[str, Any] = {}
+
+    def decode(self, message: Recorded) -> Any:
+        """Return a message as an object.
+
+        Raises
+        ------
+        InputError
+            If its type is not known, or its data does not fit the type.
+        """
+        store = self._stores.get(message.type)
+        if store is None:
+            store = self._stores[message.type] = self._store(message.type)
+        read = store.deserialize_ros1 if self._ros1 else store.deserialize_cdr
+        try:
+            return read(message.data, message.type)
+        except Exception as error:
+            # The generated readers check nothing: damage shows as any kind of error.
+            raise InputError(
+                f"a message on {message.topic} is damaged: {type(error).__name__}"
+            ) from error
+
+    def _store(self, kind: str) -> Any:
+        channel = self._channels.get(kind)
+        # Recordings of older distributions hold no definitions; the common ones never changed.
+        known = get_typestore(Stores.ROS1_NOETIC if self._ros1 else Stores.ROS2_JAZZY)
+        if channel is None or not channel.format:
+            if kind not in known.types:
+                raise InputError(f"the recording does not define its type {kind}")
+            return known
+        store = get_typestore(Stores.EMPTY)
+        try:
+            store.register(_types(channel))
+        except Exception as error:
+            raise InputError(
+                f"the definition of {kind} in the recording cannot be read: {error}"
+            ) from error
+        return store
+
+
+def _types(channel: Channel) -> dict[str, Any]:
+    if channel.format == "msg":
+        return dict(get_types_from_msg(channel.definition, channel.type))
+    types: dict[str, Any] = {}
+    parts = channel.definition.split(IDL_SEPARATOR)
+    for part in parts[1:] or parts:
+        # Each part of several begins with a line that names it.
+        text = part.split("\n", 1)[1] if part.startswith("IDL: ") else part
+        types.update(get_types_from_idl(text))
+    return types
+
+
+def header_stamp(data: bytes, ros1: bool) -> tuple[int, int]:
+    """Read the stamp of a message that begins with a header, without decoding the rest.
+
+    Parameters
+    ----------
+    data : bytes
+        The serialised message.
+    ros1 : bool
+        Whether it is serialised as in ROS 1, where a header begins with a counter.
+
+    Returns
+    -------
+    seconds, nanoseconds : int
+
+    Raises
+    ------
+    InputError
+        If the message ends before.
+    """
+    try:
+        if ros1:
+            _, seconds, nanoseconds = struct.unpack_from("<III", data)
+        else:
+            # The second byte of the encapsulation names the byte order.
+            order = "<" if data[1] & 1 else ">"
+            seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, 4)
+    except (struct.error, IndexError) as error:
+        raise InputError("a message ends before its stamp") from error
+    return seconds, nanoseconds

@@ -1,0 +1,134 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The folder of a result: written aside, named when complete, never over another one."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+from uw_visibility.errors import InputError
+
+# Every result has this file; a folder without it is none of ours.
+MARK = "replay.json"
+PARTIAL = ".partial"
+OLD = ".old"
+
+
+class ResultFolder:
+    """Where a replay writes; the target appears under its name when all is there.
+
+    Parameters
+    ----------
+    target : Path
+        Folder of the result.
+    force : bool
+        Whether a result there may be replaced.
+    resume : bool
+        Whether a partial result beside it is gone on from.
+
+    Attributes
+    ----------
+    target : Path
+    work : Path
+        Folder to write to, beside the target.
+    earlier : Path or None
+        Folder of the partial result to go on from.
+
+    Raises
+    ------
+    InputError
+        If there is something that must not be overwritten, or the folder
+        cannot be made.
+    """
+
+    def __init__(self, target: Path, *, force: bool = False, resume: bool = False) -> None:
+        self.target = target
+        self.work = target.with_name(target.name + PARTIAL)
+        self._old = target.with_name(target.name + PARTIAL + OLD)
+        self.earlier: Path | None = None
+        self._check_target(force)
+        try:
+            self._make_room(force, resume)
+            self.work.mkdir(parents=True)
+        except OSError as error:
+            raise InputError(f"cannot make folder {self.work}: {error.strerror}") from error
+
+    def state(self) -> dict[str, Any]:
+        """Return what the partial result says of itself.
+
+        Raises
+        ------
+        InputError
+            If that cannot be read.
+        """
+        if self.earlier is None:
+            return {}
+        try:
+            state = json.loads((self.earlier / MARK).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"cannot go on from {self.earlier}: {error}; --force begins anew"
+            ) from error
+        return dict(state)
+
+    def write_state(self, state: dict[str, Any]) -> None:
+        """Write what the result says of itself."""
+        text = json.dumps(state, indent=1, allow_nan=False)
+        aside = self.work / (MARK + ".new")
+        aside.write_text(text + "\n", encoding="utf-8")
+        aside.replace(self.work / MARK)
+
+    def refuse_earlier(self) -> None:
+        """Put a partial result that cannot be gone on from back under its name."""
+        shutil.rmtree(self.work)
+        if self.earlier is not None:
+            self.earlier.rename(self.work)
+            self.earlier = None
+
+    def remove(self) -> None:
+        """Remove what was written, where nothing came of it."""
+        shutil.rmtree(self.work)
+
+    def forget_earlier(self) -> None:
+        """Remove the partial result, all of which has been taken over."""
+        if self.earlier is not None:
+            shutil.rmtree(self.earlier)
+            self.earlier = None
+
+    def complete(self) -> None:
+        """Give the result its name."""
+        if self.target.is_dir():
+            shutil.rmtree(self.target)
+        self.work.rename(self.target)
+
+    def _check_target(self, force: bool) -> None:
+        target = self.target
+        if not target.exists() and not target.is_symlink():
+            return
+        if target.is_dir() and not target.is_symlink() and not any(target.iterdir()):
+            return
+        if not (target / MARK).is_file() or target.is_symlink():
+            raise InputError(f"{target} exists already and is no replay: give another name")
+        if not force:
+            raise InputError(f"{target} exists already: give another name, or --force to replace")
+
+    def _make_room(self, force: bool, resume: bool) -> None:
+        # An older part that is still there was not taken over whole.
+        if self._old.exists() and (resume or force):
+            if self.work.exists():
+                shutil.rmtree(self.work)
+            self._old.rename(self.work)
+        if not self.work.exists():
+            return
+        if resume:
+            self.work.rename(self._old)
+            self.earlier = self._old
+        elif force:
+            shutil.rmtree(self.work)
+        else:
+            raise InputError(
+                f"{self.work} is a partial result: --resume goes on from it, --force begins anew"
+            )

@@ -1,0 +1,125 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The replay as a loop over results."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from uw_visibility.config import NodeConfig, PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.replay.options import ReplayOptions
+from uw_visibility.replay.reader import BagReader
+from uw_visibility.replay.stream import InputStream, RecordedFrame
+from uw_visibility.replay.topics import Wanted
+from uw_visibility.replay.work import Recording, RecordingProcessor
+from uw_visibility.result import FrameResult
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class ReplayedFrame:
+    """A frame of a recording and what the pipeline made of it.
+
+    Attributes
+    ----------
+    number : int
+        Among the recording's frames.
+    stamp : int
+        Stamp of the left image, ns.
+    time : int
+        When the left image was received, ns.
+    result : FrameResult
+        What the pipeline found.
+    messages : dict of str to object
+        What the node would have published, by topic.
+    """
+
+    number: int
+    stamp: int
+    time: int
+    result: FrameResult
+    messages: Mapping[str, Any]
+
+
+def read(
+    bag: str | Path,
+    parameters: Mapping[str, Any] | None = None,
+    *,
+    topics: Wanted | None = None,
+    calibration: tuple[Any, Any] | None = None,
+    start: float = 0.0,
+    duration: float = float("inf"),
+    every: int = 1,
+) -> Iterator[ReplayedFrame]:
+    """Yield the results of a recording, frame by frame.
+
+    Frames that cannot be used are logged as warnings, with the reason, and
+    left out.
+
+    Parameters
+    ----------
+    bag : str or Path
+        Folder of a ROS 2 bag, one of its files, or a .bag of ROS 1.
+    parameters : mapping of str to object, optional
+        The node's, by name: ``{"rectify": True, "stereo.max_disparity": 96}``.
+    topics : Wanted, optional
+        Topics that are not to be found by type and name.
+    calibration : tuple of two objects, optional
+        Left and right CameraInfo, or what has their fields, instead of the
+        recorded ones.
+    start, duration : float
+        Part of the recording, s.
+    every : int
+        Process one frame of so many.
+
+    Yields
+    ------
+    ReplayedFrame
+        In the order of the recording.
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be read, has no stereo pair, or a parameter is
+        not allowed.
+
+    Examples
+    --------
+    >>> from uw_visibility import replay
+    >>> for frame in replay.read("dive", {"rectify": True}):    # doctest: +SKIP
+    ...     print(frame.stamp, frame.result.visibility.distance)
+    """
+    values = dict(parameters or {})
+    options = ReplayOptions(
+        pipeline=PipelineConfig.from_parameters(values),
+        node=NodeConfig.from_parameters(values),
+        wanted=topics or Wanted(),
+        sensor_type=values.get("plausibility.sensor_type"),
+        infos=calibration,
+        start=start,
+        duration=duration,
+        every=every,
+    )
+    with BagReader(bag) as reader:
+        stream = InputStream(reader, options)
+        channels = {c.type: c for c in reader.channels.values()}
+        processor = RecordingProcessor(
+            Recording(str(bag), channels, reader.ros1, options.pipeline, options.node)
+        )
+        for event in stream.events():
+            if not isinstance(event, RecordedFrame):
+                continue
+            try:
+                result, messages = processor.process(event)
+            except InputError as error:
+                log.warning("frame %d: %s", event.number, error)
+                continue
+            yield ReplayedFrame(event.number, event.stamp, event.time, result, messages)
+        for note in reader.damage:
+            log.warning("%s", note)

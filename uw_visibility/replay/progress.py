@@ -1,0 +1,66 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Progress of a replay: a bar on a terminal, a line every 10 s elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any, TextIO
+
+PERIOD = 10.0
+
+
+class Progress:
+    """Tells how many frames are done, how fast, and how long it will take.
+
+    Parameters
+    ----------
+    name : str
+        What is replayed.
+    total : int or None
+        Frames expected, where that is known.
+    stream : TextIO, optional
+        Where to; standard error.
+    """
+
+    def __init__(self, name: str, total: int | None, stream: TextIO | None = None) -> None:
+        self._stream = stream or sys.stderr
+        self._name = name
+        self._total = total
+        self._count = 0
+        self._begin = self._told = time.monotonic()
+        self._bar: Any = None
+        if self._stream.isatty():
+            from tqdm import tqdm
+
+            self._bar = tqdm(
+                desc=name, total=total, file=self._stream, unit="frame", dynamic_ncols=True
+            )
+
+    def add(self) -> None:
+        """Count a frame."""
+        self._count += 1
+        if self._bar is not None:
+            self._bar.update()
+            return
+        now = time.monotonic()
+        if now - self._told >= PERIOD:
+            self._told = now
+            print(self._line(now - self._begin), file=self._stream, flush=True)
+
+    def close(self) -> None:
+        """End the bar."""
+        if self._bar is not None:
+            self._bar.close()
+
+    def _line(self, elapsed: float) -> str:
+        rate = self._count / elapsed
+        line = f"{self._name}: {self._count}"
+        if self._total is None or self._total < self._count:
+            return f"{line} frames, {rate:.1f} frames/s"
+        left = round((self._total - self._count) / rate)
+        return (
+            f"{line} of {self._total} frames, {rate:.1f} frames/s, "
+            f"{left // 60}:{left % 60:02d} min left"
+        )

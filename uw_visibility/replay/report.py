@@ -1,0 +1,199 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The report of a replay: one page that needs nothing but a browser."""
+
+from __future__ import annotations
+
+import csv
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jinja2
+import numpy as np
+
+from uw_visibility.config import NodeConfig, PipelineConfig
+from uw_visibility.parameters import flatten
+from uw_visibility.replay.figures import NEEDED, data_uri, draw_series
+from uw_visibility.replay.gallery import pictures, preview
+from uw_visibility.replay.meaning import meaning
+from uw_visibility.replay.reader import BagReader
+from uw_visibility.replay.table import read_columns, read_rows
+from uw_visibility.replay.topics import Selection
+
+if TYPE_CHECKING:
+    from uw_visibility.replay.runner import Summary
+
+EVENLY_SPACED = 5
+PICTURE_WIDTH = 1200
+
+
+def write_report(
+    folder: Path, reader: BagReader, selection: Selection, summary: Summary
+) -> None:
+    """Write ``report.html``.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the result, with its table and messages.
+    reader : BagReader
+        The recording, for the raw images.
+    selection : Selection
+        Topics used.
+    summary : Summary
+        What the replay did.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("uw_visibility.replay"), autoescape=True,
+        trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined,
+    )
+    columns = read_columns(folder / "frames.csv", NEEDED)
+    text = environment.get_template("report.html").render(
+        title=f"Visibility: {Path(summary.bag).name}",
+        subtitle=_subtitle(columns, summary),
+        summary=summary,
+        problems=summary.damage,
+        numbers=_numbers(columns, summary),
+        series=draw_series(columns) if summary.frames else "<p>There are no frames.</p>",
+        pictures=[
+            {
+                "frame": picture.row["frame"],
+                "source": data_uri(preview(picture.side_by_side(), PICTURE_WIDTH)),
+                "caption": _caption(picture.row),
+            }
+            for picture in pictures(folder, reader, selection, _representative(folder))
+        ],
+        refusals=_refusals(summary),
+        plausibility=_plausibility(summary),
+        timings=_timings(folder / "timings.csv"),
+        threads=_threads(summary),
+        source=_source(summary),
+        parameters=_parameters(summary),
+    )
+    (folder / "report.html").write_text(text, encoding="utf-8")
+
+
+def _representative(folder: Path) -> set[str]:
+    """Choose frames: evenly spaced ones, the clearest and the murkiest, one of each refusal."""
+    rows = [
+        (row["frame"], row["status"], row["visibility_distance"])
+        for row in read_rows(folder / "frames.csv") if not row["reason"]
+    ]
+    if not rows:
+        return set()
+    spaced = np.unique(np.linspace(0, len(rows) - 1, EVENLY_SPACED).round().astype(int))
+    chosen = {rows[index][0] for index in spaced}
+    seen = sorted((float(distance), frame) for frame, _, distance in rows if distance)
+    if seen:
+        chosen |= {seen[0][1], seen[-1][1]}
+    refused = {status: frame for frame, status, _ in reversed(rows) if status != "ok"}
+    return chosen | set(refused.values())
+
+
+def _subtitle(columns: dict[str, Any], summary: Summary) -> str:
+    stamps = columns["stamp"]
+    if not len(stamps):
+        return summary.bag
+    first, last = (datetime.fromtimestamp(float(t), UTC) for t in (stamps.min(), stamps.max()))
+    return f"{first:%Y-%m-%d %H:%M:%S} to {last:%Y-%m-%d %H:%M:%S} UTC, {summary.bag}"
+
+
+def _numbers(columns: dict[str, Any], summary: Summary) -> list[tuple[str, str]]:
+    numbers = [(str(summary.frames), "frames")]
+    if summary.frames:
+        share = summary.assessed / summary.frames
+        numbers.append((f"{share:.0%}", "of them with the water assessed"))
+    for name, unit, title in (
+        ("visibility_distance", "m", "visibility distance"),
+        ("mean_attenuation", "1/m", "mean attenuation α"),
+        ("depth", "m", "depth by colour"),
+    ):
+        known = columns[name][np.isfinite(columns[name])]
+        if known.size:
+            low, middle, high = np.percentile(known, [5.0, 50.0, 95.0])
+            numbers.append((
+                f"{middle:.3g} {unit}", f"{title}, median; {low:.3g} to {high:.3g} in 90 % of them"
+            ))
+    return numbers
+
+
+def _caption(row: dict[str, str]) -> str:
+    parts = [f"Frame {row['frame']}", f"water: {row['status']}"]
+    for name, title, unit in (
+        ("visibility_distance", "visibility", "m"), ("mean_attenuation", "α", "1/m"),
+        ("depth", "depth", "m"),
+    ):
+        if row[name]:
+            band = f" ± {float(row[name + '_stddev']):.2g}" if row[name + "_stddev"] else ""
+            parts.append(f"{title} {float(row[name]):.3g}{band} {unit}")
+    if row["sensor_depth"]:
+        parts.append(f"sensor {float(row['sensor_depth']):.2f} m")
+    parts.append(f"{float(row['matched_fraction']):.0%} matched")
+    return ", ".join(parts)
+
+
+def _refusals(summary: Summary) -> list[dict[str, Any]]:
+    rows = []
+    for what, counts in (
+        ("water and visibility", summary.status), ("depth by colour", summary.depth_status)
+    ):
+        rows += [
+            {"what": what, "why": why, "count": count, "meaning": meaning(why)}
+            for why, count in counts.most_common() if why not in ("ok", "unusable")
+        ]
+    rows += [
+        {"what": "the whole frame", "why": why, "count": count, "meaning": "No result."}
+        for why, count in summary.reasons.most_common()
+    ]
+    return rows
+
+
+def _plausibility(summary: Summary) -> dict[str, Any] | None:
+    report = summary.plausibility
+    if report is None:
+        return None
+    judged = report.compared - report.inconclusive
+    text = (
+        f"{report.compared} estimates compared with {summary.topics['depth']}, {judged} of them "
+        f"with a gate narrow enough to prove something, {report.failed} beyond it; "
+        f"{report.unmatched} without a sensor value at their stamp."
+    )
+    return {"text": text, "verdicts": summary.verdicts.most_common()}
+
+
+def _timings(path: Path) -> list[dict[str, str]]:
+    if not path.is_file():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        stages = next(csv.reader(file))[1:]
+    columns = read_columns(path, stages)
+    return [
+        {
+            "stage": stage,
+            "median": f"{np.nanmedian(values):.1f}",
+            "high": f"{np.nanpercentile(values, 95.0):.1f}",
+        }
+        for stage, values in columns.items() if np.isfinite(values).any()
+    ]
+
+
+def _threads(summary: Summary) -> int:
+    return int(summary.provenance["threads"])
+
+
+def _source(summary: Summary) -> list[tuple[str, str]]:
+    provenance = summary.provenance
+    rows = [("recording", summary.bag), ("SHA-256", provenance["input_sha256"])]
+    rows += [(name.replace("_", " "), topic) for name, topic in summary.topics.items()]
+    rows += [("chosen", note) for note in summary.notes]
+    rows.append(("uw_visibility", provenance["version"]))
+    return rows
+
+
+def _parameters(summary: Summary) -> list[dict[str, Any]]:
+    defaults = {**PipelineConfig().to_parameters(), **flatten(NodeConfig())}
+    return [
+        {"name": name, "value": value, "changed": name in defaults and defaults[name] != value}
+        for name, value in summary.provenance["parameters"].items()
+    ]

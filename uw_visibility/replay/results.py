@@ -1,0 +1,120 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of a replay as one file, results.mcap, and what an earlier part of it holds."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from uw_visibility.outputs import TOPICS
+from uw_visibility.replay.reader import BagReader, UnreadableError
+from uw_visibility.replay.table import nanoseconds, read_rows
+from uw_visibility.replay.work import FrameAnswer
+from uw_visibility.replay.writer import BagWriter
+
+NAME = "results.mcap"
+NIS_TOPIC = "/depth_plausibility/nis"
+NIS_TYPE = "std_msgs/msg/Float64"
+# The first message of each frame: frames without result have none at all.
+FIRST_TOPIC = f"/{next(iter(TOPICS))}"
+
+
+class ResultWriter:
+    """Writes results.mcap.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to.
+    topics : mapping of str to str
+        Type of message by topic, without that of the plausibility test.
+    """
+
+    def __init__(self, folder: Path, topics: Mapping[str, str]) -> None:
+        self._folder = folder
+        absolute = {f"/{topic}": name for topic, name in topics.items()}
+        self._bag = BagWriter(folder / "results", {**absolute, NIS_TOPIC: NIS_TYPE})
+
+    def write_answer(self, answer: FrameAnswer) -> None:
+        """Write the messages of a frame at the time of its left image."""
+        for topic, data in answer.messages:
+            self._bag.write_serialised(f"/{topic}", data, answer.time)
+
+    def write_nis(self, row: Mapping[str, str]) -> None:
+        """Write the NIS of a row, where it has one."""
+        if row.get("nis"):
+            message = self._bag.make(NIS_TYPE, data=float(row["nis"]))
+            self._bag.write(NIS_TOPIC, message, nanoseconds(row["time"]))
+
+    def close(self, provenance: Mapping[str, Any]) -> None:
+        """Complete the file."""
+        for key, value in provenance.items():
+            text = value if isinstance(value, str) else json.dumps(value)
+            self._bag.annotate(f"uw_visibility.{key}", text)
+        self._bag.close()
+        (self._folder / "results" / NAME).rename(self._folder / NAME)
+        shutil.rmtree(self._folder / "results")
+
+
+class EarlierPart:
+    """What an interrupted replay left: its frames, to be taken over.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the partial result.
+
+    Attributes
+    ----------
+    timings : dict of str to dict
+        Rows of timings.csv by frame.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.timings: dict[str, dict[str, str]] = {}
+        if (folder / "timings.csv").is_file():
+            self.timings = {r["frame"]: r for r in read_rows(folder / "timings.csv")}
+
+    def answers(self) -> Iterator[FrameAnswer]:
+        """Yield the frames whose row and messages are all there, in order."""
+        if not (self._folder / "frames.csv").is_file():
+            return
+        groups = self._groups()
+        for row in read_rows(self._folder / "frames.csv"):
+            time = nanoseconds(row["time"])
+            if row["reason"]:
+                yield FrameAnswer(time, row)
+                continue
+            group = next(groups, None)
+            if group is None or group[0] != time:
+                return
+            yield FrameAnswer(time, row, group[1])
+
+    def _groups(self) -> Iterator[tuple[int, list[tuple[str, bytes]]]]:
+        """Yield time and messages of the frames that have some."""
+        path = self._folder / NAME
+        whole = path.is_file()
+        if not whole:
+            # After a crash the file is where it was written, without an end.
+            path = self._folder / "results" / NAME
+        try:
+            reader = BagReader(path)
+        except (UnreadableError, OSError):
+            return
+        with reader:
+            time, group = 0, list[tuple[str, bytes]]()
+            for message in reader.messages():
+                if message.topic == NIS_TOPIC:
+                    continue
+                if message.topic == FIRST_TOPIC and group:
+                    yield time, group
+                    group = []
+                time = message.time
+                group.append((message.topic.removeprefix("/"), message.data))
+            if group and whole:
+                yield time, group

@@ -1,0 +1,166 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The table of a replay: one row a frame, and what its columns mean."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.depth_series import DepthSample
+from uw_visibility.result import FrameResult
+from uw_visibility.status import Status
+
+FAILED = "unusable"
+"""Status of frames that gave no result; the column ``reason`` says why."""
+
+CHANNELS = ("red", "green", "blue")
+
+
+def _with_stddev(name: str) -> tuple[str, str]:
+    return name, f"{name}_stddev"
+
+
+COLUMNS: tuple[str, ...] = (
+    "frame", "stamp", "right_stamp", "time", "status", "visibility_status", "depth_status",
+    "reason",
+    *(c for channel in CHANNELS for c in _with_stddev(f"attenuation_{channel}")),
+    *(c for channel in CHANNELS for c in _with_stddev(f"ambient_light_{channel}")),
+    *_with_stddev("mean_attenuation"), *_with_stddev("visibility_distance"),
+    *_with_stddev("depth"),
+    "support_points", "coverage", "matched_fraction", "limited_fraction",
+    *_with_stddev("sensor_depth"), "innovation", "nis", "plausibility",
+    "longitude", "latitude", "x", "y",
+)
+"""Columns of ``frames.csv``: m, 1/m, degrees; stamps and time in s; empty = not known."""
+
+JOINED = COLUMNS[COLUMNS.index("sensor_depth"):]
+"""Columns that need more than the frame itself."""
+
+
+def seconds(nanoseconds: int) -> str:
+    """Return a time in s with all its digits."""
+    return f"{nanoseconds // 1_000_000_000}.{nanoseconds % 1_000_000_000:09d}"
+
+
+def nanoseconds(text: str) -> int:
+    """Return a time in ns, of what `seconds` wrote."""
+    whole, _, fraction = text.partition(".")
+    return int(whole) * 1_000_000_000 + int(fraction)
+
+
+def number(value: float) -> str:
+    """Return a number so that reading it gives the same one; empty where it is not finite."""
+    return repr(float(value)) if math.isfinite(value) else ""
+
+
+def result_columns(result: FrameResult) -> dict[str, str]:
+    """Return the columns that a frame's result fills.
+
+    Parameters
+    ----------
+    result : FrameResult
+
+    Returns
+    -------
+    dict of str to str
+        Text by column.
+    """
+    water, visibility = result.water, result.visibility
+    columns = {
+        "status": str(result.status),
+        "visibility_status": str(visibility.status),
+        "depth_status": str(visibility.depth_status),
+        "mean_attenuation": number(visibility.mean_attenuation),
+        "mean_attenuation_stddev": number(visibility.mean_attenuation_stddev),
+        "visibility_distance": number(visibility.distance),
+        "visibility_distance_stddev": number(visibility.distance_stddev),
+        "depth": number(visibility.depth),
+        "depth_stddev": number(visibility.depth_stddev),
+        "support_points": str(int(result.support_points)),
+        "coverage": number(result.coverage),
+        "matched_fraction": number(result.matched_fraction_enhanced),
+        "limited_fraction": number(float(result.limited.mean()) if result.limited.size else 0.0),
+    }
+    for index, channel in enumerate(CHANNELS):
+        columns[f"attenuation_{channel}"] = number(water.attenuation[index])
+        columns[f"attenuation_{channel}_stddev"] = number(water.attenuation_stddev[index])
+        columns[f"ambient_light_{channel}"] = number(water.ambient_light[index])
+        columns[f"ambient_light_{channel}_stddev"] = number(water.ambient_light_stddev[index])
+    return columns
+
+
+def depth_sample(row: Mapping[str, str]) -> tuple[DepthSample, Status]:
+    """Return the estimated depth of a row and its status, for the plausibility test."""
+    if row.get("depth_status") is None or row["depth_status"] == "":
+        return DepthSample(nanoseconds(row["stamp"]), math.nan, math.nan), Status.FIT_FAILED
+    status = Status(row["depth_status"])
+    known = bool(row["depth"] and row["depth_stddev"])
+    depth = float(row["depth"]) if known else math.nan
+    variance = float(row["depth_stddev"]) ** 2 if known else math.nan
+    return DepthSample(nanoseconds(row["stamp"]), depth, variance), status
+
+
+class TableWriter:
+    """Writes rows as they come, so that an interruption loses none.
+
+    Parameters
+    ----------
+    path : Path
+        CSV file to write.
+    columns : sequence of str
+        Its columns.
+
+    Attributes
+    ----------
+    columns : tuple of str
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        self.columns = tuple(columns)
+        self._file = path.open("w", encoding="utf-8", newline="")
+        self._writer = csv.DictWriter(self._file, columns, restval="", lineterminator="\n")
+        self._writer.writeheader()
+
+    def write(self, row: Mapping[str, Any]) -> None:
+        """Write a row; columns that it lacks stay empty."""
+        self._writer.writerow(row)
+        self._file.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def read_rows(path: Path) -> Iterator[dict[str, str]]:
+    """Yield the rows of a table, as text; a last row that is cut off is left out."""
+    with path.open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            if None not in row.values():
+                yield row
+
+
+def read_columns(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+    """Read columns of numbers.
+
+    Parameters
+    ----------
+    path : Path
+        A table.
+    names : sequence of str
+        Columns.
+
+    Returns
+    -------
+    dict of str to ndarray, (n,) float64
+        NaN for what is not known.
+    """
+    rows = [[float(row[name] or "nan") for name in names] for row in read_rows(path)]
+    values = np.array(rows, np.float64).reshape(-1, len(names))
+    return {name: values[:, index] for index, name in enumerate(names)}

@@ -1,0 +1,148 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The work on one recorded frame, which any process can do."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+
+from uw_visibility.config import NodeConfig, PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.frames import StereoFrame
+from uw_visibility.messages import typestore_factory
+from uw_visibility.outputs import all_topics
+from uw_visibility.pipeline import Pipeline
+from uw_visibility.processor import FrameProcessor
+from uw_visibility.replay.bags.storage import Channel, Recorded
+from uw_visibility.replay.decoder import Decoder
+from uw_visibility.replay.stream import RecordedFrame
+from uw_visibility.replay.table import FAILED, result_columns, seconds
+from uw_visibility.result import FrameResult
+from uw_visibility.stereo.rig import StereoRig
+
+# Kernels are compiled once per type of pixel, not per size or rig.
+WARM_UP_RIG = StereoRig(200.0, 0.1, (79.5, 59.5))
+WARM_UP_SHAPE = (120, 160)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What all frames of a recording have in common.
+
+    Attributes
+    ----------
+    key : str
+        Tells recordings apart.
+    channels : dict of str to Channel
+        Definitions by type of message.
+    ros1 : bool
+        How messages are serialised.
+    pipeline, node : PipelineConfig, NodeConfig
+        Parameters.
+    """
+
+    key: str
+    channels: Mapping[str, Channel]
+    ros1: bool
+    pipeline: PipelineConfig
+    node: NodeConfig
+
+
+@dataclass(frozen=True)
+class FrameTask:
+    """A frame to work on."""
+
+    recording: Recording
+    frame: RecordedFrame
+
+
+@dataclass(frozen=True)
+class FrameAnswer:
+    """What became of a frame.
+
+    Attributes
+    ----------
+    time : int
+        When the left image was received, ns.
+    row : dict of str to str
+        Columns of the table that the frame alone fills.
+    messages : list of tuple
+        Topic and serialised message (CDR), in the order of publishing.
+    timing_ms : dict of str to float
+        Durations of the stages.
+    """
+
+    time: int
+    row: dict[str, str]
+    messages: list[tuple[str, bytes]] = field(default_factory=list)
+    timing_ms: dict[str, float] = field(default_factory=dict)
+
+
+class RecordingProcessor:
+    """Works on the frames of one recording."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._decoder = Decoder(recording.channels, recording.ros1)
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self._processor = FrameProcessor(
+            typestore_factory(self._types.types), recording.node.rectify
+        )
+        self._topics = all_topics(recording.node)
+
+    def answer(self, frame: RecordedFrame) -> FrameAnswer:
+        """Return what becomes of a frame; whatever goes wrong costs this frame alone."""
+        row = {
+            "frame": str(frame.number), "stamp": seconds(frame.stamp),
+            "right_stamp": seconds(frame.right_stamp), "time": seconds(frame.time),
+        }
+        try:
+            result, messages = self.process(frame)
+        except InputError as error:
+            return FrameAnswer(frame.time, {**row, "status": FAILED, "reason": str(error)})
+        except Exception as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            reason = f"internal error, {type(error).__name__} at {place.name}:{place.lineno}"
+            return FrameAnswer(frame.time, {**row, "status": FAILED, "reason": reason})
+        serialised = [
+            (topic, bytes(self._types.serialize_cdr(message, self._topics[topic])))
+            for topic, message in messages.items()
+        ]
+        return FrameAnswer(
+            frame.time, {**row, **result_columns(result)}, serialised, result.timing_ms
+        )
+
+    def process(self, frame: RecordedFrame) -> tuple[FrameResult, dict[str, Any]]:
+        """Process a frame as the node does; returns result and messages by topic."""
+        messages = StereoFrame(*(
+            self._decoder.decode(m) if isinstance(m, Recorded) else m
+            for m in (frame.left, frame.right, frame.left_info, frame.right_info)
+        ))
+        return self._processor.process(
+            messages, self._recording.pipeline, self._recording.node, list(self._topics)
+        )
+
+
+_processors: dict[str, RecordingProcessor] = {}
+
+
+def answer(task: FrameTask) -> FrameAnswer:
+    """Work on a frame in this process, which keeps what the recording's frames share."""
+    key = task.recording.key
+    if key not in _processors:
+        # One recording after the other: the one before is done with, or nearly.
+        while len(_processors) > 1:
+            del _processors[next(iter(_processors))]
+        _processors[key] = RecordingProcessor(task.recording)
+    return _processors[key].answer(task.frame)
+
+
+def warm_up(config: PipelineConfig) -> None:
+    """Compile what is not compiled yet, or load it."""
+    Pipeline(WARM_UP_RIG, config).warm_up(WARM_UP_SHAPE, np.uint8)
