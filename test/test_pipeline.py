@@ -8,7 +8,9 @@ import pytest
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.degrade import load_scene
+from uw_visibility.stages import warm_up_pair
 from uw_visibility.status import Status
+from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
 from uw_visibility.water.optics import clear_water_attenuation, load_response
 
 CLEAR = clear_water_attenuation(load_response("nikon_d5100"))
@@ -171,3 +173,22 @@ def test_a_search_range_that_leaves_nothing_is_refused():
     )
     with pytest.raises(InputError, match=r"stereo\.min_disparity is 50"):
         Pipeline(RIG, config).process(*scene_pair())
+
+
+def test_an_image_is_restored_with_step_1_where_step_2_is_refused(monkeypatch):
+    """The estimate stays refused; the image is not handed back as it came."""
+    left, right = warm_up_pair((160, 240), np.dtype(np.uint8))
+    pipeline = Pipeline(RIG, PipelineConfig.from_parameters({"stereo.max_disparity": 40}))
+    estimate = WaterEstimator.estimate
+
+    def only_once(self, image, range_map, valid=None, start=None, range_error=0.0):
+        if start is not None:
+            return WaterEstimate.not_assessable(Status.FIT_FAILED)
+        return estimate(self, image, range_map, valid, start, range_error)
+
+    monkeypatch.setattr(WaterEstimator, "estimate", only_once)
+    refused = pipeline.process(left, right)
+    assert refused.status is Status.FIT_FAILED
+    assert refused.step1.status is Status.OK
+    assert np.isnan(refused.visibility.distance)
+    assert np.abs(refused.left_enhanced.astype(int) - left).mean() > 10

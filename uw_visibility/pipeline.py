@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.config import PipelineConfig
 from uw_visibility.enhancement.radiance import Restorer
+from uw_visibility.foreign import foreign_pixels
 from uw_visibility.pair import check_pair
 from uw_visibility.parallel import Workers
 from uw_visibility.result import FrameResult
@@ -169,6 +170,7 @@ class Pipeline:
             support = stages.matcher.support_points()
             stages.refuse_useless_pair(left, right, support)
             gain = right_gain(left, right, support.points, self.config.camera.transfer)
+            counted = self._without_foreign(left, support, valid)
         original = None
         if match_original:
             with clock("original disparity"):
@@ -176,7 +178,7 @@ class Pipeline:
         with clock("coarse disparity"):
             mesh = stages.matcher.coarse_disparity(support)
         with clock("visibility estimation 1"):
-            step1 = self._estimate(left, mesh, valid, support, start)
+            step1 = self._estimate(left, mesh, counted, support, start)
         with clock("matting"):
             coarse = stages.dense_map(mesh, support, left)
         with clock("image enhancement 1"):
@@ -191,12 +193,13 @@ class Pipeline:
             nothing = np.full_like(improved.disparity, np.nan)
             filled = stages.fill(improved) if enhance else nothing
         with clock("visibility estimation 2"):
-            water = self._estimate(left, improved.disparity, valid, support, step1)
+            water = self._estimate(left, improved.disparity, counted, support, step1)
         with clock("image enhancement 2"):
             range_left = self._range(filled)
-            shown: Any = water
             if left.ndim == 2:
                 shown = self._estimate_grey(left, improved.disparity, valid)
+            else:
+                shown = _first_known(water, step1, start)
             left_enhanced, limited = _NOT_WANTED, _NOT_WANTED.astype(bool)
             if "left" in enhance:
                 left_enhanced, limited = self._restorer.restore(left, range_left, shown)
@@ -244,6 +247,20 @@ class Pipeline:
         if self._stages is None or self._stages.shape != size:
             self._stages = Stages(size, self.rig, self.config, self._workers)
         return self._stages
+
+    def _without_foreign(
+        self,
+        image: NDArray[Any],
+        support: SupportPoints,
+        valid: NDArray[np.bool_] | None,
+    ) -> NDArray[np.bool_] | None:
+        """Leave a diver's hand and the like out of the pixels that tell the water."""
+        foreign = None
+        if image.ndim == 3:
+            foreign = foreign_pixels(image, support.points, self.config.camera.transfer)
+        if foreign is None:
+            return valid
+        return ~foreign if valid is None else valid & ~foreign
 
     def _estimate(
         self,
@@ -302,6 +319,22 @@ class _Clock:
     def milliseconds(self) -> dict[str, float]:
         """Return the stages and ``total``."""
         return {**self._stages, "total": 1e3 * (time.perf_counter() - self._begin)}
+
+
+def _first_known(*waters: WaterEstimate | None) -> _Water:
+    """Take each channel from the first estimate that has it.
+
+    A channel that step 2 refuses is restored with what step 1, or the frames
+    before, say of it: an image is worth more than none, and the estimate itself
+    stays refused.
+    """
+    attenuation, ambient_light = np.full(3, np.nan), np.full(3, np.nan)
+    for water in waters:
+        if water is not None:
+            missing = np.isnan(attenuation)
+            attenuation = np.where(missing, water.attenuation, attenuation)
+            ambient_light = np.where(missing, water.ambient_light, ambient_light)
+    return _Water(attenuation, ambient_light)
 
 
 def _matched_fraction(disparity: NDArray[np.float32]) -> float:
