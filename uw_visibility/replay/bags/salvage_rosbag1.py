@@ -59,10 +59,13 @@ class Rosbag1Salvage:
     def _records(self, file: BinaryIO) -> Iterator[Recorded]:
         while (header := _block(file)) is not None:
             fields = _fields(header)
-            data = _block(file)
-            if data is None or "op" not in fields:
+            if not fields.get("op"):
                 return
             kind = fields["op"][0]
+            # Of a chunk that is cut off, the records before the cut are whole.
+            data = _block(file, whole=kind != CHUNK)
+            if data is None:
+                return
             if kind == CHUNK:
                 yield from self._chunk(fields.get("compression", b"none"), data)
             elif kind == CONNECTION:
@@ -73,7 +76,7 @@ class Rosbag1Salvage:
     def _chunk(self, compression: bytes, data: bytes) -> Iterator[Recorded]:
         try:
             if compression == b"bz2":
-                data = bz2.decompress(data)
+                data = bz2.BZ2Decompressor().decompress(data)
             elif compression == b"lz4":
                 data = unpack(data, "lz4")
         except (OSError, ValueError, PackingError):
@@ -98,14 +101,14 @@ class Rosbag1Salvage:
             yield Recorded(about.topic, about.type, time, data)
 
 
-def _block(file: BinaryIO) -> bytes | None:
-    """Read a length and so many bytes; None where the file ends before."""
+def _block(file: BinaryIO, whole: bool = True) -> bytes | None:
+    """Read a length and so many bytes; None, or what there is, where the file ends before."""
     head = file.read(4)
     if len(head) < 4:
         return None
     (length,) = struct.unpack("<I", head)
     content = file.read(length)
-    return content if len(content) == length else None
+    return content if len(content) == length or not whole else None
 
 
 def _fields(header: bytes) -> dict[str, bytes]:

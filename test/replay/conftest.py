@@ -1,0 +1,48 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""A short transect, recorded once, and its replay."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rosbags")
+
+# The tests here share what makes bags; pytest's import mode leaves this folder out.
+sys.path.insert(0, str(Path(__file__).parent))
+
+from bag_copies import FRAMES, copy_bag
+
+from uw_visibility.cli import main
+from uw_visibility.simulation.bag import write_transect
+from uw_visibility.simulation.camera import StereoCamera
+from uw_visibility.simulation.transect import Transect
+
+
+@pytest.fixture(scope="session")
+def transect(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag (mcap) of a few small frames, without the truth."""
+    folder = tmp_path_factory.mktemp("transect")
+    write_transect(folder / "simulated", Transect(
+        frames=FRAMES, rate=2.0, depth=(3.0, 4.0), attenuation=(0.1, 0.2),
+        camera=StereoCamera(160, 120, 150.0, 0.12),
+    ))
+    return copy_bag(folder / "simulated", folder / "transect")
+
+
+@pytest.fixture(scope="session")
+def replayed(transect: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The transect's replay."""
+    target = tmp_path_factory.mktemp("replayed") / "out"
+    assert main(["replay", str(transect), "-o", str(target), "--jobs", "1"]) == 0
+    return target
+
+
+@pytest.fixture
+def copied(transect: Path, tmp_path: Path) -> Path:
+    """A copy of the transect to be damaged."""
+    return Path(shutil.copytree(transect, tmp_path / "bag"))
