@@ -123,6 +123,8 @@ class NodeProcess:
 class Client:
     """Publishes stereo frames to a node and collects what comes back."""
 
+    environment = ENVIRONMENT
+
     def __init__(self, inputs: dict[str, str], namespace: str) -> None:
         import rclpy
         from rclpy.executors import SingleThreadedExecutor
@@ -240,7 +242,7 @@ class Client:
     def diagnosed(self, part: str, message: str, timeout: float = RESULT_TIMEOUT) -> Any:
         """Wait until a part of the node says something; return that status."""
         end = time.monotonic() + timeout
-        while message not in (status := self.diagnosis(part)).message:
+        while (status := self.diagnosis(part)).level is None or message not in status.message:
             assert time.monotonic() < end, f"{message!r} was not said, but {status}"
             time.sleep(0.05)
         return status

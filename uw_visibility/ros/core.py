@@ -86,7 +86,7 @@ class NodeCore:
             for topic, name in all_topics(self._settings.node).items()
         }
         self.worker = NewestWorker(self._process, self._warm_up)
-        self.input = StereoInput(node, parameters, self.worker.offer, self._on_jump)
+        self.input = StereoInput(node, parameters, self.worker.offer, self._on_restart)
         self._depth = DepthCheck(node, parameters)
         self._diagnostics = DiagnosticsPublisher(node)
         check_qos_overrides(node)
@@ -100,7 +100,7 @@ class NodeCore:
             min_forward=None, min_backward=Duration(seconds=-CLOCK_JUMP), on_clock_change=False
         )
         self._jump_handle = node.get_clock().create_jump_callback(
-            backward, post_callback=lambda jump: self._on_jump()
+            backward, post_callback=lambda jump: self._on_clock_jump()
         )
         self.worker.start()
 
@@ -199,11 +199,14 @@ class NodeCore:
         else:
             self._log.warning("camera_info has changed: using the new calibration")
 
-    def _on_jump(self) -> None:
-        """Start anew where time went back: stamps and clock of a recording do so together."""
+    def _on_restart(self) -> None:
+        """Forget the past of a recording: its stamps and its clock go back together."""
         self._jumps.add("time jumped back: starting anew from there")
-        self.input.reset()
         self._depth.reset()
+
+    def _on_clock_jump(self) -> None:
+        self._on_restart()
+        self.input.reset()
 
     def _diagnose(self) -> None:
         reason = self._silence()

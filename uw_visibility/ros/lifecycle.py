@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import sys
+import traceback
 from collections.abc import Sequence
 
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -29,7 +30,7 @@ class UwVisibilityLifecycleNode(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__("uw_visibility")
-        self._parameters = NodeParameters(self)
+        self._node_parameters = NodeParameters(self)
         self._core: NodeCore | None = None
 
     def stop(self, timeout: float) -> bool:
@@ -39,10 +40,14 @@ class UwVisibilityLifecycleNode(LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Make everything that the work needs."""
         try:
-            self._core = NodeCore(self, self._parameters)
+            self._core = NodeCore(self, self._node_parameters)
         except InputError as error:
             self.get_logger().error(f"cannot be configured: {error}")
             return TransitionCallbackReturn.FAILURE
+        except Exception:
+            # rclpy drops what a transition raises.
+            self.get_logger().error(f"cannot be configured\n{traceback.format_exc()}")
+            return TransitionCallbackReturn.ERROR
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:

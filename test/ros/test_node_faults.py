@@ -1,0 +1,212 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What goes wrong around a node, each fault survived, and the next good frame processed."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS is not installed")
+
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from stereo_msgs.msg import DisparityImage
+
+NAMESPACE = "/tough"
+
+# Publishes the known scene from a process of its own, until it is killed.
+PUBLISHER = """
+import importlib.util, os, sys, time
+specification = importlib.util.spec_from_file_location("parts", sys.argv[1])
+parts = sys.modules["parts"] = importlib.util.module_from_spec(specification)
+specification.loader.exec_module(parts)
+parts.DOMAIN = int(os.environ["ROS_DOMAIN_ID"])
+client = parts.Client({
+    f"{side}/{name}": f"{side}/{topic}" for side in ("left", "right")
+    for name, topic in (("image", "image_rect"), ("camera_info", "camera_info"))
+}, sys.argv[2])
+scene = parts.make_scene()
+messages = [parts.image_message(p, "rgb8") for p in (scene.left, scene.right)]
+messages += [parts.info_message(side) for side in ("left", "right")]
+stamp = int(sys.argv[3])
+while True:
+    stamp += 1
+    client.publish(*messages, stamp=stamp)
+    time.sleep(0.1)
+"""
+
+
+@pytest.fixture(scope="module")
+def node(start_node: Callable[..., Any]) -> Any:
+    return start_node("-r", f"__ns:={NAMESPACE}", "-p", "stereo.max_disparity:=40")
+
+
+@pytest.fixture(scope="module")
+def parts(scene: Any, image: Any, info: Any) -> tuple[Any, Any, Any, Any]:
+    return image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right")
+
+
+@pytest.fixture(scope="module")
+def client(node: Any, make_client: Callable[..., Any], parts: Any) -> Any:
+    client = make_client(namespace=NAMESPACE)
+    client.connect(*parts)
+    return client
+
+
+def good_frame(client: Any, parts: Any) -> None:
+    client.result(client.publish(*parts), "disparity", "visibility/attenuation")
+
+
+def test_size_that_changes_in_flight_is_followed(
+    node: Any, client: Any, parts: Any, scene: Any, image: Any, info: Any
+) -> None:
+    rows = slice(8, 104)
+    smaller = [image(np.ascontiguousarray(p[rows]), "rgb8") for p in (scene.left, scene.right)]
+    infos = []
+    for side in ("left", "right"):
+        # A region of interest, as a driver states it.
+        cropped = info(side)
+        cropped.roi.y_offset, cropped.roi.width, cropped.roi.height = 8, 160, 96
+        infos.append(cropped)
+    before = node.log.count("using the new calibration")
+    for _ in range(2):
+        stamp = client.publish(*smaller, *infos)
+        disparity = client.result(stamp, "disparity")[0]
+        assert (disparity.image.width, disparity.image.height) == (160, 96)
+        values = np.frombuffer(disparity.image.data, np.float32).reshape(96, 160)
+        matched = values >= disparity.min_disparity
+        assert np.median(np.abs(values - scene.disparity[rows])[matched]) < 0.5
+    good_frame(client, parts)
+    # Said once for each change.
+    assert node.log.count("using the new calibration") == before + 2
+
+
+@pytest.mark.parametrize("value", [0.0, math.nan])
+@pytest.mark.parametrize("matrix", ["k", "p"])
+def test_bad_calibration_is_counted(
+    client: Any, parts: Any, info: Any, matrix: str, value: float
+) -> None:
+    before = int(client.diagnosed("pipeline", "").numbers["frames refused"])
+    size = {"k": 9, "p": 12}[matrix]
+    client.publish(*parts[:2], info("left", **{matrix: [value] * size}), parts[3])
+    client.wait(
+        lambda: int(client.diagnosis("pipeline").numbers["frames refused"]) == before + 1,
+        "the count of refused frames",
+    )
+    good_frame(client, parts)
+
+
+def test_stamps_of_zero_past_and_future(node: Any, client: Any, parts: Any) -> None:
+    def dropped(reason: str) -> int:
+        numbers = client.diagnosis("input").numbers
+        return sum(int(count) for key, count in numbers.items() if reason in key)
+
+    for part in parts:
+        part.header.stamp.sec = part.header.stamp.nanosec = 0
+    client.publishers["left/image"].publish(parts[0])
+    client.wait(lambda: dropped("without a stamp") == 1, "the count of unstamped images")
+    good_frame(client, parts)
+    last = client.publish(*parts)
+    client.result(last, "disparity")
+    client.publish(*parts, stamp=last)
+    client.wait(lambda: dropped("seen before") == 2, "the count of repeated images")
+    # A frame from a day ahead is a frame; the next one is a recording started again.
+    future = client.publish(*parts, stamp=last + 86400)
+    client.result(future, "disparity")
+    good_frame(client, parts)
+    assert node.log.count("time jumped back") == 1
+
+
+def test_burst_is_answered_with_its_newest_frame_and_memory_stays(
+    node: Any, client: Any, parts: Any
+) -> None:
+    def memory() -> float:
+        status = Path(f"/proc/{node.process.pid}/status").read_text()
+        return int(status.split("VmRSS:")[1].split()[0]) / 1024
+
+    def burst() -> list[int]:
+        stamps = [client.publish(*parts) for _ in range(200)]
+        client.result(stamps[-1], "disparity")
+        return stamps
+
+    burst()
+    before = memory()
+    stamps = burst()
+    assert sum(client.has("disparity", stamp) for stamp in stamps) < len(stamps)
+    assert memory() - before < 20.0
+    client.wait(
+        lambda: int(client.diagnosis("pipeline").numbers["frames skipped"]) > 0, "skipped frames"
+    )
+    assert int(client.diagnosis("input").numbers["waiting images"]) <= 20
+    good_frame(client, parts)
+
+
+def test_subscriber_that_comes_and_goes(node: Any, client: Any, parts: Any) -> None:
+    for index in range(50):
+        subscription = client.node.create_subscription(
+            DisparityImage, "disparity", lambda message: None, QoSProfile(depth=1)
+        )
+        if index % 5 == 0:
+            client.publish(*parts)
+        client.node.destroy_subscription(subscription)
+    good_frame(client, parts)
+    assert "Traceback" not in node.log
+
+
+def test_publisher_that_is_killed_and_returns(node: Any, client: Any, parts: Any) -> None:
+    for _ in range(2):
+        start = client.next_stamp() + 1000
+        client._seconds = start + 1000
+        arguments = [inspect.getfile(type(client)), NAMESPACE, str(start)]
+        publisher = subprocess.Popen(
+            [sys.executable, "-c", PUBLISHER, *arguments], env=client.environment
+        )
+        try:
+            client.wait(
+                lambda s=start: any(s < m.header.stamp.sec < s + 900
+                                    for m in list(client.received["disparity"])),
+                "an answer to the other publisher", timeout=40.0,
+            )
+        finally:
+            os.kill(publisher.pid, signal.SIGKILL)
+            publisher.wait()
+    good_frame(client, parts)
+
+
+def test_clock_that_jumps_back_starts_anew(
+    start_node: Callable[..., Any], make_client: Callable[..., Any], parts: Any
+) -> None:
+    node = start_node("-r", "__ns:=/simulated", "-p", "use_sim_time:=true")
+    client = make_client(namespace="/simulated")
+    clock = client.node.create_publisher(Clock, "/clock", QoSProfile(depth=10))
+
+    def tick(seconds: int) -> None:
+        message = Clock()
+        message.clock.sec = seconds
+        clock.publish(message)
+
+    client.wait(lambda: clock.get_subscription_count() > 0, "a subscription to the clock")
+    client.connect(*parts)
+    for start in (1000, 500):
+        for second in range(start, start + 3):
+            tick(second)
+            time.sleep(0.05)
+            client.result(client.publish(*parts, stamp=second), "disparity")
+    assert node.log.count("time jumped back") == 1
+    latency = client.diagnosed("pipeline", "frames per second").numbers["latency (ms)"]
+    assert abs(float(latency)) < 1500.0
+    client.wait(
+        lambda: client.received["/diagnostics"][-1].header.stamp.sec == 502, "the clock's time"
+    )

@@ -1,0 +1,170 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The node over compressed images with its optional outputs, and under a lifecycle."""
+
+from __future__ import annotations
+
+import array
+import signal
+import time
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS is not installed")
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from sensor_msgs.msg import CompressedImage
+
+
+def compressed(pixels: np.ndarray, kind: str, codec: str, **changes: Any) -> CompressedImage:
+    """Compress RGB or grey pixels as compressed_image_transport does."""
+    stored = pixels if pixels.ndim == 2 else pixels[..., ::-1]
+    data = cv2.imencode(codec, np.ascontiguousarray(stored))[1].tobytes()
+    fields = {"format": kind, "data": array.array("B", data)}
+    return CompressedImage(**(fields | changes))
+
+
+@pytest.fixture(scope="module")
+def node(start_node: Callable[..., Any]) -> Any:
+    return start_node(
+        "-r", "__ns:=/compressed", "-p", "image_transport:=compressed",
+        "-p", "publish_depth_image:=true", "-p", "publish_points:=true",
+        "-p", "stereo.max_disparity:=40", "-p", "plausibility.sensor_type:=none",
+        "-r", "left/image_rect:=/cam/left/image", "-r", "right/image_rect:=/cam/right/image",
+    )
+
+
+@pytest.fixture(scope="module")
+def client(node: Any, make_client: Callable[..., Any], scene: Any, info: Any) -> Any:
+    client = make_client({
+        # As image_transport has it, the image's topic is what is remapped.
+        "left/image": "/cam/left/image/compressed", "right/image": "/cam/right/image/compressed",
+        "left/camera_info": "left/camera_info", "right/camera_info": "right/camera_info",
+    }, namespace="/compressed")
+    images = (compressed(p, "rgb8; png compressed bgr8", ".png") for p in (scene.left, scene.right))
+    client.connect(*images, info("left"), info("right"))
+    return client
+
+
+@pytest.mark.parametrize(("kind", "codec", "grey", "encoding"), [
+    ("rgb8; png compressed bgr8", ".png", False, "rgb8"),
+    ("bgr8; jpeg compressed bgr8", ".jpg", False, "bgr8"),
+    ("jpeg", ".jpg", False, "bgr8"),
+    ("mono8; jpeg compressed ", ".jpg", True, "mono8"),
+])
+def test_compressed_scene_gives_the_same_disparity(
+    client: Any, scene: Any, info: Any, kind: str, codec: str, grey: bool, encoding: str
+) -> None:
+    images = [
+        compressed(p[..., 1] if grey else p, kind, codec) for p in (scene.left, scene.right)
+    ]
+    stamp = client.publish(*images, info("left"), info("right"))
+    disparity, enhanced = client.result(stamp, "disparity", "left/enhanced/image")
+    assert (enhanced.encoding, enhanced.header.frame_id) == (encoding, "left_camera")
+    values = np.frombuffer(disparity.image.data, np.float32).reshape(120, 160)
+    matched = values >= disparity.min_disparity
+    assert matched.mean() > 0.5
+    assert np.median(np.abs(values - scene.disparity)[matched]) < 0.5
+
+
+def test_depth_image_and_points_agree_with_the_disparity(
+    client: Any, scene: Any, info: Any
+) -> None:
+    images = (compressed(p, "rgb8; png compressed bgr8", ".png") for p in (scene.left, scene.right))
+    stamp = client.publish(*images, info("left"), info("right"))
+    disparity, depth, calibration, points = client.result(
+        stamp, "disparity", "depth/image", "depth/camera_info", "points2"
+    )
+    values = np.frombuffer(disparity.image.data, np.float32).reshape(120, 160)
+    matched = values >= disparity.min_disparity
+    z = np.frombuffer(depth.data, np.float32).reshape(120, 160)
+    np.testing.assert_array_equal(np.isfinite(z), matched)
+    np.testing.assert_allclose(z[matched], disparity.f * disparity.t / values[matched], rtol=1e-6)
+    error = np.abs(z - 20.0 / scene.disparity)[matched] * scene.disparity[matched] / 20.0
+    assert np.median(error) < 0.01
+    cloud = np.frombuffer(points.data, np.float32).reshape(120, 160, 4)
+    np.testing.assert_array_equal(cloud[..., 2], z)
+    rows, columns = np.nonzero(matched)
+    projected = 200.0 * cloud[rows, columns, 0] / z[matched] + calibration.p[2]
+    np.testing.assert_allclose(projected, columns, atol=1e-3)
+
+
+def test_damaged_image_costs_its_frame_only(
+    node: Any, client: Any, scene: Any, info: Any
+) -> None:
+    right = compressed(scene.right, "jpeg", ".jpg")
+    whole = compressed(scene.left, "jpeg", ".jpg")
+    cut = compressed(scene.left, "jpeg", ".jpg", data=whole.data[: len(whole.data) // 2])
+    for bad, reason in (
+        (cut, "left image has 0 bytes"),
+        (CompressedImage(format="16UC1; compressedDepth png"), "compressedDepth"),
+        (CompressedImage(format="jpeg"), "neither JPEG nor PNG"),
+    ):
+        stamp = client.publish(bad, right, info("left"), info("right"))
+        node.wait_for("it is truncated" if bad is cut else reason)
+        good = client.publish(whole, right, info("left"), info("right"))
+        client.result(good, "disparity")
+        assert not client.has("disparity", stamp)
+    assert "Traceback" not in node.log
+
+
+def test_without_a_sensor_plausibility_is_switched_off(client: Any) -> None:
+    status = client.diagnosed("plausibility", "switched off")
+    assert status.level == DiagnosticStatus.OK
+
+
+@pytest.fixture(scope="module")
+def managed(start_node: Callable[..., Any]) -> Any:
+    return start_node(
+        "-r", "__ns:=/managed", "-p", "stereo.max_disparity:=40", module="lifecycle", ready=False
+    )
+
+
+def test_lifecycle(
+    managed: Any, make_client: Callable[..., Any], scene: Any, image: Any, info: Any
+) -> None:
+    client = make_client(namespace="/managed")
+    parts = (image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right"))
+
+    def change(transition: int) -> None:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        assert client.call("uw_visibility/change_state", request).success
+
+    def state() -> int:
+        response = client.call("uw_visibility/get_state", GetState.Request())
+        return int(response.current_state.id)
+
+    assert state() == State.PRIMARY_STATE_UNCONFIGURED
+    for round_ in (1, 2):
+        change(Transition.TRANSITION_CONFIGURE)
+        client.wait(
+            lambda n=round_: managed.log.count("ready after") == n, "compiling", timeout=300.0
+        )
+        assert state() == State.PRIMARY_STATE_INACTIVE
+        status = client.diagnosed("input", "the node is not active: activate it")
+        assert status.level == DiagnosticStatus.WARN
+        client.wait(lambda: client.publishers["left/image"].get_subscription_count() > 0, "it")
+        silent = client.publish(*parts)
+        change(Transition.TRANSITION_ACTIVATE)
+        client.connect(*parts)
+        assert state() == State.PRIMARY_STATE_ACTIVE
+        client.result(client.publish(*parts), "disparity", "visibility/attenuation")
+        change(Transition.TRANSITION_DEACTIVATE)
+        paused = client.publish(*parts)
+        time.sleep(0.5)
+        assert not client.has("disparity", silent) and not client.has("disparity", paused)
+        change(Transition.TRANSITION_CLEANUP)
+        assert state() == State.PRIMARY_STATE_UNCONFIGURED
+        client.wait(
+            lambda: client.publishers["left/image"].get_subscription_count() == 0, "a clean-up"
+        )
+        client.received["/diagnostics"].clear()
+    code, seconds = managed.stop(signal.SIGTERM)
+    assert (code, "Traceback" in managed.log) == (0, False), managed.log
+    assert seconds < 2.0
