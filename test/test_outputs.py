@@ -26,6 +26,7 @@ from uw_visibility.water.estimation import WaterEstimate
 HEIGHT, WIDTH = 4, 40
 RIG = StereoRig(400.0, 0.12, (19.5, 1.5), (16.5, 1.5))
 ESTIMATES = {topic for topic in TOPICS if topic.startswith("visibility/")}
+RAW = {topic for topic in ESTIMATES if topic.startswith("visibility/raw/")}
 CONFIG = NodeConfig(
     max_range=20.0, depth_frame="odom", publish_depth_image=True, publish_points=True
 )
@@ -298,7 +299,36 @@ UNKNOWN = {"mean_attenuation": NAN, "distance": NAN, "distance_stddev": NAN}
 def test_what_is_not_assessable_is_not_said(
     make: MessageFactory, changes: dict[str, Any], silent: set[str]
 ) -> None:
-    assert set(all_topics(CONFIG)) - set(build(make, result(**changes))) == silent
+    raw = {topic.replace("visibility/", "visibility/raw/") for topic in silent}
+    assert set(all_topics(CONFIG)) - set(build(make, result(**changes))) == silent | raw
+
+
+def test_raw_estimates_are_the_frame_s_and_the_others_filtered_where_there_is_a_filter(
+    make: MessageFactory,
+) -> None:
+    alone = build(make)
+    for topic in RAW:
+        assert str(alone[topic]) == str(alone[topic.replace("raw/", "")])
+    filtered = result(
+        tracked=replace(result().water, attenuation=np.array([0.6, 0.4, 0.3])),
+        tracked_visibility=visibility(mean_attenuation=0.35, distance=8.0, depth=4.0),
+    )
+    both = build(make, filtered)
+    for topic in RAW:
+        assert str(both[topic]) == str(alone[topic])
+    assert both["visibility/attenuation"].vector.x == 0.6
+    assert both["visibility/mean_attenuation"].data == 0.35
+    assert both["visibility/distance"].range == 8.0
+    assert both["visibility/depth"].pose.pose.position.z == -4.0
+
+
+def test_what_the_filter_bridges_is_said_and_the_frame_s_own_is_not(make: MessageFactory) -> None:
+    nothing = result(
+        status=Status.NO_COLOUR, water=WaterEstimate.not_assessable(Status.NO_COLOUR),
+        visibility=Visibility(Status.NO_COLOUR, Status.NO_COLOUR),
+        tracked=result().water, tracked_visibility=result().visibility,
+    )
+    assert set(all_topics(CONFIG)) - set(build(make, nothing)) == RAW
 
 
 def test_grey_images_stay_grey(make: MessageFactory) -> None:

@@ -68,3 +68,21 @@ def test_images_that_nobody_wants_are_not_made_and_change_no_estimate() -> None:
         np.testing.assert_array_equal(shown, getattr(whole, f"{side}_enhanced"))
         assert hidden.size == 0
         assert list(messages) == [f"{side}/enhanced/image"]
+
+
+def test_frames_are_filtered_over_time_where_they_come_in_order() -> None:
+    settings = PipelineConfig(), NodeConfig()
+    alone, _ = FrameProcessor(make, rectify=False).process(frame(), *settings, ESTIMATES)
+    assert alone.tracked is None
+    processor = FrameProcessor(make, rectify=False, track=True)
+    results = []
+    for nanosec in (0, 500_000_000):
+        later = frame()
+        later.left.header.stamp.nanosec = nanosec
+        results.append(processor.process(later, *settings, ESTIMATES)[0])
+    assert [str(result.tracking) for result in results] == ["started", "updated"]
+    first, second = (r.tracked.attenuation_stddev[0] for r in results)
+    assert second < first
+    # The same stamp again is no progress of time.
+    repeated, _ = processor.process(later, *settings, ESTIMATES)
+    assert str(repeated.tracking) == "started"

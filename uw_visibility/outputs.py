@@ -5,6 +5,10 @@
 What is not assessable is not said: the messages under ``visibility/`` appear
 only where the estimate behind them has the status ok, so that a consumer never
 meets a NaN or an invented value. Images and the disparity always appear.
+
+Each estimate appears twice: under ``visibility/raw/`` that of the frame alone, and
+under ``visibility/`` the one filtered over frames, where they are tracked. Who
+filters by himself wants the raw one: errors of the filtered one last for seconds.
 """
 
 from __future__ import annotations
@@ -30,6 +34,8 @@ from uw_visibility.output_images import (
     right_info,
 )
 from uw_visibility.status import Status
+from uw_visibility.water.assessment import Visibility
+from uw_visibility.water.estimation import WaterEstimate
 
 # Variance of the components of a pose that are not measured: whoever fuses
 # them by mistake gives them no weight. A variance of 0 would mean certainty
@@ -63,8 +69,18 @@ def build_messages(source: Source, topics: Collection[str]) -> dict[str, Any]:
     return messages
 
 
-def _distance(source: Source) -> Any:
-    visibility = source.result.visibility
+def _water(source: Source, filtered: bool) -> WaterEstimate:
+    tracked = source.result.tracked
+    return tracked if filtered and tracked is not None else source.result.water
+
+
+def _visibility(source: Source, filtered: bool) -> Visibility:
+    tracked = source.result.tracked_visibility
+    return tracked if filtered and tracked is not None else source.result.visibility
+
+
+def _distance(source: Source, filtered: bool) -> Any:
+    visibility = _visibility(source, filtered)
     if visibility.status is not Status.OK or math.isnan(visibility.distance):
         return None
     max_range = source.config.max_range
@@ -87,20 +103,23 @@ def _variance(stddev: float) -> float:
     return stddev**2 if math.isfinite(stddev) else 0.0
 
 
-def _attenuation(source: Source) -> Any:
-    return _vector(source, source.result.water.attenuation)
+def _attenuation(source: Source, filtered: bool) -> Any:
+    water = _water(source, filtered)
+    return _vector(source, water, water.attenuation)
 
 
-def _attenuation_stddev(source: Source) -> Any:
-    return _vector(source, source.result.water.attenuation_stddev)
+def _attenuation_stddev(source: Source, filtered: bool) -> Any:
+    water = _water(source, filtered)
+    return _vector(source, water, water.attenuation_stddev)
 
 
-def _ambient_light(source: Source) -> Any:
-    return _vector(source, source.result.water.ambient_light)
+def _ambient_light(source: Source, filtered: bool) -> Any:
+    water = _water(source, filtered)
+    return _vector(source, water, water.ambient_light)
 
 
-def _vector(source: Source, values: NDArray[np.float64]) -> Any:
-    if source.result.water.status is not Status.OK or not np.isfinite(values).all():
+def _vector(source: Source, water: WaterEstimate, values: NDArray[np.float64]) -> Any:
+    if water.status is not Status.OK or not np.isfinite(values).all():
         return None
     vector = source.make(
         "geometry_msgs/msg/Vector3",
@@ -111,15 +130,15 @@ def _vector(source: Source, values: NDArray[np.float64]) -> Any:
     )
 
 
-def _mean_attenuation(source: Source) -> Any:
-    visibility = source.result.visibility
+def _mean_attenuation(source: Source, filtered: bool) -> Any:
+    visibility = _visibility(source, filtered)
     if visibility.status is not Status.OK or not math.isfinite(visibility.mean_attenuation):
         return None
     return source.make("std_msgs/msg/Float64", data=float(visibility.mean_attenuation))
 
 
-def _depth(source: Source) -> Any:
-    visibility = source.result.visibility
+def _depth(source: Source, filtered: bool) -> Any:
+    visibility = _visibility(source, filtered)
     numbers = (visibility.depth, visibility.depth_stddev)
     if visibility.depth_status is not Status.OK or not all(map(math.isfinite, numbers)):
         return None
@@ -139,18 +158,33 @@ def _depth(source: Source) -> Any:
     )
 
 
+_ESTIMATES: dict[str, tuple[str, Callable[[Source, bool], Any]]] = {
+    "distance": ("sensor_msgs/msg/Range", _distance),
+    "attenuation": ("geometry_msgs/msg/Vector3Stamped", _attenuation),
+    "attenuation_stddev": ("geometry_msgs/msg/Vector3Stamped", _attenuation_stddev),
+    "ambient_light": ("geometry_msgs/msg/Vector3Stamped", _ambient_light),
+    "mean_attenuation": ("std_msgs/msg/Float64", _mean_attenuation),
+    "depth": ("geometry_msgs/msg/PoseWithCovarianceStamped", _depth),
+}
+
+
+def _estimates(folder: str, filtered: bool) -> dict[str, tuple[str, Callable[[Source], Any]]]:
+    def of(builder: Callable[[Source, bool], Any]) -> Callable[[Source], Any]:
+        return lambda source: builder(source, filtered)
+
+    return {
+        f"{folder}/{topic}": (name, of(builder)) for topic, (name, builder) in _ESTIMATES.items()
+    }
+
+
 _OUTPUTS: dict[str, tuple[str, Callable[[Source], Any]]] = {
     "left/enhanced/image": ("sensor_msgs/msg/Image", left_image),
     "left/enhanced/camera_info": ("sensor_msgs/msg/CameraInfo", left_info),
     "right/enhanced/image": ("sensor_msgs/msg/Image", right_image),
     "right/enhanced/camera_info": ("sensor_msgs/msg/CameraInfo", right_info),
     "disparity": ("stereo_msgs/msg/DisparityImage", disparity),
-    "visibility/distance": ("sensor_msgs/msg/Range", _distance),
-    "visibility/attenuation": ("geometry_msgs/msg/Vector3Stamped", _attenuation),
-    "visibility/attenuation_stddev": ("geometry_msgs/msg/Vector3Stamped", _attenuation_stddev),
-    "visibility/ambient_light": ("geometry_msgs/msg/Vector3Stamped", _ambient_light),
-    "visibility/mean_attenuation": ("std_msgs/msg/Float64", _mean_attenuation),
-    "visibility/depth": ("geometry_msgs/msg/PoseWithCovarianceStamped", _depth),
+    **_estimates("visibility", True),
+    **_estimates("visibility/raw", False),
 }
 
 _DEPTH_OUTPUTS: dict[str, tuple[str, Callable[[Source], Any]]] = {

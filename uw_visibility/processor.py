@@ -9,7 +9,7 @@ from typing import Any
 
 from uw_visibility.config import NodeConfig, PipelineConfig
 from uw_visibility.frames import FrameReader, StereoFrame
-from uw_visibility.messages import MessageFactory
+from uw_visibility.messages import MessageFactory, stamp_to_nanoseconds
 from uw_visibility.outputs import Source, build_messages, enhanced_sides
 from uw_visibility.pipeline import Pipeline
 from uw_visibility.result import FrameResult
@@ -27,6 +27,9 @@ class FrameProcessor:
         Makes the outgoing messages.
     rectify : bool
         Whether the images are raw.
+    track : bool
+        Whether frames come one after the other, to be filtered over time as
+        `TrackingConfig` says; else each is taken for itself.
 
     Attributes
     ----------
@@ -34,7 +37,8 @@ class FrameProcessor:
         Knows how often the calibration changed.
     """
 
-    def __init__(self, make: MessageFactory, rectify: bool) -> None:
+    def __init__(self, make: MessageFactory, rectify: bool, track: bool = False) -> None:
+        self._track = track
         self.reader = FrameReader(rectify)
         self._make = make
         self._pipeline: Pipeline | None = None
@@ -78,7 +82,13 @@ class FrameProcessor:
             self._pipeline = Pipeline(*wanted)
             self._made_for = wanted
         result = self._pipeline.process(
-            pair.left, pair.right, valid=pair.valid, enhance=enhanced_sides(topics)
+            pair.left, pair.right, valid=pair.valid, enhance=enhanced_sides(topics),
+            stamp=self._stamp(frame),
         )
         source = Source(self._make, frame, pair, result, node_config)
         return result, build_messages(source, topics)
+
+    def _stamp(self, frame: StereoFrame) -> float | None:
+        if not self._track:
+            return None
+        return 1e-9 * stamp_to_nanoseconds(frame.left.header.stamp)
