@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 Columns = Mapping[str, NDArray[np.float64]]
 
-ESTIMATE, SENSOR = "#0072b2", "#d55e00"
+ESTIMATE, FILTERED, SENSOR = "#0072b2", "#1b1f24", "#d55e00"
 # More points than this make a vector drawing larger than pixels.
 MOST_POINTS = 4000
 
@@ -29,6 +29,7 @@ QUANTITIES = (
 NEEDED = (
     "stamp", "mean_attenuation", "mean_attenuation_stddev", "visibility_distance",
     "visibility_distance_stddev", "depth", "depth_stddev", "sensor_depth", "nis",
+    *(f"filtered_{name}" for name, _ in QUANTITIES),
 )
 
 
@@ -76,8 +77,11 @@ def _draw_quantity(axes: Any, time: NDArray[np.float64], columns: Columns, name:
     alone = np.isfinite(value) & ~_has_neighbour(value)
     axes.plot(time, value, color=ESTIMATE, linewidth=1.2, marker=marker, label="estimate")
     axes.plot(time[alone], value[alone], ".", color=ESTIMATE)
+    filtered = columns[f"filtered_{name}"]
+    if np.isfinite(filtered).any():
+        axes.plot(time, filtered, color=FILTERED, linewidth=1.4, label="filtered over frames")
     axes.set_ylim(*_limits(value, stddev, columns["sensor_depth"] if name == "depth" else None))
-    axes.legend(loc="upper left", ncols=3, fontsize="small")
+    axes.legend(loc="upper left", ncols=4, fontsize="small")
     if not np.isfinite(value).any():
         axes.text(0.5, 0.5, "not assessable", transform=axes.transAxes, ha="center", va="center")
 
@@ -85,7 +89,7 @@ def _draw_quantity(axes: Any, time: NDArray[np.float64], columns: Columns, name:
 def _draw_sensor(axes: Any, time: NDArray[np.float64], depth: NDArray[np.float64]) -> None:
     if np.isfinite(depth).any():
         axes.plot(time, depth, color=SENSOR, linewidth=1.4, label="depth sensor")
-        axes.legend(loc="upper left", ncols=3, fontsize="small")
+        axes.legend(loc="upper left", ncols=4, fontsize="small")
 
 
 def _draw_nis(axes: Any, time: NDArray[np.float64], nis: NDArray[np.float64]) -> None:

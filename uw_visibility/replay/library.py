@@ -110,7 +110,8 @@ def read(
         stream = InputStream(reader, options)
         channels = {c.type: c for c in reader.channels.values()}
         processor = RecordingProcessor(
-            Recording(str(bag), channels, reader.ros1, options.pipeline, options.node)
+            Recording(str(bag), channels, reader.ros1, options.pipeline, options.node),
+            track=True,
         )
         for event in stream.events():
             if not isinstance(event, RecordedFrame):

@@ -6,11 +6,12 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from uw_visibility.outputs import TOPICS
+from uw_visibility.replay.filtering import EstimateLog
 from uw_visibility.replay.reader import BagReader, UnreadableError
 from uw_visibility.replay.table import nanoseconds, read_rows
 from uw_visibility.replay.work import FrameAnswer
@@ -39,10 +40,10 @@ class ResultWriter:
         absolute = {f"/{topic}": name for topic, name in topics.items()}
         self._bag = BagWriter(folder / "results", {**absolute, NIS_TOPIC: NIS_TYPE})
 
-    def write_answer(self, answer: FrameAnswer) -> None:
-        """Write the messages of a frame at the time of its left image."""
-        for topic, data in answer.messages:
-            self._bag.write_serialised(f"/{topic}", data, answer.time)
+    def write_messages(self, messages: list[tuple[str, bytes]], time: int) -> None:
+        """Write serialised messages at a time (ns)."""
+        for topic, data in messages:
+            self._bag.write_serialised(f"/{topic}", data, time)
 
     def write_nis(self, row: Mapping[str, str]) -> None:
         """Write the NIS of a row, where it has one."""
@@ -67,6 +68,8 @@ class EarlierPart:
     ----------
     folder : Path
         Of the partial result.
+    topics : collection of str
+        Those that a frame alone fills; others are made anew.
 
     Attributes
     ----------
@@ -74,8 +77,9 @@ class EarlierPart:
         Rows of timings.csv by frame.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, topics: Collection[str]) -> None:
         self._folder = folder
+        self._topics = {f"/{topic}" for topic in topics}
         self.timings: dict[str, dict[str, str]] = {}
         if (folder / "timings.csv").is_file():
             self.timings = {r["frame"]: r for r in read_rows(folder / "timings.csv")}
@@ -84,16 +88,17 @@ class EarlierPart:
         """Yield the frames whose row and messages are all there, in order."""
         if not (self._folder / "frames.csv").is_file():
             return
-        groups = self._groups()
+        groups, estimates = self._groups(), EstimateLog.read(self._folder)
         for row in read_rows(self._folder / "frames.csv"):
             time = nanoseconds(row["time"])
             if row["reason"]:
                 yield FrameAnswer(time, row)
                 continue
             group = next(groups, None)
-            if group is None or group[0] != time:
+            number, estimate = next(estimates, ("", None))
+            if group is None or group[0] != time or number != row["frame"]:
                 return
-            yield FrameAnswer(time, row, group[1])
+            yield FrameAnswer(time, row, group[1], estimate)
 
     def _groups(self) -> Iterator[tuple[int, list[tuple[str, bytes]]]]:
         """Yield time and messages of the frames that have some."""
@@ -109,7 +114,7 @@ class EarlierPart:
         with reader:
             time, group = 0, list[tuple[str, bytes]]()
             for message in reader.messages():
-                if message.topic == NIS_TOPIC:
+                if message.topic not in self._topics:
                     continue
                 if message.topic == FIRST_TOPIC and group:
                     yield time, group

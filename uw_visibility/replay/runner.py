@@ -17,6 +17,7 @@ from typing import Any, Self, TypeVar
 from uw_visibility.errors import InputError
 from uw_visibility.outputs import all_topics
 from uw_visibility.plausibility import Report
+from uw_visibility.replay.filtering import EstimateLog, FilterStage, split_topics
 from uw_visibility.replay.folder import ResultFolder
 from uw_visibility.replay.joining import Joiner
 from uw_visibility.replay.options import ReplayOptions
@@ -168,13 +169,18 @@ class _Replay:
         self._parameters = options.parameters()
         self._check_earlier()
         self._hash = FileHash(reader.files)
-        self._earlier = EarlierPart(folder.earlier) if folder.earlier is not None else None
+        self._earlier: EarlierPart | None = None
+        if folder.earlier is not None:
+            alone, _ = split_topics(options.pipeline, options.node)
+            self._earlier = EarlierPart(folder.earlier, alone)
         self._table = TableWriter(folder.work / "frames.csv", COLUMNS)
         self._timings: TableWriter | None = None
         self._results = ResultWriter(folder.work, all_topics(options.node))
         self._joiner = Joiner(
             stream.plausibility, selection.position is not None, options.origin
         )
+        self._filter = FilterStage(options.pipeline, options.node)
+        self._estimates = EstimateLog(folder.work)
         self._write_state(complete=False)
 
     def run(self, pool: FramePool) -> None:
@@ -202,6 +208,7 @@ class _Replay:
             return
         self._finish(hashed=kind is None)
         if kind is None:
+            self._estimates.remove()
             self._folder.forget_earlier()
             self._folder.complete()
         elif self._earlier is not None and self.summary.frames < len(self._earlier.timings):
@@ -240,11 +247,20 @@ class _Replay:
         elif isinstance(item, Position):
             yield from self._joiner.add_position(item)
         else:
-            self._results.write_answer(item)
-            self._write_timing(item)
-            # Rows of an earlier part are joined anew, so that the test's memory is right.
-            row = {k: v for k, v in item.row.items() if k not in JOINED}
-            yield from self._joiner.add_frame(row)
+            yield from self._joiner.add_frame(self._filter_frame(item))
+
+    def _filter_frame(self, answer: FrameAnswer) -> dict[str, str]:
+        """Write the messages of a frame, filtered ones too; returns its row."""
+        self._results.write_messages(answer.messages, answer.time)
+        self._write_timing(answer)
+        # Rows of an earlier part are joined anew, so that the test's memory is right.
+        row = {k: v for k, v in answer.row.items() if k not in JOINED}
+        if answer.estimate is not None:
+            messages, columns = self._filter.add(answer.estimate)
+            self._results.write_messages(messages, answer.time)
+            self._estimates.write(row["frame"], answer.estimate)
+            row |= columns
+        return row
 
     def _write_row(self, row: dict[str, str]) -> None:
         self._table.write(row)
@@ -297,6 +313,7 @@ class _Replay:
 
     def _close_files(self) -> None:
         self._table.close()
+        self._estimates.close()
         if self._timings is not None:
             self._timings.close()
         self._results.close(self.summary.provenance)

@@ -34,6 +34,8 @@ COLUMNS: tuple[str, ...] = (
     *(c for channel in CHANNELS for c in _with_stddev(f"ambient_light_{channel}")),
     *_with_stddev("mean_attenuation"), *_with_stddev("visibility_distance"),
     *_with_stddev("depth"),
+    *_with_stddev("filtered_mean_attenuation"), *_with_stddev("filtered_visibility_distance"),
+    *_with_stddev("filtered_depth"), "filtering",
     "support_points", "coverage", "matched_fraction", "limited_fraction",
     *_with_stddev("sensor_depth"), "innovation", "nis", "plausibility",
     "longitude", "latitude", "x", "y",

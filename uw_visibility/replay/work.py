@@ -21,6 +21,7 @@ from uw_visibility.pipeline import Pipeline
 from uw_visibility.processor import FrameProcessor
 from uw_visibility.replay.bags.storage import Channel, Recorded
 from uw_visibility.replay.decoder import Decoder
+from uw_visibility.replay.filtering import FrameEstimate, split_topics
 from uw_visibility.replay.stream import RecordedFrame
 from uw_visibility.replay.table import FAILED, result_columns, seconds
 from uw_visibility.result import FrameResult
@@ -74,6 +75,8 @@ class FrameAnswer:
         Columns of the table that the frame alone fills.
     messages : list of tuple
         Topic and serialised message (CDR), in the order of publishing.
+    estimate : FrameEstimate or None
+        What the filter over frames needs; None without a result.
     timing_ms : dict of str to float
         Durations of the stages.
     """
@@ -81,20 +84,31 @@ class FrameAnswer:
     time: int
     row: dict[str, str]
     messages: list[tuple[str, bytes]] = field(default_factory=list)
+    estimate: FrameEstimate | None = None
     timing_ms: dict[str, float] = field(default_factory=dict)
 
 
 class RecordingProcessor:
-    """Works on the frames of one recording."""
+    """Works on the frames of one recording.
 
-    def __init__(self, recording: Recording) -> None:
+    Parameters
+    ----------
+    recording : Recording
+    track : bool
+        Whether all frames come here in order, to be filtered over time.
+    """
+
+    def __init__(self, recording: Recording, track: bool = False) -> None:
         self._recording = recording
         self._decoder = Decoder(recording.channels, recording.ros1)
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._processor = FrameProcessor(
-            typestore_factory(self._types.types), recording.node.rectify
+            typestore_factory(self._types.types), recording.node.rectify, track
         )
-        self._topics = all_topics(recording.node)
+        self._types_by_topic = all_topics(recording.node)
+        self._topics, filtered = split_topics(recording.pipeline, recording.node)
+        if track:
+            self._topics += filtered
 
     def answer(self, frame: RecordedFrame) -> FrameAnswer:
         """Return what becomes of a frame; whatever goes wrong costs this frame alone."""
@@ -103,7 +117,8 @@ class RecordingProcessor:
             "right_stamp": seconds(frame.right_stamp), "time": seconds(frame.time),
         }
         try:
-            result, messages = self.process(frame)
+            read = self._read(frame)
+            result, messages = self._process(read)
         except InputError as error:
             return FrameAnswer(frame.time, {**row, "status": FAILED, "reason": str(error)})
         except Exception as error:
@@ -111,21 +126,29 @@ class RecordingProcessor:
             reason = f"internal error, {type(error).__name__} at {place.name}:{place.lineno}"
             return FrameAnswer(frame.time, {**row, "status": FAILED, "reason": reason})
         serialised = [
-            (topic, bytes(self._types.serialize_cdr(message, self._topics[topic])))
+            (topic, bytes(self._types.serialize_cdr(message, self._types_by_topic[topic])))
             for topic, message in messages.items()
         ]
+        rig = self._processor.reader.rig
+        assert rig is not None
+        estimate = FrameEstimate.of(result, rig, read.left.header)
         return FrameAnswer(
-            frame.time, {**row, **result_columns(result)}, serialised, result.timing_ms
+            frame.time, {**row, **result_columns(result)}, serialised, estimate, result.timing_ms
         )
 
     def process(self, frame: RecordedFrame) -> tuple[FrameResult, dict[str, Any]]:
-        """Process a frame as the node does; returns result and messages by topic."""
-        messages = StereoFrame(*(
+        """Process a frame; returns result and messages by topic."""
+        return self._process(self._read(frame))
+
+    def _read(self, frame: RecordedFrame) -> StereoFrame:
+        return StereoFrame(*(
             self._decoder.decode(m) if isinstance(m, Recorded) else m
             for m in (frame.left, frame.right, frame.left_info, frame.right_info)
         ))
+
+    def _process(self, frame: StereoFrame) -> tuple[FrameResult, dict[str, Any]]:
         return self._processor.process(
-            messages, self._recording.pipeline, self._recording.node, list(self._topics)
+            frame, self._recording.pipeline, self._recording.node, self._topics
         )
 
 
