@@ -42,7 +42,7 @@ RESULT = FrameResult(**(dict.fromkeys(f.name for f in fields(FrameResult)) | {
 class Processor:
     """Stands for the pipeline: fails as told, and notes what was asked."""
 
-    def __init__(self, *arguments: Any) -> None:
+    def __init__(self, *arguments: Any, **options: Any) -> None:
         self.reader = self
         self.calibrations = 0
         self.asked: list[set[str]] = []

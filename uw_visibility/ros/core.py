@@ -80,7 +80,7 @@ class NodeCore:
         self._jumps = ReasonLog(lambda line: self._log.warning(line))
         self._calibrations = 0
         self._active_since: float | None = None
-        self._processor = FrameProcessor(make_message, self._settings.node.rectify)
+        self._processor = FrameProcessor(make_message, self._settings.node.rectify, track=True)
         self._publishers = {
             topic: publish_on(node, message_type(name), topic)
             for topic, name in all_topics(self._settings.node).items()
