@@ -104,7 +104,7 @@ def smooth(start: int, stop: int, kept: Any, deviation: Any, smoothed: Any) -> N
 
 @njit(nogil=True, cache=True)
 def mark_vertices(start: int, stop: int, kept: Any, vertices: Any) -> None:
-    """Mark the points that are not flat between their neighbours in both directions."""
+    """Mark a lattice of points, and those that are not flat between their neighbours."""
     for row in range(start, stop):
         for column in range(kept.shape[1]):
             if kept[row, column] < 0:
@@ -112,21 +112,27 @@ def mark_vertices(start: int, stop: int, kept: Any, vertices: Any) -> None:
             elif row % _LATTICE == 0 and column % _LATTICE == 0:
                 vertices[row, column] = True
             else:
-                vertices[row, column] = not (
-                    _agrees(kept, row, column, 0, 1)
-                    and _agrees(kept, row, column, 0, -1)
-                    and _agrees(kept, row, column, 1, 0)
-                    and _agrees(kept, row, column, -1, 0)
-                )
+                vertices[row, column] = _stands_out(kept, row, column)
 
 
 @njit(nogil=True, cache=True)
-def _agrees(kept: Any, row: int, column: int, down: int, across: int) -> bool:
-    """Whether the nearest point in a direction exists and has the same disparity."""
+def _stands_out(kept: Any, row: int, column: int) -> bool:
+    """Whether a neighbour differs, or more than one is missing as at a region's border."""
+    missing = 0
+    for down, across in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+        difference = _step_to(kept, row, column, down, across)
+        if difference > _FLAT:
+            return True
+        if difference < 0:
+            missing += 1
+    return missing > 1
+
+
+@njit(nogil=True, cache=True)
+def _step_to(kept: Any, row: int, column: int, down: int, across: int) -> float:
+    """Difference to the nearest point in a direction; -1 where none is near."""
     for steps in range(1, _NEIGHBOUR_STEPS + 1):
         y, x = row + steps * down, column + steps * across
-        if not (0 <= y < kept.shape[0] and 0 <= x < kept.shape[1]):
-            return False
-        if kept[y, x] >= 0:
-            return abs(kept[y, x] - kept[row, column]) <= _FLAT
-    return False
+        if 0 <= y < kept.shape[0] and 0 <= x < kept.shape[1] and kept[y, x] >= 0:
+            return float(abs(kept[y, x] - kept[row, column]))
+    return -1.0
