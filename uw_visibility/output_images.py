@@ -45,6 +45,20 @@ class Source:
         """Stamp and frame of the right image."""
         return self._header(self.frame.right)
 
+    @functools.cached_property
+    def disparity(self) -> tuple[NDArray[np.float32], float, float]:
+        """What `corrected_disparity` returns."""
+        return corrected_disparity(self)
+
+    @functools.cached_property
+    def depth(self) -> NDArray[np.float32]:
+        """Z of the matched pixels, ``(H, W)`` float32, m; NaN elsewhere."""
+        disparity, low, _ = self.disparity
+        scale = np.float32(self.pair.rig.focal_length * self.pair.rig.baseline)
+        known = disparity.copy()
+        known[disparity < np.float32(low)] = np.nan
+        return scale / known
+
     def header(self, stamp: Any, frame_id: str) -> Any:
         """Make a header from a stamp of whatever library."""
         time = self.make("builtin_interfaces/msg/Time", sec=stamp.sec, nanosec=stamp.nanosec)
@@ -101,7 +115,7 @@ def _camera_info(source: Source, info: Any, header: Any) -> Any:
 
 def disparity(source: Source) -> Any:
     """Make the disparity image of the matched pixels."""
-    pixels, low, high = corrected_disparity(source)
+    pixels, low, high = source.disparity
     return source.make(
         "stereo_msgs/msg/DisparityImage",
         header=source.left_header,
@@ -150,12 +164,12 @@ def depth_info(source: Source) -> Any:
 
 def depth_image(source: Source) -> Any:
     """Make the depth image (REP 118): Z in m, NaN where nothing was matched."""
-    return write_image(source.make, matched_depth(source), "32FC1", source.left_header)
+    return write_image(source.make, source.depth, "32FC1", source.left_header)
 
 
 def points(source: Source) -> Any:
     """Make the cloud of the matched pixels: one point per pixel, NaN where none was matched."""
-    rig, depth = source.pair.rig, matched_depth(source)
+    rig, depth = source.pair.rig, source.depth
     height, width = depth.shape
     cloud = np.empty((height, width, 4), np.float32)
     cx, cy = rig.principal_point
@@ -164,7 +178,7 @@ def points(source: Source) -> Any:
     np.multiply(depth, columns.astype(np.float32), out=cloud[..., 0])
     np.multiply(depth, rows.astype(np.float32)[:, None], out=cloud[..., 1])
     cloud[..., 2] = depth
-    cloud[..., 3] = _packed_colours(source.result.left_enhanced).view(np.float32)
+    _pack_colours(source.result.left_enhanced, cloud.view(np.uint8)[..., 12:])
     fields = [
         source.make(
             "sensor_msgs/msg/PointField", name=name, offset=4 * index, datatype=POINT_FLOAT32,
@@ -186,23 +200,15 @@ def points(source: Source) -> Any:
     )
 
 
-def matched_depth(source: Source) -> NDArray[np.float32]:
-    """Return Z of the matched pixels, ``(H, W)`` float32, m; NaN elsewhere."""
-    disparity, low, _ = corrected_disparity(source)
-    rig = source.pair.rig
-    disparity[disparity < np.float32(low)] = np.nan
-    return np.float32(rig.focal_length * rig.baseline) / disparity
-
-
-def _packed_colours(pixels: NDArray[Any]) -> NDArray[np.uint32]:
-    """Return colours as PCL packs them, 0x00RRGGBB; grey and 16-bit images too."""
+def _pack_colours(pixels: NDArray[Any], packed: NDArray[np.uint8]) -> None:
+    """Write colours as PCL packs them, 0x00RRGGBB; those of grey and 16-bit images too."""
     if pixels.dtype == np.uint16:
-        pixels = pixels >> 8
-    channels = pixels.astype(np.uint32)
-    if channels.ndim == 2:
-        return channels * np.uint32(0x010101)
-    packed: NDArray[np.uint32] = np.dot(channels, np.array([1 << 16, 1 << 8, 1], np.uint32))
-    return packed
+        pixels = (pixels >> 8).astype(np.uint8)
+    if sys.byteorder == "little":
+        packed = packed[..., ::-1]
+    packed[..., 0] = 0
+    for channel in range(3):
+        packed[..., 1 + channel] = pixels if pixels.ndim == 2 else pixels[..., channel]
 
 
 def _valid_window(source: Source) -> tuple[int, int, int, int]:

@@ -18,6 +18,7 @@ from uw_visibility.errors import InputError
 
 # How long the exit waits for the frame that is being processed, s.
 STOP_TIMEOUT = 1.0
+SWITCH_INTERVAL = 5e-4
 
 
 def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
