@@ -19,6 +19,9 @@ from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
+from uw_visibility.simulation.camera import StereoCamera
+from uw_visibility.simulation.transect import Transect
+
 NAMESPACE = "/watched"
 
 
@@ -195,7 +198,7 @@ def test_depth_sensor_is_checked(client: Any, parts: Any) -> None:
     def frame(deviations: float) -> float:
         """Let the sensor differ by so many standard deviations; return the NIS."""
         count, stamp = len(nis), client.publish(*parts)
-        pose = client.result(stamp, "visibility/depth")[0].pose
+        pose = client.result(stamp, "visibility/raw/depth")[0].pose
         variance = pose.covariance[14] + 0.01 + 0.25**2
         sensor.publish(stamp, -pose.pose.position.z + deviations * math.sqrt(variance))
         client.wait(lambda: len(nis) > count, "a NIS")
@@ -225,3 +228,36 @@ def test_depth_sensor_is_checked(client: Any, parts: Any) -> None:
     sensor.close()
     status = client.diagnosed("plausibility", "stale: no ")
     assert status.level == DiagnosticStatus.STALE
+
+
+def test_jump_of_the_sensor_on_a_simulated_transect(
+    client: Any, image: Any, info: Any
+) -> None:
+    transect = Transect(
+        frames=16, rate=2.0, depth=(4.0, 5.0), attenuation=(0.15, 0.2), seed=3,
+        camera=StereoCamera(320, 240, 300.0, 0.12),
+    )
+    set_parameters(
+        client, plausibility__max_gate=1.5, plausibility__timeout=10.0, stereo__max_disparity=64
+    )
+    cx, cy = transect.camera.principal_point
+    infos = [
+        info(
+            side, width=320, height=240, k=[300.0, 0.0, cx, 0.0, 300.0, cy, 0.0, 0.0, 1.0],
+            p=[300.0, 0.0, cx, tx, 0.0, 300.0, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        )
+        for side, tx in (("left", 0.0), ("right", -36.0))
+    ]
+    sensor = Sensor(client)
+    nis = client.received["depth_plausibility/nis"]
+    jump = 6
+    for index, (_, frame) in enumerate(transect.render()):
+        count = len(nis)
+        stamp = client.publish(image(frame.left, "rgb8"), image(frame.right, "rgb8"), *infos)
+        sensor.publish(stamp, frame.depth + (1.5 if index >= jump else 0.0))
+        client.wait(lambda n=count: len(nis) > n, "a NIS")
+        if index == jump - 1:
+            client.diagnosed("plausibility", "ok: ")
+    status = client.diagnosed("plausibility", "error: ")
+    assert int(status.numbers["beyond the gate in a row"]) >= 6
+    sensor.close()
