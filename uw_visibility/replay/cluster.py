@@ -15,6 +15,9 @@ from uw_visibility.replay.options import ReplayOptions
 from uw_visibility.replay.progress import Progress
 from uw_visibility.replay.runner import Summary
 
+# A scheduler answers at once, or is not there.
+TIMEOUT = "10s"
+
 
 def replay_on_cluster(
     address: str,
@@ -56,7 +59,7 @@ def replay_on_cluster(
             "pip install 'uw_visibility[distributed]'"
         ) from error
     try:
-        client = distributed.Client(address, timeout="10s", set_as_default=False)
+        client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"cannot reach the scheduler {address}: {error}") from error
     progress = Progress("bags", len(targets))

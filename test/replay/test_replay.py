@@ -1,0 +1,368 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The command on a simulated transect: what it writes, and what it depends on."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from bag_copies import FRAMES, Message, copy_bag, run
+from rosbags.typesys import Stores, get_typestore
+
+from uw_visibility import replay
+from uw_visibility.cli import main
+from uw_visibility.config import NodeConfig, PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.frames import StereoFrame
+from uw_visibility.messages import stamp_to_nanoseconds, typestore_factory
+from uw_visibility.outputs import all_topics
+from uw_visibility.processor import FrameProcessor
+from uw_visibility.replay.reader import BagReader
+from uw_visibility.replay.table import COLUMNS, read_rows
+from uw_visibility.replay.work import RecordingProcessor
+from uw_visibility.water.tracking import WaterTracker
+
+ALONE = {"tracking.enabled": False, "threads": 1}
+
+
+def contents(out: Path) -> list[tuple[str, int, bytes]]:
+    with BagReader(out / "results.mcap") as reader:
+        return [(m.topic, m.time, m.data) for m in reader.messages()]
+
+
+def frames_of(bag: Path) -> Iterator[StereoFrame]:
+    with BagReader(bag) as reader:
+        found: dict[str, list[Any]] = {}
+        for m in reader.messages():
+            found.setdefault(m.topic, []).append(reader.deserialize(m))
+        for messages in zip(*(found[f"/{t}"] for t in (
+            "left/image_rect", "right/image_rect", "left/camera_info", "right/camera_info",
+        )), strict=True):
+            yield StereoFrame(*messages)
+
+
+def parameter_file(path: Path, values: dict[str, Any]) -> str:
+    path.write_text(yaml.safe_dump({"/**": {"ros__parameters": values}}))
+    return str(path)
+
+
+def test_every_frame_has_a_row_and_every_topic_its_messages(
+    transect: Path, replayed: Path
+) -> None:
+    assert {p.name for p in replayed.iterdir()} == {
+        "results.mcap", "frames.csv", "timings.csv", "report.html", "replay.json"
+    }
+    rows = list(read_rows(replayed / "frames.csv"))
+    assert tuple(rows[0]) == COLUMNS
+    assert [row["frame"] for row in rows] == [str(k) for k in range(FRAMES)]
+    assert {row["status"] for row in rows} == {"ok"}
+    with BagReader(replayed / "results.mcap") as reader:
+        assert set(reader.topics) == {f"/{t}" for t in all_topics(NodeConfig())} | {
+            "/depth_plausibility/nis"}
+        nis = []
+        for m in reader.messages():
+            message = reader.deserialize(m)
+            if hasattr(message, "header"):
+                assert stamp_to_nanoseconds(message.header.stamp) == m.time
+            if m.topic == "/depth_plausibility/nis":
+                nis.append((m.time, message.data))
+    assert [v for _, v in nis] == [float(row["nis"]) for row in rows if row["nis"]]
+    assert len(nis) >= FRAMES - 1
+    with BagReader(transect) as reader:
+        depths = [
+            -reader.deserialize(m).pose.pose.position.z
+            for m in reader.messages(["/depth_sensor"])
+        ]
+    np.testing.assert_allclose([float(row["sensor_depth"]) for row in rows], depths)
+
+
+def test_messages_and_table_are_those_of_the_common_path(transect: Path, tmp_path: Path) -> None:
+    """Without the filter over frames, byte for byte what the node's processor makes."""
+    params = parameter_file(tmp_path / "p.yaml", ALONE)
+    assert run(transect, tmp_path / "out", "--params-file", params).code == 0
+    found = {(t, time): data for t, time, data in contents(tmp_path / "out")}
+    types = get_typestore(Stores.ROS2_JAZZY)
+    processor = FrameProcessor(typestore_factory(types.types), False)
+    config, topics = PipelineConfig.from_parameters(ALONE), all_topics(NodeConfig())
+    rows = read_rows(tmp_path / "out" / "frames.csv")
+    for frame, row in zip(frames_of(transect), rows, strict=True):
+        result, messages = processor.process(frame, config, NodeConfig(), topics)
+        time = stamp_to_nanoseconds(frame.left.header.stamp)
+        for topic, message in messages.items():
+            expected = bytes(types.serialize_cdr(message, topics[topic]))
+            assert found.pop((f"/{topic}", time)) == expected, topic
+        assert float(row["visibility_distance"]) == result.visibility.distance
+        assert float(row["attenuation_green"]) == result.water.attenuation[1]
+        assert float(row["matched_fraction"]) == result.matched_fraction_enhanced
+        assert row["filtered_depth"] == ""
+    assert {topic for topic, _ in found} == {"/depth_plausibility/nis"}
+
+
+def test_filtered_messages_are_those_of_a_filter_over_all_frames(
+    transect: Path, replayed: Path
+) -> None:
+    types = get_typestore(Stores.ROS2_JAZZY)
+    processor = FrameProcessor(typestore_factory(types.types), False)
+    config = PipelineConfig.from_parameters({"threads": 1})
+    tracker = WaterTracker(config.tracking)
+    with BagReader(replayed / "results.mcap") as reader:
+        found = {
+            (m.topic, m.time): reader.deserialize(m)
+            for m in reader.messages(["/visibility/attenuation"])
+        }
+    for frame in frames_of(transect):
+        result, _ = processor.process(frame, config, NodeConfig(), [])
+        time = stamp_to_nanoseconds(frame.left.header.stamp)
+        vector = found["/visibility/attenuation", time].vector
+        water = tracker.update(result.water, 1e-9 * time)
+        np.testing.assert_array_equal([vector.x, vector.y, vector.z], water.attenuation)
+
+
+def test_jobs_and_repetition_change_nothing(
+    transect: Path, replayed: Path, tmp_path: Path
+) -> None:
+    for name, jobs in (("again", "1"), ("side by side", "2")):
+        out = tmp_path / name
+        assert main(["replay", str(transect), "-o", str(out), "--jobs", jobs]) == 0
+        assert (out / "frames.csv").read_bytes() == (replayed / "frames.csv").read_bytes()
+        assert contents(out) == contents(replayed)
+
+
+def test_the_result_says_where_it_comes_from(transect: Path, replayed: Path) -> None:
+    expected = hashlib.sha256((transect / "transect.mcap").read_bytes()).hexdigest()
+    state = json.loads((replayed / "replay.json").read_text())
+    assert (state["complete"], state["input_sha256"]) == (True, expected)
+    assert state["parameters"]["water.method"] == "lower_envelope"
+    # Where rosbag2 keeps custom data: in the file's metadata, as YAML.
+    data = (replayed / "results.mcap").read_bytes()
+    for text in ("uw_visibility.version", "uw_visibility.parameters", expected):
+        assert text.encode() in data
+
+
+def test_a_part_is_replayed(transect: Path, replayed: Path, tmp_path: Path) -> None:
+    every = run(transect, tmp_path / "every", "--every", "4")
+    assert [row["frame"] for row in every.rows] == ["0", "4"]
+    part = run(transect, tmp_path / "part", "--start", "1", "--duration", "1")
+    whole = list(read_rows(replayed / "frames.csv"))
+    assert [row["stamp"] for row in part.rows] == [row["stamp"] for row in whole[2:4]]
+    assert part.rows[0]["depth"] == whole[2]["depth"]
+    for option, value in (("--every", "0"), ("--start", "-1"), ("--duration", "0")):
+        assert run(transect, tmp_path / "none", option, value).code == 2
+
+
+def test_a_calibration_sent_once_before_the_start_holds(transect: Path, tmp_path: Path) -> None:
+    def latched(messages: Iterator[Message]) -> Iterator[Message]:
+        sent = set()
+        for message in messages:
+            if not message[0].endswith("camera_info") or message[0] not in sent:
+                sent.add(message[0])
+                yield message
+
+    bag = copy_bag(transect, tmp_path / "bag", edit=latched)
+    done = run(bag, tmp_path / "out", "--start", "1.5")
+    assert [row["status"] for row in done.rows] == ["ok"] * (FRAMES - 3)
+
+
+def test_a_calibration_from_a_file_takes_the_place_of_camera_info(
+    transect: Path, replayed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def without(messages: Iterator[Message]) -> Iterator[Message]:
+        return (m for m in messages if not m[0].endswith("camera_info"))
+
+    bag = copy_bag(transect, tmp_path / "bag", edit=without)
+    assert run(bag, tmp_path / "out").code == 2
+    assert "give --calibration" in capsys.readouterr().err
+    info = next(frames_of(transect)).left_info
+    left = info.p.reshape(3, 4)
+    right = left.copy()
+    right[0, 3] = -150.0 * 0.12
+    path = tmp_path / "rig.json"
+    path.write_text(json.dumps(
+        {"P1": left.tolist(), "P2": right.tolist(), "width": 160, "height": 120}
+    ))
+    assert run(bag, tmp_path / "out", "--calibration", str(path)).code == 0
+    expected = (replayed / "frames.csv").read_bytes()
+    assert (tmp_path / "out" / "frames.csv").read_bytes() == expected
+
+
+def test_nothing_is_overwritten_unless_told(
+    transect: Path, replayed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "notes.txt").write_text("mine")
+    assert run(transect, out).code == run(transect, out, "--force").code == 2
+    assert "is no replay" in capsys.readouterr().err
+    (out / "notes.txt").unlink()
+    assert run(transect, out).code == 0
+    before = (out / "results.mcap").stat().st_mtime_ns
+    assert run(transect, out, "--every", "3").code == 2
+    assert "--force" in capsys.readouterr().err
+    assert (out / "results.mcap").stat().st_mtime_ns == before
+    assert len(run(transect, out, "--every", "3", "--force").rows) == 2
+    assert {p.name for p in tmp_path.iterdir()} == {"out"}
+
+
+@pytest.fixture
+def interrupted(
+    transect: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> SimpleNamespace:
+    """A replay that Ctrl-C ends at the fourth frame."""
+    answer = RecordingProcessor.answer
+
+    def stop(self: RecordingProcessor, frame: Any) -> Any:
+        if frame.number == 3:
+            raise KeyboardInterrupt
+        return answer(self, frame)
+
+    monkeypatch.setattr(RecordingProcessor, "answer", stop)
+    out = tmp_path / "out"
+    code = main(["replay", str(transect), "-o", str(out), "--jobs", "1"])
+    monkeypatch.undo()
+    return SimpleNamespace(out=out, partial=tmp_path / "out.partial", code=code)
+
+
+def test_an_interruption_leaves_a_readable_part_marked_as_such(
+    interrupted: SimpleNamespace, replayed: Path
+) -> None:
+    assert (interrupted.code, interrupted.out.exists()) == (130, False)
+    rows = list(read_rows(interrupted.partial / "frames.csv"))
+    assert rows == list(read_rows(replayed / "frames.csv"))[: len(rows)]
+    assert 2 <= len(rows) <= 3
+    assert len([m for m in contents(interrupted.partial) if m[0] == "/disparity"]) == 3
+    assert "Partial result" in (interrupted.partial / "report.html").read_text()
+    assert not json.loads((interrupted.partial / "replay.json").read_text())["complete"]
+
+
+@pytest.mark.parametrize("crashed", [False, True])
+def test_a_resumed_replay_is_as_if_it_had_not_been_interrupted(
+    crashed: bool, interrupted: SimpleNamespace, transect: Path, replayed: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if crashed:
+        # Nothing was closed: the messages have no end, the last row is cut off.
+        folder = interrupted.partial
+        (folder / "results").mkdir()
+        data = (folder / "results.mcap").read_bytes()
+        (folder / "results" / "results.mcap").write_bytes(data[: len(data) // 2])
+        (folder / "results.mcap").unlink()
+        table = (folder / "frames.csv").read_text()
+        (folder / "frames.csv").write_text(table[:-40])
+    assert run(transect, interrupted.out).code == 2
+    assert "--resume goes on from it" in capsys.readouterr().err
+    done = run(transect, interrupted.out, "--resume", capsys=capsys)
+    assert done.code == 0
+    assert "of them from before" in done.out
+    expected = (replayed / "frames.csv").read_bytes()
+    assert (interrupted.out / "frames.csv").read_bytes() == expected
+    assert contents(interrupted.out) == contents(replayed)
+    with (interrupted.out / "timings.csv").open() as file:
+        assert [row["frame"] for row in csv.DictReader(file)] == [str(k) for k in range(FRAMES)]
+    assert {p.name for p in interrupted.out.parent.iterdir()} == {"out"}
+
+
+def test_a_part_made_otherwise_is_not_gone_on_from(
+    interrupted: SimpleNamespace, transect: Path, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    params = parameter_file(tmp_path / "p.yaml", {"water.bins": 40})
+    done = run(transect, interrupted.out, "--resume", "--params-file", params, capsys=capsys)
+    assert done.code == 2
+    assert "made with another water.bins" in done.err
+    other = shutil.copytree(transect, tmp_path / "other")
+    with (other / "transect.mcap").open("ab") as file:
+        file.write(b"more")
+    assert run(other, interrupted.out, "--resume").code == 2
+    assert (interrupted.partial / "frames.csv").is_file()
+    assert run(transect, interrupted.out, "--force").code == 0
+    assert not interrupted.partial.exists()
+
+
+def test_pictures_video_and_map_on_request(transect: Path, tmp_path: Path) -> None:
+    types = get_typestore(Stores.ROS2_JAZZY).types
+
+    def with_fix(messages: Iterator[Message]) -> Iterator[Message]:
+        for message in messages:
+            yield message
+            if message[0] == "/depth_sensor":
+                yield "/fix", "sensor_msgs/msg/NavSatFix", types["sensor_msgs/msg/NavSatFix"](
+                    header=message[2].header,
+                    status=types["sensor_msgs/msg/NavSatStatus"](status=0, service=1),
+                    latitude=59.5, longitude=10.5, altitude=0.0,
+                    position_covariance=np.zeros(9), position_covariance_type=0,
+                ), message[3]
+
+    bag = copy_bag(transect, tmp_path / "bag", edit=with_fix)
+    out = tmp_path / "out"
+    done = run(bag, out, "--images", "3", "--video", "--geo", "/fix")
+    assert done.code == 0
+    assert sorted(p.name for p in (out / "images").iterdir()) == [
+        "frame_000000.png", "frame_000003.png"]
+    picture = cv2.imread(str(out / "images" / "frame_000003.png"))
+    assert picture.shape == (120, 480, 3)
+    raw = list(frames_of(transect))[3].left.data.reshape(120, 160, 3)
+    np.testing.assert_array_equal(picture[:, :160, ::-1], raw)
+    video = cv2.VideoCapture(str(out / "video.mp4"))
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == FRAMES
+    assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(2.0)
+    features = json.loads((out / "frames.geojson").read_text())["features"]
+    assert [f["geometry"]["coordinates"] for f in features] == [[10.5, 59.5]] * FRAMES
+    assert features[0]["properties"]["depth"] == float(done.rows[0]["depth"])
+
+
+def test_the_list_shows_what_would_be_used(
+    transect: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(transect), "--list"]) == 0
+    text = capsys.readouterr().out
+    assert "ROS 2, 1 files, 2.5 s" in text
+    used = text.partition("would be used:")[2]
+    assert "/left/image_rect" in used
+    assert "/depth_sensor" in used
+
+
+def test_several_bags_have_a_folder_each(transect: Path, tmp_path: Path) -> None:
+    other = copy_bag(transect, tmp_path / "other")
+    command = ["replay", str(transect), str(other), "-o", str(tmp_path / "day"), "--jobs", "1"]
+    assert main([*command, "--every", "3"]) == 0
+    assert {p.name for p in (tmp_path / "day").iterdir()} == {"transect", "other"}
+    assert (tmp_path / "day" / "other" / "report.html").is_file()
+    assert main(["replay", str(other), str(other), "-o", str(tmp_path / "twice")]) == 2
+
+
+def test_raw_images_are_rectified_or_refused(
+    shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = shared_data / "underwater" / "bermuda_raw_bag"
+    done = run(bag, tmp_path / "out", capsys=capsys)
+    assert done.code == 2
+    assert "add --rectify" in done.err
+    assert list(tmp_path.iterdir()) == []
+    done = run(bag, tmp_path / "out", "--rectify")
+    assert [row["status"] for row in done.rows] == ["ok"] * 12
+
+
+def test_the_library_yields_what_the_command_writes(
+    transect: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    params = parameter_file(tmp_path / "p.yaml", ALONE)
+    rows = run(transect, tmp_path / "out", "--params-file", params).rows
+    frames = list(replay.read(transect, ALONE))
+    assert [f.number for f in frames] == list(range(FRAMES))
+    for frame, row in zip(frames, rows, strict=True):
+        assert float(row["depth"]) == frame.result.visibility.depth
+        assert frame.messages["disparity"].header.stamp.sec == frame.stamp // 10**9
+    assert len(list(replay.read(transect, ALONE, start=1.0, every=2))) == 2
+    with pytest.raises(InputError, match=r"water\.bin"):
+        next(replay.read(transect, {"water.bin": 3}))

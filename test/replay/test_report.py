@@ -1,0 +1,133 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The report holds everything itself, and says what was not assessable and why."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from io import StringIO
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from bag_copies import FRAMES, Message, copy_bag, run
+
+from uw_visibility.replay import progress
+from uw_visibility.replay.figures import MOST_POINTS, NEEDED, draw_series
+from uw_visibility.replay.meaning import MEANINGS
+from uw_visibility.status import Status
+
+
+class Page(HTMLParser):
+    """Elements and addresses of a page."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.addresses: list[str] = []
+        self.text = path.read_text(encoding="utf-8")
+        self.feed(self.text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.addresses += [
+            value or "" for name, value in attrs if name in ("src", "href", "data", "xlink:href")
+        ]
+
+
+def test_the_page_needs_no_network(replayed: Path) -> None:
+    page = Page(replayed / "report.html")
+    assert all(a.startswith(("data:", "#")) for a in page.addresses)
+    assert not {"script", "iframe", "object"} & set(page.tags)
+    assert not re.search(r"@import|url\((?!#)", page.text)
+    assert "svg" in page.tags
+
+
+def test_pictures_show_raw_enhanced_and_disparity(replayed: Path) -> None:
+    pictures = [a for a in Page(replayed / "report.html").addresses if "image/png" in a]
+    assert 4 <= len(pictures) <= FRAMES
+    for address in pictures:
+        data = np.frombuffer(base64.b64decode(address.partition(",")[2]), np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        assert image.shape == (120, 480, 3)
+        raw, enhanced, disparity = np.split(image.astype(float), 3, axis=1)
+        # Water takes contrast and red; the enhanced image has more of both.
+        assert enhanced.std() > raw.std()
+        assert enhanced[..., 2].mean() / enhanced.mean() > raw[..., 2].mean() / raw.mean()
+        assert disparity.std(axis=2).mean() > 30.0
+
+
+def test_numbers_tables_and_parameters_are_there(replayed: Path, tmp_path: Path) -> None:
+    text = Page(replayed / "report.html").text
+    for words in (
+        "visibility distance, median", "Water and depth were assessed", "improved disparity",
+        "/depth_sensor", "SHA-256", "stereo.max_disparity", "± ",
+    ):
+        assert words in text
+    assert "Partial result" not in text
+    assert "could be used" not in text
+
+
+def test_what_was_not_assessable_is_explained(transect: Path, tmp_path: Path) -> None:
+    def grey(messages: Iterator[Message]) -> Iterator[Message]:
+        for topic, kind, message, time in messages:
+            if kind == "sensor_msgs/msg/Image":
+                message.encoding, message.step = "mono8", message.width
+                message.data = np.ascontiguousarray(message.data[1::3])
+            yield topic, kind, message, time
+
+    done = run(copy_bag(transect, tmp_path / "bag", edit=grey), tmp_path / "out")
+    assert done.code == 0
+    assert {row["status"] for row in done.rows} == {"no colour"}
+    assert {row["visibility_distance"] for row in done.rows} == {""}
+    text = Page(tmp_path / "out" / "report.html").text
+    assert MEANINGS[Status.NO_COLOUR] in text
+    assert "not assessable" in text
+
+
+def test_every_reason_has_a_meaning() -> None:
+    assert set(MEANINGS) == set(Status) - {Status.OK}
+
+
+def test_frames_that_are_all_unusable_are_exit_code_1_with_the_reason(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def black(messages: Iterator[Message]) -> Iterator[Message]:
+        for topic, kind, message, time in messages:
+            if kind == "sensor_msgs/msg/Image":
+                message.data = np.zeros_like(message.data)
+            yield topic, kind, message, time
+
+    with pytest.raises(SystemExit) as ended:
+        run(copy_bag(transect, tmp_path / "bag", edit=black), tmp_path / "out")
+    assert ended.value.code == 1
+    assert "too dark" in capsys.readouterr().out
+    assert "too dark" in Page(tmp_path / "out" / "report.html").text
+
+
+@pytest.mark.parametrize("count", [1, 50, MOST_POINTS + 1])
+def test_the_series_is_drawn_whatever_is_known(count: int) -> None:
+    columns = {name: np.full(count, np.nan) for name in NEEDED}
+    columns["stamp"] = 1.7e9 + np.arange(count)
+    assert draw_series(columns).startswith("<img" if count > MOST_POINTS else "<svg")
+    columns = {name: np.linspace(1.0, 2.0, count) for name in NEEDED}
+    assert draw_series(columns) == draw_series(columns)
+
+
+def test_progress_is_a_line_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    stream = StringIO()
+    shown = progress.Progress("dive", 600, stream)
+    for _ in range(45):
+        now[0] += 0.5
+        shown.add()
+    shown.close()
+    assert stream.getvalue().splitlines() == [
+        "dive: 20 of 600 frames, 2.0 frames/s, 4:50 min left",
+        "dive: 40 of 600 frames, 2.0 frames/s, 4:40 min left",
+    ]
