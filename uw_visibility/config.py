@@ -155,7 +155,7 @@ class WaterConfig:
 
     method: str = parameter(
         "lower_envelope",
-        "Fit of the dark envelope: lower_envelope (asymmetric loss, 0.2 % quantile), or "
+        "Fit of the dark envelope: lower_envelope (asymmetric loss, darkest patches), or "
         "paper (symmetric loss, 1 % quantile).",
         choices=("lower_envelope", "paper"),
     )
@@ -170,8 +170,8 @@ class WaterConfig:
         minimum=1.0, maximum=10.0,
     )
     edge_tolerance: float = parameter(
-        0.05, "Pixels are left out where the range beside them differs by more than this "
-        "fraction.", minimum=0.0, maximum=1.0,
+        0.03, "Pixels are left out where the range beside them departs from a plane by more "
+        "than this fraction.", minimum=0.0, maximum=1.0,
     )
 
 

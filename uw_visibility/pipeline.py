@@ -40,8 +40,9 @@ SIDES = ("left", "right")
 # Stands for an image that nobody asked for.
 _NOT_WANTED: NDArray[Any] = np.empty((0, 0), np.uint8)
 
-# Deviation of a matched disparity, px; the mesh's is that of its points.
+# Deviation of a matched disparity, px, and of the mesh between its points.
 _DISPARITY_DEVIATION = 0.3
+_MESH_DEVIATION = 1.0
 
 
 class Pipeline:
@@ -178,7 +179,7 @@ class Pipeline:
         with clock("coarse disparity"):
             mesh = stages.matcher.coarse_disparity(support)
         with clock("visibility estimation 1"):
-            step1 = self._estimate(left, mesh, counted, support, start)
+            step1 = self._estimate(left, mesh, counted, support, start, coarse=True)
         with clock("matting"):
             coarse = stages.dense_map(mesh, support, left)
         with clock("image enhancement 1"):
@@ -269,12 +270,14 @@ class Pipeline:
         valid: NDArray[np.bool_] | None,
         support: SupportPoints,
         start: WaterEstimate | None = None,
+        coarse: bool = False,
     ) -> WaterEstimate:
         if len(support) < FEWEST_SUPPORT_POINTS:
             return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
-        range_error = _DISPARITY_DEVIATION / (self.rig.focal_length * self.rig.baseline)
-        range_map = self.rig.range_from_disparity(disparity)
-        return self._estimator.estimate(image, range_map, valid, start, range_error)
+        return self._estimator.estimate(
+            image, self.rig.range_from_disparity(disparity), valid, start,
+            self._range_error(_MESH_DEVIATION if coarse else _DISPARITY_DEVIATION), coarse,
+        )
 
     def _estimate_grey(
         self,
@@ -284,10 +287,15 @@ class Pipeline:
     ) -> _Water:
         """What restores a grey image's contrast: it has no colour to be assessed."""
         found = self._estimator.estimate_grey(
-            image, self.rig.range_from_disparity(disparity), valid
+            image, self.rig.range_from_disparity(disparity), valid,
+            self._range_error(_DISPARITY_DEVIATION),
         )
         attenuation, ambient_light = found or (np.nan, np.nan)
         return _Water(np.array([attenuation]), np.array([ambient_light]))
+
+    def _range_error(self, deviation: float) -> float:
+        """Standard deviation of range over its square, 1/m, for that of the disparity."""
+        return deviation / (self.rig.focal_length * self.rig.baseline)
 
     def _range(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
         """Range of a filled map: at or beyond infinity it is infinite."""

@@ -4,6 +4,7 @@
 
 import threading
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -163,7 +164,8 @@ class TestRefusals:
         assert found.channel_status[2] is Status.OK
         assert found.status is Status.TOO_DARK
         assert np.isnan(found.attenuation[0])
-        assert found.attenuation[2] == pytest.approx(view.attenuation[2], abs=0.03)
+        # 17 code values of blue are left.
+        assert found.attenuation[2] == pytest.approx(view.attenuation[2], abs=0.035)
 
     def test_saturated(self, make_view, method):
         view = make_view()
@@ -240,13 +242,13 @@ def scenes(shared_data):
     return [load_scene(shared_data / "middlebury" / name) for name in SCENES]
 
 
-def errors_of(scenes, method, change=lambda image, distance: (image, distance)):
+def errors_of(scenes, method, **settings):
     found = []
     for scene in scenes:
         distance = scene.range_of(scene.disparity_left)
         for alpha in (0.0, 0.1, 0.2, 0.3):
             image, _ = scene.degraded(alpha, 2.0, KAPPA)
-            estimate = estimator(method=method).estimate(*change(image, distance))
+            estimate = estimator(method=method).estimate(image, distance, **settings)
             assert estimate.status is Status.OK, (scene.name, alpha, estimate.channel_status)
             found.append(np.mean(estimate.attenuation - KAPPA) - alpha)
     return np.abs(found)
@@ -256,6 +258,65 @@ def test_with_exact_range_the_lower_envelope_improves_on_the_plain_fit(scenes):
     plain = errors_of(scenes, "paper")
     better = errors_of(scenes, "lower_envelope")
     assert plain.mean() < 0.04
-    assert better.mean() <= 0.01
+    assert better.mean() <= 0.008
     assert better.max() <= 0.04
-    assert better.mean() < 0.4 * plain.mean()
+    assert better.mean() < 0.3 * plain.mean()
+
+
+def test_ranges_that_a_window_carried_over_edges_do_not_mislead(make_view):
+    """A dark thing near by, whose range at its border is that of what lies behind."""
+    view = make_view(alpha=0.2, nearest=3.0)
+    image, distance = view.codes(), view.range.copy()
+    near = np.zeros(distance.shape, dtype=bool)
+    for row in range(30, 330, 40):
+        near[row:row + 20, 40:300] = True
+    airlight = view.ambient_light * (1 - np.exp(-view.attenuation * 1.5))
+    image[near] = airlight * 255 + 0.5
+    distance[near] = 1.5
+    eroded = cv2.erode(near.astype(np.uint8), np.ones((13, 13))) > 0
+    distance[near & ~eroded] = view.range[near & ~eroded]
+    found = estimator().estimate(image, distance, range_error=0.001)
+    np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.03)
+    naive = estimator().estimate(image, distance)
+    assert (np.abs(naive.attenuation - view.attenuation) > 0.03).any()
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.2, 0.35])
+def test_noise_does_not_pull_the_envelope_down(make_view, alpha):
+    """Far away only ambient light and noise are left; they must not count as dark."""
+    view = make_view(alpha=alpha, farthest=20.0, size=(480, 640), planes=40)
+    rng = np.random.default_rng(0)
+    noisy = view.irradiance * 255 + rng.normal(0, 1.7, view.irradiance.shape)
+    image = np.clip(noisy + 0.5, 0, 255).astype(np.uint8)
+    found = estimator().estimate(image, view.range)
+    np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.02, rtol=0.05)
+    assert (np.abs(found.attenuation - view.attenuation) < 3 * found.attenuation_stddev).all()
+
+
+def test_a_few_bins_of_wrong_ranges_do_not_mislead(make_view):
+    view = make_view(alpha=0.2)
+    image, distance = view.codes(), view.range.copy()
+    # Black at 1 m, taken to be at 5 m: darker than black can be.
+    wrong = np.abs(distance - 5) < 0.3
+    wrong[:300] = False
+    image[wrong] = view.ambient_light * (1 - np.exp(-view.attenuation)) * 255
+    found = estimator().estimate(image, distance)
+    np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.03)
+
+
+def test_the_deviation_grows_where_nothing_is_black(make_view):
+    black, grey = make_view(), make_view(darkest=0.25, seed=1)
+    first = estimator().estimate(black.codes(), black.range)
+    second = estimator().estimate(grey.codes(), grey.range)
+    assert (second.attenuation_stddev > first.attenuation_stddev).all()
+
+
+def test_interpolated_ranges_are_trusted_less(make_view):
+    """Specks of wrong range, too few for the coarse envelope."""
+    view = make_view()
+    image = view.codes()
+    image[5::60, 3::12] = 1
+    coarse = estimator().estimate(image, view.range, coarse=True)
+    fine = estimator().estimate(image, view.range)
+    errors = [np.abs(found.attenuation - view.attenuation).max() for found in (coarse, fine)]
+    assert errors[0] < 0.5 * errors[1]

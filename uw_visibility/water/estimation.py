@@ -13,28 +13,24 @@ from numpy.typing import ArrayLike, NDArray
 from uw_visibility.config import WaterConfig
 from uw_visibility.errors import InputError
 from uw_visibility.status import Status
-from uw_visibility.water.fit import ATTENUATION_BOUNDS, Fit, fit_plain
+from uw_visibility.water.fit import Fit, fit_plain
+from uw_visibility.water.judgement import (
+    black_attenuation,
+    judge,
+    least_ambient_light,
+    refuse_channel,
+    refuse_frame,
+)
 from uw_visibility.water.lower_envelope import fit_lower_envelope
 from uw_visibility.water.observations import Envelopes, observe
 
-# Quantile of the dark envelope by method; the paper's is 1 % (eq. 4).
-DARK_QUANTILE = {"paper": 0.01, "lower_envelope": 0.002}
+# Dark envelope: its quantile, and the pixels below it at least. The paper takes
+# 1 % (eq. 4). The darkest 5 pixels are a patch rather than a speck; where ranges
+# are interpolated, more of them are wrong.
+PLAIN_DARK = (0.01, 0.5)
+DARK = (0.0002, 5.0)
+COARSE_DARK = (0.002, 20.0)
 BRIGHT_QUANTILE = 0.99
-# The bright envelope is that of the third brightest bin: one or two bins may
-# hold an animal's reflection or wrong ranges.
-BRIGHT_BINS = 3
-MIN_BINS = 6
-# A channel is saturated, or dark, when more of its pixels than this are.
-MAX_CLIPPED_FRACTION = 0.5
-# A channel whose bright patches span fewer code values shows no course over range.
-MIN_CODES = 4.0
-# Attenuation is not assessable when its standard deviation is beyond both.
-MAX_STDDEV = 0.1
-MAX_RELATIVE_STDDEV = 0.5
-# Ambient light is known from bright patches, which show as radiance beyond that
-# of the dark ones at near range, or from water that is optically thick.
-MIN_NEAR_RADIANCE = 0.25
-MIN_OPTICAL_THICKNESS = 4.0
 
 
 @dataclass(frozen=True)
@@ -125,6 +121,7 @@ class WaterEstimator:
         valid: NDArray[np.bool_] | None = None,
         start: WaterEstimate | None = None,
         range_error: float = 0.0,
+        coarse: bool = False,
     ) -> WaterEstimate:
         """Estimate attenuation and ambient light.
 
@@ -141,7 +138,10 @@ class WaterEstimator:
             An earlier estimate to start from.
         range_error : float
             Standard deviation of range over its square, 1/m: that of the
-            disparity over focal length times baseline.
+            disparity over focal length times baseline. 0 stands for exact
+            ranges, which hold up to the edges of things.
+        coarse : bool
+            Whether ranges are interpolated between points, as in a mesh.
 
         Returns
         -------
@@ -155,19 +155,19 @@ class WaterEstimator:
         _check(image, range_map, valid)
         if image.ndim == 2 or image.shape[2] == 1:
             return WaterEstimate.not_assessable(Status.NO_COLOUR)
-        codes, envelope = self._observe(image, range_map, valid)
+        codes, envelope = self._observe(image, range_map, valid, range_error, coarse)
         reason = self._refuse_frame(codes, envelope)
         if reason is Status.OK and envelope.grey:
             reason = Status.NO_COLOUR
         if reason is not Status.OK:
             return WaterEstimate.not_assessable(reason, envelope)
-        status = [_refuse_channel(envelope, channel) for channel in range(3)]
+        status = [refuse_channel(envelope, channel) for channel in range(3)]
         active = np.array([reason is Status.OK for reason in status])
         if not active.any():
             return WaterEstimate.not_assessable(status[0], envelope)
         fit = self._fit(envelope, active, start, range_error, self._clear_water)
         for channel in np.flatnonzero(active):
-            status[channel] = _judge(fit, envelope, int(channel))
+            status[channel] = judge(fit, envelope, int(channel))
         return _assemble(fit, envelope, status)
 
     def estimate_grey(
@@ -175,6 +175,8 @@ class WaterEstimator:
         image: NDArray[Any],
         range_map: NDArray[np.floating],
         valid: NDArray[np.bool_] | None = None,
+        range_error: float = 0.0,
+        coarse: bool = False,
     ) -> tuple[float, float] | None:
         """Estimate attenuation and ambient light of a single channel, to restore its contrast.
 
@@ -186,6 +188,8 @@ class WaterEstimator:
             Range along the line of sight, m; NaN where unknown.
         valid : (H, W) bool ndarray, optional
             Pixels that may count.
+        range_error, coarse
+            See `estimate`.
 
         Returns
         -------
@@ -200,14 +204,15 @@ class WaterEstimator:
             If shapes or types do not fit.
         """
         _check(image, range_map, valid)
-        codes, envelope = self._observe(np.dstack((image,) * 3), range_map, valid)
+        codes, envelope = self._observe(
+            np.dstack((image,) * 3), range_map, valid, range_error, coarse)
         if self._refuse_frame(codes, envelope) is not Status.OK:
             return None
-        if _refuse_channel(envelope, 0) is not Status.OK:
+        if refuse_channel(envelope, 0) is not Status.OK:
             return None
         alone = np.array([True, False, False])
-        fit = self._fit(envelope, alone, None, 0.0, np.full(3, self._clear_water.min()))
-        if _judge(fit, envelope, 0) is not Status.OK:
+        fit = self._fit(envelope, alone, None, range_error, np.full(3, self._clear_water.min()))
+        if judge(fit, envelope, 0) is not Status.OK:
             return None
         attenuation, ambient_light = fit.parameters[0]
         return float(attenuation), float(ambient_light)
@@ -217,9 +222,13 @@ class WaterEstimator:
         image: NDArray[Any],
         range_map: NDArray[np.floating],
         valid: NDArray[np.bool_] | None,
+        range_error: float,
+        coarse: bool,
     ) -> tuple[NDArray[Any], Envelopes]:
         config = self._config
         codes, transfer = _codes(image, self._transfer)
+        plain = config.method == "paper"
+        dark_quantile, fewest_dark = PLAIN_DARK if plain else COARSE_DARK if coarse else DARK
         envelope = observe(
             codes,
             np.ascontiguousarray(range_map, dtype=np.float32),
@@ -228,27 +237,18 @@ class WaterEstimator:
             bins=config.bins,
             min_pixels=config.min_bin_pixels,
             edge_tolerance=config.edge_tolerance,
-            dark_quantile=DARK_QUANTILE[config.method],
+            dark_quantile=dark_quantile,
+            fewest_dark=fewest_dark,
             bright_quantile=BRIGHT_QUANTILE,
-            denoise=config.method != "paper",
+            range_error=range_error,
+            plain=plain,
         )
         return codes, envelope
 
     def _refuse_frame(self, codes: NDArray[Any], envelope: Envelopes) -> Status:
-        """Say why no channel is assessable, if so."""
-        needed = self._config.min_bin_pixels * MIN_BINS
-        if envelope.pixels < needed:
-            # Nothing counted: are there no ranges, or is there no light?
-            return Status.TOO_DARK if not codes.any() else Status.TOO_FEW_OBSERVATIONS
-        if (envelope.saturated > MAX_CLIPPED_FRACTION).all():
-            return Status.SATURATED
-        if len(envelope.range) == 0:
-            return Status.TOO_FEW_OBSERVATIONS
-        if envelope.range[-1] < self._config.min_range_ratio * envelope.range[0]:
-            return Status.RANGE_SPREAD_TOO_SMALL
-        if len(envelope.range) < MIN_BINS:
-            return Status.TOO_FEW_OBSERVATIONS
-        return Status.OK
+        config = self._config
+        return refuse_frame(
+            envelope, codes, config.min_bin_pixels, config.min_range_ratio)
 
     def _fit(
         self,
@@ -258,17 +258,24 @@ class WaterEstimator:
         range_error: float,
         clear_water: NDArray[np.float64],
     ) -> Fit:
-        ambient_min = np.array([_bright(envelope, c) if active[c] else 1.0 for c in range(3)])
-        brightest = [np.nanmax(envelope.bright[c]) if active[c] else 1.0 for c in range(3)]
-        first = np.stack((clear_water, brightest), axis=1)
+        ambient_min = np.array(
+            [least_ambient_light(envelope, c) if active[c] else 1.0 for c in range(3)])
+        plain = self._config.method == "paper"
+        first = np.stack((clear_water, ambient_min), axis=1)
+        for c in np.flatnonzero(active):
+            if plain:
+                first[c, 1] = np.nanmax(envelope.bright[c])
+            else:
+                # From above: what is brighter than the curve of the water holds it less.
+                first[c, 0] = np.median(black_attenuation(envelope, int(c), ambient_min[c]))
         if start is not None:
             known = np.isfinite(start.attenuation)
             first[known, 0] = start.attenuation[known]
             first[known, 1] = start.ambient_light[known]
-        if self._config.method == "paper":
+        if plain:
             return fit_plain(envelope.range, envelope.dark, ambient_min, first, active)
         return fit_lower_envelope(
-            envelope.range, envelope.dark, envelope.deviation, ambient_min, first,
+            envelope.dark_range, envelope.dark, envelope.deviation, ambient_min, first,
             clear_water, active, range_error,
         )
 
@@ -297,40 +304,6 @@ def _codes(image: NDArray[Any], transfer: str) -> tuple[NDArray[Any], str]:
     return (light * 65535 + 0.5).astype(np.uint16), "linear"
 
 
-def _refuse_channel(envelope: Envelopes, channel: int) -> Status:
-    """Say why a channel cannot be fitted, if so."""
-    if envelope.saturated[channel] > MAX_CLIPPED_FRACTION:
-        return Status.SATURATED
-    known = np.isfinite(envelope.dark[channel])
-    if known.sum() < MIN_BINS:
-        return Status.SATURATED if not known.all() else Status.TOO_FEW_OBSERVATIONS
-    too_dark = _bright(envelope, channel) < MIN_CODES * np.nanmin(envelope.step[channel])
-    if too_dark or envelope.zero[channel] > MAX_CLIPPED_FRACTION:
-        return Status.TOO_DARK
-    return Status.OK
-
-
-def _judge(fit: Fit, envelope: Envelopes, channel: int) -> Status:
-    """Say whether the fit of a channel holds."""
-    attenuation, ambient = fit.parameters[channel]
-    variance = np.diag(fit.covariance)[2 * channel:2 * channel + 2]
-    if not fit.converged or not np.isfinite(variance).all() or (variance < 0).any():
-        return Status.FIT_FAILED
-    if attenuation >= ATTENUATION_BOUNDS[1]:
-        return Status.FIT_FAILED
-    stddev = np.sqrt(variance[0])
-    near = slice(0, -(-len(envelope.range) // 4))
-    direct = ambient * np.exp(-attenuation * envelope.range[near])
-    bright, dark = envelope.bright[channel, near], envelope.dark[channel, near]
-    radiance = np.max(np.nan_to_num((bright - dark) / direct))
-    thickness = attenuation * envelope.range[-1]
-    if radiance < MIN_NEAR_RADIANCE and thickness < MIN_OPTICAL_THICKNESS:
-        return Status.AMBIENT_LIGHT_UNBOUNDED
-    if stddev > max(MAX_STDDEV, MAX_RELATIVE_STDDEV * attenuation):
-        return Status.RANGE_SPREAD_TOO_SMALL
-    return Status.OK
-
-
 def _assemble(fit: Fit, envelope: Envelopes, status: list[Status]) -> WaterEstimate:
     refused = np.array([reason is not Status.OK for reason in status])
     parameters = np.where(refused[:, np.newaxis], np.nan, fit.parameters)
@@ -348,10 +321,3 @@ def _assemble(fit: Fit, envelope: Envelopes, status: list[Status]) -> WaterEstim
         envelope=envelope,
         joint_covariance=joint,
     )
-
-
-def _bright(envelope: Envelopes, channel: int) -> float:
-    """Irradiance that ambient light has at least: the bright envelope (eq. 7)."""
-    bright = envelope.bright[channel]
-    ordered = np.sort(bright[np.isfinite(bright)])
-    return float(ordered[-min(BRIGHT_BINS, len(ordered))])

@@ -1,0 +1,150 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""How dark the darkest patches are: the loss of the lower envelope.
+
+A bin holds a patch of radiance ρ ≥ 0 as its darkest, mostly near black. Below the
+curve of black there is nothing but noise, rounding, wrong ranges; above it,
+whatever the scene is short of. So bins below the curve count by their noise,
+bins above it little, and less and less the farther they are.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+# The scales of the loss, as `set_scales` fills them in.
+BELOW, ABOVE, LIMIT, NOISE, EXPECTED = range(5)
+SCALES = 5
+
+# Part of the direct light by which a patch may look darker than black.
+DARKNESS_BELOW = 0.01
+# Part by which the darkest patches of bins differ.
+DARKNESS_ABOVE = 0.2
+# Bins above the curve lose weight beyond this part of their scale, bins below it
+# beyond so many times their scale: they can only be wrong.
+LIMIT_ABOVE = 0.3
+LIMIT_BELOW = 5.0
+# How far from black the darkest patches of a scene are all together, on average
+# and at one standard deviation, in parts of how far bins differ.
+EXPECTED_DARKNESS = 0.1
+DARKNESS_DEVIATION = 0.25
+DARKNESS_DEVIATION_MIN = 0.015
+# Bins show darkness where direct light is so many times the noise.
+INFORMATIVE = 5.0
+UNKNOWN_DARKNESS = 0.3
+
+
+@njit(nogil=True, cache=True)
+def set_scales(
+    p: Any, distance: Any, dark: Any, deviation: Any, known: Any, range_error: float, scale: Any
+) -> None:
+    """Set what residuals are measured by, for parameters `p`.
+
+    Parameters
+    ----------
+    p : (6,) float64 ndarray
+        β_R, I∞_R, β_G, I∞_G, β_B, I∞_B.
+    distance, dark, deviation : (3, N) float64 ndarray
+        Range, irradiance and its standard deviation of the darkest patches.
+    known : (3, N) bool ndarray
+        Bins that count.
+    range_error : float
+        Standard deviation of range over its square, 1/m.
+    scale : (SCALES, 3, N) float64 ndarray
+        Filled.
+    """
+    for c in range(3):
+        for i in range(distance.shape[1]):
+            d = distance[c, i]
+            direct = p[2 * c + 1] * np.exp(-p[2 * c] * d)
+            displacement = range_error * d * d * p[2 * c] * direct
+            variance = deviation[c, i] ** 2 + displacement * displacement
+            scale[NOISE, c, i] = np.sqrt(variance)
+            scale[BELOW, c, i] = np.sqrt(variance + (DARKNESS_BELOW * direct) ** 2)
+            scale[ABOVE, c, i] = np.sqrt(variance + (DARKNESS_ABOVE * direct) ** 2)
+            scale[LIMIT, c, i] = LIMIT_ABOVE * scale[ABOVE, c, i]
+    typical = typical_darkness(p, distance, dark, known, scale)
+    for c in range(3):
+        shown = np.isfinite(typical[c])
+        scale[EXPECTED, c, :] = EXPECTED_DARKNESS * typical[c] if shown else 0.0
+
+
+@njit(nogil=True, cache=True)
+def typical_darkness(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -> Any:
+    """Median radiance of the darkest patches of bins, in each channel; NaN where none shows."""
+    result = np.empty(3)
+    radiance = np.empty(dark.shape[1])
+    for c in range(3):
+        number = 0
+        for i in range(dark.shape[1]):
+            direct = p[2 * c + 1] * np.exp(-p[2 * c] * distance[c, i])
+            if known[c, i] and direct > INFORMATIVE * scale[NOISE, c, i]:
+                excess = dark[c, i] - p[2 * c + 1] + direct
+                radiance[number] = min(max(excess / direct, 0.0), 1.0)
+                number += 1
+        result[c] = np.median(radiance[:number]) if number > 0 else np.nan
+    return result
+
+
+@njit(nogil=True, cache=True)
+def residual(p: Any, distance: Any, dark: Any, scale: Any, c: int, i: int) -> float:
+    """Irradiance of a bin above the curve of the darkest patches."""
+    transmission = np.exp(-p[2 * c] * distance[c, i])
+    return float(
+        dark[c, i] - p[2 * c + 1] * (1.0 - transmission * (1.0 - scale[EXPECTED, c, i])))
+
+
+@njit(nogil=True, cache=True)
+def loss(r: float, scale: Any, c: int, i: int) -> tuple[float, float]:
+    """Cost of a residual, and its weight in least squares.
+
+    Below the curve that is the loss of Geman and McClure, above it Cauchy's.
+    """
+    if r < 0:
+        sigma = scale[BELOW, c, i]
+        limit = LIMIT_BELOW * sigma
+        q = 1.0 + (r / limit) ** 2
+        return (r / sigma) ** 2 / q, 1.0 / (q * sigma) ** 2
+    sigma, limit = scale[ABOVE, c, i], scale[LIMIT, c, i]
+    q = 1.0 + (r / limit) ** 2
+    return (limit / sigma) ** 2 * np.log(q), 1.0 / (q * sigma * sigma)
+
+
+@njit(nogil=True, cache=True)
+def add_normal_equations(
+    p: Any, distance: Any, dark: Any, known: Any, scale: Any, hessian: Any, slope: Any
+) -> float:
+    """Add the bins' curvature and descent direction; return their cost."""
+    cost = 0.0
+    derivative = np.empty(2)
+    for c in range(3):
+        for i in range(distance.shape[1]):
+            if not known[c, i]:
+                continue
+            r = residual(p, distance, dark, scale, c, i)
+            part, weight = loss(r, scale, c, i)
+            cost += part
+            differentiate(p, distance, scale, c, i, derivative)
+            for j in range(2):
+                slope[2 * c + j] += weight * derivative[j] * r
+                for k in range(2):
+                    hessian[2 * c + j, 2 * c + k] += weight * derivative[j] * derivative[k]
+    return cost
+
+
+@njit(nogil=True, cache=True)
+def differentiate(p: Any, distance: Any, scale: Any, c: int, i: int, derivative: Any) -> None:
+    """Derivatives of the curve by attenuation and ambient light."""
+    fading = np.exp(-p[2 * c] * distance[c, i]) * (1.0 - scale[EXPECTED, c, i])
+    derivative[0] = p[2 * c + 1] * distance[c, i] * fading
+    derivative[1] = 1.0 - fading
+
+
+@njit(nogil=True, cache=True)
+def darkness_deviation(typical: float) -> float:
+    """Standard deviation of how far from black a scene's darkest patches are."""
+    shown = typical if np.isfinite(typical) else UNKNOWN_DARKNESS
+    return DARKNESS_DEVIATION_MIN + DARKNESS_DEVIATION * shown

@@ -1,0 +1,109 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Whether observations can be fitted, and whether a fit holds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.status import Status
+from uw_visibility.water.fit import ATTENUATION_BOUNDS, Fit
+from uw_visibility.water.observations import Envelopes
+
+# The bright envelope is that of the third brightest bin: one or two bins may
+# hold an animal's reflection or wrong ranges.
+BRIGHT_BINS = 3
+MIN_BINS = 6
+# A channel is saturated, or dark, when more of its pixels than this are.
+MAX_CLIPPED_FRACTION = 0.5
+# A channel whose bright patches span fewer code values shows no course over range.
+MIN_CODES = 4.0
+# Attenuation is not assessable when its standard deviation is beyond both.
+MAX_STDDEV = 0.1
+MAX_RELATIVE_STDDEV = 0.5
+# Ambient light is known from bright patches, which show as radiance beyond that
+# of the dark ones at near range, or from water that is optically thick.
+MIN_NEAR_RADIANCE = 0.25
+MIN_OPTICAL_THICKNESS = 4.0
+
+
+def refuse_frame(
+    envelope: Envelopes, codes: NDArray[Any], min_pixels: int, min_range_ratio: float
+) -> Status:
+    """Say why no channel is assessable, if so.
+
+    Parameters
+    ----------
+    envelope : Envelopes
+    codes : ndarray
+        The image.
+    min_pixels : int
+        Pixels that a bin needs.
+    min_range_ratio : float
+        Ratio of the farthest to the nearest range that is needed.
+    """
+    if envelope.pixels < min_pixels * MIN_BINS:
+        # Nothing counted: are there no ranges, or is there no light?
+        return Status.TOO_DARK if not codes.any() else Status.TOO_FEW_OBSERVATIONS
+    if (envelope.saturated > MAX_CLIPPED_FRACTION).all():
+        return Status.SATURATED
+    if len(envelope.range) == 0:
+        return Status.TOO_FEW_OBSERVATIONS
+    if envelope.range[-1] < min_range_ratio * envelope.range[0]:
+        return Status.RANGE_SPREAD_TOO_SMALL
+    if len(envelope.range) < MIN_BINS:
+        return Status.TOO_FEW_OBSERVATIONS
+    return Status.OK
+
+
+def refuse_channel(envelope: Envelopes, channel: int) -> Status:
+    """Say why a channel cannot be fitted, if so."""
+    if envelope.saturated[channel] > MAX_CLIPPED_FRACTION:
+        return Status.SATURATED
+    known = np.isfinite(envelope.dark[channel])
+    if known.sum() < MIN_BINS:
+        return Status.SATURATED if not known.all() else Status.TOO_FEW_OBSERVATIONS
+    too_dark = least_ambient_light(envelope, channel) < MIN_CODES * np.nanmin(
+        envelope.step[channel])
+    if too_dark or envelope.zero[channel] > MAX_CLIPPED_FRACTION:
+        return Status.TOO_DARK
+    return Status.OK
+
+
+def judge(fit: Fit, envelope: Envelopes, channel: int) -> Status:
+    """Say whether the fit of a channel holds."""
+    attenuation, ambient = fit.parameters[channel]
+    variance = np.diag(fit.covariance)[2 * channel:2 * channel + 2]
+    if not fit.converged or not np.isfinite(variance).all() or (variance < 0).any():
+        return Status.FIT_FAILED
+    if attenuation >= ATTENUATION_BOUNDS[1]:
+        return Status.FIT_FAILED
+    near = slice(0, -(-len(envelope.range) // 4))
+    direct = ambient * np.exp(-attenuation * envelope.range[near])
+    bright, dark = envelope.bright[channel, near], envelope.dark[channel, near]
+    radiance = np.max(np.nan_to_num((bright - dark) / direct))
+    thickness = attenuation * envelope.range[-1]
+    if radiance < MIN_NEAR_RADIANCE and thickness < MIN_OPTICAL_THICKNESS:
+        return Status.AMBIENT_LIGHT_UNBOUNDED
+    if np.sqrt(variance[0]) > max(MAX_STDDEV, MAX_RELATIVE_STDDEV * attenuation):
+        return Status.RANGE_SPREAD_TOO_SMALL
+    return Status.OK
+
+
+def least_ambient_light(envelope: Envelopes, channel: int) -> float:
+    """Irradiance that ambient light has at least: the bright envelope (eq. 7)."""
+    bright = envelope.bright[channel]
+    ordered = np.sort(bright[np.isfinite(bright)])
+    return float(ordered[-min(BRIGHT_BINS, len(ordered))])
+
+
+def black_attenuation(
+    envelope: Envelopes, channel: int, ambient_light: float
+) -> NDArray[np.float64]:
+    """Attenuation for which each bin's dark envelope would be black, 1/m; the truth is below."""
+    known = np.isfinite(envelope.dark[channel])
+    share = np.clip(envelope.dark[channel, known] / ambient_light, 0.0, 0.98)
+    return np.asarray(-np.log1p(-share) / envelope.dark_range[channel, known])
