@@ -12,8 +12,9 @@ import pytest
 FILE = Path(__file__).resolve().parents[1] / "launch" / "uw_visibility.launch.py"
 
 
-def test_launch_file_compiles() -> None:
-    code = compile(FILE.read_text(encoding="utf-8"), FILE.name, "exec")
+@pytest.mark.parametrize("file", sorted(FILE.parent.glob("*.launch.py")), ids=lambda f: f.name)
+def test_launch_file_compiles(file: Path) -> None:
+    code = compile(file.read_text(encoding="utf-8"), file.name, "exec")
     assert "generate_launch_description" in code.co_names
 
 

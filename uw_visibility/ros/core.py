@@ -183,7 +183,8 @@ class NodeCore:
 
     def _wanted(self) -> bool:
         """Return whether results are wanted, which may end while a frame is processed."""
-        return self._active_since is not None and not self.worker.stopping
+        ending = self.worker.stopping or not self._node.context.ok()
+        return self._active_since is not None and not ending
 
     def _wanted_topics(self) -> list[str]:
         """Return the topics to publish: estimates always, images where someone listens."""

@@ -65,6 +65,10 @@ def _spin(node: Node) -> None:
     except ExternalShutdownException:
         # The signal's way of ending spin.
         return
+    except Exception:
+        # A signal may also end the context while the executor or a callback uses it.
+        if rclpy.ok():
+            raise
 
 
 def _refuse(error: Exception) -> int:
