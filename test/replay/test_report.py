@@ -55,9 +55,8 @@ def test_pictures_show_raw_enhanced_and_disparity(replayed: Path) -> None:
         image = cv2.imdecode(data, cv2.IMREAD_COLOR)
         assert image.shape == (120, 480, 3)
         raw, enhanced, disparity = np.split(image.astype(float), 3, axis=1)
-        # Water takes contrast and red; the enhanced image has more of both.
+        # Water takes contrast, and the enhanced image has it back.
         assert enhanced.std() > raw.std()
-        assert enhanced[..., 2].mean() / enhanced.mean() > raw[..., 2].mean() / raw.mean()
         assert disparity.std(axis=2).mean() > 30.0
 
 

@@ -59,7 +59,7 @@ def replay_on_cluster(
             "pip install 'uw_visibility[distributed]'"
         ) from error
     try:
-        client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
+        client = distributed.Client(address, timeout=TIMEOUT)
     except (OSError, ValueError) as error:
         raise InputError(f"cannot reach the scheduler {address}: {error}") from error
     progress = Progress("bags", len(targets))
