@@ -52,6 +52,19 @@ def test_open_water_is_no_thing(transfer):
     assert foreign_pixels(image, points, transfer) is None
 
 
+def test_open_water_brighter_than_all_that_is_near_is_no_thing():
+    """As in clear water over a dark floor."""
+    image, points = view()
+    image[80:] //= 3
+    assert foreign_pixels(image, points, "linear") is None
+
+
+def test_a_dark_rock_at_the_edge_of_what_is_matched_is_scene():
+    image, points = view()
+    image[84:100, 100:220] = 0
+    assert foreign_pixels(image, points, "linear") is None
+
+
 def test_a_plain_thing_within_the_scene_s_light_is_no_matter():
     image, points = view((0.3, 0.5, 0.6))
     assert foreign_pixels(image, points, "linear") is None

@@ -36,6 +36,16 @@ def test_gain_is_found(transfer, dtype, disparity):
     np.testing.assert_allclose(right_gain(left, right, points, transfer), GAIN, rtol=0.01)
 
 
+def test_parts_of_a_pixel_count_where_light_rises_to_one_side():
+    rise = np.exp(0.03 * (np.arange(240) % 48))
+    columns = np.arange(200)
+    left = np.tile(0.1 * rise[:200, None], (120, 1, 3))
+    right = np.tile(0.1 * np.sqrt(rise[columns + 4] * rise[columns + 5])[:, None], (120, 1, 3))
+    images = [from_linear(image, "linear", np.uint16) for image in (left, right)]
+    _, _, points = pair(disparity=4.5)
+    np.testing.assert_allclose(right_gain(*images, points, "linear"), 1.0, atol=0.003)
+
+
 def test_equal_cameras_have_a_gain_of_one():
     left, right, points = pair(gain=1.0)
     np.testing.assert_allclose(right_gain(left, right, points, "linear"), 1.0, atol=0.004)

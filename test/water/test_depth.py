@@ -55,12 +55,12 @@ def test_the_estimated_attenuation_tells_the_depth_where_clear_water_does_not(de
 
 
 @pytest.mark.parametrize("water_type", [CLEAR, "3C", ESTIMATED])
-@pytest.mark.parametrize("depth", [1.0, 5.0])
-@pytest.mark.parametrize("off", [0.0, 0.02], ids=["on the curve", "off the curve"])
+@pytest.mark.parametrize("depth", [2.0, 5.0])
+@pytest.mark.parametrize("off", [0.0, 0.1], ids=["on the curve", "off the curve"])
 def test_standard_deviation_is_that_of_samples(water_type, depth, off):
     rng = np.random.default_rng(3)
     rate = COASTAL if water_type == ESTIMATED else diffuse_attenuation(water_type, RESPONSE)
-    light = 0.5 * np.exp(-rate * depth) * (1 + off * np.array([1, -1, 1]))
+    light = 0.5 * np.exp(-rate * depth) * (1 + off * np.array([-1, 1, -1]))
     centre = np.empty(6)
     centre[0::2], centre[1::2] = COASTAL, light
     root = 2e-3 * np.diag(centre) @ (np.eye(6) + 0.4 * rng.standard_normal((6, 6)))
@@ -70,6 +70,21 @@ def test_standard_deviation_is_that_of_samples(water_type, depth, off):
     samples = rng.multivariate_normal(centre, covariance, 1500)
     spread = np.std([model.depth(s[0::2], s[1::2], covariance)[0] for s in samples])
     assert stddev == pytest.approx(spread, rel=0.08)
+
+
+@pytest.mark.parametrize("channel", range(3))
+def test_propagation_is_the_derivative(channel):
+    light = 0.5 * np.exp(-COASTAL * 4) * [0.9, 1.1, 0.9]
+    model = DepthModel(ESTIMATED, RESPONSE)
+    for which, step in ((0, 1e-5 * np.eye(3)[channel]), (1, 1e-5 * np.eye(3)[channel])):
+        ends = [
+            model.depth(COASTAL + sign * step * (which == 0), light + sign * step * (which == 1),
+                        NONE)[0] for sign in (1, -1)
+        ]
+        unit = np.zeros((6, 6))
+        unit[2 * channel + which, 2 * channel + which] = 1.0
+        stddev = model.depth(COASTAL, light, unit)[1]
+        assert stddev == pytest.approx(abs(ends[0] - ends[1]) / 2e-5, rel=1e-3)
 
 
 def test_attenuation_counts_only_where_it_is_estimated():
