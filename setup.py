@@ -61,7 +61,6 @@ setup(
             f"uw_visibility = {NAME}.cli:main",
             f"uw_visibility_node = {NAME}.ros.node:main",
             f"uw_visibility_lifecycle_node = {NAME}.ros.lifecycle:main",
-            f"uw_visibility_lifecycle_node = {NAME}.ros.lifecycle:main",
         ],
     },
 )
