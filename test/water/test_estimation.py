@@ -311,6 +311,23 @@ def test_the_deviation_grows_where_nothing_is_black(make_view):
     assert (second.attenuation_stddev > first.attenuation_stddev).all()
 
 
+def test_the_deviation_of_a_dull_scene_near_by_says_so(make_view):
+    view = make_view(alpha=0.2, farthest=4.0, darkest=0.1, brightest=0.4)
+    found = estimator().estimate(view.codes(), view.range)
+    error = np.abs(found.attenuation - view.attenuation)
+    assert (error > 0.08).all()
+    assert (error < 2 * found.attenuation_stddev).all()
+
+
+def test_a_bound_does_not_make_an_estimate_sure(make_view):
+    """Black is blacker than clear water allows: attenuation is held at that of clear water."""
+    view = make_view(alpha=0.0, nearest=0.45, farthest=0.6)
+    dimmed = (view.codes() * 0.9).astype(np.uint8)
+    dimmed[view.codes() == view.codes().max()] = 230
+    found = estimator().estimate(dimmed, view.range, range_error=0.005)
+    assert (found.attenuation_stddev[found.attenuation < KAPPA] > 0.03).all()
+
+
 def test_interpolated_ranges_are_trusted_less(make_view):
     """Specks of wrong range, too few for the coarse envelope."""
     view = make_view()

@@ -32,6 +32,9 @@ LIMIT_BELOW = 5.0
 EXPECTED_DARKNESS = 0.1
 DARKNESS_DEVIATION = 0.25
 DARKNESS_DEVIATION_MIN = 0.015
+# ... and in parts of what the brightest patch is short of a bright one.
+BRIGHT_RADIANCE = 0.8
+DULLNESS_DEVIATION = 0.3
 # Bins show darkness where direct light is so many times the noise.
 INFORMATIVE = 5.0
 UNKNOWN_DARKNESS = 0.3
@@ -144,7 +147,11 @@ def differentiate(p: Any, distance: Any, scale: Any, c: int, i: int, derivative:
 
 
 @njit(nogil=True, cache=True)
-def darkness_deviation(typical: float) -> float:
-    """Standard deviation of how far from black a scene's darkest patches are."""
+def darkness_deviation(typical: float, brightest: float) -> float:
+    """Standard deviation of how far from black a scene's darkest patches are.
+
+    A dull scene is one without black as well as without white.
+    """
     shown = typical if np.isfinite(typical) else UNKNOWN_DARKNESS
-    return DARKNESS_DEVIATION_MIN + DARKNESS_DEVIATION * shown
+    dullness = min(max(BRIGHT_RADIANCE - brightest, 0.0), 1.0)
+    return DARKNESS_DEVIATION_MIN + DARKNESS_DEVIATION * shown + DULLNESS_DEVIATION * dullness

@@ -16,6 +16,7 @@ from uw_visibility.status import Status
 from uw_visibility.water.fit import Fit, fit_plain
 from uw_visibility.water.judgement import (
     black_attenuation,
+    brightest_patch,
     judge,
     least_ambient_light,
     refuse_channel,
@@ -277,6 +278,7 @@ class WaterEstimator:
         return fit_lower_envelope(
             envelope.dark_range, envelope.dark, envelope.deviation, ambient_min, first,
             clear_water, active, range_error,
+            np.array([brightest_patch(envelope, c) for c in range(3)]),
         )
 
 

@@ -81,7 +81,7 @@ def judge(fit: Fit, envelope: Envelopes, channel: int) -> Status:
         return Status.FIT_FAILED
     if attenuation >= ATTENUATION_BOUNDS[1]:
         return Status.FIT_FAILED
-    near = slice(0, -(-len(envelope.range) // 4))
+    near = near_bins(envelope)
     direct = ambient * np.exp(-attenuation * envelope.range[near])
     bright, dark = envelope.bright[channel, near], envelope.dark[channel, near]
     radiance = np.max(np.nan_to_num((bright - dark) / direct))
@@ -98,6 +98,18 @@ def least_ambient_light(envelope: Envelopes, channel: int) -> float:
     bright = envelope.bright[channel]
     ordered = np.sort(bright[np.isfinite(bright)])
     return float(ordered[-min(BRIGHT_BINS, len(ordered))])
+
+
+def brightest_patch(envelope: Envelopes, channel: int) -> tuple[float, float]:
+    """Irradiance and range of the brightest patch in the nearest quarter of the bins."""
+    bright = np.nan_to_num(envelope.bright[channel, near_bins(envelope)])
+    at = int(bright.argmax())
+    return float(bright[at]), float(envelope.range[at])
+
+
+def near_bins(envelope: Envelopes) -> slice:
+    """Nearest quarter of the bins."""
+    return slice(0, -(-len(envelope.range) // 4))
 
 
 def black_attenuation(

@@ -47,6 +47,7 @@ def fit_lower_envelope(
     clear_water: NDArray[np.float64],
     active: NDArray[np.bool_],
     range_error: float = 0.0,
+    bright: NDArray[np.float64] | None = None,
 ) -> Fit:
     """Fit the lower envelope of the dark patches, all channels together.
 
@@ -72,6 +73,9 @@ def fit_lower_envelope(
         Channels to fit.
     range_error : float
         Standard deviation of range over its square, 1/m.
+    bright : (3, 2) float64 ndarray, optional
+        Irradiance and range of the brightest patch near by, per channel. The
+        less white it is, the less the darkest patches may be trusted to be black.
 
     Returns
     -------
@@ -95,6 +99,7 @@ def fit_lower_envelope(
         upper,
         clear_water,
         range_error,
+        np.full((3, 2), np.inf) if bright is None else bright,
     )
     parameters = np.where(active[:, np.newaxis], values.reshape(3, 2), np.nan)
     return Fit(parameters, blank(covariance, active), int(iterations), bool(converged))
@@ -103,7 +108,7 @@ def fit_lower_envelope(
 @njit(nogil=True, cache=True)
 def _minimise(
     distance: Any, dark: Any, deviation: Any, known: Any, active: Any, start: Any, lower: Any,
-    upper: Any, clear_water: Any, range_error: float,
+    upper: Any, clear_water: Any, range_error: float, bright: Any,
 ) -> tuple[Any, Any, int, bool]:
     """Damped Gauss-Newton within bounds; scales follow the parameters at first."""
     p = start.copy()
@@ -124,7 +129,7 @@ def _minimise(
         hessian[:] = 0.0
         slope[:] = 0.0
         cost = add_normal_equations(p, distance, dark, known, scale, hessian, slope)
-        cost += _add_prior(p, active, clear_water, lower[1::2], tolerance, hessian, slope)
+        cost += _add_prior(p, active, clear_water, lower[1::2], tolerance, True, hessian, slope)
         while True:
             trial = _step(p, hessian, slope, damping, lower, upper, active)
             move = np.max(np.abs(trial - p) / (1e-3 + np.abs(p)))
@@ -135,7 +140,7 @@ def _minimise(
                 trial, distance, dark, known, scale, scratch, scratch_slope
             )
             trial_cost += _add_prior(
-                trial, active, clear_water, lower[1::2], tolerance, scratch, scratch_slope
+                trial, active, clear_water, lower[1::2], tolerance, True, scratch, scratch_slope
             )
             if trial_cost <= cost:
                 p = trial
@@ -144,7 +149,7 @@ def _minimise(
                 break
             damping *= 10.0
     set_scales(p, distance, dark, deviation, known, range_error, scale)
-    covariance = _covariance(p, distance, dark, known, active, clear_water, lower, scale)
+    covariance = _covariance(p, distance, dark, known, active, clear_water, lower, bright, scale)
     return p, covariance, iterations, converged
 
 
@@ -161,7 +166,7 @@ def _channel_tolerance(p: Any, active: Any, clear_water: Any) -> float:
 
 @njit(nogil=True, cache=True)
 def _add_prior(
-    p: Any, active: Any, clear_water: Any, ambient_min: Any, tolerance: float,
+    p: Any, active: Any, clear_water: Any, ambient_min: Any, tolerance: float, bounded: bool,
     hessian: Any, slope: Any,
 ) -> float:
     """Add the priors' curvature and descent direction; return their cost."""
@@ -176,7 +181,7 @@ def _add_prior(
         sigma = CLEAR_WATER_TOLERANCE * clear_water[c]
         missing = min(p[2 * c] - clear_water[c], 0.0) / sigma
         cost += missing * missing
-        if missing < 0:
+        if missing < 0 and bounded:
             hessian[2 * c, 2 * c] += 1 / (sigma * sigma)
             slope[2 * c] -= missing / sigma
         sigma = BRIGHT_PATCH_TOLERANCE * ambient_min[c]
@@ -224,13 +229,14 @@ def _step(
 @njit(nogil=True, cache=True)
 def _covariance(
     p: Any, distance: Any, dark: Any, known: Any, active: Any, clear_water: Any, lower: Any,
-    scale: Any,
+    bright: Any, scale: Any,
 ) -> Any:
     """Sandwich covariance, and the effect of darkest patches that are not black."""
     curvature = np.zeros((6, 6))
     slope = np.zeros(6)
     tolerance = _channel_tolerance(p, active, clear_water)
-    _add_prior(p, active, clear_water, lower[1::2], tolerance, curvature, slope)
+    # A bound that holds attenuation up says nothing about how far it may be above.
+    _add_prior(p, active, clear_water, lower[1::2], tolerance, False, curvature, slope)
     # A prior's score varies as much as its curvature says; a bin's as much as
     # its residual shows.
     spread = curvature.copy()
@@ -239,7 +245,7 @@ def _covariance(
     common = np.zeros(6)
     derivative = np.empty(2)
     for c in range(3):
-        darkness = darkness_deviation(typical[c])
+        darkness = darkness_deviation(typical[c], _radiance(p, bright[c], c))
         for i in range(distance.shape[1]):
             if not known[c, i]:
                 continue
@@ -260,3 +266,12 @@ def _covariance(
     inverse = np.linalg.inv(curvature)
     shift = inverse @ common
     return inverse @ spread @ inverse + np.outer(shift, shift)
+
+
+@njit(nogil=True, cache=True)
+def _radiance(p: Any, patch: Any, c: int) -> float:
+    """Radiance of a patch, given its irradiance and range (eq. 8); at most 1."""
+    if not np.isfinite(patch[0]):
+        return 1.0
+    light = (patch[0] / p[2 * c + 1] - 1.0) * np.exp(p[2 * c] * patch[1])
+    return min(1.0 + light, 1.0)
