@@ -230,9 +230,10 @@ def _list(bag: Path, options: ReplayOptions) -> None:
 def _tell(summary: Summary) -> None:
     rate = summary.frames / summary.seconds if summary.seconds else 0.0
     again = f", {summary.resumed} of them from before" if summary.resumed else ""
+    took = f", {summary.seconds:.1f} s ({rate:.1f} frames/s)" if summary.seconds else ""
     print(
-        f"{summary.bag}: {summary.frames} frames{again}, water assessed in {summary.assessed}, "
-        f"{summary.seconds:.1f} s ({rate:.1f} frames/s); written to {summary.output}"
+        f"{summary.bag}: {summary.frames} frames{again}, water assessed in {summary.assessed}"
+        f"{took}; written to {summary.output}"
     )
     for status, count in summary.status.most_common():
         if status not in ("ok", "unusable"):

@@ -4,11 +4,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
+from uw_visibility.replay.folder import check_target, read_state
 from uw_visibility.replay.options import ReplayOptions
 from uw_visibility.replay.pool import FramePool
+from uw_visibility.replay.provenance import version
+from uw_visibility.replay.reader import UnreadableError
 from uw_visibility.replay.runner import Summary, replay_bag
 
 
@@ -31,7 +35,8 @@ def replay_bags(
     jobs : int
         Processes that work on frames. The results do not depend on it.
     force, resume : bool
-        Whether existing results are replaced, or partial ones gone on from.
+        Whether existing results are replaced, or partial ones gone on from and
+        complete ones left as they are.
 
     Returns
     -------
@@ -41,10 +46,44 @@ def replay_bags(
     Raises
     ------
     InputError
-        If a recording or a folder cannot be used.
+        If a recording or a folder cannot be used. Of several recordings, one of
+        which nothing can be read holds up no other.
     """
+    finished = {
+        bag: _finished(bag, target, options) if resume else None
+        for bag, target in targets.items()
+    }
+    for bag, target in targets.items():
+        # Before hours of work on the others, not after.
+        if finished[bag] is None:
+            check_target(target, force)
     with FramePool(jobs, options.pipeline) as pool:
-        return [
-            replay_bag(bag, target, options, pool, force=force, resume=resume)
-            for bag, target in targets.items()
-        ]
+        summaries = []
+        for bag, target in targets.items():
+            try:
+                summary = finished[bag] or replay_bag(
+                    bag, target, options, pool, force=force, resume=resume
+                )
+            except UnreadableError as error:
+                if len(targets) == 1:
+                    raise
+                summary = Summary(str(bag), str(target), damage=[str(error)])
+            summaries.append(summary)
+        return summaries
+
+
+def _finished(bag: Path, target: Path, options: ReplayOptions) -> Summary | None:
+    """Return the summary of a result that is there already, complete and made alike."""
+    try:
+        state = read_state(target)
+    except (OSError, ValueError):
+        return None
+    made = state.get("complete"), state.get("bag"), state.get("version"), state.get("parameters")
+    if made != (True, bag.name, version(), options.parameters()):
+        return None
+    return Summary(
+        str(bag), str(target), complete=True, frames=state["frames"], resumed=state["frames"],
+        status=Counter(state["status"]), depth_status=Counter(state["depth_status"]),
+        reasons=Counter(state["unusable"]), dropped=Counter(state["dropped"]),
+        damage=list(state["damage"]), topics=state["topics"],
+    )

@@ -17,6 +17,42 @@ PARTIAL = ".partial"
 OLD = ".old"
 
 
+def check_target(target: Path, force: bool) -> None:
+    """Refuse a folder that must not be overwritten.
+
+    Parameters
+    ----------
+    target : Path
+        Folder of a result to be.
+    force : bool
+        Whether a result there may be replaced.
+
+    Raises
+    ------
+    InputError
+        If there is another result, or something else.
+    """
+    if not target.exists() and not target.is_symlink():
+        return
+    if target.is_dir() and not target.is_symlink() and not any(target.iterdir()):
+        return
+    if not (target / MARK).is_file() or target.is_symlink():
+        raise InputError(f"{target} exists already and is no replay: give another name")
+    if not force:
+        raise InputError(f"{target} exists already: give another name, or --force to replace")
+
+
+def read_state(folder: Path) -> dict[str, Any]:
+    """Return what a result says of itself.
+
+    Raises
+    ------
+    OSError, ValueError
+        If that cannot be read.
+    """
+    return dict(json.loads((folder / MARK).read_text(encoding="utf-8")))
+
+
 class ResultFolder:
     """Where a replay writes; the target appears under its name when all is there.
 
@@ -49,7 +85,7 @@ class ResultFolder:
         self.work = target.with_name(target.name + PARTIAL)
         self._old = target.with_name(target.name + PARTIAL + OLD)
         self.earlier: Path | None = None
-        self._check_target(force)
+        check_target(target, force)
         try:
             self._make_room(force, resume)
             self.work.mkdir(parents=True)
@@ -67,12 +103,11 @@ class ResultFolder:
         if self.earlier is None:
             return {}
         try:
-            state = json.loads((self.earlier / MARK).read_text(encoding="utf-8"))
+            return read_state(self.earlier)
         except (OSError, ValueError) as error:
             raise InputError(
                 f"cannot go on from {self.earlier}: {error}; --force begins anew"
             ) from error
-        return dict(state)
 
     def write_state(self, state: dict[str, Any]) -> None:
         """Write what the result says of itself."""
@@ -103,17 +138,6 @@ class ResultFolder:
         if self.target.is_dir():
             shutil.rmtree(self.target)
         self.work.rename(self.target)
-
-    def _check_target(self, force: bool) -> None:
-        target = self.target
-        if not target.exists() and not target.is_symlink():
-            return
-        if target.is_dir() and not target.is_symlink() and not any(target.iterdir()):
-            return
-        if not (target / MARK).is_file() or target.is_symlink():
-            raise InputError(f"{target} exists already and is no replay: give another name")
-        if not force:
-            raise InputError(f"{target} exists already: give another name, or --force to replace")
 
     def _make_room(self, force: bool, resume: bool) -> None:
         # An older part that is still there was not taken over whole.

@@ -10,6 +10,7 @@ from typing import Any
 
 from uw_visibility.config import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
+from uw_visibility.parameters import flatten
 from uw_visibility.replay.topics import Wanted
 
 
@@ -68,10 +69,8 @@ class ReplayOptions:
             raise InputError(f"--images is {self.images}: give 1 or more")
 
     def parameters(self) -> dict[str, Any]:
-        """Return everything that changes results, for provenance."""
-        from uw_visibility.parameters import flatten
-
-        return {
+        """Return everything that changes results, for provenance, as JSON has it."""
+        values = {
             **{k: v for k, v in self.pipeline.to_parameters().items() if k != "threads"},
             **flatten(self.node),
             "replay.start": self.start,
@@ -79,6 +78,7 @@ class ReplayOptions:
             "replay.every": self.every,
             "replay.calibration": None if self.infos is None else repr(self.infos),
         }
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
 
     def with_threads(self, threads: int) -> ReplayOptions:
         """Return the options with so many threads for each frame, if none are given."""

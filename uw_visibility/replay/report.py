@@ -193,7 +193,8 @@ def _source(summary: Summary) -> list[tuple[str, str]]:
 
 def _parameters(summary: Summary) -> list[dict[str, Any]]:
     defaults = {**PipelineConfig().to_parameters(), **flatten(NodeConfig())}
+    plain = {k: list(v) if isinstance(v, tuple) else v for k, v in defaults.items()}
     return [
-        {"name": name, "value": value, "changed": name in defaults and defaults[name] != value}
+        {"name": name, "value": value, "changed": name in plain and plain[name] != value}
         for name, value in summary.provenance["parameters"].items()
     ]

@@ -346,7 +346,7 @@ class _Replay:
             if state.get("version") != version():
                 raise InputError("the partial result is of another version: use --force")
             before = state.get("parameters", {})
-            now = _plain(self._parameters)
+            now = self._parameters
             changed = sorted(k for k in {*before, *now} if before.get(k) != now.get(k))
             if changed:
                 raise InputError(
@@ -366,10 +366,5 @@ class _Replay:
             "depth_status": dict(summary.depth_status), "unusable": dict(summary.reasons),
             "dropped": dict(summary.dropped), "damage": summary.damage,
             "plausibility": dict(summary.verdicts), "seconds": round(summary.seconds, 3),
-            "python": sys.version.split()[0], "parameters": _plain(self._parameters),
+            "python": sys.version.split()[0], "parameters": self._parameters,
         })
-
-
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Return values as JSON has them."""
-    return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
