@@ -223,7 +223,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
 def test_the_wheel_holds_modules_tables_and_what_ament_looks_for(wheel: zipfile.ZipFile) -> None:
     names = set(wheel.namelist())
     for file in PACKAGE.rglob("*"):
-        if file.is_file() and file.suffix in (".py", ".csv", ".txt"):
+        if file.is_file() and file.suffix in (".py", ".csv", ".html", ".txt"):
             assert str(file.relative_to(ROOT)) in names
     shared = {name.partition(".data/data/share/")[2] for name in names}
     assert "ament_index/resource_index/packages/uw_visibility" in shared

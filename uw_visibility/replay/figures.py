@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Mapping
 from io import BytesIO
 from typing import Any
@@ -73,10 +74,12 @@ def _draw_quantity(axes: Any, time: NDArray[np.float64], columns: Columns, name:
         time, value - stddev, value + stddev, color=ESTIMATE, alpha=0.25, linewidth=0.0,
         label="± 1 σ",
     )
-    # A value between two gaps has no line to be seen by.
+    # A value between two gaps has no line and no band to be seen by.
     alone = np.isfinite(value) & ~_has_neighbour(value)
     axes.plot(time, value, color=ESTIMATE, linewidth=1.2, marker=marker, label="estimate")
-    axes.plot(time[alone], value[alone], ".", color=ESTIMATE)
+    axes.errorbar(
+        time[alone], value[alone], stddev[alone], fmt=".", color=ESTIMATE, elinewidth=1.0,
+    )
     filtered = columns[f"filtered_{name}"]
     if np.isfinite(filtered).any():
         axes.plot(time, filtered, color=FILTERED, linewidth=1.4, label="filtered over frames")
@@ -135,7 +138,8 @@ def _svg(figure: Figure) -> str:
         stream = BytesIO()
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     text = stream.getvalue().decode("utf-8")
-    return text[text.index("<svg"):]
+    # What it says of itself is of no use inside a page.
+    return re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg"):], flags=re.DOTALL)
 
 
 def _png(figure: Figure) -> str:
