@@ -206,7 +206,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
     folder = tmp_path_factory.mktemp("wheel")
     tree = folder / "tree"
     # A build leaves folders of its own beside the sources.
-    for name in ("uw_visibility", "config", "launch", "resource"):
+    for name in ("uw_visibility", "config", "launch", "foxglove", "resource"):
         shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "LICENSE"):
         shutil.copy(ROOT / name, tree)

@@ -51,7 +51,7 @@ class Pipeline:
     Memory is allocated at the first pair of a size and used again; calls from
     several threads are taken one after the other. Frames that come with a stamp
     are filtered over time besides; each frame's own estimate does not depend on
-    others, but that its iteration starts from the filtered one.
+    others, so that frames may be processed in any order and in parallel.
 
     Parameters
     ----------
@@ -160,7 +160,6 @@ class Pipeline:
         stages = self._stages_for(left.shape[:2])
         clock = _Clock()
         tracker = None if stamp is None else self._tracker
-        start = None if tracker is None else tracker.estimate
         if self._illumination.needed:
             with clock("even illumination"):
                 left, right = self._illumination.correct(left, right)
@@ -179,7 +178,7 @@ class Pipeline:
         with clock("coarse disparity"):
             mesh = stages.matcher.coarse_disparity(support)
         with clock("visibility estimation 1"):
-            step1 = self._estimate(left, mesh, counted, support, start, coarse=True)
+            step1 = self._estimate(left, mesh, counted, support, coarse=True)
         with clock("matting"):
             coarse = stages.dense_map(mesh, support, left)
         with clock("image enhancement 1"):
@@ -200,7 +199,7 @@ class Pipeline:
             if left.ndim == 2:
                 shown = self._estimate_grey(left, improved.disparity, valid)
             else:
-                shown = _first_known(water, step1, start)
+                shown = _first_known(water, step1)
             left_enhanced, limited = _NOT_WANTED, _NOT_WANTED.astype(bool)
             if "left" in enhance:
                 left_enhanced, limited = self._restorer.restore(left, range_left, shown)
@@ -329,20 +328,17 @@ class _Clock:
         return {**self._stages, "total": 1e3 * (time.perf_counter() - self._begin)}
 
 
-def _first_known(*waters: WaterEstimate | None) -> _Water:
-    """Take each channel from the first estimate that has it.
+def _first_known(water: WaterEstimate, step1: WaterEstimate) -> _Water:
+    """Take each channel from step 2, or else from step 1.
 
-    A channel that step 2 refuses is restored with what step 1, or the frames
-    before, say of it: an image is worth more than none, and the estimate itself
-    stays refused.
+    A channel that step 2 refuses is restored with what step 1 says of it: an
+    image is worth more than none, and the estimate itself stays refused.
     """
-    attenuation, ambient_light = np.full(3, np.nan), np.full(3, np.nan)
-    for water in waters:
-        if water is not None:
-            missing = np.isnan(attenuation)
-            attenuation = np.where(missing, water.attenuation, attenuation)
-            ambient_light = np.where(missing, water.ambient_light, ambient_light)
-    return _Water(attenuation, ambient_light)
+    missing = np.isnan(water.attenuation)
+    return _Water(
+        np.where(missing, step1.attenuation, water.attenuation),
+        np.where(missing, step1.ambient_light, water.ambient_light),
+    )
 
 
 def _matched_fraction(disparity: NDArray[np.float32]) -> float:

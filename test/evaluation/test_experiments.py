@@ -134,7 +134,8 @@ def test_colours_are_measured_against_the_scene_in_air(run, anew):
         colour_difference(left, scene.left), abs=0.05)
     assert row["colour_difference.final"] == pytest.approx(
         colour_difference(result.left_enhanced, scene.left), abs=0.05)
-    others = ("degraded", "histogram", "clahe", "step1", "final")
+    # Ours may come below the oracle, whose gain nothing limits, on a noisy image.
+    others = ("degraded", "histogram", "clahe")
     assert all(
         row["colour_difference.oracle"] < row[f"colour_difference.{name}"] for name in others)
     assert row["colour_difference.step1"] < row["colour_difference.degraded"]

@@ -23,7 +23,7 @@ MAX_CLIPPED_FRACTION = 0.5
 MIN_CODES = 4.0
 # Attenuation is not assessable when its standard deviation is beyond both.
 MAX_STDDEV = 0.1
-MAX_RELATIVE_STDDEV = 0.5
+MAX_RELATIVE_STDDEV = 0.75
 # Ambient light is known from bright patches, which show as radiance beyond that
 # of the dark ones at near range, or from water that is optically thick.
 MIN_NEAR_RADIANCE = 0.25
