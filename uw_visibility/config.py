@@ -13,18 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.errors import InputError
 from uw_visibility.parameters import (
     build,
     check_names,
     describe,
     flatten,
     parameter,
+    read_yaml,
     section,
 )
-
-# How the names begin of parameters that every ROS 2 node has, and that a dump of ours holds too.
-ROS_PARAMETERS = ("qos_overrides.", "start_type_description_service", "use_sim_time")
 
 
 @dataclass(frozen=True)
@@ -446,45 +443,3 @@ def split_parameters(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[st
         {k: v for k, v in values.items() if k in pipeline},
         {k: v for k, v in values.items() if k in node},
     )
-
-
-def read_yaml(path: str | Path) -> dict[str, Any]:
-    """Read a ROS 2 parameter file as values by dotted name.
-
-    The form is that of ``ros2 param dump``: a node's name (or ``/**``), then
-    ``ros__parameters``, then the values, nested or with dots.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    dict of str to object
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or has another form.
-    """
-    import yaml
-
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-        content = yaml.safe_load(text)
-    except OSError as error:
-        raise InputError(f"cannot read parameter file {path}: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"parameter file {path} is not YAML: {reason}") from error
-    values: dict[str, Any] = {}
-    blocks = content.values() if isinstance(content, dict) else [None]
-    for block in blocks:
-        if not isinstance(block, dict) or not isinstance(block.get("ros__parameters"), dict):
-            raise InputError(
-                f"parameter file {path} has no 'ros__parameters' under a node's name: "
-                "see config/uw_visibility.yaml for the form"
-            )
-        values.update(flatten(block["ros__parameters"]))
-    return {k: v for k, v in values.items() if not k.startswith(ROS_PARAMETERS)}

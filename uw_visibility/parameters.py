@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Described parameters: dataclass fields that carry unit, bounds and meaning."""
+"""Described parameters: dataclass fields with unit, bounds and meaning, and their files."""
 
 from __future__ import annotations
 
@@ -9,9 +9,13 @@ import difflib
 import math
 import typing
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from uw_visibility.errors import InputError
+
+# How the names begin of parameters that every ROS 2 node has, and that a dump of ours holds too.
+ROS_PARAMETERS = ("qos_overrides.", "start_type_description_service", "use_sim_time")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -206,6 +210,48 @@ def flatten(values: Any, prefix: str = "") -> dict[str, Any]:
     return flat
 
 
+def read_yaml(path: str | Path) -> dict[str, Any]:
+    """Read a ROS 2 parameter file as values by dotted name.
+
+    The form is that of ``ros2 param dump``: a node's name (or ``/**``), then
+    ``ros__parameters``, then the values, nested or with dots.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    dict of str to object
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or has another form.
+    """
+    import yaml
+
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+        content = yaml.safe_load(text)
+    except OSError as error:
+        raise InputError(f"cannot read parameter file {path}: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"parameter file {path} is not YAML: {reason}") from error
+    values: dict[str, Any] = {}
+    blocks = content.values() if isinstance(content, dict) else [None]
+    for block in blocks:
+        if not isinstance(block, dict) or not isinstance(block.get("ros__parameters"), dict):
+            raise InputError(
+                f"parameter file {path} has no 'ros__parameters' under a node's name: "
+                "see config/uw_visibility.yaml for the form"
+            )
+        values.update(flatten(block["ros__parameters"]))
+    return {k: v for k, v in values.items() if not k.startswith(ROS_PARAMETERS)}
+
+
 def _numbers(value: Any) -> Any:
     try:
         items = tuple(value)
@@ -217,5 +263,6 @@ def _numbers(value: Any) -> Any:
 
 
 __all__ = [
-    "ParameterInfo", "build", "check_names", "describe", "flatten", "parameter", "section",
+    "ROS_PARAMETERS", "ParameterInfo", "build", "check_names", "describe", "flatten",
+    "parameter", "read_yaml", "section",
 ]
