@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from uw_visibility.config import EnhancementConfig
@@ -57,6 +57,7 @@ def test_inverts_the_light_model_within_quantisation(dtype: type, transfer: str)
 
 
 @settings(max_examples=25, deadline=None)
+@example([0.0, 0.0, 1.175494351e-38], [1.0, 1.0, 1.0], 55.0, "linear", 0)
 @given(
     st.lists(st.floats(0, 2), min_size=3, max_size=3),
     st.lists(st.floats(0.02, 1), min_size=3, max_size=3),

@@ -28,6 +28,8 @@ class Water(Protocol):
     @property
     def ambient_light(self) -> NDArray[np.float64]: ...
 
+# Attenuation, 1/m, below which no range brings a channel to its limit.
+_LEAST_ATTENUATION = 1e-9
 # However noisy an image is, this much optical thickness is made up for.
 _LEAST_THICKNESS = 0.5
 
@@ -63,7 +65,7 @@ class Channels:
 
     def farthest(self) -> np.float32:
         """Range (m) up to which no channel's gain is limited."""
-        steep = self.assessable & (self.attenuation > 0)
+        steep = self.assessable & (self.attenuation > _LEAST_ATTENUATION)
         if not steep.any():
             return np.float32(np.inf)
         return np.float32((self.limits[steep] / self.attenuation[steep]).min())
