@@ -10,10 +10,13 @@ depend on how many threads there are.
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
+
+_BANDS_PER_THREAD = 3
 
 
 class Workers:
@@ -27,26 +30,34 @@ class Workers:
 
     def __init__(self, threads: int = 0) -> None:
         self.threads = threads or os.cpu_count() or 1
-        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
+        # The calling thread works too.
+        self._pool = ThreadPoolExecutor(self.threads - 1) if self.threads > 1 else None
 
     def rows(self, kernel: Callable[..., Any], count: int, *arguments: Any) -> None:
         """Run ``kernel(start, stop, *arguments)`` over bands that cover ``count`` rows."""
         if self._pool is None:
             kernel(0, count, *arguments)
             return
-        # Twice as many bands as threads: rows differ in cost, and a band that
-        # ends early leaves its thread to the next.
-        bands = min(count, 2 * self.threads)
+        # More bands than threads: rows differ in cost, and a thread that wakes
+        # late leaves its bands to the others.
+        bands = min(count, _BANDS_PER_THREAD * self.threads)
         edges = [count * i // bands for i in range(bands + 1)]
-        futures = [
-            self._pool.submit(kernel, edges[i], edges[i + 1], *arguments) for i in range(bands)
-        ]
-        for future in futures:
-            future.result()
+        # Taking the next number is one step of the interpreter, so that no two
+        # threads get the same.
+        taken = itertools.count()
 
-    def together(self, *calls: Callable[[], Any]) -> list[Any]:
-        """Run calls side by side (never from within another call) and return their results."""
-        if self._pool is None:
-            return [call() for call in calls]
-        futures = [self._pool.submit(call) for call in calls]
-        return [future.result() for future in futures]
+        def work() -> None:
+            for band in taken:
+                if band >= bands:
+                    return
+                kernel(edges[band], edges[band + 1], *arguments)
+
+        helpers = [self._pool.submit(work) for _ in range(self.threads - 1)]
+        try:
+            work()
+        finally:
+            # A helper that has not begun has nothing left to do.
+            started = [helper for helper in helpers if not helper.cancel()]
+            wait(started)
+        for helper in started:
+            helper.result()

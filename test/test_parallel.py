@@ -1,0 +1,67 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Bands of rows: each row once, whatever the threads, and no error lost."""
+
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from uw_visibility.parallel import Workers
+
+POOLS = {threads: Workers(threads) for threads in (1, 2, 5)}
+
+
+@given(st.sampled_from(sorted(POOLS)), st.integers(1, 200))
+def test_every_row_is_worked_on_once(threads, count):
+    seen = np.zeros(count, int)
+
+    def kernel(start, stop, out):
+        out[start:stop] += 1
+
+    POOLS[threads].rows(kernel, count, seen)
+    assert (seen == 1).all()
+
+
+def test_rows_are_shared_by_threads():
+    barrier = threading.Barrier(2, timeout=10)
+    names = set()
+
+    def kernel(start, _stop):
+        if start == 0 or (len(names) < 2 and threading.get_ident() not in names):
+            names.add(threading.get_ident())
+            barrier.wait()
+
+    POOLS[2].rows(kernel, 60)
+    assert len(names) == 2
+
+
+@pytest.mark.parametrize("threads", sorted(POOLS))
+def test_an_error_in_a_band_reaches_the_caller_and_the_pool_lives_on(threads):
+    def kernel(start, _stop):
+        raise ValueError(f"row {start}")
+
+    with pytest.raises(ValueError, match="row"):
+        POOLS[threads].rows(kernel, 10)
+    done = np.zeros(10, int)
+    POOLS[threads].rows(lambda a, b: done.__setitem__(slice(a, b), 1), 10)
+    assert done.all()
+
+
+def test_callers_in_several_threads_do_not_disturb_one_another():
+    sums = {}
+
+    def caller(seed):
+        out = np.zeros(101, int)
+        for _ in range(50):
+            POOLS[2].rows(lambda a, b: out.__setitem__(slice(a, b), out[a:b] + seed), 101)
+        sums[seed] = out
+
+    callers = [threading.Thread(target=caller, args=(seed,)) for seed in (1, 2, 3)]
+    for thread in callers:
+        thread.start()
+    for thread in callers:
+        thread.join()
+    assert all((sums[seed] == 50 * seed).all() for seed in (1, 2, 3))
