@@ -96,14 +96,10 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _read_config(path: Path | None, max_disparity: int | None) -> PipelineConfig:
-    from uw_visibility.config import NodeConfig, PipelineConfig, read_yaml
+    from uw_visibility.commands.params_file import read_params_file
+    from uw_visibility.config import PipelineConfig
 
-    values: dict[str, Any] = {} if path is None else read_yaml(path)
-    try:
-        NodeConfig.from_parameters(values)
-        PipelineConfig.from_parameters(values)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    values = read_params_file(path)
     if max_disparity is None:
         return PipelineConfig.from_parameters(values)
     try:

@@ -158,16 +158,10 @@ def _plan(arguments: argparse.Namespace) -> Plan:
 
 
 def _read_config(path: Path | None) -> PipelineConfig:
-    from uw_visibility.config import NodeConfig, PipelineConfig, read_yaml
+    from uw_visibility.commands.params_file import read_params_file
+    from uw_visibility.config import PipelineConfig
 
-    if path is None:
-        return PipelineConfig()
-    values = read_yaml(path)
-    try:
-        NodeConfig.from_parameters(values)
-        config = PipelineConfig.from_parameters(values)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    config = PipelineConfig.from_parameters(read_params_file(path))
     if config.camera.transfer != "linear":
         raise InputError(
             f"{path}: camera.transfer is {config.camera.transfer}: "

@@ -129,16 +129,13 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _options(arguments: argparse.Namespace) -> ReplayOptions:
     from uw_visibility.commands.calibration_file import read_camera_infos
-    from uw_visibility.config import NodeConfig, PipelineConfig, read_yaml
+    from uw_visibility.commands.params_file import read_params_file
+    from uw_visibility.config import NodeConfig, PipelineConfig
     from uw_visibility.replay.options import ReplayOptions
     from uw_visibility.replay.topics import Wanted
 
-    path = arguments.params_file
-    values: dict[str, Any] = {} if path is None else read_yaml(path)
-    try:
-        pipeline, node = PipelineConfig.from_parameters(values), NodeConfig.from_parameters(values)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    values = read_params_file(arguments.params_file)
+    pipeline, node = PipelineConfig.from_parameters(values), NodeConfig.from_parameters(values)
     if arguments.rectify:
         node = replace(node, rectify=True)
     if arguments.origin is not None and arguments.geo is None:
