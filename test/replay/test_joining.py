@@ -83,6 +83,20 @@ def test_across_a_gap_of_the_sensor_nothing_is_made_up() -> None:
     assert "sensor_depth" not in joined
 
 
+def test_a_restart_forgets_the_learned_bias_but_not_what_was_counted() -> None:
+    joiner = Joiner(replace(CONFIG, bias_window=2))
+    for begin in (100.0, 50.0):
+        for k in range(4):
+            (joined,) = [*joiner.add_sensor(sensor(begin + k, 5.0)),
+                         *joiner.add_frame(row(begin + k))]
+            learned = k >= 2
+            assert float(joined["innovation"]) == (0.0 if learned else 2.0)
+            assert joined["plausibility"] == ("ok" if k >= 1 else "learning")
+        assert (report := joiner.report()) is not None
+        assert report.compared == (4 if begin == 100.0 else 8)
+        joiner.restart()
+
+
 @given(st.lists(st.booleans(), min_size=1, max_size=30), st.integers(0, 3))
 def test_every_row_comes_out_once_and_in_order(frames: list[bool], restart: int) -> None:
     joiner = Joiner(CONFIG, position=True)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Iterator
+from dataclasses import replace
 
 from uw_visibility.config import PlausibilityConfig
 from uw_visibility.depth_series import DepthSample, interpolate
@@ -19,6 +20,9 @@ from uw_visibility.plausibility import (
 from uw_visibility.replay.positions import Position, PositionTrack, geographic
 from uw_visibility.replay.stream import SensorValue
 from uw_visibility.replay.table import depth_sample, nanoseconds, number
+
+# Numbers of a report that are sums over the whole recording.
+COUNTS = ("compared", "failed", "inconclusive", "unmatched")
 
 
 class Joiner:
@@ -56,6 +60,8 @@ class Joiner:
         self._waiting: deque[dict[str, str]] = deque()
         self._comparisons: dict[int, Comparison] = {}
         self._now = 0.0
+        # Of the parts of the recording before its stamps jumped back.
+        self._counts: Counter[str] = Counter()
         self.verdicts: Counter[str] = Counter()
 
     def add_frame(self, row: dict[str, str]) -> Iterator[dict[str, str]]:
@@ -86,13 +92,26 @@ class Joiner:
             self._track.add(position)
             yield from self._complete(at_end=False)
 
+    def restart(self) -> None:
+        """Forget what the plausibility test learned: the stamps of the images jumped back."""
+        if self._monitor is None:
+            return
+        report = self._monitor.report(self._now)
+        self._counts.update({name: getattr(report, name) for name in COUNTS})
+        self._monitor.reset()
+
     def finish(self) -> Iterator[dict[str, str]]:
         """Yield the rows that still wait: nothing more will come."""
         yield from self._complete(at_end=True)
 
     def report(self) -> Report | None:
         """Return what the plausibility test found, if there is a sensor."""
-        return None if self._monitor is None else self._monitor.report(self._now)
+        if self._monitor is None:
+            return None
+        report = self._monitor.report(self._now)
+        return replace(
+            report, **{name: getattr(report, name) + self._counts[name] for name in COUNTS}
+        )
 
     def _note(self, comparisons: list[Comparison]) -> None:
         for comparison in comparisons:

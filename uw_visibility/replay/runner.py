@@ -27,7 +27,7 @@ from uw_visibility.replay.progress import Progress
 from uw_visibility.replay.provenance import FileHash, fingerprint, version
 from uw_visibility.replay.reader import BagReader
 from uw_visibility.replay.results import EarlierPart, ResultWriter
-from uw_visibility.replay.stream import Event, InputStream, RecordedFrame, SensorValue
+from uw_visibility.replay.stream import Event, InputStream, RecordedFrame, Restart, SensorValue
 from uw_visibility.replay.table import COLUMNS, FAILED, JOINED, TableWriter, read_rows
 from uw_visibility.replay.work import FrameAnswer, FrameTask, Recording
 
@@ -240,12 +240,16 @@ class _Replay:
         for topic in (*selection.images(), *selection.infos()):
             yield self._reader.channels[topic]
 
-    def _take(self, item: FrameAnswer | SensorValue | Position) -> Iterator[dict[str, str]]:
+    def _take(
+        self, item: FrameAnswer | SensorValue | Position | Restart
+    ) -> Iterator[dict[str, str]]:
         """Hand an item to the joiner; yields rows that are complete."""
         if isinstance(item, SensorValue):
             yield from self._joiner.add_sensor(item)
         elif isinstance(item, Position):
             yield from self._joiner.add_position(item)
+        elif isinstance(item, Restart):
+            self._joiner.restart()
         else:
             yield from self._joiner.add_frame(self._filter_frame(item))
 

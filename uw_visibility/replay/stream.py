@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -61,7 +61,12 @@ class SensorValue(NamedTuple):
     time: int
 
 
-Event = RecordedFrame | SensorValue | Position
+@dataclass(frozen=True)
+class Restart:
+    """The stamps of the images jumped back: a clock was set, or a recording begun again."""
+
+
+Event = RecordedFrame | SensorValue | Position | Restart
 
 
 class InputStream:
@@ -210,13 +215,17 @@ class InputStream:
                 return True
         return False
 
-    def _add(self, add: Any, side: str, message: Recorded) -> Iterator[RecordedFrame]:
+    def _add(self, add: Any, side: str, message: Recorded) -> Iterator[RecordedFrame | Restart]:
         try:
             seconds, nanoseconds = header_stamp(message.data, self._reader.ros1)
         except InputError as error:
             self.problems[f"{message.topic}: {error}"] += 1
             return
-        yield from self._choose(add(side, _stamped(seconds, nanoseconds, message)))
+        restarts = self.synchronizer.restarts
+        frames = add(side, _stamped(seconds, nanoseconds, message))
+        if self.synchronizer.restarts > restarts:
+            yield Restart()
+        yield from self._choose(frames)
 
     def _choose(self, frames: list[Any]) -> Iterator[RecordedFrame]:
         for frame in frames:
