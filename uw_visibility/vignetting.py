@@ -7,12 +7,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from uw_visibility.config import CameraConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images import read_image
+from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
 from uw_visibility.water.transfer import encode_table, linear_table, to_linear
 
@@ -155,7 +155,7 @@ def _read_field(path: str, transfer: str) -> NDArray[np.float64] | None:
     return np.asarray(np.minimum(planes / full, 1.0))
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _multiply(
     start: int, stop: int, image: Any, gain: Any, decode: Any, encode: Any, corrected: Any
 ) -> None:

@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from uw_visibility.kernel_cache import njit
 
 # Weight of what the next coarser scale says. It keeps sums that divide away
 # from zero where there are no data, and is negligible beside data.
@@ -24,7 +25,7 @@ MOMENTS = 16
 SOLVED = 6
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def reduce_image(  # type: ignore[no-untyped-def]
     start, stop, coarse, confidence, guide, scale, cell, small_guide, value, weight, place,
     extremes,
@@ -79,7 +80,7 @@ def reduce_image(  # type: ignore[no-untyped-def]
         extremes[i, 1] = high
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def fit_plane(value, weight, place, slope_prior):  # type: ignore[no-untyped-def]
     """Fit a plane to the weighted disparities: slopes per px along x and y, value at (0, 0)."""
     height, width = value.shape
@@ -113,7 +114,7 @@ def fit_plane(value, weight, place, slope_prior):  # type: ignore[no-untyped-def
     return a, b, mean_d - a * mean_x - b * mean_y
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def subtract_plane(value, weight, place, plane):  # type: ignore[no-untyped-def]
     """Take the base plane off the disparities of the finest grid."""
     for i in range(value.shape[0]):
@@ -124,7 +125,7 @@ def subtract_plane(value, weight, place, plane):  # type: ignore[no-untyped-def]
                 )
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def pull(guide, value, weight, small_guide, small_value, small_weight):  # type: ignore[no-untyped-def]
     """Average a grid over 2 x 2 cells into the next coarser one."""
     height, width = value.shape
@@ -154,7 +155,7 @@ def pull(guide, value, weight, small_guide, small_value, small_weight):  # type:
                 small_value[i, j] = 0
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _sum_columns(row, radius, out):  # type: ignore[no-untyped-def]
     """Sum a row over windows of 2 radius + 1 columns, cut at the ends."""
     width = row.shape[0]
@@ -169,7 +170,7 @@ def _sum_columns(row, radius, out):  # type: ignore[no-untyped-def]
             right[x] += row[x]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def moments(start, stop, guide, value, weight, prior, radius, out):  # type: ignore[no-untyped-def]
     """Sum the products that a weighted regression needs along each row."""
     width = value.shape[1]
@@ -204,7 +205,7 @@ def moments(start, stop, guide, value, weight, prior, radius, out):  # type: ign
             _sum_columns(row[m], radius, out[i, m])
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _sum_rows(planes, i, radius, out):  # type: ignore[no-untyped-def]
     """Sum (h, n, w) planes over the rows around row i; return how many there are."""
     first = max(i - radius, 0)
@@ -219,7 +220,7 @@ def _sum_rows(planes, i, radius, out):  # type: ignore[no-untyped-def]
     return last - first
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def solve(start, stop, sums, radius, smoothness, out):  # type: ignore[no-untyped-def]
     """Regress disparity on the guide in each window, and sum the solutions along each row."""
     width = sums.shape[2]
@@ -269,7 +270,7 @@ def solve(start, stop, sums, radius, smoothness, out):  # type: ignore[no-untype
         out[i, SOLVED - 1] = row[SOLVED - 1]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def average(start, stop, solved, prior_confidence, radius, coefficients):  # type: ignore[no-untyped-def]
     """Average the solutions of all windows that hold a cell, by their weight."""
     width = solved.shape[2]
@@ -284,7 +285,7 @@ def average(start, stop, solved, prior_confidence, radius, coefficients):  # typ
             coefficients[i, 4, x] = here + (1 - here) * PASSED_ON * prior_confidence[i, x]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def apply_coefficients(  # type: ignore[no-untyped-def]
     start, stop, coefficients, guide, scale, centre, factor, plane, low, high, value, confidence
 ):

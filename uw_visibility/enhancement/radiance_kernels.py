@@ -9,10 +9,11 @@ vector code of loops over contiguous floats without lookups, branches or calls.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from uw_visibility.kernel_cache import njit
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def polynomial(limit, sign):  # type: ignore[no-untyped-def]
     """Taylor polynomial of exp(sign t / 8) about the middle of 0 <= t <= limit.
 
@@ -28,7 +29,7 @@ def polynomial(limit, sign):  # type: ignore[no-untyped-def]
     return out, np.float32(middle)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _thickness(distance, attenuation, limit, out):  # type: ignore[no-untyped-def]
     """Optical thickness of a row of ranges, from 0 to a limit, which unknown ranges get."""
     for x in range(out.size):
@@ -38,7 +39,7 @@ def _thickness(distance, attenuation, limit, out):  # type: ignore[no-untyped-de
         out[x] = u if u < limit else limit
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _kept(distance, attenuation, limit, out):  # type: ignore[no-untyped-def]
     """Write the part of a deviation that the limit of the thickness leaves, near exp(-excess)."""
     one = np.float32(1)
@@ -50,7 +51,7 @@ def _kept(distance, attenuation, limit, out):  # type: ignore[no-untyped-def]
         out[x] = one / (one + excess + np.float32(0.5) * excess * excess)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _exponential(p, middle, row):  # type: ignore[no-untyped-def]
     """Replace each thickness in a row by its exponential."""
     p0, p1, p2, p3, p4, p5, p6 = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
@@ -62,7 +63,7 @@ def _exponential(p, middle, row):  # type: ignore[no-untyped-def]
         row[x] = e * e
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def restore(  # type: ignore[no-untyped-def]
     start, stop, image, distance, decode, encode, attenuation, ambient, limits, farthest, enhanced,
     limited,

@@ -7,9 +7,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.simulation.camera import StereoCamera
 
 TILE = 16
@@ -84,7 +84,7 @@ def assign_to_tiles(
     return Tiles(columns, offsets, shapes)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _lists(
     index: NDArray[np.int64],
     across: NDArray[np.int64],

@@ -7,16 +7,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.noise import value_noise
 
 Map = NDArray[np.float32]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def add_caustics(
     radiance: Map,
     points: NDArray[np.float64],

@@ -11,8 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from uw_visibility.kernel_cache import njit
 
 LATTICE_SIZE = 64
 """Cells after which the noise repeats; a power of two."""
@@ -39,14 +40,14 @@ def noise_lattice(seed: int) -> NDArray[np.float32]:
     return random.uniform(-1.0, 1.0, shape).astype(np.float32)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def smoothstep(low: float, high: float, x: float) -> float:
     """Rise smoothly from 0 at ``low`` to 1 at ``high``."""
     t = min(max((x - low) / (high - low), 0.0), 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def value_noise(lattice: NDArray[np.float32], x: float, y: float, z: float) -> float:
     """Interpolate the lattice smoothly at a point given in cells; within -1 .. 1."""
     mask = LATTICE_SIZE - 1
@@ -63,7 +64,7 @@ def value_noise(lattice: NDArray[np.float32], x: float, y: float, z: float) -> f
     return near + u * (c + v * (d - c) - near)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def fractal_noise(
     lattice: NDArray[np.float32],
     x: float,

@@ -7,9 +7,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.simulation.noise import smoothstep
 from uw_visibility.simulation.scene import BLOCK, SPACING, Scene
 from uw_visibility.simulation.surface import floor_radiance, shading, shape_radiance
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Map = NDArray[np.float32]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def bilinear(grid: Map, column: float, row: float) -> float:
     """Interpolate a grid; beyond its edge the edge goes on."""
     column = min(max(column, 0.0), grid.shape[1] - 1.001)
@@ -33,7 +33,7 @@ def bilinear(grid: Map, column: float, row: float) -> float:
     return top + v * (bottom - top)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def floor_distance(
     scene: Scene, eye: Array, dx: float, dy: float, dz: float, limit: float
 ) -> float:
@@ -79,7 +79,7 @@ def floor_distance(
     return 0.5 * (before + t)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _block(
     heights: Map, column: float, row: float, ux: float, uy: float
 ) -> tuple[tuple[int, int], float]:
@@ -99,7 +99,7 @@ def _block(
     return (j, i), max(leave, 0.0)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def ellipsoid_distance(
     centre: Array, axes: Array, eye: Array, dx: float, dy: float, dz: float
 ) -> float:
@@ -120,7 +120,7 @@ def ellipsoid_distance(
     return t if t > 0.0 else math.inf
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def capsule_distance(
     capsule: Array, eye: Array, dx: float, dy: float, dz: float
 ) -> float:
@@ -157,7 +157,7 @@ def capsule_distance(
     return t if t > 0.0 else math.inf
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def nearest(
     scene: Scene, candidates: NDArray[np.int32],
     eye: Array, dx: float, dy: float, dz: float, limit: float,
@@ -177,7 +177,7 @@ def nearest(
     return best, hit
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def look_at(
     scene: Scene, hit: int, px: float, py: float, pz: float, footprint: float,
     view: tuple[float, float, float],
@@ -220,7 +220,7 @@ def look_at(
     return light * r, light * g, light * b
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def capsule_normal(
     capsule: Array, px: float, py: float, pz: float
 ) -> tuple[float, float, float]:

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.simulation.noise import fractal_noise, noise_lattice
 
 SPACING = 0.04
@@ -172,7 +172,7 @@ def flat_floor(seed: int = 0, *, size: float = 12.0, texture: float = 1.0) -> Sc
     return _finish(_Builder(), noise_lattice(seed), heights, origin, texture=texture)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _terrain(
     lattice: NDArray[np.float32], origin: tuple[float, float], extent: tuple[float, float]
 ) -> NDArray[np.float32]:
@@ -320,7 +320,7 @@ def _finish(
     )
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _blocks(
     heights: NDArray[np.float32],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

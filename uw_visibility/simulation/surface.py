@@ -5,16 +5,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.simulation.noise import fractal_noise, smoothstep, value_noise
 
 Lattice = NDArray[np.float32]
 Colour = tuple[float, float, float]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def floor_radiance(
     lattice: Lattice, x: float, y: float, z: float, footprint: float
 ) -> Colour:
@@ -42,7 +42,7 @@ def floor_radiance(
     )
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def shape_radiance(
     lattice: Lattice, look: NDArray[np.float64], x: float, y: float, z: float, footprint: float
 ) -> Colour:
@@ -64,7 +64,7 @@ def shape_radiance(
     )
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def shading(nx: float, ny: float, nz: float) -> float:
     """Return the share of light that falls on a surface, from above and all around."""
     slanted = 0.30 * nx + 0.22 * ny + 0.93 * nz

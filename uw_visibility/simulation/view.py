@@ -8,9 +8,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.culling import TILE, Tiles, assign_to_tiles
@@ -110,7 +110,7 @@ def _edges(ranges: Map, hits: NDArray[np.int32]) -> NDArray[np.bool_]:
     return edges
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _cast_centres(
     start: int, stop: int, scene: Scene, tiles: Tiles, eye: Array, rotation: Array,
     optics: Array, ranges: Map, hits: NDArray[np.int32], radiance: Map,
@@ -123,7 +123,7 @@ def _cast_centres(
             )
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _cast_quarters(
     start: int, stop: int, scene: Scene, tiles: Tiles, eye: Array, rotation: Array,
     optics: Array, rows: NDArray[np.int64], columns: NDArray[np.int64],
@@ -139,7 +139,7 @@ def _cast_quarters(
             )
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _cast(
     scene: Scene, tiles: Tiles, tile: int, eye: Array, rotation: Array, optics: Array,
     u: float, v: float, radiance: Map,

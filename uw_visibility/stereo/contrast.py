@@ -14,9 +14,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
 
 # ITU-R BT.601 luma.
@@ -126,7 +126,7 @@ class EvenContrast:
             np.multiply(image, np.uint16(scale), out=self.grey, casting="unsafe")
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _mix(start: int, stop: int, image: Any, red: Any, green: Any, blue: Any, grey: Any) -> None:
     half = np.float32(0.5)
     for y in range(start, stop):
@@ -137,7 +137,7 @@ def _mix(start: int, stop: int, image: Any, red: Any, green: Any, blue: Any, gre
             )
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _look_up(start: int, stop: int, range_map: Any, scale: Any, table: Any, gain: Any) -> None:
     last = np.float32(table.size - 1)
     for y in range(start, stop):

@@ -8,10 +8,10 @@ doi 10.1109/TPAMI.2007.1166
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
+from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
 
 # Directions that one sweep over the rows looks in; along a row there are two more.
@@ -112,7 +112,7 @@ def occluded(
     return hidden
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _sweep(start, stop, disparity, max_gap, seen):  # type: ignore[no-untyped-def]
     """Carry the last disparity met along three directions over the map.
 
@@ -145,7 +145,7 @@ def _sweep(start, stop, disparity, max_gap, seen):  # type: ignore[no-untyped-de
                     out[x] = v
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _look_along(disparity, max_gap, first, step, out):  # type: ignore[no-untyped-def]
     """Carry the last disparity met along a row, from its pixel ``first`` on; inf = none."""
     carried = np.float32(np.inf)
@@ -161,7 +161,7 @@ def _look_along(disparity, max_gap, first, step, out):  # type: ignore[no-untype
         x += step
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _point_at(right, hit):  # type: ignore[no-untyped-def]
     """Mark the pixels of a row that a disparity of the right row points at."""
     width = right.size
@@ -175,7 +175,7 @@ def _point_at(right, hit):  # type: ignore[no-untyped-def]
             hit[near] = True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _mark_occluded(start, stop, left, right, hidden):  # type: ignore[no-untyped-def]
     """Mark gaps that no disparity of the right map points at."""
     width = left.shape[1]
@@ -186,12 +186,12 @@ def _mark_occluded(start, stop, left, right, hidden):  # type: ignore[no-untyped
             hidden[y, x] = np.isnan(left[y, x]) and not hit[x]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _order(a, b):  # type: ignore[no-untyped-def]
     return (a, b) if a < b else (b, a)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _choose_row(here, around, hit, filled):  # type: ignore[no-untyped-def]
     """Fill a row of gaps from the (8, W) disparities around them; inf = none.
 
@@ -232,7 +232,7 @@ def _choose_row(here, around, hit, filled):  # type: ignore[no-untyped-def]
         filled[x] = value if known != known else known
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _choose(start, stop, left, right, max_gap, seen, filled):  # type: ignore[no-untyped-def]
     """Fill each gap from the up to eight disparities around it."""
     width = left.shape[1]

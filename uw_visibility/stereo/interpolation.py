@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
 from uw_visibility.stereo.gaps import GapFiller, fill_gaps, occluded
 from uw_visibility.stereo.plane import DisparityPlane, dominant_plane, fill_plane
@@ -57,7 +57,7 @@ def inpaint(
     return filled
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _average_cells(start, stop, disparity, small):  # type: ignore[no-untyped-def]
     """Average the known pixels of each cell; NaN where there is none."""
     height, width = disparity.shape
@@ -74,7 +74,7 @@ def _average_cells(start, stop, disparity, small):  # type: ignore[no-untyped-de
             small[i, j] = total / count if count > 0 else np.float32(np.nan)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _fill_open(start, stop, disparity, small, low, high, filled):  # type: ignore[no-untyped-def]
     """Give open pixels the cells' values, interpolated between cell centres."""
     last_row = small.shape[0] - 1

@@ -7,9 +7,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.water.transfer import linear_table
 
 # More points than this tell nothing new.
@@ -78,7 +78,7 @@ def _patch_means(
     return means, saturated
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _average_patches(
     planes: Any, u: Any, v: Any, table: Any, means: Any, saturated: Any
 ) -> None:

@@ -7,9 +7,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
 
 
@@ -39,7 +39,7 @@ def in_right_view(
     return warped
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _warp(start: int, stop: int, disparity: Any, warped: Any) -> None:
     width = disparity.shape[1]
     nothing = np.float32(-np.inf)

@@ -13,7 +13,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from uw_visibility.kernel_cache import njit
 
 # The scales of the loss, as `set_scales` fills them in.
 BELOW, ABOVE, LIMIT, NOISE, EXPECTED = range(5)
@@ -40,7 +41,7 @@ INFORMATIVE = 5.0
 UNKNOWN_DARKNESS = 0.3
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def set_scales(
     p: Any, distance: Any, dark: Any, deviation: Any, known: Any, range_error: float, scale: Any
 ) -> None:
@@ -75,7 +76,7 @@ def set_scales(
         scale[EXPECTED, c, :] = EXPECTED_DARKNESS * typical[c] if shown else 0.0
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def typical_darkness(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -> Any:
     """Median radiance of the darkest patches of bins, in each channel; NaN where none shows."""
     result = np.empty(3)
@@ -92,7 +93,7 @@ def typical_darkness(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -
     return result
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def residual(p: Any, distance: Any, dark: Any, scale: Any, c: int, i: int) -> float:
     """Irradiance of a bin above the curve of the darkest patches."""
     transmission = np.exp(-p[2 * c] * distance[c, i])
@@ -100,7 +101,7 @@ def residual(p: Any, distance: Any, dark: Any, scale: Any, c: int, i: int) -> fl
         dark[c, i] - p[2 * c + 1] * (1.0 - transmission * (1.0 - scale[EXPECTED, c, i])))
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def loss(r: float, scale: Any, c: int, i: int) -> tuple[float, float]:
     """Cost of a residual, and its weight in least squares.
 
@@ -116,7 +117,7 @@ def loss(r: float, scale: Any, c: int, i: int) -> tuple[float, float]:
     return (limit / sigma) ** 2 * np.log(q), 1.0 / (q * sigma * sigma)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def add_normal_equations(
     p: Any, distance: Any, dark: Any, known: Any, scale: Any, hessian: Any, slope: Any
 ) -> float:
@@ -138,7 +139,7 @@ def add_normal_equations(
     return cost
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def differentiate(p: Any, distance: Any, scale: Any, c: int, i: int, derivative: Any) -> None:
     """Derivatives of the curve by attenuation and ambient light."""
     fading = np.exp(-p[2 * c] * distance[c, i]) * (1.0 - scale[EXPECTED, c, i])
@@ -146,7 +147,7 @@ def differentiate(p: Any, distance: Any, scale: Any, c: int, i: int, derivative:
     derivative[1] = 1.0 - fading
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def darkness_deviation(typical: float, brightest: float) -> float:
     """Standard deviation of how far from black a scene's darkest patches are.
 

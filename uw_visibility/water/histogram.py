@@ -7,7 +7,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from uw_visibility.kernel_cache import njit
 
 # Fineness at which ranges are told apart before they are gathered in bins.
 CELLS = 2048
@@ -23,7 +24,7 @@ PIXELS_READ_WHOLE = 130_000
 MAX_SLOPE = np.float32(0.2)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def accumulate(
     image: Any, range_map: Any, inverse: Any, mask: Any, masked: bool, level_of: Any, low: float,
     cells_per_metre: float, bin_of_cell: Any, tolerance: float, noise: float,
@@ -83,7 +84,7 @@ def accumulate(
     return coloured
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _place_row(here: Any, low: float, cells_per_metre: float, place: Any) -> None:
     """Write the cell of range of each pixel of a row, or -1."""
     for x in range(len(here)):
@@ -91,7 +92,7 @@ def _place_row(here: Any, low: float, cells_per_metre: float, place: Any) -> Non
         place[x] = np.int32(cell) if cell >= 0 and cell < CELLS else np.int32(-1)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _place_smooth_row(
     here: Any, inverse: Any, y: int, low: float, cells_per_metre: float, tolerance: float,
     noise: float, margins: tuple[int, int], place: Any,
@@ -126,7 +127,7 @@ def _place_smooth_row(
         place[x] = np.int32(cell) if smooth & (cell >= 0) & (cell < CELLS) else np.int32(-1)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def take_quantiles(
     histogram: Any, edges: Any, code_step: Any, min_pixels: int, ranks: Any,
     bright_quantile: float, dark: Any, dark_cell: Any, steep: Any, bright: Any, step: Any,
@@ -182,7 +183,7 @@ def take_quantiles(
             bright[channel, at] = edges[level]
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _find(column: Any, rank: float) -> tuple[int, float]:
     """Level at which the running count reaches a rank, and where inside it."""
     running = 0

@@ -7,9 +7,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.water.darkness import (
     SCALES,
     add_normal_equations,
@@ -105,7 +105,7 @@ def fit_lower_envelope(
     return Fit(parameters, blank(covariance, active), int(iterations), bool(converged))
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _minimise(
     distance: Any, dark: Any, deviation: Any, known: Any, active: Any, start: Any, lower: Any,
     upper: Any, clear_water: Any, range_error: float, bright: Any,
@@ -153,7 +153,7 @@ def _minimise(
     return p, covariance, iterations, converged
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _channel_tolerance(p: Any, active: Any, clear_water: Any) -> float:
     mean = 0.0
     number = 0
@@ -164,7 +164,7 @@ def _channel_tolerance(p: Any, active: Any, clear_water: Any) -> float:
     return CHANNEL_TOLERANCE_MIN + CHANNEL_TOLERANCE * mean / max(number, 1)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _add_prior(
     p: Any, active: Any, clear_water: Any, ambient_min: Any, tolerance: float, bounded: bool,
     hessian: Any, slope: Any,
@@ -204,7 +204,7 @@ def _add_prior(
     return cost
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _step(
     p: Any, hessian: Any, slope: Any, damping: float, lower: Any, upper: Any, active: Any
 ) -> Any:
@@ -226,7 +226,7 @@ def _step(
     return np.minimum(np.maximum(moved, lower), upper)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _covariance(
     p: Any, distance: Any, dark: Any, known: Any, active: Any, clear_water: Any, lower: Any,
     bright: Any, scale: Any,
@@ -268,7 +268,7 @@ def _covariance(
     return inverse @ spread @ inverse + np.outer(shift, shift)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _radiance(p: Any, patch: Any, c: int) -> float:
     """Radiance of a patch, given its irradiance and range (eq. 8); at most 1."""
     if not np.isfinite(patch[0]):

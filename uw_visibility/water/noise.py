@@ -7,8 +7,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from uw_visibility.kernel_cache import njit
 
 BLOCK = 8
 BLOCKS = 200
@@ -55,7 +56,7 @@ def noise_stddev(image: NDArray[Any]) -> NDArray[np.float64]:
     return result
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _block_variances(image: Any, stride: int, columns: int, variances: Any) -> None:
     for block in range(len(variances)):
         top = 1 + (block // columns) * stride

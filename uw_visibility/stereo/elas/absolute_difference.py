@@ -13,8 +13,10 @@ from __future__ import annotations
 from typing import Any
 
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
+
+from uw_visibility.kernel_cache import njit
 
 BYTES = 16
 
@@ -50,7 +52,7 @@ def absolute_difference(typingctx: Any, a: Any, i: Any, b: Any, j: Any) -> Any:
     return types.int32(a, types.intp, b, types.intp), codegen
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def descriptor_distance(a: Any, i: int, b: Any, j: int) -> int:
     """Call the intrinsic from Python; for tests."""
     return absolute_difference(a, i, b, j)

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 
@@ -113,7 +113,7 @@ def match(
     )
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _fill_cells(points: Any, seen: Any, count: Any, values: Any) -> None:
     rows, columns, disparities = seen.shape
     seen[:] = False
@@ -135,7 +135,7 @@ def _fill_cells(points: Any, seen: Any, count: Any, values: Any) -> None:
             count[y, x] = n
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _match(
     start: int, stop: int, left: Any, right: Any, plane: Any, count: Any, candidates: Any,
     low: int, high: int, prior: Any, best_left: Any, best_right: Any,
@@ -169,12 +169,12 @@ def _match(
             best_right[y, x] = _disparity_of(there[x])
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _disparity_of(key: Any) -> Any:
     return np.int16(-1) if key == _NOTHING else np.int16(key & _DISPARITY_MASK)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _try_disparity(
     left: Any, right: Any, at: int, d: int, first: int, last: int, here: Any, there: Any
 ) -> None:
@@ -191,7 +191,7 @@ def _try_disparity(
         there[x - d] = min(there[x - d], key)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _try_plane(
     left: Any, right: Any, at: int, offset: int, low: int, high: int, middle: Any, prior: int,
     here: Any, there: Any,

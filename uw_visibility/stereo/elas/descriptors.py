@@ -7,9 +7,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
 from uw_visibility.stereo.elas.absolute_difference import BYTES
 
@@ -65,13 +65,13 @@ class Descriptors:
         workers.rows(_gather, height, self._horizontal, self._vertical, self.values)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _byte(response: Any) -> np.uint8:
     shifted = response + np.float32(MIDDLE + 0.5)
     return np.uint8(min(max(shifted, np.float32(0)), np.float32(255)))
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _sobel(
     start: int, stop: int, grey: Any, gain: Any, horizontal: Any, vertical: Any
 ) -> None:
@@ -97,7 +97,7 @@ def _sobel(
             vertical[row, width + 2 * MARGIN - 1 - x] = vertical[row, width + MARGIN - 2]
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _gather(start: int, stop: int, horizontal: Any, vertical: Any, values: Any) -> None:
     """Eleven horizontal responses on a rhombus and five vertical ones on a cross.
 

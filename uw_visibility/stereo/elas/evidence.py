@@ -16,9 +16,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.descriptors import MIDDLE
@@ -75,7 +75,7 @@ class NoiseFilter:
         workers.rows(_clear, rows, noise, disparity)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _sum_up(
     start: int, stop: int, left: Any, right: Any, disparity: Any, difference: Any,
     texture: Any,
@@ -103,7 +103,7 @@ def _sum_up(
                 )
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _clear(start: int, stop: int, noise: Any, disparity: Any) -> None:
     height, width = disparity.shape
     for row in range(start, stop):

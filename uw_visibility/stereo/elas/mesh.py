@@ -8,9 +8,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
 
 # Widths and heights of the image around it in which the mesh is built.
@@ -95,7 +95,7 @@ def rasterize(
     workers.rows(_rasterize, disparity.shape[0], triangles, disparity)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _rasterize(start: int, stop: int, triangles: Any, disparity: Any) -> None:
     width = disparity.shape[1]
     for y in range(start, stop):

@@ -7,9 +7,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.dense import BORDER
@@ -80,7 +80,7 @@ def fill_small_gaps(
     workers.rows(_fill_row_gaps, disparity.shape[1], transposed, width, np.float32(difference))
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _check_and_refine(
     start: int, stop: int, best_left: Any, best_right: Any, left: Any, right: Any,
     tolerance: int, disparity: Any,
@@ -104,7 +104,7 @@ def _check_and_refine(
             disparity[y, x] = max(d + offset, 0.0)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _root(parent: Any, at: int) -> int:
     while parent[at] != at:
         parent[at] = parent[parent[at]]
@@ -112,7 +112,7 @@ def _root(parent: Any, at: int) -> int:
     return at
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _remove_segments(disparity: Any, least: int, difference: Any, parent: Any, size: Any) -> None:
     height, width = disparity.shape
     for y in range(height):
@@ -144,7 +144,7 @@ def _remove_segments(disparity: Any, least: int, difference: Any, parent: Any, s
                 disparity[y, x] = np.nan
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _fill_row_gaps(start: int, stop: int, disparity: Any, widest: int, difference: Any) -> None:
     width = disparity.shape[1]
     for y in range(start, stop):

@@ -7,9 +7,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
 
 
@@ -47,7 +47,7 @@ class AdaptiveMean:
             workers.rows(kernel, height, source, self._radius, self._difference, target)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _add(here: Any, there: Any, difference: Any, weights: Any, sums: Any) -> None:
     """Add one neighbour of each pixel of a row; what is NaN adds nothing."""
     for x in range(here.size):
@@ -58,7 +58,7 @@ def _add(here: Any, there: Any, difference: Any, weights: Any, sums: Any) -> Non
         sums[x] += weight * step if weight > 0 else np.float32(0)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _along_rows(
     start: int, stop: int, source: Any, radius: int, difference: Any, target: Any
 ) -> None:
@@ -77,7 +77,7 @@ def _along_rows(
             target[y, x] = row[x] + sums[x] / (weights[x] + difference)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _along_columns(
     start: int, stop: int, source: Any, radius: int, difference: Any, target: Any
 ) -> None:

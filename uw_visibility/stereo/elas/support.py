@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.descriptors import MIDDLE
@@ -166,7 +166,7 @@ class SupportGrid:
         return SupportPoints(points, self._vertices[v, u])
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _texture(descriptors: Any, at: int) -> np.int32:
     total = np.int32(0)
     for i in range(BYTES):
@@ -174,7 +174,7 @@ def _texture(descriptors: Any, at: int) -> np.int32:
     return total
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _scan(
     here: Any, there: Any, u: int, v: int, width: int, sign: int, low: int, high: int, cost: Any
 ) -> int:
@@ -200,7 +200,7 @@ def _scan(
     return count
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _least(cost: Any, start: int, stop: int) -> Any:
     best = _HUGE
     for k in range(start, stop):
@@ -208,7 +208,7 @@ def _least(cost: Any, start: int, stop: int) -> Any:
     return best
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _position(cost: Any, value: Any) -> int:
     k = 0
     while cost[k] != value:
@@ -216,7 +216,7 @@ def _position(cost: Any, value: Any) -> int:
     return k
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _is_unique(cost: Any, count: int, at: int, uniqueness: Any, floor: Any) -> bool:
     """Whether no rival comes near the cost of the best.
 
@@ -237,7 +237,7 @@ def _is_unique(cost: Any, count: int, at: int, uniqueness: Any, floor: Any) -> b
     return np.float32(cost[at]) < uniqueness * np.float32(rival)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def vertex_of_parabola(before: Any, at: Any, after: Any) -> float:
     """Offset of the minimum of a parabola through three equidistant costs, within 0.5."""
     curvature = before - 2.0 * at + after
@@ -246,7 +246,7 @@ def vertex_of_parabola(before: Any, at: Any, after: Any) -> float:
     return min(max(0.5 * (before - after) / curvature, -0.5), 0.5)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _search(
     start: int, stop: int, stride: int, left: Any, right: Any, width: int, height: int, step: int,
     low: int, high: int, texture: int, uniqueness: Any, found: Any, deviation: Any,

@@ -10,7 +10,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from uw_visibility.kernel_cache import njit
 
 # The mesh keeps every eighth grid point at least, so that planes drift nowhere.
 _LATTICE = 8
@@ -31,7 +32,7 @@ _LEAST_VARIANCE = 0.01
 _SLOPE_RIDGE = 0.5
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def keep_consistent(
     start: int, stop: int, found: Any, cells: int, disparity: Any, count: int, kept: Any
 ) -> None:
@@ -53,7 +54,7 @@ def keep_consistent(
                 kept[row, column] = d
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def smooth(start: int, stop: int, kept: Any, deviation: Any, smoothed: Any) -> None:
     """Replace each disparity by that of a plane through the neighbours on its surface.
 
@@ -102,7 +103,7 @@ def smooth(start: int, stop: int, kept: Any, deviation: Any, smoothed: Any) -> N
             smoothed[row, column] = max(d + change, 0.0)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def mark_vertices(start: int, stop: int, kept: Any, vertices: Any) -> None:
     """Mark a lattice of points, and those that are not flat between their neighbours."""
     for row in range(start, stop):
@@ -115,7 +116,7 @@ def mark_vertices(start: int, stop: int, kept: Any, vertices: Any) -> None:
                 vertices[row, column] = _stands_out(kept, row, column)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _stands_out(kept: Any, row: int, column: int) -> bool:
     """Whether a neighbour differs, or more than one is missing as at a region's border."""
     missing = 0
@@ -128,7 +129,7 @@ def _stands_out(kept: Any, row: int, column: int) -> bool:
     return missing > 1
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _step_to(kept: Any, row: int, column: int, down: int, across: int) -> float:
     """Difference to the nearest point in a direction; -1 where none is near."""
     for steps in range(1, _NEIGHBOUR_STEPS + 1):
