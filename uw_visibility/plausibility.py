@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from scipy import stats
+from scipy.special import gammaincinv
 
 from uw_visibility.config import PlausibilityConfig
 from uw_visibility.depth_series import DepthSample, interpolate
@@ -320,4 +320,4 @@ class DepthMonitor:
 
 @functools.cache
 def _threshold(confidence: float) -> float:
-    return float(stats.chi2.ppf(confidence, 1))
+    return float(2 * gammaincinv(0.5, confidence))

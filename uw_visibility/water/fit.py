@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 ATTENUATION_BOUNDS = (1e-4, 10.0)
 # Above the largest code: open water may be overexposed.
@@ -67,6 +66,9 @@ def fit_plain(
     -------
     Fit
     """
+    # Imported here, since it takes long, and other methods do without.
+    from scipy.optimize import least_squares
+
     parameters = np.full((3, 2), np.nan)
     covariance = np.zeros((6, 6))
     iterations, converged = 0, True

@@ -24,7 +24,7 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from uw_visibility.config import TrackingConfig
 from uw_visibility.errors import InputError
@@ -250,7 +250,8 @@ class _State:
         )[block]
         innovation = (measurement.value - self.mean)[index]
         distance = innovation @ np.linalg.solve(spread + _ridge(spread), innovation)
-        return bool(distance <= chi2.ppf(probability, index.size))
+        # The quantile of chi squared; scipy.stats would take long to import.
+        return bool(distance <= 2 * gammaincinv(index.size / 2, probability))
 
     def correct(self, measurement: _Measurement) -> None:
         """Take a measurement in."""
