@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("rosbags")
 
 from uw_visibility.errors import InputError
+from uw_visibility.messages import read_image
 from uw_visibility.replay.reader import BagReader
 from uw_visibility.replay.writer import BagWriter
 
@@ -83,3 +84,10 @@ def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:
     storage.write_bytes(storage.read_bytes()[:50])
     with pytest.raises(InputError, match="cannot read bag"):
         BagReader(tmp_path / "bag")
+
+
+def test_arrays_can_be_written_to(transect: Path) -> None:
+    """Kernels would be compiled a second time, for seconds, for arrays that cannot."""
+    with BagReader(transect) as bag:
+        message = bag.deserialize(next(bag.messages(["/left/image_rect"])))
+    assert read_image(message).flags.writeable

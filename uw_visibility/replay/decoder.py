@@ -45,7 +45,9 @@ class Decoder:
             store = self._stores[message.type] = self._store(message.type)
         read = store.deserialize_ros1 if self._ros1 else store.deserialize_cdr
         try:
-            return read(message.data, message.type)
+            # Arrays in the object are views of this. Kernels are compiled for arrays that
+            # can be written to, and would be once more for those of bytes.
+            return read(bytearray(message.data), message.type)
         except Exception as error:
             # The generated readers check nothing: damage shows as any kind of error.
             raise InputError(
