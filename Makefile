@@ -1,7 +1,7 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
 #
-#   make venv          .venv with pinned versions and ROS 2 Jazzy
+#   make venv          .venv with pinned versions and ROS 2 Jazzy, kernels compiled
 #   make demo          simulate, run the node, play the bag into it, report: see demo/
 #   make test          the tests
 #   make lint          ruff, mypy, import-linter
@@ -39,6 +39,7 @@ venv: $(VENV)/.installed
 
 $(VENV)/.installed: constraints/constraints-newest.txt $(SOURCES)
 	@tools/make_venv $(VENV) constraints/constraints-newest.txt $(or $(PYTHON),python3.12 python3.11 python3 python)
+	$(VENV)/bin/uw_visibility warmup
 	@touch $@
 
 $(VENV_OLDEST)/.installed: constraints/constraints-ubuntu-24.04.txt $(SOURCES)

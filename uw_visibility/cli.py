@@ -10,12 +10,12 @@ import traceback
 from collections.abc import Sequence
 from typing import NoReturn
 
-from uw_visibility.commands import demo, enhance, evaluate, replay, simulate
+from uw_visibility.commands import calibrate, demo, enhance, evaluate, replay, simulate, warmup
 from uw_visibility.errors import InputError
 
 DONE, FAILED, UNUSABLE = 0, 1, 2
 INTERRUPTED = 130
-COMMANDS = (enhance, replay, simulate, evaluate, demo)
+COMMANDS = (enhance, replay, calibrate, simulate, evaluate, demo, warmup)
 
 
 class _Parser(argparse.ArgumentParser):

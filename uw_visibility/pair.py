@@ -35,7 +35,7 @@ def check_pair(left: Any, right: Any) -> tuple[NDArray[Any], NDArray[Any]]:
     Returns
     -------
     left, right : ndarray
-        The same images, contiguous.
+        The same images, contiguous; not to be written to.
 
     Raises
     ------
@@ -57,13 +57,24 @@ def check_pair(left: Any, right: Any) -> tuple[NDArray[Any], NDArray[Any]]:
             raise InputError(
                 f"{side} image is {width}x{height} px: give at least {MIN_WIDTH}x{MIN_HEIGHT} px"
             )
-        images.append(np.ascontiguousarray(array))
+        images.append(read_only(np.ascontiguousarray(array)))
     if images[0].shape != images[1].shape or images[0].dtype != images[1].dtype:
         raise InputError(
             f"left image is {_form(images[0])} and right image is {_form(images[1])}: "
             "give a pair of one size and type"
         )
     return images[0], images[1]
+
+
+def read_only(image: NDArray[Any]) -> NDArray[Any]:
+    """Return a view that cannot be written to.
+
+    Kernels are compiled apart for arrays that can be and for those that cannot, as
+    views of a message cannot. This makes one kind of both.
+    """
+    view = image.view()
+    view.flags.writeable = False
+    return view
 
 
 def blindness(image: NDArray[Any]) -> Status:

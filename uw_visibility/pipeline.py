@@ -134,7 +134,9 @@ class Pipeline:
             if self._tracker is not None:
                 self._tracker.reset()
 
-    def warm_up(self, shape: tuple[int, int], dtype: Any = np.uint8) -> None:
+    def warm_up(
+        self, shape: tuple[int, int], dtype: Any = np.uint8, *, grey: bool = False
+    ) -> None:
         """Compile what is not compiled yet, and allocate for a size of image.
 
         Parameters
@@ -143,8 +145,10 @@ class Pipeline:
             Height and width, px.
         dtype : dtype
             uint8 or uint16.
+        grey : bool
+            Whether the images will be grey ones.
         """
-        left, right = warm_up_pair(shape, np.dtype(dtype))
+        left, right = check_pair(*warm_up_pair(shape, np.dtype(dtype), grey=grey))
         with self._lock:
             self._process(left, right, None, True, SIDES, None)
 

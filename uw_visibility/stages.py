@@ -147,7 +147,7 @@ def disparity_limits(config: PipelineConfig, width: int) -> tuple[int, int]:
 
 
 def warm_up_pair(
-    shape: tuple[int, int], dtype: np.dtype[Any]
+    shape: tuple[int, int], dtype: np.dtype[Any], *, grey: bool = False
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return a pair of three planes under water, which every stage has work with."""
     height, width = shape
@@ -159,4 +159,5 @@ def warm_up_pair(
         left[rows] = (1 - transmission) + transmission * texture[rows]
         right[rows] = np.roll(left[rows], -disparity, axis=1)
     scale = 0.8 * np.iinfo(dtype).max
-    return (left * scale).astype(dtype), (right * scale).astype(dtype)
+    first, second = ((scale * image).astype(dtype) for image in (left, right))
+    return (first[..., 1], second[..., 1]) if grey else (first, second)

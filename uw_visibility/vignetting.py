@@ -13,6 +13,7 @@ from uw_visibility.config import CameraConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images import read_image
 from uw_visibility.kernel_cache import njit
+from uw_visibility.pair import read_only
 from uw_visibility.parallel import Workers
 from uw_visibility.water.transfer import encode_table, linear_table, to_linear
 
@@ -105,7 +106,7 @@ class EvenIllumination:
             _multiply, planes.shape[0], planes, gain, linear_table(transfer, image.dtype),
             encode_table(transfer, image.dtype), corrected,
         )
-        return corrected.reshape(image.shape)
+        return read_only(corrected.reshape(image.shape))
 
 
 def illumination(

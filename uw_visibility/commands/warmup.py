@@ -1,0 +1,85 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""`uw_visibility warmup`: compile ahead what the node and the commands will need."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+from uw_visibility.errors import InputError
+
+DESCRIPTION = """\
+Compile the pipeline's kernels for 8- and 16-bit images, colour and grey, and keep
+them on disk, so that the node's first start is as quick as any other. A second call
+finds them and compiles nothing; after an upgrade only what has changed is compiled.
+
+They are kept beside the package where that folder can be written to, or else in the
+user's folder for caches; NUMBA_CACHE_DIR names another one. An administrator who runs
+this once for an installation does so for all its users."""
+
+
+def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+    """Add the sub-command `warmup`."""
+    parser = subparsers.add_parser(
+        "warmup",
+        help="compile ahead, for a quick first start",
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--size", metavar="WxH", type=_size, default=(640, 480),
+        help="images to try it with, px; kernels serve every size (640x480)",
+    )
+    parser.add_argument(
+        "--params-file", metavar="YAML", type=Path,
+        help="parameters, in the form of config/uw_visibility.yaml: other methods need "
+        "other kernels",
+    )
+    parser.set_defaults(func=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the sub-command.
+
+    Raises
+    ------
+    InputError
+        If the parameters cannot be used, or the size is too small.
+    """
+    from uw_visibility.commands.params_file import read_params_file
+    from uw_visibility.config import PipelineConfig
+    from uw_visibility.progress import tell
+
+    config = PipelineConfig.from_parameters(read_params_file(arguments.params_file))
+    begin = time.monotonic()
+    # Compiled modules load slowly; what is refused before needs none of them.
+    from uw_visibility import Pipeline, StereoRig
+    from uw_visibility.kernel_cache import counts, writable_folder
+
+    width, height = arguments.size
+    pipeline = Pipeline(StereoRig(500.0, 0.1, ((width - 1) / 2, (height - 1) / 2)), config)
+    tell("preparing the kernels; the first time this takes a minute or two")
+    for dtype in ("uint8", "uint16"):
+        for grey in (False, True):
+            try:
+                pipeline.warm_up((height, width), dtype, grey=grey)
+            except InputError as error:
+                raise InputError(f"cannot warm up with --size {width}x{height}: {error}") from error
+    duration = time.monotonic() - begin
+    folder = writable_folder()
+    place = f"kept in {folder}" if folder else "kept nowhere: no folder can be written to"
+    print(
+        f"{counts.compiled} kernels compiled, {counts.loaded} loaded, in {duration:.1f} s; {place}"
+    )
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    try:
+        return int(width), int(height)
+    except ValueError:
+        message = f"{text!r} is no size: give width x height in px, as in 640x480"
+        raise argparse.ArgumentTypeError(message) from None
