@@ -50,6 +50,8 @@ class FrameProcessor:
         pipeline_config: PipelineConfig,
         node_config: NodeConfig,
         topics: Collection[str],
+        *,
+        match_original: bool = False,
     ) -> tuple[FrameResult, dict[str, Any]]:
         """Process one frame.
 
@@ -63,6 +65,8 @@ class FrameProcessor:
             Holds for this frame.
         topics : collection of str
             Outputs wanted, of `uw_visibility.outputs.all_topics`.
+        match_original : bool
+            Whether to match the raw pair too, for comparison.
 
         Returns
         -------
@@ -82,8 +86,8 @@ class FrameProcessor:
             self._pipeline = Pipeline(*wanted)
             self._made_for = wanted
         result = self._pipeline.process(
-            pair.left, pair.right, valid=pair.valid, enhance=enhanced_sides(topics),
-            stamp=self._stamp(frame),
+            pair.left, pair.right, valid=pair.valid, match_original=match_original,
+            enhance=enhanced_sides(topics), stamp=self._stamp(frame),
         )
         source = Source(self._make, frame, pair, result, node_config)
         return result, build_messages(source, topics)

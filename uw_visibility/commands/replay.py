@@ -5,18 +5,21 @@
 from __future__ import annotations
 
 import argparse
-import math
-import os
 import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from uw_visibility.commands.recording_options import (
+    add_recording_options,
+    jobs,
+    read_recording_options,
+)
 from uw_visibility.errors import InputError
 
 if TYPE_CHECKING:
     from uw_visibility.replay.options import ReplayOptions
-    from uw_visibility.replay.runner import Summary
+    from uw_visibility.replay.summary import Summary
 
 DESCRIPTION = """\
 Turn recorded bags into what the node would have published, a table and a report.
@@ -54,26 +57,11 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("bags", metavar="BAG", type=Path, nargs="+", help="recording")
+    add_recording_options(parser)
     add("-o", "--output", metavar="DIR", type=Path, help="folder for the results")
     add("--list", action="store_true", help="show what is there and what would be used, and end")
     add("--force", action="store_true", help="replace an existing result")
     add("--resume", action="store_true", help="go on from a partial result")
-    add("--rectify", action="store_true", help="rectify raw images (parameter rectify)")
-    add("--params-file", metavar="YAML", type=Path, help="parameters, those of the node")
-    add(
-        "--calibration", metavar="FILE", type=Path, action="append", default=[],
-        help="JSON with P1 and P2, or two YAML files of CameraInfo, instead of the recorded ones",
-    )
-    add("--left", metavar="TOPIC", help="left images")
-    add("--right", metavar="TOPIC", help="right images")
-    add("--left-info", metavar="TOPIC", help="CameraInfo of the left camera")
-    add("--right-info", metavar="TOPIC", help="CameraInfo of the right camera")
-    add("--depth-sensor", metavar="TOPIC", help="depth sensor")
-    add("--start", metavar="S", type=float, default=0.0, help="leave out the first S seconds")
-    add("--duration", metavar="S", type=float, default=math.inf, help="replay S seconds")
-    add("--every", metavar="N", type=int, default=1, help="process every Nth frame")
-    add("--jobs", metavar="N", type=int, default=0, help="processes; 0 takes one per processor")
     add(
         "--scheduler", metavar="ADDRESS",
         help="replay bags on a Dask cluster, one bag a task (extra: distributed)",
@@ -83,6 +71,10 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         help="write every Nth frame's pictures side by side to images/",
     )
     add("--video", action="store_true", help="write video.mp4")
+    add(
+        "--match-original", action="store_true",
+        help="match the images as recorded too, for comparison; costs about a third more time",
+    )
     add(
         "--geo", metavar="TOPIC",
         help="join a NavSatFix or Odometry to the table and write frames.geojson",
@@ -128,33 +120,16 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _options(arguments: argparse.Namespace) -> ReplayOptions:
-    from uw_visibility.commands.calibration_file import read_camera_infos
-    from uw_visibility.commands.params_file import read_params_file
-    from uw_visibility.config import NodeConfig, PipelineConfig
-    from uw_visibility.replay.options import ReplayOptions
-    from uw_visibility.replay.topics import Wanted
-
-    values = read_params_file(arguments.params_file)
-    pipeline, node = PipelineConfig.from_parameters(values), NodeConfig.from_parameters(values)
-    if arguments.rectify:
-        node = replace(node, rectify=True)
     if arguments.origin is not None and arguments.geo is None:
         raise InputError("--origin is given without --geo: name the Odometry with --geo")
-    return ReplayOptions(
-        pipeline=pipeline,
-        node=node,
-        wanted=Wanted(
-            arguments.left, arguments.right, arguments.left_info, arguments.right_info,
-            arguments.depth_sensor, arguments.geo,
-        ),
-        sensor_type=values.get("plausibility.sensor_type"),
-        infos=read_camera_infos(arguments.calibration) if arguments.calibration else None,
-        start=arguments.start,
-        duration=arguments.duration,
-        every=arguments.every,
+    options = read_recording_options(arguments)
+    return replace(
+        options,
+        wanted=replace(options.wanted, position=arguments.geo),
         images=arguments.images,
         video=arguments.video,
         geo=arguments.geo is not None,
+        match_original=arguments.match_original,
         origin=None if arguments.origin is None else tuple(arguments.origin),
     )
 
@@ -162,8 +137,6 @@ def _options(arguments: argparse.Namespace) -> ReplayOptions:
 def _replay(arguments: argparse.Namespace, options: ReplayOptions) -> list[Summary]:
     if arguments.output is None:
         raise InputError("-o is missing: name the folder for the results, or give --list")
-    if arguments.jobs < 0:
-        raise InputError(f"--jobs is {arguments.jobs}: give 1 or more, or 0")
     targets = _targets(arguments.bags, arguments.output)
     flags = {"force": arguments.force, "resume": arguments.resume}
     options = options.with_threads(1)
@@ -175,7 +148,7 @@ def _replay(arguments: argparse.Namespace, options: ReplayOptions) -> list[Summa
     from uw_visibility.replay.batch import replay_bags
 
     tell("preparing; the first run compiles, for about a minute")
-    return replay_bags(targets, options, jobs=arguments.jobs or os.cpu_count() or 1, **flags)
+    return replay_bags(targets, options, jobs=jobs(arguments), **flags)
 
 
 def _targets(bags: list[Path], output: Path) -> dict[Path, Path]:

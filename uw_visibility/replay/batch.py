@@ -4,16 +4,17 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
+from uw_visibility.replay.bags.layout import find_files
 from uw_visibility.replay.folder import check_target, read_state
 from uw_visibility.replay.options import ReplayOptions
 from uw_visibility.replay.pool import FramePool
-from uw_visibility.replay.provenance import version
+from uw_visibility.replay.provenance import Origin
 from uw_visibility.replay.reader import UnreadableError
-from uw_visibility.replay.runner import Summary, replay_bag
+from uw_visibility.replay.runner import replay_bag
+from uw_visibility.replay.summary import Summary
 
 
 def replay_bags(
@@ -78,12 +79,9 @@ def _finished(bag: Path, target: Path, options: ReplayOptions) -> Summary | None
         state = read_state(target)
     except (OSError, ValueError):
         return None
-    made = state.get("complete"), state.get("bag"), state.get("version"), state.get("parameters")
-    if made != (True, bag.name, version(), options.parameters()):
+    if not state.get("complete") or state.get("extras") != options.extras():
         return None
-    return Summary(
-        str(bag), str(target), complete=True, frames=state["frames"], resumed=state["frames"],
-        status=Counter(state["status"]), depth_status=Counter(state["depth_status"]),
-        reasons=Counter(state["unusable"]), dropped=Counter(state["dropped"]),
-        damage=list(state["damage"]), topics=state["topics"],
-    )
+    origin = Origin.of(bag, find_files(bag).files, options.parameters())
+    if origin.difference(state):
+        return None
+    return Summary.of_finished(str(bag), str(target), state)

@@ -13,7 +13,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.replay.batch import replay_bags
 from uw_visibility.replay.options import ReplayOptions
 from uw_visibility.replay.progress import Progress
-from uw_visibility.replay.runner import Summary
+from uw_visibility.replay.summary import Summary
 
 # A scheduler answers at once, or is not there.
 TIMEOUT = "10s"

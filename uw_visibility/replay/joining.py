@@ -18,7 +18,7 @@ from uw_visibility.plausibility import (
     Report,
 )
 from uw_visibility.replay.positions import Position, PositionTrack, geographic
-from uw_visibility.replay.stream import SensorValue
+from uw_visibility.replay.stream import Restart, SensorValue
 from uw_visibility.replay.table import depth_sample, nanoseconds, number
 
 # Numbers of a report that are sums over the whole recording.
@@ -71,6 +71,15 @@ class Joiner:
             self._note(self._monitor.add_estimate(*depth_sample(row), self._now))
         self._waiting.append(row)
         yield from self._complete(at_end=False)
+
+    def add(self, event: SensorValue | Position | Restart) -> Iterator[dict[str, str]]:
+        """Take whatever comes between frames; yields the rows that are complete."""
+        if isinstance(event, SensorValue):
+            yield from self.add_sensor(event)
+        elif isinstance(event, Position):
+            yield from self.add_position(event)
+        else:
+            self.restart()
 
     def add_sensor(self, value: SensorValue) -> Iterator[dict[str, str]]:
         """Take a value of the depth sensor; yields the rows that are complete."""

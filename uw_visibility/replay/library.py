@@ -12,6 +12,7 @@ from typing import Any
 
 from uw_visibility.config import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
+from uw_visibility.outputs import all_topics
 from uw_visibility.replay.options import ReplayOptions
 from uw_visibility.replay.reader import BagReader
 from uw_visibility.replay.stream import InputStream, RecordedFrame
@@ -56,6 +57,7 @@ def read(
     start: float = 0.0,
     duration: float = float("inf"),
     every: int = 1,
+    match_original: bool = False,
 ) -> Iterator[ReplayedFrame]:
     """Yield the results of a recording, frame by frame.
 
@@ -77,6 +79,8 @@ def read(
         Part of the recording, s.
     every : int
         Process one frame of so many.
+    match_original : bool
+        Whether to match the raw pair too, for comparison.
 
     Yields
     ------
@@ -105,14 +109,12 @@ def read(
         start=start,
         duration=duration,
         every=every,
+        match_original=match_original,
     )
     with BagReader(bag) as reader:
         stream = InputStream(reader, options)
-        channels = {c.type: c for c in reader.channels.values()}
-        processor = RecordingProcessor(
-            Recording(str(bag), channels, reader.ros1, options.pipeline, options.node),
-            track=True,
-        )
+        recording = Recording.of(reader, stream.selection, options, all_topics(options.node))
+        processor = RecordingProcessor(recording, track=True)
         for event in stream.events():
             if not isinstance(event, RecordedFrame):
                 continue

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from uw_visibility.config import NodeConfig, PipelineConfig
@@ -40,6 +40,8 @@ class ReplayOptions:
         Whether ``video.mp4`` is written.
     geo : bool
         Whether ``frames.geojson`` is written.
+    match_original : bool
+        Whether the raw pair is matched too, for comparison.
     origin : tuple of float or None
         Latitude and longitude, in degrees, of the origin of an Odometry.
     """
@@ -55,6 +57,7 @@ class ReplayOptions:
     images: int = 0
     video: bool = False
     geo: bool = False
+    match_original: bool = False
     origin: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
@@ -77,8 +80,15 @@ class ReplayOptions:
             "replay.duration": None if math.isinf(self.duration) else self.duration,
             "replay.every": self.every,
             "replay.calibration": None if self.infos is None else repr(self.infos),
+            "replay.match_original": self.match_original,
+            "replay.origin": self.origin,
+            **{f"replay.{name}": topic for name, topic in asdict(self.wanted).items()},
         }
         return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
+
+    def extras(self) -> dict[str, Any]:
+        """Return what is made of a result beside the table and the messages, as JSON has it."""
+        return {"images": self.images, "video": self.video, "geo": self.geo}
 
     def with_threads(self, threads: int) -> ReplayOptions:
         """Return the options with so many threads for each frame, if none are given."""

@@ -10,21 +10,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import yaml
-
 from uw_visibility.errors import InputError
 from uw_visibility.replay.bags.indexed import SALVAGE, open_file
+from uw_visibility.replay.bags.layout import PACKED, UnreadableError, find_files, suffix
 from uw_visibility.replay.bags.packing import PackingError, unpack, unpack_file
 from uw_visibility.replay.bags.storage import Channel, Recorded, Storage
 from uw_visibility.replay.decoder import Decoder
 
 __all__ = ["BagReader", "Recorded", "UnreadableError"]
-
-PACKED = ".zstd"
-
-
-class UnreadableError(InputError):
-    """A recording is there, but nothing of it can be read."""
 
 
 class BagReader:
@@ -58,11 +51,10 @@ class BagReader:
         self.path = Path(path)
         self._folder = tempfile.TemporaryDirectory(prefix="uw_visibility_")
         self._storages: list[Storage] = []
-        self._notes: list[str] = []
-        self._packed_messages = False
-        self._expected: dict[str, int] = {}
         try:
-            self.files = self._find_files()
+            layout = find_files(self.path)
+            self.files, self._notes = layout.files, list(layout.notes)
+            self._packed_messages, self._expected = layout.packed_messages, layout.expected
             self._open_files()
         except BaseException:
             self.close()
@@ -135,38 +127,6 @@ class BagReader:
     ) -> None:
         self.close()
 
-    def _find_files(self) -> list[Path]:
-        if not self.path.exists():
-            raise InputError(f"cannot read bag {self.path}: it is missing")
-        if self.path.is_file():
-            return [self.path]
-        try:
-            metadata = self._read_metadata()
-        except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
-            files = sorted(f for f in self.path.iterdir() if _suffix(f) in SALVAGE)
-            if not files:
-                raise InputError(
-                    f"cannot read bag {self.path}: it holds no metadata.yaml and no recording"
-                ) from error
-            if files[0].suffix != ".bag":
-                self._notes.append("metadata.yaml is missing or damaged")
-            return files
-        files = [self.path / Path(name).name for name in metadata]
-        missing = [f.name for f in files if not f.exists()]
-        if missing:
-            self._notes.append(f"missing files: {', '.join(missing)}")
-        if len(missing) == len(files):
-            raise UnreadableError(f"cannot read bag {self.path}: its files are missing")
-        return [f for f in files if f.exists()]
-
-    def _read_metadata(self) -> list[str]:
-        text = (self.path / "metadata.yaml").read_text(encoding="utf-8")
-        about = yaml.safe_load(text)["rosbag2_bagfile_information"]
-        self._packed_messages = str(about.get("compression_mode", "")).lower() == "message"
-        for topic in about.get("topics_with_message_count", []):
-            self._expected[topic["topic_metadata"]["name"]] = int(topic["message_count"])
-        return [str(name) for name in about["relative_file_paths"]]
-
     def _open_files(self) -> None:
         errors = []
         for file in self.files:
@@ -175,7 +135,7 @@ class BagReader:
             except InputError as error:
                 errors.append(error)
         if not self._storages:
-            kind = UnreadableError if _suffix(self.files[0]) in SALVAGE else InputError
+            kind = UnreadableError if suffix(self.files[0]) in SALVAGE else InputError
             raise kind(*errors[0].args) from errors[0]
         self._notes += [str(error) for error in errors]
 
@@ -212,7 +172,3 @@ class BagReader:
     def _count(self, channel: Channel) -> int | None:
         """Return how many messages a topic should have: damage must not hide what is missing."""
         return self._expected.get(channel.topic, channel.count)
-
-
-def _suffix(file: Path) -> str:
-    return Path(file.stem).suffix if file.suffix == PACKED else file.suffix

@@ -22,7 +22,7 @@ from uw_visibility.replay.table import read_columns, read_rows
 from uw_visibility.replay.topics import Selection
 
 if TYPE_CHECKING:
-    from uw_visibility.replay.runner import Summary
+    from uw_visibility.replay.summary import Summary
 
 EVENLY_SPACED = 5
 PICTURE_WIDTH = 1200

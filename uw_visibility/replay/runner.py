@@ -5,100 +5,27 @@
 from __future__ import annotations
 
 import os
-import sys
 import time
-import uuid
-from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 from uw_visibility.errors import InputError
-from uw_visibility.outputs import all_topics
-from uw_visibility.plausibility import Report
-from uw_visibility.replay.filtering import EstimateLog, FilterStage, split_topics
+from uw_visibility.replay.filtering import split_topics
 from uw_visibility.replay.folder import ResultFolder
 from uw_visibility.replay.joining import Joiner
 from uw_visibility.replay.options import ReplayOptions
 from uw_visibility.replay.pool import FramePool
-from uw_visibility.replay.positions import Position, write_geojson
+from uw_visibility.replay.positions import write_geojson
 from uw_visibility.replay.progress import Progress
-from uw_visibility.replay.provenance import FileHash, fingerprint, version
+from uw_visibility.replay.provenance import FileHash, Origin
 from uw_visibility.replay.reader import BagReader
-from uw_visibility.replay.results import EarlierPart, ResultWriter
-from uw_visibility.replay.stream import Event, InputStream, RecordedFrame, Restart, SensorValue
-from uw_visibility.replay.table import COLUMNS, FAILED, JOINED, TableWriter, read_rows
+from uw_visibility.replay.recorder import FrameRecorder
+from uw_visibility.replay.results import EarlierPart
+from uw_visibility.replay.stream import Event, InputStream, RecordedFrame
+from uw_visibility.replay.summary import Summary
+from uw_visibility.replay.table import read_rows
 from uw_visibility.replay.work import FrameAnswer, FrameTask, Recording
-
-Other = TypeVar("Other")
-
-
-@dataclass
-class Summary:
-    """What a replay did.
-
-    Attributes
-    ----------
-    bag, output : str
-        Recording and folder of the result.
-    complete : bool
-        Whether the recording was replayed to its end.
-    frames, resumed : int
-        Rows of the table, and those of an earlier part among them.
-    status, depth_status, reasons : Counter of str
-        Frames by status, by that of the depth, and those without result by reason.
-    dropped : Counter of str
-        Images that became part of no frame, by reason.
-    damage : list of str
-        What could not be read.
-    notes : list of str
-        Choices made for the user.
-    topics : dict of str to str
-        Topics used, by purpose.
-    seconds : float
-        Duration of the replay.
-    provenance : dict
-        Version, parameters and hash of the input.
-    plausibility : Report or None
-        Of the depth sensor.
-    """
-
-    bag: str
-    output: str
-    complete: bool = False
-    frames: int = 0
-    resumed: int = 0
-    status: Counter[str] = field(default_factory=Counter)
-    depth_status: Counter[str] = field(default_factory=Counter)
-    reasons: Counter[str] = field(default_factory=Counter)
-    dropped: Counter[str] = field(default_factory=Counter)
-    damage: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    topics: dict[str, str] = field(default_factory=dict)
-    seconds: float = 0.0
-    provenance: dict[str, Any] = field(default_factory=dict)
-    plausibility: Report | None = None
-    verdicts: Counter[str] = field(default_factory=Counter)
-
-    @property
-    def assessed(self) -> int:
-        """Frames whose water was assessed."""
-        return self.status["ok"]
-
-    @property
-    def failed(self) -> int:
-        """Frames without a result."""
-        return self.status[FAILED]
-
-    def count(self, row: dict[str, str]) -> None:
-        """Count a frame."""
-        self.frames += 1
-        self.status[row["status"]] += 1
-        if row["status"] == FAILED:
-            self.reasons[row["reason"]] += 1
-        else:
-            self.depth_status[row["depth_status"]] += 1
 
 
 def replay_bag(
@@ -165,33 +92,31 @@ class _Replay:
                 "left", "right", "left_info", "right_info", "depth", "position"
             ) if (topic := getattr(selection, name)) is not None
         }
-        self._fingerprint = fingerprint(reader.files)
-        self._parameters = options.parameters()
+        self._origin = Origin.of(reader.path, reader.files, options.parameters())
         self._check_earlier()
         self._hash = FileHash(reader.files)
         self._earlier: EarlierPart | None = None
         if folder.earlier is not None:
             alone, _ = split_topics(options.pipeline, options.node)
             self._earlier = EarlierPart(folder.earlier, alone)
-        self._table = TableWriter(folder.work / "frames.csv", COLUMNS)
-        self._timings: TableWriter | None = None
-        self._results = ResultWriter(folder.work, all_topics(options.node))
+        self._recorder = FrameRecorder(
+            folder.work, options, self._earlier.timings if self._earlier else {}
+        )
         self._joiner = Joiner(
             stream.plausibility, selection.position is not None, options.origin
         )
-        self._filter = FilterStage(options.pipeline, options.node)
-        self._estimates = EstimateLog(folder.work)
-        self._write_state(complete=False)
+        folder.write_state(self._state())
 
     def run(self, pool: FramePool) -> None:
         """Replay the recording to its end."""
         progress = Progress(self._reader.path.name, self._stream.expected_frames)
         try:
             for item in pool.answers(self._tasks(self._stream.events())):
-                for row in self._take(item):
-                    self._write_row(row)
                 if isinstance(item, FrameAnswer):
+                    self._write_rows(self._joiner.add_frame(self._recorder.write_frame(item)))
                     progress.add()
+                else:
+                    self._write_rows(self._joiner.add(item))
         finally:
             progress.close()
         self.summary.complete = True
@@ -203,12 +128,12 @@ class _Replay:
         if kind is not None and issubclass(kind, InputError) and self.summary.frames == 0:
             # Refused before the first frame: nothing is worth keeping.
             self._hash.stop()
-            self._close_files()
+            self._recorder.close({})
             self._folder.refuse_earlier()
             return
         self._finish(hashed=kind is None)
         if kind is None:
-            self._estimates.remove()
+            self._recorder.forget_estimates()
             self._folder.forget_earlier()
             self._folder.complete()
         elif self._earlier is not None and self.summary.frames < len(self._earlier.timings):
@@ -219,10 +144,8 @@ class _Replay:
 
     def _tasks(self, events: Iterable[Event]) -> Iterator[Any]:
         """Yield tasks for frames, what an earlier part has of them, and sensor values."""
-        recording = Recording(
-            uuid.uuid4().hex, {c.type: c for c in self._used_channels()}, self._reader.ros1,
-            self._options.pipeline, self._options.node,
-        )
+        alone, _ = split_topics(self._options.pipeline, self._options.node)
+        recording = Recording.of(self._reader, self._stream.selection, self._options, alone)
         known = self._earlier.answers() if self._earlier is not None else iter(())
         for event in events:
             if not isinstance(event, RecordedFrame):
@@ -235,76 +158,36 @@ class _Replay:
                 )
             yield FrameTask(recording, event) if earlier is None else earlier
 
-    def _used_channels(self) -> Iterator[Any]:
-        selection = self._stream.selection
-        for topic in (*selection.images(), *selection.infos()):
-            yield self._reader.channels[topic]
-
-    def _take(
-        self, item: FrameAnswer | SensorValue | Position | Restart
-    ) -> Iterator[dict[str, str]]:
-        """Hand an item to the joiner; yields rows that are complete."""
-        if isinstance(item, SensorValue):
-            yield from self._joiner.add_sensor(item)
-        elif isinstance(item, Position):
-            yield from self._joiner.add_position(item)
-        elif isinstance(item, Restart):
-            self._joiner.restart()
-        else:
-            yield from self._joiner.add_frame(self._filter_frame(item))
-
-    def _filter_frame(self, answer: FrameAnswer) -> dict[str, str]:
-        """Write the messages of a frame, filtered ones too; returns its row."""
-        self._results.write_messages(answer.messages, answer.time)
-        self._write_timing(answer)
-        # Rows of an earlier part are joined anew, so that the test's memory is right.
-        row = {k: v for k, v in answer.row.items() if k not in JOINED}
-        if answer.estimate is not None:
-            messages, columns = self._filter.add(answer.estimate)
-            self._results.write_messages(messages, answer.time)
-            self._estimates.write(row["frame"], answer.estimate)
-            row |= columns
-        return row
-
-    def _write_row(self, row: dict[str, str]) -> None:
-        self._table.write(row)
-        self._results.write_nis(row)
-        self.summary.count(row)
-
-    def _write_timing(self, answer: FrameAnswer) -> None:
-        number = answer.row["frame"]
-        row = {"frame": number, **{k: f"{v:.3f}" for k, v in answer.timing_ms.items()}}
-        if not answer.timing_ms and self._earlier is not None:
-            row = self._earlier.timings.get(number, row)
-            self.summary.resumed += number in self._earlier.timings
-        if len(row) == 1:
-            return
-        if self._timings is None:
-            self._timings = TableWriter(self._folder.work / "timings.csv", list(row))
-        self._timings.write({k: v for k, v in row.items() if k in self._timings.columns})
+    def _write_rows(self, rows: Iterator[dict[str, str]]) -> None:
+        for row in rows:
+            self._recorder.write_row(row)
+            self.summary.count(row)
 
     def _finish(self, hashed: bool) -> None:
         """Close everything, whole or partial, and write what is made of it."""
         if not hashed:
             self._hash.stop()
         if self.summary.complete:
-            for row in self._joiner.finish():
-                self._write_row(row)
+            self._write_rows(self._joiner.finish())
         self._collect()
-        summary = self.summary
+        summary, origin = self.summary, self._origin
         summary.provenance = {
-            "version": version(), "bag": self._reader.path.name, "input_sha256":
-            self._hash.result(), "complete": summary.complete, "parameters": self._parameters,
+            "version": origin.version, "bag": origin.bag, "input_sha256": self._hash.result(),
+            "complete": summary.complete, "parameters": origin.parameters,
             "threads": self._options.pipeline.threads or os.cpu_count() or 1,
         }
-        self._close_files()
-        self._write_state(complete=summary.complete)
+        self._recorder.close(summary.provenance)
+        self._folder.write_state(self._state())
         self._write_extras()
+
+    def _state(self) -> dict[str, Any]:
+        return self.summary.state(self._origin) | {"extras": self._options.extras()}
 
     def _collect(self) -> None:
         stream, summary = self._stream, self.summary
         summary.plausibility = self._joiner.report()
         summary.verdicts = self._joiner.verdicts
+        summary.resumed = self._recorder.resumed
         summary.dropped = stream.synchronizer.dropped
         summary.damage = list(dict.fromkeys(self._reader.damage))
         if summary.complete:
@@ -312,15 +195,9 @@ class _Replay:
         summary.damage += [f"{reason} ({count})" for reason, count in stream.problems.items()]
         restarts = stream.synchronizer.restarts
         if restarts:
-            summary.damage.append(f"stamps of the images jumped back {restarts} times")
+            times = "once" if restarts == 1 else f"{restarts} times"
+            summary.damage.append(f"stamps of the images jumped back {times}")
         summary.seconds = time.monotonic() - self._begin
-
-    def _close_files(self) -> None:
-        self._table.close()
-        self._estimates.close()
-        if self._timings is not None:
-            self._timings.close()
-        self._results.close(self.summary.provenance)
 
     def _write_extras(self) -> None:
         from uw_visibility.replay.gallery import write_pictures
@@ -344,31 +221,11 @@ class _Replay:
         if self._folder.earlier is None:
             return
         try:
-            state = self._folder.state()
-            if state.get("fingerprint") != self._fingerprint:
-                raise InputError(f"the partial result is not of {self._reader.path}: use --force")
-            if state.get("version") != version():
-                raise InputError("the partial result is of another version: use --force")
-            before = state.get("parameters", {})
-            now = self._parameters
-            changed = sorted(k for k in {*before, *now} if before.get(k) != now.get(k))
-            if changed:
+            difference = self._origin.difference(self._folder.state())
+            if difference:
                 raise InputError(
-                    f"the partial result was made with another {', '.join(changed)}: use --force"
+                    f"the partial result {self._folder.work} {difference}: --force begins anew"
                 )
         except InputError:
             self._folder.refuse_earlier()
             raise
-
-    def _write_state(self, complete: bool) -> None:
-        summary = self.summary
-        self._folder.write_state({
-            "complete": complete, "version": version(), "bag": self._reader.path.name,
-            "input_sha256": summary.provenance.get("input_sha256"),
-            "fingerprint": self._fingerprint, "topics": summary.topics,
-            "frames": summary.frames, "status": dict(summary.status),
-            "depth_status": dict(summary.depth_status), "unusable": dict(summary.reasons),
-            "dropped": dict(summary.dropped), "damage": summary.damage,
-            "plausibility": dict(summary.verdicts), "seconds": round(summary.seconds, 3),
-            "python": sys.version.split()[0], "parameters": self._parameters,
-        })

@@ -36,7 +36,8 @@ COLUMNS: tuple[str, ...] = (
     *_with_stddev("depth"),
     *_with_stddev("filtered_mean_attenuation"), *_with_stddev("filtered_visibility_distance"),
     *_with_stddev("filtered_depth"), "filtering",
-    "support_points", "coverage", "matched_fraction", "limited_fraction",
+    "support_points", "coverage", "matched_fraction", "matched_fraction_original",
+    "limited_fraction",
     *_with_stddev("sensor_depth"), "innovation", "nis", "plausibility",
     "longitude", "latitude", "x", "y",
 )
@@ -88,6 +89,10 @@ def result_columns(result: FrameResult) -> dict[str, str]:
         "support_points": str(int(result.support_points)),
         "coverage": number(result.coverage),
         "matched_fraction": number(result.matched_fraction_enhanced),
+        "matched_fraction_original": number(
+            math.nan if result.matched_fraction_original is None
+            else result.matched_fraction_original
+        ),
         "limited_fraction": number(float(result.limited.mean()) if result.limited.size else 0.0),
     }
     for index, channel in enumerate(CHANNELS):

@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Mapping
+import uuid
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,9 +22,12 @@ from uw_visibility.pipeline import Pipeline
 from uw_visibility.processor import FrameProcessor
 from uw_visibility.replay.bags.storage import Channel, Recorded
 from uw_visibility.replay.decoder import Decoder
-from uw_visibility.replay.filtering import FrameEstimate, split_topics
+from uw_visibility.replay.filtering import FrameEstimate
+from uw_visibility.replay.options import ReplayOptions
+from uw_visibility.replay.reader import BagReader
 from uw_visibility.replay.stream import RecordedFrame
 from uw_visibility.replay.table import FAILED, result_columns, seconds
+from uw_visibility.replay.topics import Selection
 from uw_visibility.result import FrameResult
 from uw_visibility.stereo.rig import StereoRig
 
@@ -46,6 +50,10 @@ class Recording:
         How messages are serialised.
     pipeline, node : PipelineConfig, NodeConfig
         Parameters.
+    topics : tuple of str
+        Outputs to make of each frame.
+    match_original : bool
+        Whether the raw pair is matched too, for comparison.
     """
 
     key: str
@@ -53,6 +61,35 @@ class Recording:
     ros1: bool
     pipeline: PipelineConfig
     node: NodeConfig
+    topics: tuple[str, ...]
+    match_original: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        reader: BagReader,
+        selection: Selection,
+        options: ReplayOptions,
+        topics: Collection[str],
+    ) -> Recording:
+        """Return what the frames of a recording have in common.
+
+        Parameters
+        ----------
+        reader : BagReader
+            The recording.
+        selection : Selection
+            Its topics that are used.
+        options : ReplayOptions
+            Parameters.
+        topics : collection of str
+            Outputs to make of each frame.
+        """
+        used = [reader.channels[t] for t in (*selection.images(), *selection.infos())]
+        return cls(
+            uuid.uuid4().hex, {channel.type: channel for channel in used}, reader.ros1,
+            options.pipeline, options.node, tuple(topics), options.match_original,
+        )
 
 
 @dataclass(frozen=True)
@@ -106,9 +143,6 @@ class RecordingProcessor:
             typestore_factory(self._types.types), recording.node.rectify, track
         )
         self._types_by_topic = all_topics(recording.node)
-        self._topics, filtered = split_topics(recording.pipeline, recording.node)
-        if track:
-            self._topics += filtered
 
     def answer(self, frame: RecordedFrame) -> FrameAnswer:
         """Return what becomes of a frame; whatever goes wrong costs this frame alone."""
@@ -148,7 +182,8 @@ class RecordingProcessor:
 
     def _process(self, frame: StereoFrame) -> tuple[FrameResult, dict[str, Any]]:
         return self._processor.process(
-            frame, self._recording.pipeline, self._recording.node, self._topics
+            frame, self._recording.pipeline, self._recording.node, self._recording.topics,
+            match_original=self._recording.match_original,
         )
 
 

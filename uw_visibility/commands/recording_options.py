@@ -1,0 +1,84 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The options that name recordings and what of them is used, for replay and calibrate."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from uw_visibility.errors import InputError
+
+if TYPE_CHECKING:
+    from uw_visibility.replay.options import ReplayOptions
+
+
+def add_recording_options(parser: argparse.ArgumentParser) -> None:
+    """Add the recordings and the options to them."""
+    add = parser.add_argument
+    add("bags", metavar="BAG", type=Path, nargs="+", help="recording")
+    add("--rectify", action="store_true", help="rectify raw images (parameter rectify)")
+    add("--params-file", metavar="YAML", type=Path, help="parameters, those of the node")
+    add(
+        "--calibration", metavar="FILE", type=Path, action="append", default=[],
+        help="JSON with P1 and P2, or two YAML files of CameraInfo, instead of the recorded ones",
+    )
+    add("--left", metavar="TOPIC", help="left images")
+    add("--right", metavar="TOPIC", help="right images")
+    add("--left-info", metavar="TOPIC", help="CameraInfo of the left camera")
+    add("--right-info", metavar="TOPIC", help="CameraInfo of the right camera")
+    add("--depth-sensor", metavar="TOPIC", help="depth sensor")
+    add("--start", metavar="S", type=float, default=0.0, help="leave out the first S seconds")
+    add("--duration", metavar="S", type=float, default=math.inf, help="take S seconds")
+    add("--every", metavar="N", type=int, default=1, help="process every Nth frame")
+    add("--jobs", metavar="N", type=int, default=0, help="processes; 0 takes one per processor")
+
+
+def read_recording_options(arguments: argparse.Namespace) -> ReplayOptions:
+    """Return what the options say.
+
+    Raises
+    ------
+    InputError
+        If an option or a file that it names cannot be used.
+    """
+    from uw_visibility.commands.calibration_file import read_camera_infos
+    from uw_visibility.commands.params_file import read_params_file
+    from uw_visibility.config import NodeConfig, PipelineConfig
+    from uw_visibility.replay.options import ReplayOptions
+    from uw_visibility.replay.topics import Wanted
+
+    values = read_params_file(arguments.params_file)
+    pipeline, node = PipelineConfig.from_parameters(values), NodeConfig.from_parameters(values)
+    if arguments.rectify:
+        node = replace(node, rectify=True)
+    return ReplayOptions(
+        pipeline=pipeline,
+        node=node,
+        wanted=Wanted(
+            arguments.left, arguments.right, arguments.left_info, arguments.right_info,
+            arguments.depth_sensor,
+        ),
+        sensor_type=values.get("plausibility.sensor_type"),
+        infos=read_camera_infos(arguments.calibration) if arguments.calibration else None,
+        start=arguments.start,
+        duration=arguments.duration,
+        every=arguments.every,
+    )
+
+
+def jobs(arguments: argparse.Namespace) -> int:
+    """Return the number of processes.
+
+    Raises
+    ------
+    InputError
+        If it is negative.
+    """
+    if arguments.jobs < 0:
+        raise InputError(f"--jobs is {arguments.jobs}: give 1 or more, or 0")
+    return arguments.jobs or os.cpu_count() or 1
