@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The commented parameter file, written from the descriptions in config.py.
+"""Parameter files: the commented one of all descriptions in config.py, and ones of some values.
 
 ``python -m uw_visibility.parameter_file PATH`` (or ``make parameters``) writes
 ``config/uw_visibility.yaml`` anew.
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,32 @@ def render() -> str:
         lines += [f"{2 * INDENT}# ---- {title}", ""]
         lines += _render_group(sorted(describe(group), key=lambda info: "." in info.name))
     return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def render_values(values: Mapping[str, Any], comment: str) -> str:
+    """Return a parameter file with some values.
+
+    Parameters
+    ----------
+    values : mapping of str to object
+        Values by dotted name.
+    comment : str
+        What they are, for the first lines.
+
+    Returns
+    -------
+    str
+    """
+    nested: dict[str, Any] = {}
+    for name, value in values.items():
+        *sections, last = name.split(".")
+        place = nested
+        for section in sections:
+            place = place.setdefault(section, {})
+        place[last] = list(value) if isinstance(value, tuple) else value
+    lines = textwrap.wrap(comment, WIDTH, initial_indent="# ", subsequent_indent="# ")
+    content = {"/**": {"ros__parameters": nested}}
+    return "\n".join(lines) + "\n" + yaml.safe_dump(content, default_flow_style=None)
 
 
 def _render_group(infos: list[ParameterInfo]) -> Iterator[str]:

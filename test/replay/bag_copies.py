@@ -21,7 +21,7 @@ from uw_visibility.cli import main
 from uw_visibility.replay.reader import BagReader
 from uw_visibility.replay.table import read_rows
 
-FRAMES = 6
+FRAMES, DIVE_FRAMES = 6, 12
 TOPICS = ("/left/image_rect", "/right/image_rect", "/left/camera_info", "/right/camera_info",
           "/depth_sensor")
 

@@ -15,7 +15,7 @@ pytest.importorskip("rosbags")
 # The tests here share what makes bags; pytest's import mode leaves this folder out.
 sys.path.insert(0, str(Path(__file__).parent))
 
-from bag_copies import FRAMES, copy_bag
+from bag_copies import DIVE_FRAMES, FRAMES, copy_bag
 
 from uw_visibility.cli import main
 from uw_visibility.simulation.bag import write_transect
@@ -32,6 +32,17 @@ def transect(tmp_path_factory: pytest.TempPathFactory) -> Path:
         camera=StereoCamera(160, 120, 150.0, 0.12),
     ))
     return copy_bag(folder / "simulated", folder / "transect")
+
+
+@pytest.fixture(scope="session")
+def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag (mcap) of more frames, over some metres of depth, without the truth."""
+    folder = tmp_path_factory.mktemp("dive")
+    write_transect(folder / "simulated", Transect(
+        frames=DIVE_FRAMES, rate=2.0, depth=(2.0, 6.0), attenuation=(0.1, 0.25),
+        camera=StereoCamera(160, 120, 150.0, 0.12),
+    ))
+    return copy_bag(folder / "simulated", folder / "dive")
 
 
 @pytest.fixture(scope="session")

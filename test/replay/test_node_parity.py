@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from bag_copies import Message, copy_bag, run
+from bag_copies import DIVE_FRAMES, Message, copy_bag, run
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
@@ -25,11 +25,8 @@ from uw_visibility.outputs import all_topics
 from uw_visibility.replay.reader import BagReader
 from uw_visibility.replay.results import NIS_TOPIC, NIS_TYPE
 from uw_visibility.simulation.bag import TOPICS as RECORDED
-from uw_visibility.simulation.bag import write_transect
-from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.simulation.transect import Transect
 
-FRAMES, DARK, SET_BACK = 11, 3, 7
+DARK, SET_BACK = 3, 7
 INPUTS = {topic: kind for topic, kind in RECORDED.items() if "ground_truth" not in topic}
 OUTPUTS = {
     f"/{topic}": kind
@@ -56,15 +53,6 @@ def disturbed(messages: Iterator[Message]) -> Iterator[Message]:
         if frame >= SET_BACK:
             message.header.stamp.sec -= 60
         yield topic, kind, message, time
-
-
-@pytest.fixture
-def recording(tmp_path: Path) -> Path:
-    write_transect(tmp_path / "simulated", Transect(
-        frames=FRAMES, rate=2.0, depth=(3.0, 5.0), attenuation=(0.1, 0.25),
-        camera=StereoCamera(160, 120, 150.0, 0.12),
-    ))
-    return copy_bag(tmp_path / "simulated", tmp_path / "recording", edit=disturbed)
 
 
 def by_topic(bag: Path) -> dict[str, list[tuple[int, bytes]]]:
@@ -117,14 +105,15 @@ def differences(one: Any, other: Any, where: str) -> Iterator[str]:
 
 
 def test_node_and_replay_publish_the_same(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    dive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    recording = copy_bag(dive, tmp_path / "recording", edit=disturbed)
     params = tmp_path / "params.yaml"
     params.write_text(yaml.safe_dump({"/**": {"ros__parameters": PARAMETERS}}))
     done = run(recording, tmp_path / "out", "--params-file", str(params))
     assert [row["status"] for row in done.rows] == [
-        "unusable" if k == DARK else "ok" for k in range(FRAMES)]
+        "unusable" if k == DARK else "ok" for k in range(DIVE_FRAMES)]
     # The clock that is set back begins the filter anew.
     assert [row["filtering"] for row in done.rows].count("started") == 2
     replayed = by_topic(tmp_path / "out" / "results.mcap")
@@ -132,7 +121,7 @@ def test_node_and_replay_publish_the_same(
     received = played(recording, tmp_path, params, replayed)
     types = get_typestore(Stores.ROS2_JAZZY)
     for topic, kind in OUTPUTS.items():
-        assert len(received[topic]) == len(replayed[topic]) >= FRAMES - 3, topic
+        assert len(received[topic]) == len(replayed[topic]) >= DIVE_FRAMES - 4, topic
         for index, (data, (_, expected)) in enumerate(
             zip(received[topic], replayed[topic], strict=True)
         ):

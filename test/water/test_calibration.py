@@ -7,6 +7,7 @@ import pytest
 
 from uw_visibility.config import PipelineConfig
 from uw_visibility.errors import InputError
+from uw_visibility.parameter_file import render_values
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.calibration import calibrate
@@ -58,7 +59,7 @@ def test_parameters_can_be_pasted(tmp_path):
     estimates, depths = series("3C")
     found = calibrate(estimates, depths, RESPONSE)
     path = tmp_path / "found.yaml"
-    path.write_text(found.yaml(), encoding="utf-8")
+    path.write_text(render_values(found.parameters(), "found"), encoding="utf-8")
     config = PipelineConfig.from_yaml(path)
     assert config == PipelineConfig.from_parameters(found.parameters())
     assessor = Assessor(config.assessment, RESPONSE, config.camera.white_reference)

@@ -81,15 +81,6 @@ class Calibration:
             "camera.white_reference": white, "assessment.water_type": self.best.water_type,
         }
 
-    def yaml(self) -> str:
-        """Return the parameters as a ROS 2 parameter file."""
-        white = ", ".join(f"{value:.4f}" for value in self.best.white_reference)
-        return (
-            "/**:\n  ros__parameters:\n"
-            f"    camera:\n      white_reference: [{white}]\n"
-            f"    assessment:\n      water_type: {self.best.water_type}\n"
-        )
-
 
 def calibrate(
     estimates: Sequence[WaterEstimate], depths: ArrayLike, response: CameraResponse

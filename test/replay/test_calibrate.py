@@ -1,0 +1,114 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""A camera's white and the water's type, found from a bag with a depth sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_copies import DIVE_FRAMES, Edit, Message, copy_bag, run
+
+from uw_visibility.cli import main
+from uw_visibility.config import PipelineConfig
+from uw_visibility.parameters import read_yaml
+from uw_visibility.water.depth import diffuse_attenuation
+from uw_visibility.water.optics import load_response
+
+RESPONSE = load_response("nikon_d5100")
+WHITE = np.array([1.0, 0.7, 0.6])
+
+
+def seen(water_type: str) -> Edit:
+    """Let a camera with a white of its own see the dive from under another water."""
+    surplus = diffuse_attenuation(water_type, RESPONSE) - diffuse_attenuation("clear", RESPONSE)
+
+    def edit(messages: Iterator[Message]) -> Iterator[Message]:
+        ordered = list(messages)
+        depths = {
+            time: -message.pose.pose.position.z
+            for topic, _, message, time in ordered if topic == "/depth_sensor"
+        }
+        for topic, kind, message, time in ordered:
+            if kind == "sensor_msgs/msg/Image":
+                gain = WHITE * np.exp(-surplus * depths[time])
+                pixels = message.data.reshape(-1, 3) * (0.95 * gain / gain.max())
+                message.data = np.ravel(pixels.round().astype(np.uint8))
+            yield topic, kind, message, time
+
+    return edit
+
+
+def depth_error(rows: list[dict[str, str]]) -> float:
+    return float(np.sqrt(np.mean([
+        (float(r["depth"]) - float(r["sensor_depth"])) ** 2
+        for r in rows if r["depth"] and r["sensor_depth"]
+    ])))
+
+
+# Of a dozen small frames, a coastal type cannot be told from its neighbour.
+@pytest.mark.parametrize("water_type, alike", [("clear", {"clear"}), ("3C", {"1C", "3C"})])
+def test_white_and_water_are_found_and_make_the_depth_right(
+    water_type: str, alike: set[str], dive: Path, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = copy_bag(dive, tmp_path / "bag", edit=seen(water_type))
+    given, found = tmp_path / "given.yaml", tmp_path / "found.yaml"
+    given.write_text("/**: {ros__parameters: {water: {bins: 50}, plausibility.max_gate: 4.0}}")
+    command = ["calibrate", str(bag), "--jobs", "1", "--params-file", str(given)]
+    assert main([*command, "-o", str(found)]) == 0
+    printed = capsys.readouterr().out
+    assert f"{DIVE_FRAMES} of {DIVE_FRAMES} frames have an estimate and a depth" in printed
+    assert "±" in printed
+    config = PipelineConfig.from_yaml(found)
+    assert config.assessment.water_type in alike
+    np.testing.assert_allclose(config.camera.white_reference, WHITE / WHITE[1], rtol=0.12)
+    # What was given before is there as well, so that the file takes the other one's place.
+    values = read_yaml(found)
+    assert (values["water.bins"], values["plausibility.max_gate"]) == (50, 4.0)
+    before = depth_error(run(bag, tmp_path / "before", "--params-file", str(given)).rows)
+    after = depth_error(run(bag, tmp_path / "after", "--params-file", str(found)).rows)
+    assert after < 0.5 < 2.0 < before
+    assert f"rms: {before:.2f} m before, {after:.2f} m with" in printed
+
+
+def test_without_output_the_file_is_printed_and_nothing_else(
+    dive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["calibrate", str(dive), "--jobs", "1"]) == 0
+    printed = capsys.readouterr()
+    path = tmp_path / "piped.yaml"
+    path.write_text(printed.out)
+    assert set(read_yaml(path)) == {"camera.white_reference", "assessment.water_type"}
+    assert "water type" in printed.err
+
+
+def refusal(bag: Path, capsys: pytest.CaptureFixture[str], *options: str) -> str:
+    assert main(["calibrate", str(bag), "--jobs", "1", *options]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    return lines[0]
+
+
+def test_what_cannot_tell_white_and_water_apart_is_refused(
+    dive: Path, transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def level(messages: Iterator[Message]) -> Iterator[Message]:
+        for topic, kind, message, time in messages:
+            if topic == "/depth_sensor":
+                message.pose.pose.position.z = -3.0
+            yield topic, kind, message, time
+
+    flat = copy_bag(dive, tmp_path / "flat", edit=level)
+    assert "the depths differ by 0.00 m only" in refusal(flat, capsys)
+    assert "6 of 6 frames" in refusal(transect, capsys)
+    blind = copy_bag(
+        transect, tmp_path / "blind", edit=lambda m: (x for x in m if x[0] != "/depth_sensor")
+    )
+    assert "has no depth sensor: name its topic with --depth-sensor" in refusal(blind, capsys)
+    found = tmp_path / "found.yaml"
+    found.write_text("mine")
+    assert "exists already" in refusal(transect, capsys, "-o", str(found))
+    assert found.read_text() == "mine"

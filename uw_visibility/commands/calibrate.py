@@ -1,0 +1,153 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""`uw_visibility calibrate`: white reference and water type from recorded bags."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from uw_visibility.commands.recording_options import (
+    add_recording_options,
+    jobs,
+    read_recording_options,
+)
+from uw_visibility.errors import InputError
+
+if TYPE_CHECKING:
+    from uw_visibility.replay.calibration import CalibrationSeries
+    from uw_visibility.water.calibration import Calibration
+
+DESCRIPTION = """\
+Find what the depth estimate needs to know of camera and water: the camera's white
+(camera.white_reference) and the type of the water (assessment.water_type), from
+recordings with a depth sensor, over depths that differ by a metre at least."""
+
+EPILOG = """\
+written to YAML (without -o: to standard output): the parameters of --params-file, if
+one is given, with those found; for --params-file of all commands and of the node.
+With several BAGs all are taken together: one camera, its white balance fixed, in
+water of one type.
+
+exit code: 0 done, 2 unusable input or options, 1 nothing could be read, or a failure
+inside"""
+
+SHOWN_TYPES = 5
+
+
+def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+    """Add the sub-command `calibrate`."""
+    parser = subparsers.add_parser(
+        "calibrate",
+        help="white reference and water type from bags with a depth sensor",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_recording_options(parser)
+    parser.add_argument("-o", "--output", metavar="YAML", type=Path, help="file to write")
+    parser.add_argument("--force", action="store_true", help="replace an existing file")
+    parser.set_defaults(func=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the sub-command.
+
+    Raises
+    ------
+    InputError
+        If an option or a recording cannot be used, or tells too little.
+    SystemExit
+        With code 1 where nothing of a recording could be read.
+    """
+    try:
+        from uw_visibility.replay.calibration import calibrate_recordings
+        from uw_visibility.replay.reader import UnreadableError
+    except ImportError as error:
+        raise InputError(
+            f"calibrate needs {error.name}: install the extra report, "
+            "pip install 'uw_visibility[report]'"
+        ) from error
+    _check_target(arguments.output, arguments.force)
+    options = read_recording_options(arguments).with_threads(1)
+    try:
+        found, series = calibrate_recordings(arguments.bags, options, jobs=jobs(arguments))
+    except UnreadableError as error:
+        print(f"uw_visibility: {error}", file=sys.stderr)
+        raise SystemExit(1) from error
+    text = _parameter_file(arguments, found)
+    # What is piped on is the file alone.
+    told = sys.stderr if arguments.output is None else sys.stdout
+    print(_describe(found, series), file=told)
+    for note in series.damage:
+        print(f"uw_visibility: warning: {note}", file=sys.stderr)
+    if arguments.output is None:
+        print(text, end="")
+        return
+    try:
+        arguments.output.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot write {arguments.output}: {error.strerror}") from error
+    print(f"written to {arguments.output}")
+
+
+def _check_target(path: Path | None, force: bool) -> None:
+    """Refuse a file that cannot be written before, not after, the work."""
+    if path is None:
+        return
+    if path.is_dir() or (path.exists() and not force):
+        raise InputError(f"{path} exists already: give another name, or --force to replace")
+    if not path.resolve().parent.is_dir():
+        raise InputError(f"cannot write {path}: its folder is missing")
+
+
+def _parameter_file(arguments: argparse.Namespace, found: Calibration) -> str:
+    from uw_visibility.commands.params_file import read_params_file
+    from uw_visibility.parameter_file import render_values
+
+    low, high = found.depth_range
+    names = ", ".join(bag.resolve().name for bag in arguments.bags)
+    white = ", ".join(f"{value:.2g}" for value in found.best.white_reference_stddev)
+    comment = (
+        f"White reference and water type by uw_visibility calibrate, of {names}: "
+        f"{len(found.residuals)} frames at {low:.2f} to {high:.2f} m. Standard deviations of the "
+        f"white reference: {white}. Depth against the sensor: {found.best.depth_rms:.2f} m rms."
+    )
+    return render_values(read_params_file(arguments.params_file) | found.parameters(), comment)
+
+
+def _describe(found: Calibration, series: CalibrationSeries) -> str:
+    """Return what was found, how certain it is, and what it changes."""
+    import numpy as np
+
+    low, high = found.depth_range
+    lines = [
+        f"{len(found.residuals)} of {len(series.estimates) + series.unusable} frames have an "
+        f"estimate and a depth, {low:.2f} to {high:.2f} m",
+        "",
+        f"  {'water type':12}{'depth, rms (m)':>15}    white reference R G B",
+    ]
+    shown = found.candidates[:SHOWN_TYPES]
+    if found.best not in shown:
+        shown = (*shown, found.best)
+    for candidate in shown:
+        white = "  ".join(
+            f"{value:.3f} ± {stddev:.3f}" if stddev else f"{value:.3f}"
+            for value, stddev in zip(
+                candidate.white_reference, candidate.white_reference_stddev, strict=True
+            )
+        )
+        mark = "*" if candidate is found.best else " "
+        lines.append(
+            f"{mark} {candidate.water_type:12}{candidate.depth_rms:15.2f}    {white}"
+        )
+    if found.best is not found.candidates[0]:
+        lines.append("Clear water is kept: no other type fits certainly better.")
+    errors = series.errors()
+    before = f"{np.sqrt(np.mean(errors**2)):.2f} m" if errors.size else "not assessable"
+    after = np.sqrt(np.mean(found.residuals**2))
+    lines += ["± is from the scatter over frames; errors that all of them share come on top."]
+    lines += ["", f"depth against the sensor, rms: {before} before, {after:.2f} m with *"]
+    return "\n".join(lines)

@@ -1,0 +1,149 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""White reference and water type from recordings with a depth sensor."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.replay.joining import Joiner
+from uw_visibility.replay.options import ReplayOptions
+from uw_visibility.replay.pool import FramePool
+from uw_visibility.replay.progress import Progress
+from uw_visibility.replay.reader import BagReader
+from uw_visibility.replay.stream import InputStream, RecordedFrame
+from uw_visibility.replay.work import FrameAnswer, FrameTask, Recording
+from uw_visibility.water.calibration import Calibration, calibrate
+from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.optics import load_response
+
+# Over less, water above and the camera's white look the same: light that is
+# greener may have come through more of a greener water, or to a greener camera.
+LEAST_DEPTH_SPREAD = 1.0
+
+
+@dataclass
+class CalibrationSeries:
+    """Estimates of recordings beside a sensor's depth.
+
+    Attributes
+    ----------
+    estimates : list of WaterEstimate
+        One a frame with a result.
+    sensed, assessed : list of float
+        Depth by the sensor, and by the estimate with the parameters as they
+        are, m; NaN where there is none.
+    unusable : int
+        Frames without a result.
+    damage : list of str
+        What of the recordings could not be read.
+    """
+
+    estimates: list[WaterEstimate] = field(default_factory=list)
+    sensed: list[float] = field(default_factory=list)
+    assessed: list[float] = field(default_factory=list)
+    unusable: int = 0
+    damage: list[str] = field(default_factory=list)
+
+    def add(self, row: dict[str, str], answer: FrameAnswer) -> None:
+        """Add a frame: its row of the table, with the sensor's depth, and its estimate."""
+        if answer.estimate is None:
+            self.unusable += 1
+            return
+        self.estimates.append(answer.estimate.water)
+        self.sensed.append(float(row.get("sensor_depth") or "nan"))
+        self.assessed.append(float(row["depth"] or "nan"))
+
+    def errors(self) -> NDArray[np.float64]:
+        """Return assessed less sensed depths, where both are known, m."""
+        errors = np.array(self.assessed) - np.array(self.sensed)
+        return np.asarray(errors[np.isfinite(errors)])
+
+
+def calibrate_recordings(
+    bags: Sequence[Path], options: ReplayOptions, *, jobs: int = 1
+) -> tuple[Calibration, CalibrationSeries]:
+    """Find the camera's white and the water type that fit a depth sensor.
+
+    Parameters
+    ----------
+    bags : sequence of Path
+        Recordings with one camera in one water.
+    options : ReplayOptions
+        Parameters, topics, and the part to use.
+    jobs : int
+        Processes. The result does not depend on it.
+
+    Returns
+    -------
+    Calibration
+    CalibrationSeries
+        What it was found from.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be used or has no depth sensor, or if there are too
+        few frames or too little difference of depth between them.
+    """
+    series = CalibrationSeries()
+    with FramePool(jobs, options.pipeline) as pool:
+        for bag in bags:
+            _add_recording(series, bag, options, pool)
+    found = calibrate(
+        series.estimates, series.sensed, load_response(options.pipeline.camera.response)
+    )
+    spread = found.depth_range[1] - found.depth_range[0]
+    if spread < LEAST_DEPTH_SPREAD:
+        raise InputError(
+            f"the depths differ by {spread:.2f} m only: calibrate over a dive whose depths differ "
+            f"by {LEAST_DEPTH_SPREAD:g} m or more, since white and water cannot be told apart "
+            "otherwise"
+        )
+    return found, series
+
+
+def _add_recording(
+    series: CalibrationSeries, bag: Path, options: ReplayOptions, pool: FramePool
+) -> None:
+    with BagReader(bag) as reader:
+        stream = InputStream(reader, options)
+        if stream.selection.depth is None:
+            raise InputError(
+                f"{bag} has no depth sensor: name its topic with --depth-sensor; --list of replay "
+                "shows what there is"
+            )
+        recording = Recording.of(reader, stream.selection, options, ())
+        joiner = Joiner(stream.plausibility)
+        progress = Progress(bag.name, stream.expected_frames)
+        waiting: deque[FrameAnswer] = deque()
+
+        def take(rows: Iterator[dict[str, str]]) -> None:
+            # One row for each frame, in their order.
+            for row in rows:
+                series.add(row, waiting.popleft())
+
+        tasks: Iterator[Any] = (
+            FrameTask(recording, event) if isinstance(event, RecordedFrame) else event
+            for event in stream.events()
+        )
+        try:
+            for item in pool.answers(tasks):
+                if isinstance(item, FrameAnswer):
+                    waiting.append(item)
+                    take(joiner.add_frame(item.row))
+                    progress.add()
+                else:
+                    take(joiner.add(item))
+            take(joiner.finish())
+        finally:
+            progress.close()
+        series.damage += reader.damage
