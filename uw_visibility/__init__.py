@@ -2,9 +2,35 @@
 # SPDX-License-Identifier: Apache-2.0
 """Underwater visibility, colour and stereo from a stereo camera."""
 
-from uw_visibility.config import PipelineConfig
-from uw_visibility.pipeline import Pipeline
-from uw_visibility.result import FrameResult
-from uw_visibility.stereo.rig import StereoRig
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from uw_visibility.config import PipelineConfig
+    from uw_visibility.pipeline import Pipeline
+    from uw_visibility.result import FrameResult
+    from uw_visibility.stereo.rig import StereoRig
 
 __all__ = ["FrameResult", "Pipeline", "PipelineConfig", "StereoRig"]
+
+_HOMES = {
+    "FrameResult": "result",
+    "Pipeline": "pipeline",
+    "PipelineConfig": "config",
+    "StereoRig": "stereo.rig",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for, and not before.
+
+    It takes a second of processor time, which help texts, refused options and the
+    start of ROS would spend too: the wheels of rclpy restart the interpreter.
+    """
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value

@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import functools
 import math
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -135,9 +136,15 @@ def section(group: type) -> Any:
     return dataclasses.field(default_factory=group)
 
 
-def describe(group: type, prefix: str = "") -> Iterator[ParameterInfo]:
-    """Yield every parameter of a dataclass and of its sections, in order."""
-    hints = typing.get_type_hints(group)
+# Kept, since a node checks all of its parameters with each of the hundred that it declares.
+@functools.cache
+def describe(group: type, prefix: str = "") -> tuple[ParameterInfo, ...]:
+    """Return every parameter of a dataclass and of its sections, in order."""
+    return tuple(_describe(group, prefix))
+
+
+def _describe(group: type, prefix: str) -> Iterator[ParameterInfo]:
+    hints = _type_hints(group)
     for field in dataclasses.fields(group):
         if dataclasses.is_dataclass(hints[field.name]):
             yield from describe(hints[field.name], f"{prefix}{field.name}.")
@@ -145,6 +152,11 @@ def describe(group: type, prefix: str = "") -> Iterator[ParameterInfo]:
             yield ParameterInfo(
                 prefix + field.name, type(field.default), field.default, **field.metadata
             )
+
+
+@functools.cache
+def _type_hints(group: type) -> dict[str, Any]:
+    return typing.get_type_hints(group)
 
 
 def build(group: type, values: Mapping[str, Any], prefix: str = "") -> Any:
@@ -169,7 +181,7 @@ def build(group: type, values: Mapping[str, Any], prefix: str = "") -> Any:
         not allowed.
     """
     check_names(values, (info.name for info in describe(group, prefix)))
-    hints = typing.get_type_hints(group)
+    hints = _type_hints(group)
     infos = {info.name: info for info in describe(group, prefix)}
     arguments = {}
     for field in dataclasses.fields(group):
@@ -182,7 +194,7 @@ def build(group: type, values: Mapping[str, Any], prefix: str = "") -> Any:
     return group(**arguments)
 
 
-def check_names(given: Mapping[str, Any], known: Iterator[str]) -> None:
+def check_names(given: Mapping[str, Any], known: Iterable[str]) -> None:
     """Refuse names that are not known, with the nearest one that is.
 
     Raises
@@ -190,10 +202,10 @@ def check_names(given: Mapping[str, Any], known: Iterator[str]) -> None:
     InputError
         Naming the first unknown parameter.
     """
-    names = list(known)
+    names = set(known)
     for name in given:
         if name not in names:
-            near = difflib.get_close_matches(name, names, n=1, cutoff=0.0)
+            near = difflib.get_close_matches(name, sorted(names), n=1, cutoff=0.0)
             raise InputError(f"unknown parameter {name}: did you mean {near[0]}?")
 
 

@@ -1,0 +1,135 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""How long the real node takes from its start to its first answer, with a camera running.
+
+    python -m benchmarks.cold_start             with the kernels that are on disk
+    python -m benchmarks.cold_start --cold      with none: every kernel is compiled
+
+The time of the processors tells more than that of the clock where others use the machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from benchmarks.__main__ import load_pair
+from uw_visibility.messages import write_image
+from uw_visibility.ros.factory import make_message, message_type
+
+WIDTH, HEIGHT, FOCAL, BASELINE = 640, 480, 3740.0 * 640 / 1282, 0.160
+RATE = 15.0
+PATIENCE = 400.0
+
+
+def main() -> None:
+    """Start the node some times and print the times to its first answer."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.cold_start", description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--cold", action="store_true", help="without kernels on disk, once")
+    parser.add_argument("--starts", type=int, default=5, help="how often (%(default)s)")
+    parser.add_argument("--show", action="store_true", help="print what the node logs")
+    options = parser.parse_args()
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+    rclpy.init(args=[])
+    camera = Camera()
+    times = []
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {**os.environ, **({"NUMBA_CACHE_DIR": folder} if options.cold else {})}
+        for number in range(1 if options.cold else options.starts):
+            times.append(first_answer(camera, Path(folder), environment))
+            print(
+                f"start {number + 1}: first answer after {times[-1][0]:.2f} s, for which the "
+                f"processors worked {times[-1][1]:.2f} s", flush=True,
+            )
+            if options.show:
+                print((Path(folder) / "node.log").read_text(encoding="utf-8"))
+    rclpy.shutdown()
+    elapsed, worked = (statistics.median(column) for column in zip(*times, strict=True))
+    print(f"median: {elapsed:.2f} s; processors {worked:.2f} s")
+
+
+def first_answer(
+    camera: Camera, folder: Path, environment: dict[str, str]
+) -> tuple[float, float]:
+    """Start the node; return elapsed and processor time until its first disparity, s."""
+    with (folder / "node.log").open("wb") as log:
+        begin = time.monotonic()
+        process = subprocess.Popen(
+            [sys.executable, "-m", "uw_visibility.ros.node"],
+            stdout=log, stderr=subprocess.STDOUT, env=environment,
+        )
+    try:
+        camera.answered = False
+        while not camera.answered:
+            rclpy.spin_once(camera, timeout_sec=0.01)
+            if process.poll() is not None or time.monotonic() - begin > PATIENCE:
+                raise RuntimeError((folder / "node.log").read_text(encoding="utf-8"))
+        return time.monotonic() - begin, processor_time(process.pid)
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(20)
+
+
+class Camera(Node):
+    """Publishes a stereo pair over and over, and listens for its disparity."""
+
+    def __init__(self) -> None:
+        super().__init__("camera")
+        self.answered = False
+        left, right, _ = load_pair(WIDTH, HEIGHT)
+        self._messages: list[tuple[Any, Any]] = []
+        for side, image, offset in (("left", left, 0.0), ("right", right, -FOCAL * BASELINE)):
+            cx, cy = (WIDTH - 1) / 2, (HEIGHT - 1) / 2
+            header = make_message("std_msgs/msg/Header", frame_id=f"{side}_camera")
+            info = make_message(
+                "sensor_msgs/msg/CameraInfo", header=header, width=WIDTH, height=HEIGHT,
+                distortion_model="plumb_bob", d=[0.0] * 5, r=np.eye(3).ravel(),
+                k=[FOCAL, 0.0, cx, 0.0, FOCAL, cy, 0.0, 0.0, 1.0],
+                p=[FOCAL, 0.0, cx, offset, 0.0, FOCAL, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+            )
+            shown = write_image(make_message, image, "rgb8", header)
+            for topic, message in (("camera_info", info), ("image_rect", shown)):
+                publisher = self.create_publisher(
+                    type(message), f"{side}/{topic}", QoSProfile(depth=5)
+                )
+                self._messages.append((publisher, message))
+        self.create_timer(1.0 / RATE, self._publish)
+        self.create_subscription(
+            message_type("stereo_msgs/msg/DisparityImage"), "disparity", self._hear, 10, raw=True
+        )
+
+    def _publish(self) -> None:
+        stamp = self.get_clock().now().to_msg()
+        for publisher, message in self._messages:
+            message.header.stamp = stamp
+            publisher.publish(message)
+
+    def _hear(self, data: bytes) -> None:
+        self.answered = True
+
+
+def processor_time(pid: int) -> float:
+    """Return the time that processors have worked for a process, s."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))
+
+
+if __name__ == "__main__":
+    main()
