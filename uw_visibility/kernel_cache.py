@@ -161,10 +161,10 @@ class KernelCache(caching._Cache):  # type: ignore[misc]
     @functools.cached_property
     def _loading(self) -> list[Any]:
         """Where to look: the folder that is written to, then what came with the package."""
-        folders = [] if self._saving is None else [self._saving]
-        if writable_folder() != package_folder():
-            folders.append(self._files(package_folder()))
-        return folders
+        places = [] if self._saving is None else [self._saving]
+        if writable_folder() not in (package_folder(), _chosen_folder()):
+            places.append(self._files(package_folder()))
+        return places
 
     def _files(self, folder: Path) -> Any:
         """Numba's reading and writing of files, in a folder and under names of ours."""
@@ -225,16 +225,16 @@ def writable_folder() -> Path | None:
     beside the sources, and ``uw_visibility`` in the user's folder for caches
     (``XDG_CACHE_HOME``, or else ``~/.cache``).
     """
-    chosen = numba.config.CACHE_DIR
-    for folder in _candidates(chosen):
+    chosen = _chosen_folder()
+    for folder in _candidates():
         try:
             folder.mkdir(parents=True, exist_ok=True)
             # Permissions do not tell: root ignores them, and file systems can be read-only.
             with tempfile.TemporaryFile(dir=folder):
                 return folder
         except OSError as error:
-            if chosen and folder.is_relative_to(chosen):
-                _warn_once(f"cannot write to NUMBA_CACHE_DIR {chosen}: {error.strerror}")
+            if folder == chosen:
+                _warn_once(f"cannot write to NUMBA_CACHE_DIR {chosen.parent}: {error.strerror}")
     _warn_once(
         "compiled kernels cannot be kept, so that every start takes as long as the first: "
         f"neither {package_folder()} nor {_user_folder() or 'a home folder'} can be written to; "
@@ -243,13 +243,15 @@ def writable_folder() -> Path | None:
     return None
 
 
-def _candidates(chosen: str) -> Iterator[Path]:
-    if chosen:
-        yield Path(chosen) / "uw_visibility"
-    yield package_folder()
-    user = _user_folder()
-    if user is not None:
-        yield user
+def _candidates() -> Iterator[Path]:
+    for folder in (_chosen_folder(), package_folder(), _user_folder()):
+        if folder is not None:
+            yield folder
+
+
+def _chosen_folder() -> Path | None:
+    chosen = numba.config.CACHE_DIR
+    return Path(chosen) / "uw_visibility" if chosen else None
 
 
 def _user_folder() -> Path | None:

@@ -288,7 +288,7 @@ def test_signal_ends_the_node_soon_and_quietly(
     start_node: Callable[..., Any], number: int, ready: bool
 ) -> None:
     node = start_node(ready=ready)
-    node.wait_for("compiling")
+    node.wait_for("preparing the pipeline")
     code, seconds = node.stop(number)
     assert (code, "Traceback" in node.log) == (0, False), node.log
     assert seconds < 2.0

@@ -14,6 +14,7 @@ from rclpy.node import Node
 
 from uw_visibility.errors import InputError
 from uw_visibility.frames import StereoFrame
+from uw_visibility.kernel_cache import counts, writable_folder
 from uw_visibility.messages import stamp_to_nanoseconds
 from uw_visibility.outputs import all_topics
 from uw_visibility.pipeline import Pipeline
@@ -136,7 +137,10 @@ class NodeCore:
         return self._parameters.settings
 
     def _warm_up(self) -> None:
-        self._log.info("compiling the pipeline: this takes a while at the first start only")
+        self._log.info(
+            f"preparing the pipeline; kernels are kept in {writable_folder() or 'no folder'}, "
+            "and the first start compiles them, for a minute or two"
+        )
         started = time.monotonic()
         try:
             pipeline = Pipeline(WARM_UP_RIG, self._settings.pipeline)
@@ -147,7 +151,10 @@ class NodeCore:
         self.state.ready = True
         if self.worker.stopping:
             return
-        self._log.info(f"ready after {time.monotonic() - started:.1f} s: waiting for images")
+        self._log.info(
+            f"ready after {time.monotonic() - started:.1f} s, {counts.compiled} kernels compiled: "
+            "waiting for images"
+        )
 
     def _process(self, frame: StereoFrame) -> None:
         if not self._wanted():

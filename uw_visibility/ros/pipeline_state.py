@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from uw_visibility.kernel_cache import counts
 from uw_visibility.result import FrameResult
 from uw_visibility.ros.diagnostics import ERROR, OK, WARN, Finding
 from uw_visibility.ros.inputs import SILENCE
@@ -80,7 +81,7 @@ class PipelineState:
         """Return what holds up every frame, or nothing."""
         busy = self._busy_since
         if not self.ready:
-            return "the pipeline is being compiled"
+            return f"the pipeline is being compiled, {counts.compiled} kernels so far"
         if busy is not None and time.monotonic() - busy > SILENCE:
             return "the pipeline is still busy with one frame"
         return ""
