@@ -26,7 +26,7 @@ setup(
         # What ros2 run, ros2 launch and ament's index look for.
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/config", [str(file) for file in Path("config").glob("*.yaml")]),
+        (f"share/{NAME}/config", [str(file) for file in Path("config").glob("*.*")]),
         (f"share/{NAME}/launch", [str(file) for file in Path("launch").glob("*.launch.py")]),
         (f"share/{NAME}/foxglove", [str(file) for file in Path("foxglove").glob("*.json")]),
     ],

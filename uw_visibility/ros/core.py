@@ -33,6 +33,8 @@ from uw_visibility.stereo.rig import StereoRig
 # A pair waits for CameraInfo of its own stamp for one to two of these, s.
 CAMERA_INFO_PERIOD = 0.1
 DIAGNOSTICS_PERIOD = 1.0
+# How often the subscriptions look at their publishers, s.
+FIT_PERIOD = 0.5
 # How often a reason for the lack of output is repeated in the log, s.
 SILENCE_PERIOD = 30.0
 # A clock that goes back by more than this was set back, s.
@@ -96,6 +98,7 @@ class NodeCore:
         self._timers = [
             node.create_timer(CAMERA_INFO_PERIOD, self.input.end_wait, clock=clock),
             node.create_timer(DIAGNOSTICS_PERIOD, self._diagnose, clock=clock),
+            node.create_timer(FIT_PERIOD, self.input.fit, clock=clock),
         ]
         backward = JumpThreshold(
             min_forward=None, min_backward=Duration(seconds=-CLOCK_JUMP), on_clock_change=False

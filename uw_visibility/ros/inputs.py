@@ -20,6 +20,7 @@ from uw_visibility.ros.parameters import NodeParameters
 from uw_visibility.ros.qos import subscribe_to
 from uw_visibility.ros.rates import RecentCounts
 from uw_visibility.ros.reasons import ReasonLog
+from uw_visibility.ros.subscription import FittedSubscription
 from uw_visibility.synchronizer import SIDES, Synchronizer
 
 # An input that was silent for so long has stopped, s.
@@ -68,12 +69,19 @@ class StereoInput:
         self._recent = RecentCounts(SILENCE)
         self._arrivals: dict[str, float] = {}
         self._stamps: dict[str, deque[int]] = {side: deque(maxlen=RECENT_STAMPS) for side in SIDES}
-        self._subscriptions = self._subscribe()
+        self._images, self._infos = self._subscribe()
 
     def destroy(self) -> None:
         """Destroy the subscriptions."""
-        for subscription in self._subscriptions.values():
-            self._node.destroy_subscription(subscription)
+        for image in self._images.values():
+            image.destroy()
+        for info in self._infos.values():
+            self._node.destroy_subscription(info)
+
+    def fit(self) -> None:
+        """Adapt the subscriptions to the publishers; called from time to time."""
+        for image in self._images.values():
+            image.fit()
 
     def reset(self) -> None:
         """Forget what waits: time has jumped."""
@@ -86,12 +94,12 @@ class StereoInput:
     def silence(self) -> str:
         """Return why no stereo frame comes, or nothing where they do."""
         now = time.monotonic()
-        for topic in self._subscriptions:
+        for topic, subscription in (self._images | self._infos).items():
             if topic not in self._arrivals:
-                return f"no {topic} yet: {self._senders(topic)}"
-        for topic in self._subscriptions:
-            if "image" in topic and now - self._arrivals[topic] > SILENCE:
-                return f"no {topic} any more: {self._senders(topic)}"
+                return f"no {topic} yet: {self._senders(subscription.topic_name)}"
+        for topic, image in self._images.items():
+            if now - self._arrivals[topic] > SILENCE:
+                return f"no {topic} any more: {self._senders(image.topic_name)}"
         if now - self._arrivals.get("frame", 0.0) > SILENCE:
             tolerance = self._parameters.settings.node.synchronization.tolerance
             return (
@@ -119,7 +127,9 @@ class StereoInput:
         values["waiting images"] = sync.waiting
         values["restarts"] = sync.restarts
         values["stamp gap (s)"] = self._stamp_gap()
-        for topic in self._subscriptions:
+        for topic, image in self._images.items():
+            values[f"reliability of {topic}"] = image.reliability
+        for topic in self._images | self._infos:
             arrival = self._arrivals.get(topic)
             values[f"age of {topic} (s)"] = "" if arrival is None else f"{now - arrival:.1f}"
         values |= {f"dropped: {reason}": count for reason, count in sync.dropped.items()}
@@ -137,10 +147,10 @@ class StereoInput:
         rate = recent.get("frames", 0) / period
         return Finding(OK, f"{rate:.1f} stereo frames per second", values)
 
-    def _subscribe(self) -> dict[str, Any]:
-        """Subscribe, and return the subscriptions by the name that the documentation uses."""
+    def _subscribe(self) -> tuple[dict[str, FittedSubscription], dict[str, Any]]:
+        """Subscribe to images and CameraInfo; the names are those of the documentation."""
         compressed = self._parameters.settings.node.image_transport == "compressed"
-        subscriptions = {}
+        images, infos = {}, {}
         for side in SIDES:
             image, info = f"{side}/image_rect", f"{side}/camera_info"
             topic, kind = image, Image
@@ -148,13 +158,15 @@ class StereoInput:
                 # As image_transport has it, the image's own topic is what is remapped.
                 topic = f"{self._node.resolve_topic_name(image)}/compressed"
                 image, kind = f"{image}/compressed", CompressedImage
-            subscriptions[image] = subscribe_to(
+            images[image] = FittedSubscription(
                 self._node, kind, topic, functools.partial(self._on_image, side, image)
             )
-            subscriptions[info] = subscribe_to(
+            # It fits into one packet, and the next one is as good: with a reliable
+            # subscription, all that follow a lost one would wait for it.
+            infos[info] = subscribe_to(
                 self._node, CameraInfo, info, functools.partial(self._on_info, side, info)
             )
-        return subscriptions
+        return images, infos
 
     def _on_image(self, side: str, topic: str, message: Any) -> None:
         self._arrivals[topic] = time.monotonic()
@@ -180,8 +192,7 @@ class StereoInput:
     def _report_drop(self, reason: str) -> None:
         self._drops.add(f"dropped: {reason}")
 
-    def _senders(self, topic: str) -> str:
-        name = self._subscriptions[topic].topic_name
+    def _senders(self, name: str) -> str:
         count = self._node.count_publishers(name)
         if count == 0:
             return f"{name} has no publisher"

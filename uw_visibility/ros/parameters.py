@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter
 from uw_visibility.config import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.parameters import ParameterInfo, describe
+from uw_visibility.ros.qos import QOS_PREFIX
 from uw_visibility.water.optics import load_response
 
 TYPES = {
@@ -29,7 +30,6 @@ TYPES = {
     str: Parameter.Type.STRING,
     tuple: Parameter.Type.DOUBLE_ARRAY,
 }
-QOS_PREFIX = "qos_overrides."
 
 
 @dataclass(frozen=True)

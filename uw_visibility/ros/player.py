@@ -27,13 +27,19 @@ class Player:
         Publishers are made on it.
     topics : mapping of str to str
         Type of message by topic. Every type begins with a header.
+    reliability : ReliabilityPolicy
+        By default reliable, so that an image of many packets arrives whole.
     """
 
-    def __init__(self, node: Node, topics: Mapping[str, str]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        topics: Mapping[str, str],
+        reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE,
+    ) -> None:
         self._node = node
-        # Reliable, so that an image of many packets arrives whole; deep enough
-        # to hold both images while a slow machine sends them.
-        qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+        # Deep enough to hold both images while a slow machine sends them.
+        qos = QoSProfile(depth=10, reliability=reliability)
         self._publishers = {
             topic: node.create_publisher(message_type(name), topic, qos)
             for topic, name in topics.items()

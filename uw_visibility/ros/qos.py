@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
@@ -14,7 +15,11 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverriding
 
 from uw_visibility.errors import InputError
 
+QOS_PREFIX = "qos_overrides."
 OUTPUT_DEPTH = 10
+# That of sensor data is 5, which a reliable subscription overruns while it waits for
+# a fragment of an image to be sent again.
+INPUT_DEPTH = 10
 POLICIES = (
     QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY,
 )
@@ -32,8 +37,25 @@ def publish_on(node: Node, kind: type, topic: str) -> Any:
     return _with_overrides(node.create_publisher, kind, topic, qos)
 
 
-def subscribe_to(node: Node, kind: type, topic: str, callback: Callable[[Any], None]) -> Any:
+def subscribe_to(
+    node: Node, kind: type, topic: str, callback: Callable[[Any], None],
+    available: ReliabilityPolicy | None = None,
+) -> Any:
     """Create a subscription for sensor data.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        The subscription is made on it.
+    kind : type
+        Class of the messages.
+    topic : str
+        Its name, to be resolved by the node.
+    callback : callable
+        Takes each message.
+    available : ReliabilityPolicy, optional
+        What the best reliability is that the publishers allow. It is taken unless
+        ``qos_overrides`` asks for one; without it, best effort is.
 
     Raises
     ------
@@ -41,15 +63,38 @@ def subscribe_to(node: Node, kind: type, topic: str, callback: Callable[[Any], N
         If a parameter under ``qos_overrides`` cannot be used.
     """
     # Overrides are written into the profile.
-    qos = QoSProfile(**{
-        name: getattr(qos_profile_sensor_data, name)
-        for name in ("history", "depth", "reliability", "durability")
-    })
-    return _with_overrides(node.create_subscription, kind, topic, callback, qos)
+    qos = QoSProfile(
+        depth=INPUT_DEPTH,
+        **{
+            name: getattr(qos_profile_sensor_data, name)
+            for name in ("history", "reliability", "durability")
+        },
+    )
+    if available is not None:
+        qos.reliability = ReliabilityPolicy.BEST_AVAILABLE
+
+    def settle(overridden: QoSProfile) -> SetParametersResult:
+        if available is not None and overridden.reliability is ReliabilityPolicy.BEST_AVAILABLE:
+            overridden.reliability = available
+        return SetParametersResult(successful=True)
+
+    return _with_overrides(node.create_subscription, kind, topic, callback, qos, settle=settle)
 
 
-def _with_overrides(create: Callable[..., Any], *arguments: Any) -> Any:
+def reliability_is_open(node: Node, subscription: Any) -> bool:
+    """Return whether ``qos_overrides`` leaves the reliability of a subscription open."""
+    name = f"{QOS_PREFIX}{subscription.topic_name}.subscription.reliability"
+    best_available: str = ReliabilityPolicy.BEST_AVAILABLE.name.lower()
+    return bool(node.get_parameter(name).value == best_available)
+
+
+def _with_overrides(
+    create: Callable[..., Any],
+    *arguments: Any,
+    settle: Callable[[QoSProfile], SetParametersResult] | None = None,
+) -> Any:
+    options = QoSOverridingOptions(POLICIES, callback=settle)
     try:
-        return create(*arguments, qos_overriding_options=QoSOverridingOptions(POLICIES))
+        return create(*arguments, qos_overriding_options=options)
     except (InvalidQosOverridesError, InvalidParameterTypeException, RuntimeError) as error:
         raise InputError(f"a parameter under qos_overrides cannot be used: {error}") from error

@@ -1,0 +1,58 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""A stereo camera for `benchmarks.node`: publishes one pair again and again, at a rate.
+
+In a process of its own, as a camera's driver is. Prints one line of JSON: what was sent,
+and how many pairs left more than half a period late.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import pickle
+import time
+from pathlib import Path
+
+import rclpy
+from rclpy.qos import ReliabilityPolicy
+
+from uw_visibility.ros.player import Player
+
+
+def main() -> None:
+    """Wait until somebody listens, then publish."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.node_publisher")
+    parser.add_argument("frame", help="file of pickled (types, serialised messages), by topic")
+    parser.add_argument("--rate", type=float, default=30.0, help="pairs per second")
+    parser.add_argument("--frames", type=int, default=90, help="pairs to publish")
+    parser.add_argument("--best-effort", action="store_true", help="publish as sensor data")
+    parser.add_argument("--wait", type=float, default=2.0, metavar="SECONDS",
+                        help="from being subscribed to until the first pair")
+    options = parser.parse_args()
+    types, messages = pickle.loads(Path(options.frame).read_bytes())
+    rclpy.init(args=[])
+    node = rclpy.create_node("stereo_camera")
+    reliability = ReliabilityPolicy.RELIABLE
+    if options.best_effort:
+        reliability = ReliabilityPolicy.BEST_EFFORT
+    player = Player(node, types, reliability)
+    while player.unheard():
+        time.sleep(0.05)
+    time.sleep(options.wait)
+    stamps, late = [], 0
+    start = time.monotonic()
+    for index in range(options.frames):
+        due = start + index / options.rate
+        time.sleep(max(due - time.monotonic(), 0.0))
+        late += time.monotonic() - due > 0.5 / options.rate
+        stamps.append(player.publish(messages))
+    # What was sent last is still on its way.
+    time.sleep(1.0)
+    print(json.dumps({"sent": len(stamps), "late": late, "first": stamps[0], "last": stamps[-1]}))
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+if __name__ == "__main__":
+    main()
