@@ -1,0 +1,305 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Run the real node beside a real publisher, and tell what it answers, when, in what memory.
+
+    python -m benchmarks.node --rate 30 --seconds 120
+    python -m benchmarks.node --rate 4 --seconds 60 --everything
+
+Node, camera and listener are three processes with the default settings of the middleware.
+Latency is from an image's stamp, which is the moment of its publication, to the arrival of
+its disparity. Growth of the memory counts from 15 s after the first answer. Measure on an
+idle machine: the three share its processors.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import os
+import pickle
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import GetParameters
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Header
+
+from benchmarks.__main__ import load_pair
+from uw_visibility.config import NodeConfig
+from uw_visibility.messages import write_image
+from uw_visibility.outputs import all_topics
+from uw_visibility.ros.factory import make_message, message_type
+from uw_visibility.ros.player import read_stamp
+
+WIDTH, HEIGHT = 640, 480
+FOCAL, BASELINE = 3740.0 * WIDTH / 1282, 0.160
+START_TIMEOUT = 300.0
+# Memory settles while the first frames are processed, s.
+WARM_UP = 15.0
+ASK_PERIOD = 0.25
+MEMORY_PERIOD = 0.5
+EVERYTHING = ("-p", "publish_depth_image:=true", "-p", "publish_points:=true")
+
+
+def main() -> int:
+    """Run the benchmark, print what it found and write it as JSON."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.node", description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--rate", type=float, default=30.0, help="pairs per second")
+    parser.add_argument("--seconds", type=float, default=120.0, help="how long to publish")
+    parser.add_argument("--best-effort", action="store_true", help="publish as sensor data")
+    parser.add_argument("--everything", action="store_true", help="depth image and points too")
+    parser.add_argument("--estimates-only", action="store_true", help="subscribe to no image")
+    parser.add_argument("-p", action="append", default=[], metavar="NAME:=VALUE", dest="given",
+                        help="parameter of the node")
+    parser.add_argument("--json", metavar="FILE", help="write the numbers there")
+    options = parser.parse_args()
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+    arguments = [part for given in options.given for part in ("-p", given)]
+    arguments += EVERYTHING if options.everything else ()
+    with tempfile.TemporaryDirectory() as folder, started_node(folder, arguments) as process:
+        report = measure(process, Path(folder), options)
+    for name, value in report.items():
+        if not isinstance(value, list):
+            print(f"{name:38s} {value if isinstance(value, int | str) else f'{value:.2f}'}")
+    if options.json:
+        Path(options.json).write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    return 0
+
+
+@contextmanager
+def started_node(folder: str, arguments: list[str]) -> Iterator[subprocess.Popen[bytes]]:
+    """Start the node, and stop it at the end; its log stands in the folder."""
+    command = [sys.executable, "-m", "uw_visibility.ros.node"]
+    command += ["--ros-args", *arguments] if arguments else []
+    with (Path(folder) / "node.log").open("wb") as log:
+        process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(20)
+
+
+def measure(
+    process: subprocess.Popen[bytes], folder: Path, options: argparse.Namespace
+) -> dict[str, Any]:
+    """Publish into the running node, listen, and return the numbers."""
+    log = folder / "node.log"
+    end = time.monotonic() + START_TIMEOUT
+    while "ready after" not in log.read_text(encoding="utf-8"):
+        if process.poll() is not None or time.monotonic() > end:
+            raise RuntimeError(f"the node has not started:\n{log.read_text(encoding='utf-8')}")
+        time.sleep(0.1)
+    ready = memory(process.pid)
+    frame = folder / "frame.pickle"
+    frame.write_bytes(pickle.dumps(make_frame()))
+    config = NodeConfig(publish_depth_image=options.everything, publish_points=options.everything)
+    topics = all_topics(config)
+    if options.estimates_only:
+        topics = {topic: name for topic, name in topics.items() if topic == "disparity"}
+    rclpy.init(args=[])
+    listener = Listener(topics)
+    publisher = subprocess.Popen(
+        [sys.executable, "-m", "benchmarks.node_publisher", str(frame), "--rate",
+         str(options.rate), "--frames", str(round(options.rate * options.seconds)),
+         *(["--best-effort"] if options.best_effort else [])],
+        stdout=subprocess.PIPE,
+    )
+    history, busy = watch(process.pid, publisher, listener)
+    sent = json.loads(publisher.communicate()[0])
+    time.sleep(1.5)
+    listener.close()
+    return summarise(sent, listener, history) | {
+        "memory when ready (MiB)": ready["VmRSS"],
+        "peak memory (MiB)": memory(process.pid)["VmHWM"],
+        "processors busy with the node": busy,
+        "memory over time (s, MiB)": history,
+    }
+
+
+def make_frame() -> tuple[dict[str, str], dict[str, bytes]]:
+    """Return types and serialised messages of a stereo frame by topic."""
+    left, right, _ = load_pair(WIDTH, HEIGHT)
+    cx, cy = (WIDTH - 1) / 2, (HEIGHT - 1) / 2
+    types, messages = {}, {}
+    for side, image, offset in (("left", left, 0.0), ("right", right, -FOCAL * BASELINE)):
+        header = Header(frame_id=f"{side}_camera")
+        info = make_message(
+            "sensor_msgs/msg/CameraInfo", header=header, width=WIDTH, height=HEIGHT,
+            distortion_model="plumb_bob", d=[0.0] * 5, r=np.eye(3).ravel(),
+            k=[FOCAL, 0.0, cx, 0.0, FOCAL, cy, 0.0, 0.0, 1.0],
+            p=[FOCAL, 0.0, cx, offset, 0.0, FOCAL, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        )
+        # In the order in which drivers publish them.
+        image_message = write_image(make_message, image, "rgb8", header)
+        messages[f"{side}/image_rect"] = serialize_message(image_message)
+        messages[f"{side}/camera_info"] = serialize_message(info)
+        types[f"{side}/image_rect"] = "sensor_msgs/msg/Image"
+        types[f"{side}/camera_info"] = "sensor_msgs/msg/CameraInfo"
+    return types, messages
+
+
+class Listener:
+    """Hears what the node publishes, and asks it for a parameter from time to time."""
+
+    def __init__(self, topics: Mapping[str, str]) -> None:
+        self.answers: dict[int, int] = {}
+        self.diagnostics: list[tuple[float, dict[str, dict[str, str]]]] = []
+        self.asked: list[float] = []
+        self._asking = 0.0
+        self._node = Node("listener")
+        for topic, name in topics.items():
+            self._node.create_subscription(
+                message_type(name), topic,
+                self._hear if topic == "disparity" else lambda data: None,
+                QoSProfile(depth=10), raw=True,
+            )
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnose, 10)
+        self._client = self._node.create_client(GetParameters, "uw_visibility/get_parameters")
+        self._node.create_timer(ASK_PERIOD, self._ask)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Hear no more."""
+        rclpy.shutdown()
+        self._thread.join()
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except ExternalShutdownException:
+            # The listener was closed.
+            return
+
+    def _hear(self, data: bytes) -> None:
+        self.answers[read_stamp(data)] = time.time_ns()
+
+    def _diagnose(self, message: DiagnosticArray) -> None:
+        values = {
+            status.name.split(": ")[1]: {value.key: value.value for value in status.values}
+            for status in message.status
+        }
+        self.diagnostics.append((time.monotonic(), values))
+
+    def _ask(self) -> None:
+        if self._asking or not self._client.service_is_ready():
+            return
+        self._asking = time.monotonic()
+        request = GetParameters.Request(names=["max_range"])
+        self._client.call_async(request).add_done_callback(self._answered)
+
+    def _answered(self, future: Any) -> None:
+        self.asked.append(1e3 * (time.monotonic() - self._asking))
+        self._asking = 0.0
+
+
+def memory(pid: int) -> dict[str, float]:
+    """Return resident memory of a process and its peak, MiB."""
+    lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
+    fields = dict(line.split(":", 1) for line in lines)
+    return {name: int(fields[name].split()[0]) / 1024 for name in ("VmRSS", "VmHWM")}
+
+
+def processor_time(pid: int) -> float:
+    """Return the time that processors have worked for a process, s."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))
+
+
+def watch(
+    pid: int, publisher: subprocess.Popen[bytes], listener: Listener
+) -> tuple[list[tuple[float, float]], float]:
+    """Note the memory since the first answer until the publisher ends, and the load."""
+    while not listener.answers and publisher.poll() is None:
+        time.sleep(0.05)
+    begin, worked = time.monotonic(), processor_time(pid)
+    history = []
+    while publisher.poll() is None:
+        history.append((round(time.monotonic() - begin, 2), memory(pid)["VmRSS"]))
+        time.sleep(MEMORY_PERIOD)
+    return history, (processor_time(pid) - worked) / (time.monotonic() - begin)
+
+
+def summarise(
+    sent: dict[str, int], listener: Listener, history: list[tuple[float, float]]
+) -> dict[str, Any]:
+    """Return the numbers by what they are."""
+    latency = sorted(
+        1e-6 * (arrival - stamp) for stamp, arrival in listener.answers.items()
+        if sent["first"] <= stamp <= sent["last"]
+    )
+    if not latency:
+        raise RuntimeError("the node has answered nothing")
+    last = listener.diagnostics[-1][1]
+    halfway = listener.diagnostics[len(listener.diagnostics) // 2][1]
+    reliability = halfway["input"]["reliability of left/image_rect"]
+    pipeline = statistics.median(numbers(listener, "pipeline", "total (ms)"))
+    around = numbers(listener, "pipeline", "around the pipeline (ms)")
+    moments = [moment for moment, _ in listener.diagnostics]
+    late = [abs(b - a - 1.0) for a, b in itertools.pairwise(moments)]
+    settled = [size for moment, size in history if moment >= WARM_UP] or [history[-1][1]]
+    report: dict[str, Any] = {
+        "pairs sent": sent["sent"],
+        "pairs sent late": sent["late"],
+        "images received": int(last["input"]["left received"])
+        + int(last["input"]["right received"]),
+        "reliability": reliability,
+        "pairs received": int(last["input"]["stereo frames"]),
+        "frames answered": len(latency),
+        "frames skipped for newer ones": int(last["pipeline"]["frames skipped"]),
+        "pipeline, median (ms)": pipeline,
+    }
+    for name, value in spread(latency).items():
+        report[f"latency, {name} (ms)"] = value
+        report[f"latency over pipeline, {name}"] = value / pipeline
+    if around:
+        report["around the pipeline, median (ms)"] = statistics.median(around)
+    for name, value in spread(sorted(listener.asked)).items():
+        report[f"a parameter's answer, {name} (ms)"] = value
+    report["diagnostics beside 1 Hz, largest (ms)"] = 1e3 * max(late, default=0.0)
+    report["memory growth after warm-up (MiB)"] = max(settled) - settled[0]
+    report["latencies (ms)"] = [round(value, 2) for value in latency]
+    return report
+
+
+def numbers(listener: Listener, part: str, name: str) -> list[float]:
+    """Return what the node said of itself, once a second."""
+    found = [values[part][name] for _, values in listener.diagnostics if name in values[part]]
+    return [float(value) for value in found]
+
+
+def spread(values: list[float]) -> dict[str, float]:
+    """Return median, 95 % quantile and largest of sorted values."""
+    if not values:
+        return {}
+    return {
+        "median": statistics.median(values), "95 %": float(np.quantile(values, 0.95)),
+        "largest": values[-1],
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())
