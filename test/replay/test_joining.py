@@ -138,7 +138,7 @@ def test_a_fix_is_read_and_none_where_there_is_none() -> None:
 
 
 def test_geojson_has_a_point_for_each_frame_with_a_position(tmp_path: Path) -> None:
-    columns = dict.fromkeys((*PROPERTIES, "stamp", "longitude", "latitude"), "")
+    columns = {**dict.fromkeys((*PROPERTIES, "stamp", "longitude", "latitude"), ""), "frame": "7"}
     rows = [
         {**columns, "longitude": "10.5", "latitude": "60.25", "status": "ok", "depth": "3.5"},
         {**columns, "status": "ok"},
@@ -148,4 +148,5 @@ def test_geojson_has_a_point_for_each_frame_with_a_position(tmp_path: Path) -> N
     features = json.loads((tmp_path / "f.geojson").read_text())["features"]
     assert [f["geometry"]["coordinates"] for f in features] == [[10.5, 60.25], [10.6, 60.25]]
     assert features[0]["properties"]["depth"] == 3.5
+    assert features[0]["properties"]["frame"] == 7
     assert features[1]["properties"]["depth"] is None

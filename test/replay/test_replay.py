@@ -388,3 +388,18 @@ def test_the_library_yields_what_the_command_writes(
     assert len(list(replay.read(transect, ALONE, start=1.0, every=2))) == 2
     with pytest.raises(InputError, match=r"water\.bin"):
         next(replay.read(transect, {"water.bin": 3}))
+
+
+def test_the_pair_as_recorded_is_matched_on_request(
+    transect: Path, replayed: Path, tmp_path: Path
+) -> None:
+    rows = run(transect, tmp_path / "out", "--match-original").rows
+    for row, without in zip(rows, read_rows(replayed / "frames.csv"), strict=True):
+        assert without["matched_fraction_original"] == ""
+        # Water takes contrast, and with it matches.
+        assert 0.2 < float(row["matched_fraction_original"]) < float(row["matched_fraction"])
+        del row["matched_fraction_original"], without["matched_fraction_original"]
+        assert row == without
+    assert "of the pair as recorded" in (tmp_path / "out" / "report.html").read_text()
+    frame = next(replay.read(transect, match_original=True))
+    assert frame.result.matched_fraction_original is not None

@@ -19,6 +19,7 @@ from bag_copies import FRAMES, Message, copy_bag, run
 from uw_visibility.replay import progress
 from uw_visibility.replay.figures import MOST_POINTS, NEEDED, draw_series
 from uw_visibility.replay.meaning import MEANINGS
+from uw_visibility.replay.track import TRACK_COLUMNS, draw_track
 from uw_visibility.status import Status
 
 
@@ -130,3 +131,25 @@ def test_progress_is_a_line_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -
         "dive: 20 of 600 frames, 2.0 frames/s, 4:50 min left",
         "dive: 40 of 600 frames, 2.0 frames/s, 4:40 min left",
     ]
+
+
+def test_the_track_is_drawn_where_there_are_positions(replayed: Path) -> None:
+    columns = {name: np.full(5, np.nan) for name in TRACK_COLUMNS}
+    assert draw_track(columns) == ""
+    assert "<h2>Track</h2>" not in Page(replayed / "report.html").text
+    # Some frames were not assessed, and one has no position; one stands still.
+    columns["visibility_distance"] = np.array([5.0, np.nan, 7.0, 8.0, 9.0])
+    columns["x"] = columns["y"] = np.array([0.0, 1.0, 2.0, np.nan, 3.0])
+    assert "x [m]" in draw_track(columns)
+    columns["longitude"], columns["latitude"] = np.full(5, 10.5), np.full(5, 60.0)
+    assert "longitude [°]" in draw_track(columns)
+
+
+def test_no_axis_goes_above_the_surface() -> None:
+    columns = {name: np.full(9, np.nan) for name in NEEDED}
+    columns["stamp"] = 1.7e9 + np.arange(9)
+    columns["depth"], columns["depth_stddev"] = np.full(9, 1.3), np.full(9, 2.0)
+    drawn = draw_series(columns)
+    # Text is drawn as curves; what it says stands beside it.
+    assert "<!-- 3 -->" in drawn
+    assert "<!-- −1 -->" not in drawn

@@ -21,6 +21,8 @@ Columns = Mapping[str, NDArray[np.float64]]
 ESTIMATE, FILTERED, SENSOR = "#0072b2", "#1b1f24", "#d55e00"
 # More points than this make a vector drawing larger than pixels.
 MOST_POINTS = 4000
+# What lies below is drawn here: how small a difference is says nothing.
+LEAST_NIS = 1e-3
 
 QUANTITIES = (
     ("mean_attenuation", "mean attenuation α [1/m]"),
@@ -52,19 +54,24 @@ def draw_series(columns: Columns) -> str:
     time = time / scale
     with_nis = bool(np.isfinite(columns["nis"]).any())
     rows = len(QUANTITIES) + with_nis
-    figure = Figure(figsize=(10.0, 2.3 * rows + 0.3), layout="constrained")
+    figure = Figure(figsize=(10.8, 2.4 * rows + 0.4), layout="constrained")
     grid = figure.subplots(rows, 1, sharex=True)
     for axes, (name, label) in zip(grid, QUANTITIES, strict=False):
         _draw_quantity(axes, time, columns, name)
         axes.set_ylabel(label)
-    _draw_sensor(grid[2], time, columns["sensor_depth"])
+    _legend(grid[0])
+    if np.isfinite(columns["sensor_depth"]).any():
+        (line,) = grid[2].plot(
+            time, columns["sensor_depth"], color=SENSOR, linewidth=1.4, label="depth sensor"
+        )
+        _legend(grid[2], [line])
     grid[2].invert_yaxis()
     if with_nis:
         _draw_nis(grid[3], time, columns["nis"])
     for axes in grid:
         axes.grid(alpha=0.3)
     grid[-1].set_xlabel(f"time [{unit}]")
-    return _svg(figure) if len(time) <= MOST_POINTS else _png(figure)
+    return draw(figure, len(time) <= MOST_POINTS, "estimates over time")
 
 
 def _draw_quantity(axes: Any, time: NDArray[np.float64], columns: Columns, name: str) -> None:
@@ -84,22 +91,25 @@ def _draw_quantity(axes: Any, time: NDArray[np.float64], columns: Columns, name:
     if np.isfinite(filtered).any():
         axes.plot(time, filtered, color=FILTERED, linewidth=1.4, label="filtered over frames")
     axes.set_ylim(*_limits(value, stddev, columns["sensor_depth"] if name == "depth" else None))
-    axes.legend(loc="upper left", ncols=4, fontsize="small")
     if not np.isfinite(value).any():
         axes.text(0.5, 0.5, "not assessable", transform=axes.transAxes, ha="center", va="center")
 
 
-def _draw_sensor(axes: Any, time: NDArray[np.float64], depth: NDArray[np.float64]) -> None:
-    if np.isfinite(depth).any():
-        axes.plot(time, depth, color=SENSOR, linewidth=1.4, label="depth sensor")
-        axes.legend(loc="upper left", ncols=4, fontsize="small")
+def _legend(axes: Any, lines: list[Any] | None = None) -> None:
+    """Put a legend above the axes, where it covers nothing."""
+    chosen = {} if lines is None else {"handles": lines}
+    axes.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4, fontsize="small", frameon=False,
+        **chosen,
+    )
 
 
 def _draw_nis(axes: Any, time: NDArray[np.float64], nis: NDArray[np.float64]) -> None:
-    axes.semilogy(time, np.maximum(nis, 1e-3), ".", color=ESTIMATE, label="ν²/S")
+    axes.semilogy(time, np.maximum(nis, LEAST_NIS), ".", color=ESTIMATE, label="ν²/S")
     axes.axhline(3.841, color=SENSOR, linewidth=1.0, label="95 % of χ²")
+    axes.set_ylim(LEAST_NIS / 2.0, max(20.0, 2.0 * float(np.nanmax(nis))))
     axes.set_ylabel("NIS of the sensor")
-    axes.legend(loc="upper left", ncols=2, fontsize="small")
+    _legend(axes)
 
 
 def _has_neighbour(value: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -114,22 +124,31 @@ def _limits(
     value: NDArray[np.float64], stddev: NDArray[np.float64], other: NDArray[np.float64] | None
 ) -> tuple[float, float]:
     """Return limits for an axis that a few wild values do not set."""
-    known = value[np.isfinite(value)]
-    if known.size == 0:
-        known = np.array([0.0, 1.0])
-    low, high = np.percentile(known, [2.0, 98.0])
-    wide = float(np.nanmedian(stddev)) if np.isfinite(stddev).any() else 0.0
-    margin = 0.15 * float(high - low) + 1.2 * wide + 1e-3
-    low, high = float(low) - margin, float(high) + margin
+    known = np.isfinite(value)
+    if not known.any():
+        return 0.0, 1.0
+    spread = np.nan_to_num(stddev[known])
+    # The band of a value that is hardly known at all is cut off.
+    spread = np.minimum(spread, 3.0 * float(np.median(spread)))
+    low = float(np.percentile(value[known] - spread, 2.0))
+    high = float(np.percentile(value[known] + spread, 98.0))
     if other is not None and np.isfinite(other).any():
         low, high = min(low, float(np.nanmin(other))), max(high, float(np.nanmax(other)))
-    return low, high
+    margin = 0.08 * (high - low) + 1e-3
+    low, high = low - margin, high + margin
+    # No water is clearer than clear, and no camera above the surface: a band may reach there.
+    return (max(low, 0.0) if np.min(value[known]) >= 0.0 else low), high
 
 
 def _unit(duration: float) -> tuple[float, str]:
     if duration > 3 * 3600.0:
         return 3600.0, "h"
     return (60.0, "min") if duration > 300.0 else (1.0, "s")
+
+
+def draw(figure: Figure, vector: bool, title: str) -> str:
+    """Return a figure as a piece of HTML: as SVG, or else as an embedded PNG."""
+    return _svg(figure) if vector else _png(figure, title)
 
 
 def _svg(figure: Figure) -> str:
@@ -142,11 +161,11 @@ def _svg(figure: Figure) -> str:
     return re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg"):], flags=re.DOTALL)
 
 
-def _png(figure: Figure) -> str:
+def _png(figure: Figure, title: str) -> str:
     FigureCanvasAgg(figure)
     stream = BytesIO()
     figure.savefig(stream, format="png", dpi=110)
-    return f'<img alt="estimates over time" src="{data_uri(stream.getvalue())}">'
+    return f'<img alt="{title}" src="{data_uri(stream.getvalue())}">'
 
 
 def data_uri(png: bytes) -> str:

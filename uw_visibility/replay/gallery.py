@@ -30,12 +30,21 @@ LEFT_TOPIC, DISPARITY_TOPIC = "/left/enhanced/image", "/disparity"
 
 
 class Picture(NamedTuple):
-    """A frame's images, RGB uint8 (H, W, 3) each, and its row of the table."""
+    """A frame's images, RGB uint8 (H, W, 3) each, and its row of the table.
+
+    Attributes
+    ----------
+    row : dict of str to str
+    raw, enhanced, disparity : (H, W, 3) uint8 ndarray
+    drawn : tuple of float or None
+        The disparities that the ends of the colours stand for, px.
+    """
 
     row: dict[str, str]
     raw: NDArray[np.uint8]
     enhanced: NDArray[np.uint8]
     disparity: NDArray[np.uint8]
+    drawn: tuple[float, float] | None
 
     def side_by_side(self) -> NDArray[np.uint8]:
         """Return the three in a row."""
@@ -74,7 +83,7 @@ def pictures(
             if enhanced is None or disparity is None or raw is None:
                 continue
             yield Picture(
-                row, _shown(_pixels(raw)), _shown(_pixels(enhanced)), _coloured(disparity)
+                row, _shown(_pixels(raw)), _shown(_pixels(enhanced)), *_coloured(disparity)
             )
 
 
@@ -141,16 +150,18 @@ def _shown(image: NDArray[Any]) -> NDArray[np.uint8]:
     return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) if image.ndim == 2 else image
 
 
-def _coloured(message: Any) -> NDArray[np.uint8]:
-    """Return a disparity image in colours, black where nothing matched."""
+def _coloured(message: Any) -> tuple[NDArray[np.uint8], tuple[float, float] | None]:
+    """Return a disparity image in colours, black where nothing matched, and their ends, px."""
     image = message.image
     data = np.frombuffer(image.data, np.float32).reshape(image.height, image.width)
     known = data >= message.min_disparity
-    low, high = np.percentile(data[known], DRAWN_SHARE) if known.any() else (0.0, 1.0)
-    scaled = np.clip((data - low) / max(float(high - low), 1e-6), 0.0, 1.0)
+    if not known.any():
+        return np.zeros((*data.shape, 3), np.uint8), None
+    low, high = (float(value) for value in np.percentile(data[known], DRAWN_SHARE))
+    scaled = np.clip((data - low) / max(high - low, 1e-6), 0.0, 1.0)
     coloured = cv2.applyColorMap((255.0 * scaled).astype(np.uint8), cv2.COLORMAP_TURBO)
     coloured[~known] = 0
-    return cv2.cvtColor(coloured, cv2.COLOR_BGR2RGB)
+    return np.asarray(cv2.cvtColor(coloured, cv2.COLOR_BGR2RGB), np.uint8), (low, high)
 
 
 def _fit(image: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:

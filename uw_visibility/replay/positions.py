@@ -19,7 +19,7 @@ LONGEST_GAP = 10.0
 EARTH_RADIUS = 6371008.8
 
 PROPERTIES = (
-    "frame", "status", "mean_attenuation", "mean_attenuation_stddev", "visibility_distance",
+    "status", "mean_attenuation", "mean_attenuation_stddev", "visibility_distance",
     "visibility_distance_stddev", "depth", "depth_stddev", "sensor_depth",
 )
 
@@ -136,7 +136,8 @@ def write_geojson(path: Path, rows: Iterator[Mapping[str, str]]) -> int:
                     "coordinates": [float(row["longitude"]), float(row["latitude"])],
                 },
                 "properties": {
-                    "stamp": row["stamp"], **{name: _value(row[name]) for name in PROPERTIES},
+                    "stamp": row["stamp"], "frame": int(row["frame"]),
+                    **{name: _value(row[name]) for name in PROPERTIES},
                 },
             }
             file.write(("," if count else "") + "\n" + json.dumps(feature, allow_nan=False))

@@ -15,17 +15,21 @@ import numpy as np
 from uw_visibility.config import NodeConfig, PipelineConfig
 from uw_visibility.parameters import flatten
 from uw_visibility.replay.figures import NEEDED, data_uri, draw_series
-from uw_visibility.replay.gallery import pictures, preview
+from uw_visibility.replay.gallery import Picture, pictures, preview
 from uw_visibility.replay.meaning import meaning
 from uw_visibility.replay.reader import BagReader
 from uw_visibility.replay.table import read_columns, read_rows
 from uw_visibility.replay.topics import Selection
+from uw_visibility.replay.track import TRACK_COLUMNS, draw_track
 
 if TYPE_CHECKING:
     from uw_visibility.replay.summary import Summary
 
 EVENLY_SPACED = 5
 PICTURE_WIDTH = 1200
+MATCHED = ("matched_fraction", "matched_fraction_original")
+TOPIC_TITLES = {"depth": "depth sensor", "left_info": "left camera_info",
+                "right_info": "right camera_info"}
 
 
 def write_report(
@@ -48,7 +52,9 @@ def write_report(
         loader=jinja2.PackageLoader("uw_visibility.replay"), autoescape=True,
         trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined,
     )
-    columns = read_columns(folder / "frames.csv", NEEDED)
+    columns = read_columns(
+        folder / "frames.csv", [*dict.fromkeys((*NEEDED, *TRACK_COLUMNS, *MATCHED))]
+    )
     text = environment.get_template("report.html").render(
         title=f"Visibility: {Path(summary.bag).name}",
         subtitle=_subtitle(columns, summary),
@@ -56,11 +62,12 @@ def write_report(
         problems=summary.damage,
         numbers=_numbers(columns, summary),
         series=draw_series(columns) if summary.frames else "<p>There are no frames.</p>",
+        track=draw_track(columns),
         pictures=[
             {
                 "frame": picture.row["frame"],
                 "source": data_uri(preview(picture.side_by_side(), PICTURE_WIDTH)),
-                "caption": _caption(picture.row),
+                "caption": _caption(picture),
             }
             for picture in pictures(folder, reader, selection, _representative(folder))
         ],
@@ -103,7 +110,7 @@ def _numbers(columns: dict[str, Any], summary: Summary) -> list[tuple[str, str]]
     numbers = [(str(summary.frames), "frames")]
     if summary.frames:
         share = summary.assessed / summary.frames
-        numbers.append((f"{share:.0%}", "of them with the water assessed"))
+        numbers.append((_percent(share), "of them with the water assessed"))
     for name, unit, title in (
         ("visibility_distance", "m", "visibility distance"),
         ("mean_attenuation", "1/m", "mean attenuation α"),
@@ -115,10 +122,17 @@ def _numbers(columns: dict[str, Any], summary: Summary) -> list[tuple[str, str]]
             numbers.append((
                 f"{middle:.3g} {unit}", f"{title}, median; {low:.3g} to {high:.3g} in 90 % of them"
             ))
+    enhanced, original = (columns[name][np.isfinite(columns[name])] for name in MATCHED)
+    if original.size:
+        numbers.append((
+            _percent(float(np.median(enhanced))),
+            f"matched, median; {_percent(float(np.median(original)))} of the pairs as recorded",
+        ))
     return numbers
 
 
-def _caption(row: dict[str, str]) -> str:
+def _caption(picture: Picture) -> str:
+    row = picture.row
     parts = [f"Frame {row['frame']}", f"water: {row['status']}"]
     for name, title, unit in (
         ("visibility_distance", "visibility", "m"), ("mean_attenuation", "α", "1/m"),
@@ -129,8 +143,18 @@ def _caption(row: dict[str, str]) -> str:
             parts.append(f"{title} {float(row[name]):.3g}{band} {unit}")
     if row["sensor_depth"]:
         parts.append(f"sensor {float(row['sensor_depth']):.2f} m")
-    parts.append(f"{float(row['matched_fraction']):.0%} matched")
+    matched = f"{_percent(float(row['matched_fraction']))} matched"
+    if row["matched_fraction_original"]:
+        matched += f" ({_percent(float(row['matched_fraction_original']))} of the pair as recorded)"
+    parts.append(matched)
+    if picture.drawn is not None:
+        far, near = picture.drawn
+        parts.append(f"disparity drawn from {far:.1f} to {near:.1f} px")
     return ", ".join(parts)
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %"
 
 
 def _refusals(summary: Summary) -> list[dict[str, Any]]:
@@ -185,7 +209,7 @@ def _threads(summary: Summary) -> int:
 def _source(summary: Summary) -> list[tuple[str, str]]:
     provenance = summary.provenance
     rows = [("recording", summary.bag), ("SHA-256", provenance["input_sha256"])]
-    rows += [(name.replace("_", " "), topic) for name, topic in summary.topics.items()]
+    rows += [(TOPIC_TITLES.get(name, name), topic) for name, topic in summary.topics.items()]
     rows += [("chosen", note) for note in summary.notes]
     rows.append(("uw_visibility", provenance["version"]))
     return rows
