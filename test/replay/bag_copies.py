@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import yaml
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -22,8 +23,14 @@ from uw_visibility.replay.reader import BagReader
 from uw_visibility.replay.table import read_rows
 
 FRAMES, DIVE_FRAMES = 6, 12
+# What is wrong with a disturbed dive: a frame, another one, and ns.
+DARK, SET_BACK, SENSOR_DELAY = 3, 7, 130_000_000
 TOPICS = ("/left/image_rect", "/right/image_rect", "/left/camera_info", "/right/camera_info",
           "/depth_sensor")
+
+# With them, frames depend on those before in every way that there is.
+HARD_PARAMETERS = {"tracking.enabled": True, "plausibility.bias_window": 3,
+                   "plausibility.max_gate": 50.0}
 
 # A message on its way into a copy: topic, type, object, time.
 Message = tuple[str, str, Any, int]
@@ -105,11 +112,38 @@ def compressed(messages: Iterator[Message]) -> Iterator[Message]:
         yield topic, kind, message, time
 
 
+def disturbed(messages: Iterator[Message]) -> Iterator[Message]:
+    """Let the sensor run late, one pair be black, and the clock be set back."""
+    frame = -1
+    for topic, kind, message, time in messages:
+        frame += topic == "/left/image_rect"
+        if topic == "/depth_sensor":
+            message.header.stamp.nanosec += SENSOR_DELAY
+            time += SENSOR_DELAY
+        if kind == "sensor_msgs/msg/Image" and frame == DARK:
+            message.data = np.zeros_like(message.data)
+        if frame >= SET_BACK:
+            message.header.stamp.sec -= 60
+        yield topic, kind, message, time
+
+
 def shortened(path: Path, share: float) -> Path:
     """Cut a file off."""
     data = path.read_bytes()
     path.write_bytes(data[: round(share * len(data))])
     return path
+
+
+def messages_of(out: Path) -> list[tuple[str, int, bytes]]:
+    """Return topic, time and content of the messages of a result."""
+    with BagReader(out / "results.mcap") as reader:
+        return [(m.topic, m.time, m.data) for m in reader.messages()]
+
+
+def parameter_file(path: Path, values: dict[str, Any]) -> str:
+    """Write parameters by their dotted names; returns the path."""
+    path.write_text(yaml.safe_dump({"/**": {"ros__parameters": values}}))
+    return str(path)
 
 
 def run(

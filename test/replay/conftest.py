@@ -15,7 +15,14 @@ pytest.importorskip("rosbags")
 # The tests here share what makes bags; pytest's import mode leaves this folder out.
 sys.path.insert(0, str(Path(__file__).parent))
 
-from bag_copies import DIVE_FRAMES, FRAMES, copy_bag
+from bag_copies import (
+    DIVE_FRAMES,
+    FRAMES,
+    HARD_PARAMETERS,
+    copy_bag,
+    disturbed,
+    parameter_file,
+)
 
 from uw_visibility.cli import main
 from uw_visibility.simulation.bag import write_transect
@@ -51,6 +58,22 @@ def replayed(transect: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     target = tmp_path_factory.mktemp("replayed") / "out"
     assert main(["replay", str(transect), "-o", str(target), "--jobs", "1"]) == 0
     return target
+
+
+@pytest.fixture(scope="session")
+def hard(dive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The dive, with a frame that is unusable and a clock that is set back."""
+    return copy_bag(dive, tmp_path_factory.mktemp("hard") / "hard", edit=disturbed)
+
+
+@pytest.fixture(scope="session")
+def hard_replayed(hard: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its replay, with a bias of the sensor that is learned."""
+    folder = tmp_path_factory.mktemp("replayed")
+    params = parameter_file(folder / "p.yaml", HARD_PARAMETERS)
+    command = ["replay", str(hard), "-o", str(folder / "out"), "--jobs", "1"]
+    assert main([*command, "--params-file", params]) == 0
+    return folder / "out"
 
 
 @pytest.fixture

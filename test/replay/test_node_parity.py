@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from bag_copies import DIVE_FRAMES, Message, copy_bag, run
+from bag_copies import DARK, DIVE_FRAMES, SENSOR_DELAY, copy_bag, disturbed, run
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
@@ -26,7 +26,6 @@ from uw_visibility.replay.reader import BagReader
 from uw_visibility.replay.results import NIS_TOPIC, NIS_TYPE
 from uw_visibility.simulation.bag import TOPICS as RECORDED
 
-DARK, SET_BACK = 3, 7
 INPUTS = {topic: kind for topic, kind in RECORDED.items() if "ground_truth" not in topic}
 OUTPUTS = {
     f"/{topic}": kind
@@ -38,21 +37,6 @@ PARAMETERS = {
     "publish_depth_image": True, "publish_points": True, "tracking.enabled": True,
     "plausibility.bias_window": 2, "plausibility.max_gate": 50.0,
 }
-
-
-def disturbed(messages: Iterator[Message]) -> Iterator[Message]:
-    """Let the sensor run late by 0.13 s, one pair be black, and the clock be set back."""
-    frame = -1
-    for topic, kind, message, time in messages:
-        frame += topic == "/left/image_rect"
-        if topic == "/depth_sensor":
-            message.header.stamp.nanosec += 130_000_000
-            time += 130_000_000
-        if kind == "sensor_msgs/msg/Image" and frame == DARK:
-            message.data = np.zeros_like(message.data)
-        if frame >= SET_BACK:
-            message.header.stamp.sec -= 60
-        yield topic, kind, message, time
 
 
 def by_topic(bag: Path) -> dict[str, list[tuple[int, bytes]]]:
@@ -78,7 +62,7 @@ def played(bag: Path, folder: Path, params: Path, expected: dict[str, Any]) -> d
                 # sensor once its value after the frame is there.
                 node.wait_for({
                     topic: sum(
-                        time <= message.time - 130_000_000 * (topic == NIS_TOPIC)
+                        time <= message.time - SENSOR_DELAY * (topic == NIS_TOPIC)
                         for time, _ in answers
                     )
                     for topic, answers in expected.items()

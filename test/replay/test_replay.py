@@ -4,20 +4,24 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import json
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-import yaml
-from bag_copies import FRAMES, Message, copy_bag, run
+from bag_copies import (
+    FRAMES,
+    HARD_PARAMETERS,
+    Message,
+    copy_bag,
+    messages_of,
+    parameter_file,
+    run,
+)
 from rosbags.typesys import Stores, get_typestore
 
 from uw_visibility import replay
@@ -30,15 +34,9 @@ from uw_visibility.outputs import all_topics
 from uw_visibility.processor import FrameProcessor
 from uw_visibility.replay.reader import BagReader
 from uw_visibility.replay.table import COLUMNS, read_rows
-from uw_visibility.replay.work import RecordingProcessor
 from uw_visibility.water.tracking import WaterTracker
 
 ALONE = {"tracking.enabled": False, "threads": 1}
-
-
-def contents(out: Path) -> list[tuple[str, int, bytes]]:
-    with BagReader(out / "results.mcap") as reader:
-        return [(m.topic, m.time, m.data) for m in reader.messages()]
 
 
 def frames_of(bag: Path) -> Iterator[StereoFrame]:
@@ -50,11 +48,6 @@ def frames_of(bag: Path) -> Iterator[StereoFrame]:
             "left/image_rect", "right/image_rect", "left/camera_info", "right/camera_info",
         )), strict=True):
             yield StereoFrame(*messages)
-
-
-def parameter_file(path: Path, values: dict[str, Any]) -> str:
-    path.write_text(yaml.safe_dump({"/**": {"ros__parameters": values}}))
-    return str(path)
 
 
 def test_every_frame_has_a_row_and_every_topic_its_messages(
@@ -91,7 +84,7 @@ def test_messages_and_table_are_those_of_the_common_path(transect: Path, tmp_pat
     """Without the filter over frames, byte for byte what the node's processor makes."""
     params = parameter_file(tmp_path / "p.yaml", ALONE)
     assert run(transect, tmp_path / "out", "--params-file", params).code == 0
-    found = {(t, time): data for t, time, data in contents(tmp_path / "out")}
+    found = {(t, time): data for t, time, data in messages_of(tmp_path / "out")}
     types = get_typestore(Stores.ROS2_JAZZY)
     processor = FrameProcessor(typestore_factory(types.types), False)
     config, topics = PipelineConfig.from_parameters(ALONE), all_topics(NodeConfig())
@@ -130,13 +123,16 @@ def test_filtered_messages_are_those_of_a_filter_over_all_frames(
 
 
 def test_jobs_and_repetition_change_nothing(
-    transect: Path, replayed: Path, tmp_path: Path
+    hard: Path, hard_replayed: Path, tmp_path: Path
 ) -> None:
+    """Neither the filter's state, nor the learned bias, nor what a restart forgets."""
+    params = parameter_file(tmp_path / "p.yaml", HARD_PARAMETERS)
     for name, jobs in (("again", "1"), ("side by side", "2")):
-        out = tmp_path / name
-        assert main(["replay", str(transect), "-o", str(out), "--jobs", jobs]) == 0
-        assert (out / "frames.csv").read_bytes() == (replayed / "frames.csv").read_bytes()
-        assert contents(out) == contents(replayed)
+        command = ["replay", str(hard), "-o", str(tmp_path / name), "--params-file", params]
+        assert main([*command, "--jobs", jobs]) == 0
+        expected = (hard_replayed / "frames.csv").read_bytes()
+        assert (tmp_path / name / "frames.csv").read_bytes() == expected
+        assert messages_of(tmp_path / name) == messages_of(hard_replayed)
 
 
 def test_the_result_says_where_it_comes_from(transect: Path, replayed: Path) -> None:
@@ -214,81 +210,6 @@ def test_nothing_is_overwritten_unless_told(
     assert {p.name for p in tmp_path.iterdir()} == {"out"}
 
 
-@pytest.fixture
-def interrupted(
-    transect: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> SimpleNamespace:
-    """A replay that Ctrl-C ends at the fourth frame."""
-    answer = RecordingProcessor.answer
-
-    def stop(self: RecordingProcessor, frame: Any) -> Any:
-        if frame.number == 3:
-            raise KeyboardInterrupt
-        return answer(self, frame)
-
-    monkeypatch.setattr(RecordingProcessor, "answer", stop)
-    out = tmp_path / "out"
-    code = main(["replay", str(transect), "-o", str(out), "--jobs", "1"])
-    monkeypatch.undo()
-    return SimpleNamespace(out=out, partial=tmp_path / "out.partial", code=code)
-
-
-def test_an_interruption_leaves_a_readable_part_marked_as_such(
-    interrupted: SimpleNamespace, replayed: Path
-) -> None:
-    assert (interrupted.code, interrupted.out.exists()) == (130, False)
-    rows = list(read_rows(interrupted.partial / "frames.csv"))
-    assert rows == list(read_rows(replayed / "frames.csv"))[: len(rows)]
-    assert 2 <= len(rows) <= 3
-    assert len([m for m in contents(interrupted.partial) if m[0] == "/disparity"]) == 3
-    assert "Partial result" in (interrupted.partial / "report.html").read_text()
-    assert not json.loads((interrupted.partial / "replay.json").read_text())["complete"]
-
-
-@pytest.mark.parametrize("crashed", [False, True])
-def test_a_resumed_replay_is_as_if_it_had_not_been_interrupted(
-    crashed: bool, interrupted: SimpleNamespace, transect: Path, replayed: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    if crashed:
-        # Nothing was closed: the messages have no end, the last row is cut off.
-        folder = interrupted.partial
-        (folder / "results").mkdir()
-        data = (folder / "results.mcap").read_bytes()
-        (folder / "results" / "results.mcap").write_bytes(data[: len(data) // 2])
-        (folder / "results.mcap").unlink()
-        table = (folder / "frames.csv").read_text()
-        (folder / "frames.csv").write_text(table[:-40])
-    assert run(transect, interrupted.out).code == 2
-    assert "--resume goes on from it" in capsys.readouterr().err
-    done = run(transect, interrupted.out, "--resume", capsys=capsys)
-    assert done.code == 0
-    assert "of them from before" in done.out
-    expected = (replayed / "frames.csv").read_bytes()
-    assert (interrupted.out / "frames.csv").read_bytes() == expected
-    assert contents(interrupted.out) == contents(replayed)
-    with (interrupted.out / "timings.csv").open() as file:
-        assert [row["frame"] for row in csv.DictReader(file)] == [str(k) for k in range(FRAMES)]
-    assert {p.name for p in interrupted.out.parent.iterdir()} == {"out"}
-
-
-def test_a_part_made_otherwise_is_not_gone_on_from(
-    interrupted: SimpleNamespace, transect: Path, tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    params = parameter_file(tmp_path / "p.yaml", {"water.bins": 40})
-    done = run(transect, interrupted.out, "--resume", "--params-file", params, capsys=capsys)
-    assert done.code == 2
-    assert "made with another water.bins" in done.err
-    other = shutil.copytree(transect, tmp_path / "other")
-    with (other / "transect.mcap").open("ab") as file:
-        file.write(b"more")
-    assert run(other, interrupted.out, "--resume").code == 2
-    assert (interrupted.partial / "frames.csv").is_file()
-    assert run(transect, interrupted.out, "--force").code == 0
-    assert not interrupted.partial.exists()
-
-
 def test_pictures_video_and_map_on_request(transect: Path, tmp_path: Path) -> None:
     types = get_typestore(Stores.ROS2_JAZZY).types
 
@@ -319,47 +240,6 @@ def test_pictures_video_and_map_on_request(transect: Path, tmp_path: Path) -> No
     features = json.loads((out / "frames.geojson").read_text())["features"]
     assert [f["geometry"]["coordinates"] for f in features] == [[10.5, 59.5]] * FRAMES
     assert features[0]["properties"]["depth"] == float(done.rows[0]["depth"])
-
-
-def test_the_list_shows_what_would_be_used(
-    transect: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["replay", str(transect), "--list"]) == 0
-    text = capsys.readouterr().out
-    assert "ROS 2, 1 files, 2.5 s" in text
-    used = text.partition("would be used:")[2]
-    assert "/left/image_rect" in used
-    assert "/depth_sensor" in used
-
-
-def test_several_bags_have_a_folder_each(transect: Path, tmp_path: Path) -> None:
-    other = copy_bag(transect, tmp_path / "other")
-    command = ["replay", str(transect), str(other), "-o", str(tmp_path / "day"), "--jobs", "1"]
-    assert main([*command, "--every", "3"]) == 0
-    assert {p.name for p in (tmp_path / "day").iterdir()} == {"transect", "other"}
-    assert (tmp_path / "day" / "other" / "report.html").is_file()
-    assert main(["replay", str(other), str(other), "-o", str(tmp_path / "twice")]) == 2
-
-
-def test_of_several_bags_one_that_is_unreadable_holds_up_no_other(
-    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    broken = tmp_path / "broken.mcap"
-    broken.write_bytes(b"\x89MCAP0\r\n" + bytes(100))
-    command = ["replay", str(broken), str(transect), "-o", str(tmp_path / "day"), "--jobs", "1"]
-    with pytest.raises(SystemExit) as ended:
-        main([*command, "--every", "3"])
-    assert ended.value.code == 1
-    printed = capsys.readouterr()
-    assert "cannot read bag" in printed.err
-    assert "transect: 2 frames, water assessed in 2" in printed.out
-    table = tmp_path / "day" / "transect" / "frames.csv"
-    before = table.stat().st_mtime_ns
-    # What is complete is not made again.
-    with pytest.raises(SystemExit):
-        main([*command, "--resume", "--every", "3"])
-    assert "2 frames, 2 of them from before" in capsys.readouterr().out
-    assert table.stat().st_mtime_ns == before
 
 
 def test_raw_images_are_rectified_or_refused(

@@ -106,8 +106,7 @@ def run(arguments: argparse.Namespace) -> None:
     try:
         options = _options(arguments)
         if arguments.list:
-            for bag in arguments.bags:
-                _list(bag, options)
+            _list_all(arguments.bags, options)
             return
         summaries = _replay(arguments, options)
     except UnreadableError as error:
@@ -155,7 +154,8 @@ def _targets(bags: list[Path], output: Path) -> dict[Path, Path]:
     """Return the folder of each bag's result."""
     if len(bags) == 1:
         return {bags[0]: output}
-    names = [bag.resolve().stem for bag in bags]
+    # A folder's name may have dots in it, a file's ends with its format.
+    names = [bag.resolve().name if bag.is_dir() else bag.stem for bag in bags]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"two bags are named {twice[0]}: replay them one by one")
@@ -164,6 +164,21 @@ def _targets(bags: list[Path], output: Path) -> dict[Path, Path]:
     except OSError as error:
         raise InputError(f"cannot make folder {output}: {error.strerror}") from error
     return {bag: output / name for bag, name in zip(bags, names, strict=True)}
+
+
+def _list_all(bags: list[Path], options: ReplayOptions) -> None:
+    """Show recordings; of several, one that cannot be read holds up no other."""
+    from uw_visibility.replay.reader import UnreadableError
+
+    unread = 0
+    for bag in bags:
+        try:
+            _list(bag, options)
+        except UnreadableError as error:
+            print(f"uw_visibility: {error}", file=sys.stderr)
+            unread += 1
+    if unread:
+        raise SystemExit(1)
 
 
 def _list(bag: Path, options: ReplayOptions) -> None:
@@ -198,6 +213,9 @@ def _list(bag: Path, options: ReplayOptions) -> None:
 
 
 def _tell(summary: Summary) -> None:
+    if summary.error:
+        print(f"uw_visibility: {summary.error}", file=sys.stderr)
+        return
     rate = summary.frames / summary.seconds if summary.seconds else 0.0
     again = f", {summary.resumed} of them from before" if summary.resumed else ""
     took = f", {summary.seconds:.1f} s ({rate:.1f} frames/s)" if summary.seconds else ""
@@ -205,6 +223,8 @@ def _tell(summary: Summary) -> None:
         f"{summary.bag}: {summary.frames} frames{again}, water assessed in {summary.assessed}"
         f"{took}; written to {summary.output}"
     )
+    for note in summary.notes:
+        print(f"  {note}")
     for status, count in summary.status.most_common():
         if status not in ("ok", "unusable"):
             print(f"  not assessable: {status} ({count})")

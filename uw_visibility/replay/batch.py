@@ -4,15 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from uw_visibility.errors import InputError
 from uw_visibility.replay.bags.layout import find_files
 from uw_visibility.replay.folder import check_target, read_state
 from uw_visibility.replay.options import ReplayOptions
 from uw_visibility.replay.pool import FramePool
 from uw_visibility.replay.provenance import Origin
-from uw_visibility.replay.reader import UnreadableError
 from uw_visibility.replay.runner import replay_bag
 from uw_visibility.replay.summary import Summary
 
@@ -47,8 +47,8 @@ def replay_bags(
     Raises
     ------
     InputError
-        If a recording or a folder cannot be used. Of several recordings, one of
-        which nothing can be read holds up no other.
+        If a folder or every recording cannot be used. Of several recordings, one
+        that cannot be used holds up no other: its summary says why.
     """
     finished = {
         bag: _finished(bag, target, options) if resume else None
@@ -59,18 +59,46 @@ def replay_bags(
         if finished[bag] is None:
             check_target(target, force)
     with FramePool(jobs, options.pipeline) as pool:
-        summaries = []
+        outcomes: list[Summary | InputError] = []
         for bag, target in targets.items():
             try:
-                summary = finished[bag] or replay_bag(
+                outcomes.append(finished[bag] or replay_bag(
                     bag, target, options, pool, force=force, resume=resume
-                )
-            except UnreadableError as error:
-                if len(targets) == 1:
-                    raise
-                summary = Summary(str(bag), str(target), damage=[str(error)])
-            summaries.append(summary)
-        return summaries
+                ))
+            except InputError as error:
+                outcomes.append(error)
+    return settle(targets, outcomes)
+
+
+def settle(
+    targets: Mapping[Path, Path], outcomes: Sequence[Summary | InputError]
+) -> list[Summary]:
+    """Return a summary for each recording, if there is a result of any.
+
+    Parameters
+    ----------
+    targets : mapping of Path to Path
+        Folder by recording.
+    outcomes : sequence of Summary or InputError
+        What became of each.
+
+    Returns
+    -------
+    list of Summary
+
+    Raises
+    ------
+    InputError
+        The first one, if there is nothing else.
+    """
+    summaries = []
+    for (bag, target), outcome in zip(targets.items(), outcomes, strict=True):
+        if isinstance(outcome, InputError):
+            if all(isinstance(other, InputError) for other in outcomes):
+                raise outcome
+            outcome = Summary(str(bag), str(target), error=str(outcome))
+        summaries.append(outcome)
+    return summaries
 
 
 def _finished(bag: Path, target: Path, options: ReplayOptions) -> Summary | None:

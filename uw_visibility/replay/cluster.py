@@ -7,10 +7,10 @@ from __future__ import annotations
 import importlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from uw_visibility.errors import InputError
-from uw_visibility.replay.batch import replay_bags
+from uw_visibility.replay.batch import replay_bags, settle
 from uw_visibility.replay.options import ReplayOptions
 from uw_visibility.replay.progress import Progress
 from uw_visibility.replay.summary import Summary
@@ -47,8 +47,8 @@ def replay_on_cluster(
     Raises
     ------
     InputError
-        If `distributed` is not installed, the scheduler cannot be reached, or a
-        recording or folder cannot be used.
+        If `distributed` is not installed, the scheduler cannot be reached, or
+        every recording or its folder cannot be used.
     """
     try:
         # Optional: without --scheduler nothing needs it.
@@ -73,11 +73,18 @@ def replay_on_cluster(
         try:
             for _ in distributed.as_completed(futures):
                 progress.add()
-            # A task that failed raises its error here.
-            return [future.result() for future in futures]
+            return settle(targets, [_outcome(future) for future in futures])
         finally:
             client.cancel(futures)
             progress.close()
+
+
+def _outcome(future: Any) -> Summary | InputError:
+    """Return what became of a task; any other error is raised here."""
+    try:
+        return cast(Summary, future.result())
+    except InputError as error:
+        return error
 
 
 def _replay_one(

@@ -33,6 +33,8 @@ class Summary:
         Images that became part of no frame, by reason.
     damage : list of str
         What could not be read.
+    error : str
+        Why there is no result, where that holds up no other recording.
     notes : list of str
         Choices made for the user.
     topics : dict of str to str
@@ -43,6 +45,8 @@ class Summary:
         Version, parameters and hash of the input.
     plausibility : Report or None
         Of the depth sensor.
+    verdicts : Counter of str
+        Frames by verdict of the plausibility test.
     """
 
     bag: str
@@ -55,6 +59,7 @@ class Summary:
     reasons: Counter[str] = field(default_factory=Counter)
     dropped: Counter[str] = field(default_factory=Counter)
     damage: list[str] = field(default_factory=list)
+    error: str = ""
     notes: list[str] = field(default_factory=list)
     topics: dict[str, str] = field(default_factory=dict)
     seconds: float = 0.0

@@ -1,0 +1,248 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""An interrupted replay is gone on from, by what it is a part of and nothing else."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from bag_copies import DARK, DIVE_FRAMES, HARD_PARAMETERS, messages_of, parameter_file, run
+
+from uw_visibility.cli import main
+from uw_visibility.replay import provenance
+from uw_visibility.replay.recorder import FrameRecorder
+from uw_visibility.replay.table import read_rows
+from uw_visibility.replay.work import RecordingProcessor
+
+# After the frame without a result, and once the sensor's bias is learned.
+INTERRUPTED_AT = 5
+
+
+@dataclass
+class Interrupted:
+    """A replay that was interrupted, and how it was started."""
+
+    bag: Path
+    out: Path
+    params: str
+    code: int
+
+    @property
+    def partial(self) -> Path:
+        return self.out.with_name("out.partial")
+
+    def again(self, *options: str, bag: Path | None = None, **rest: Any) -> SimpleNamespace:
+        return run(bag or self.bag, self.out, "--params-file", self.params, *options, **rest)
+
+
+def stop_at(number: int, method: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a method of a frame end in Ctrl-C at one of them."""
+    def stopping(self: Any, item: Any) -> Any:
+        frame = item.number if hasattr(item, "number") else int(item.row["frame"])
+        if frame == number:
+            raise KeyboardInterrupt
+        return method(self, item)
+
+    return stopping
+
+
+@pytest.fixture
+def interrupted(hard: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Interrupted:
+    """A replay that Ctrl-C has ended."""
+    params = parameter_file(tmp_path / "p.yaml", HARD_PARAMETERS)
+    with monkeypatch.context() as patched:
+        patched.setattr(
+            RecordingProcessor, "answer", stop_at(INTERRUPTED_AT, RecordingProcessor.answer)
+        )
+        started = Interrupted(hard, tmp_path / "results" / "out", params, 0)
+        started.code = started.again().code
+    return started
+
+
+def check_complete(interrupted: Interrupted, replayed: Path) -> None:
+    """Check that a result is that of a replay that nobody interrupted."""
+    out = interrupted.out
+    assert (out / "frames.csv").read_bytes() == (replayed / "frames.csv").read_bytes()
+    assert messages_of(out) == messages_of(replayed)
+    with (out / "timings.csv").open() as file, (replayed / "timings.csv").open() as other:
+        assert [r["frame"] for r in csv.DictReader(file)] == [
+            r["frame"] for r in csv.DictReader(other)]
+    assert {p.name for p in out.parent.iterdir()} == {"out"}
+    assert {p.name for p in out.iterdir()} == {p.name for p in replayed.iterdir()}
+    state = json.loads((out / "replay.json").read_text())
+    assert (state["complete"], state["frames"]) == (True, DIVE_FRAMES)
+    assert "Partial result" not in (out / "report.html").read_text()
+
+
+def test_an_interruption_leaves_a_readable_part_marked_as_such(
+    interrupted: Interrupted, hard_replayed: Path
+) -> None:
+    assert (interrupted.code, interrupted.out.exists()) == (130, False)
+    rows = list(read_rows(interrupted.partial / "frames.csv"))
+    assert rows == list(read_rows(hard_replayed / "frames.csv"))[: len(rows)]
+    # The last one or two wait for the sensor's value after them.
+    assert INTERRUPTED_AT - 2 <= len(rows) <= INTERRUPTED_AT
+    shown = [m for m in messages_of(interrupted.partial) if m[0] == "/disparity"]
+    assert len(shown) == INTERRUPTED_AT - 1
+    assert "Partial result" in (interrupted.partial / "report.html").read_text()
+    assert not json.loads((interrupted.partial / "replay.json").read_text())["complete"]
+    # In the file itself too, which may be handed on without the folder.
+    assert b"uw_visibility.complete: 'false'" in (
+        interrupted.partial / "results.mcap").read_bytes()
+
+
+@pytest.mark.parametrize("crashed", [False, True])
+def test_a_resumed_replay_is_as_if_it_had_not_been_interrupted(
+    crashed: bool, interrupted: Interrupted, hard_replayed: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if crashed:
+        # Nothing was closed: the messages have no end, the last row is cut off.
+        folder = interrupted.partial
+        (folder / "results").mkdir()
+        data = (folder / "results.mcap").read_bytes()
+        (folder / "results" / "results.mcap").write_bytes(data[: 2 * len(data) // 3])
+        (folder / "results.mcap").unlink()
+        table = (folder / "frames.csv").read_text()
+        (folder / "frames.csv").write_text(table[:-40])
+    assert interrupted.again().code == 2
+    assert "--resume goes on from it" in capsys.readouterr().err
+    done = interrupted.again("--resume", capsys=capsys)
+    assert done.code == 0
+    kept = int(done.out.split(" of them from before")[0].rpartition(" ")[2])
+    assert (1 if crashed else INTERRUPTED_AT - 2) <= kept < INTERRUPTED_AT
+    check_complete(interrupted, hard_replayed)
+
+
+def test_of_two_parts_the_longer_one_is_gone_on_from(
+    interrupted: Interrupted, hard_replayed: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    before = (interrupted.partial / "frames.csv").read_bytes()
+    with monkeypatch.context() as patched:
+        patched.setattr(FrameRecorder, "write_frame", stop_at(1, FrameRecorder.write_frame))
+        assert interrupted.again("--resume").code == 130
+    assert (interrupted.partial / "frames.csv").read_bytes() == before
+    with monkeypatch.context() as patched:
+        patched.setattr(
+            RecordingProcessor, "answer", stop_at(DIVE_FRAMES - 2, RecordingProcessor.answer)
+        )
+        assert interrupted.again("--resume").code == 130
+    assert len((interrupted.partial / "frames.csv").read_bytes()) > len(before)
+    capsys.readouterr()
+    assert f"{DIVE_FRAMES - 3} of them from" in interrupted.again("--resume", capsys=capsys).out
+    check_complete(interrupted, hard_replayed)
+
+
+@pytest.mark.parametrize("options, difference", [
+    (["--every", "2"], "replay.every"),
+    (["--start", "0.5"], "replay.start"),
+    (["--duration", "3"], "replay.duration"),
+    (["--match-original"], "replay.match_original"),
+    (["--left", "/left/image_rect"], "replay.left"),
+    (["--depth-sensor", "/depth_sensor"], "replay.depth"),
+    (["--rectify"], "rectify"),
+])
+def test_a_part_made_with_other_options_is_not_gone_on_from(
+    options: list[str], difference: str, interrupted: Interrupted,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    before = {p.name: p.read_bytes() for p in interrupted.partial.iterdir()}
+    done = interrupted.again("--resume", *options, capsys=capsys)
+    assert done.code == 2
+    assert f"out.partial was made with another {difference}: --force begins anew" in done.err
+    assert {p.name: p.read_bytes() for p in interrupted.partial.iterdir()} == before
+
+
+def test_a_part_of_another_origin_is_not_gone_on_from(
+    interrupted: Interrupted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def refusal(**rest: Any) -> str:
+        done = interrupted.again("--resume", capsys=capsys, **rest)
+        assert done.code == 2
+        assert (interrupted.partial / "frames.csv").is_file()
+        return str(done.err)
+
+    state = interrupted.partial / "replay.json"
+    good = state.read_text()
+    # A parameter that the older part knows nothing of.
+    values = json.loads(good)
+    del values["parameters"]["replay.duration"]
+    state.write_text(json.dumps(values))
+    assert "was made with another replay.duration" in refusal()
+    state.write_text("{")
+    assert "cannot go on from" in refusal()
+    state.write_text(good)
+    other = shutil.copytree(interrupted.bag, tmp_path / "other" / interrupted.bag.name)
+    data = bytearray((other / "hard.mcap").read_bytes())
+    data[len(data) // 2] ^= 1
+    (other / "hard.mcap").write_bytes(data)
+    assert "is not of hard as it is now" in refusal(bag=other)
+    with monkeypatch.context() as patched:
+        patched.setattr(provenance, "version", lambda: "0.0.1")
+        assert "is of another version" in refusal()
+    # A row of another frame, whatever the state says.
+    table = interrupted.partial / "frames.csv"
+    table.write_text(table.read_text().replace(f"\n{DARK},", "\n9,"))
+    assert "is not of these frames" in refusal()
+    assert interrupted.again("--force").code == 0
+    assert not interrupted.partial.exists()
+
+
+def test_files_are_told_apart_without_reading_them_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(provenance, "BLOCK", 100)
+    monkeypatch.setattr(provenance, "SAMPLE", 10)
+    path = tmp_path / "dive.mcap"
+    content = bytes(20_000)
+
+    def changed(data: bytes) -> bool:
+        path.write_bytes(data)
+        return provenance.fingerprint([path]) != same
+
+    path.write_bytes(content)
+    same = provenance.fingerprint([path])
+    assert not changed(content)
+    assert changed(content + b"\0")
+    for position in (0, 99, len(content) // 2, len(content) - 1):
+        # Anywhere at the ends, and in each of the samples in between.
+        data = bytearray(content)
+        data[position : position + 400] = b"\1" * len(data[position : position + 400])
+        assert changed(bytes(data)), position
+    path.rename(tmp_path / "other.mcap")
+    path = tmp_path / "other.mcap"
+    assert changed(content)
+
+
+def test_a_result_of_several_is_complete_for_its_own_input_alone(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bags = [shutil.copytree(transect, tmp_path / name) for name in ("one", "two")]
+    command = ["replay", *map(str, bags), "-o", str(tmp_path / "day"), "--jobs", "1"]
+    command += ["--every", "3", "--resume"]
+    assert main(command) == 0
+    tables = [tmp_path / "day" / bag.name / "frames.csv" for bag in bags]
+    before = [table.stat().st_mtime_ns for table in tables]
+    assert main(command) == 0
+    assert [table.stat().st_mtime_ns for table in tables] == before
+    for options in (["--video"], ["--match-original"]):
+        assert main([*command, *options]) == 2
+        assert "one exists already: give another name, or --force" in capsys.readouterr().err
+    # Another recording has come under the same name.
+    file = bags[1] / "transect.mcap"
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+    assert main(command) == 2
+    assert "two exists already" in capsys.readouterr().err
+    assert [table.stat().st_mtime_ns for table in tables] == before

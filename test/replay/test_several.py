@@ -1,0 +1,186 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Several bags, odd ones, and what is said of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import pytest
+from bag_copies import FRAMES, Message, copy_bag, run
+
+from uw_visibility.cli import main
+from uw_visibility.replay.reader import BagReader
+
+
+def test_the_list_shows_what_would_be_used(
+    transect: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(transect), "--list"]) == 0
+    text = capsys.readouterr().out
+    assert "ROS 2, 1 files, 2.5 s" in text
+    used = text.partition("would be used:")[2]
+    assert "/left/image_rect" in used
+    assert "/depth_sensor" in used
+
+
+def test_several_bags_have_a_folder_each(transect: Path, tmp_path: Path) -> None:
+    other = copy_bag(transect, tmp_path / "other")
+    command = ["replay", str(transect), str(other), "-o", str(tmp_path / "day"), "--jobs", "1"]
+    assert main([*command, "--every", "3"]) == 0
+    assert {p.name for p in (tmp_path / "day").iterdir()} == {"transect", "other"}
+    assert (tmp_path / "day" / "other" / "report.html").is_file()
+    assert main(["replay", str(other), str(other), "-o", str(tmp_path / "twice")]) == 2
+
+
+def test_of_several_bags_one_that_is_unreadable_holds_up_no_other(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = tmp_path / "broken.mcap"
+    broken.write_bytes(b"\x89MCAP0\r\n" + bytes(100))
+    command = ["replay", str(broken), str(transect), "-o", str(tmp_path / "day"), "--jobs", "1"]
+    with pytest.raises(SystemExit) as ended:
+        main([*command, "--every", "3"])
+    assert ended.value.code == 1
+    printed = capsys.readouterr()
+    assert "cannot read bag" in printed.err
+    assert "transect: 2 frames, water assessed in 2" in printed.out
+    table = tmp_path / "day" / "transect" / "frames.csv"
+    before = table.stat().st_mtime_ns
+    # What is complete is not made again.
+    with pytest.raises(SystemExit):
+        main([*command, "--resume", "--every", "3"])
+    assert "2 frames, 2 of them from before" in capsys.readouterr().out
+    assert table.stat().st_mtime_ns == before
+
+
+def without_pair(messages: Iterator[Message]) -> Iterator[Message]:
+    return (m for m in messages if m[0] != "/right/image_rect")
+
+
+def test_of_several_bags_one_that_cannot_be_used_holds_up_no_other(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    single = copy_bag(transect, tmp_path / "2024.05.01", edit=without_pair)
+    other = copy_bag(transect, tmp_path / "2024.05.02", edit=without_pair)
+    command = ["replay", str(single), str(other), "-o", str(tmp_path / "day"), "--jobs", "1"]
+    # Of none there is a result: bad input.
+    assert main(command) == 2
+    assert "no pair of images" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        main([*command[:3], str(transect), *command[3:], "--every", "3"])
+    assert ended.value.code == 1
+    printed = capsys.readouterr()
+    assert printed.err.count("no pair of images") == 2
+    assert "transect: 2 frames" in printed.out
+    assert "2024" not in printed.out
+    assert {p.name for p in (tmp_path / "day").iterdir()} == {"transect"}
+
+
+def test_what_is_listed_of_several_bags_does_not_end_at_an_unreadable_one(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = tmp_path / "broken.mcap"
+    broken.write_bytes(b"\x89MCAP0\r\n" + bytes(100))
+    single = copy_bag(transect, tmp_path / "single", edit=without_pair)
+    with pytest.raises(SystemExit) as ended:
+        main(["replay", str(broken), str(single), str(transect), "--list"])
+    assert ended.value.code == 1
+    printed = capsys.readouterr()
+    assert "cannot read bag" in printed.err
+    assert "would be used: nothing, no pair of images" in printed.out
+    used = printed.out.rpartition("would be used:")[2]
+    lines = {line.split()[-1] for line in used.splitlines() if line}
+    assert lines == {"/left/image_rect", "/right/image_rect", "/left/camera_info",
+                     "/right/camera_info", "/depth_sensor", "none"}
+
+
+def test_images_whose_size_changes_within_a_bag(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Another resolution is another calibration; images that miss theirs are refused."""
+    def smaller(with_info: bool) -> Path:
+        def edit(messages: Iterator[Message]) -> Iterator[Message]:
+            for topic, kind, message, time in messages:
+                if time < 1_700_000_001_500_000_000:
+                    pass
+                elif kind == "sensor_msgs/msg/Image":
+                    pixels = message.data.reshape(message.height, message.width, 3)
+                    pixels = cv2.resize(pixels, (120, 90), interpolation=cv2.INTER_AREA)
+                    message.height, message.width, message.step = 90, 120, 360
+                    message.data = pixels.ravel()
+                elif topic.endswith("camera_info") and with_info:
+                    message.height, message.width = 90, 120
+                    message.k[[0, 2, 4, 5]] *= 0.75
+                    message.p[[0, 2, 3, 5, 6]] *= 0.75
+                yield topic, kind, message, time
+
+        return copy_bag(transect, tmp_path / f"smaller_{with_info}", edit=edit)
+
+    done = run(smaller(True), tmp_path / "out", "--video", capsys=capsys)
+    assert done.code == 0
+    assert len(done.rows) == FRAMES
+    assert "unusable" not in {row["status"] for row in done.rows}
+    assert [row["filtering"] for row in done.rows].count("started") == 2
+    with BagReader(tmp_path / "out" / "results.mcap") as reader:
+        widths = [reader.deserialize(m).image.width for m in reader.messages(["/disparity"])]
+    assert widths == [160] * 3 + [120] * 3
+    done = run(smaller(False), tmp_path / "refused", capsys=capsys)
+    assert (done.code, [row["status"] for row in done.rows].count("unusable")) == (0, 3)
+    reason = done.rows[-1]["reason"]
+    assert "120x90" in reason and "160x120" in reason
+    assert f"unusable frame: {reason} (3)" in done.out
+
+
+def test_of_two_pairs_of_cameras_the_choice_is_said(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def twice(messages: Iterator[Message]) -> Iterator[Message]:
+        for topic, kind, message, time in messages:
+            yield topic, kind, message, time
+            if topic != "/depth_sensor":
+                yield f"/aft{topic}", kind, message, time
+
+    bag = copy_bag(transect, tmp_path / "bag", edit=twice)
+    said = "/left/image_rect is taken rather than /aft/left/image_rect"
+    assert main(["replay", str(bag), "--list"]) == 0
+    assert said in capsys.readouterr().out
+    done = run(bag, tmp_path / "out", "--every", "3", capsys=capsys)
+    assert said in done.out
+    assert said in (tmp_path / "out" / "report.html").read_text()
+    done = run(bag, tmp_path / "aft", "--every", "3", "--left", "/aft/left/image_rect",
+               capsys=capsys)
+    assert "rather than" not in done.out
+    assert "/aft/right/camera_info" in (tmp_path / "aft" / "report.html").read_text()
+
+
+@pytest.mark.parametrize("options, said", [
+    (["--nonsense"], "unrecognized arguments: --nonsense"),
+    (["--every", "few"], "invalid int value: 'few'"),
+    (["--jobs", "-1"], "--jobs is -1: give 1 or more, or 0"),
+    (["--images", "-1"], "--images is -1: give 1 or more"),
+    (["--geo", "/gps"], "there is no topic /gps in the recording: --list shows"),
+    (["--geo", "/depth_sensor"], "/depth_sensor is a geometry_msgs/msg/PoseWithCovariance"),
+    (["--origin", "59", "10"], "--origin is given without --geo"),
+    (["--right", "/right/image_rect"], "--right is given without --left: give both"),
+    (["--calibration", "none.json"], "none.json"),
+    (["--params-file", "none.yaml"], "cannot read parameter file none.yaml"),
+])
+def test_options_that_cannot_be_used_are_one_sentence(
+    options: list[str], said: str, transect: Path, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    done = run(transect, tmp_path / "out", *options, capsys=capsys)
+    assert (done.code, done.out) == (2, "")
+    (line,) = done.err.splitlines()
+    assert said in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_output_nothing_is_replayed(
+    transect: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(transect)]) == 2
+    assert "-o is missing: name the folder" in capsys.readouterr().err
