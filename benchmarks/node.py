@@ -275,8 +275,8 @@ def summarise(
     for name, value in spread(latency).items():
         report[f"latency, {name} (ms)"] = value
         report[f"latency over pipeline, {name}"] = value / pipeline
-    if around:
-        report["around the pipeline, median (ms)"] = statistics.median(around)
+    report["around the pipeline, median (ms)"] = statistics.median(around)
+    report["around over pipeline"] = statistics.median(around) / pipeline
     for name, value in spread(sorted(listener.asked)).items():
         report[f"a parameter's answer, {name} (ms)"] = value
     report["diagnostics beside 1 Hz, largest (ms)"] = 1e3 * max(late, default=0.0)

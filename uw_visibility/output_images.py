@@ -9,6 +9,7 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -149,12 +150,15 @@ def corrected_disparity(source: Source) -> tuple[NDArray[np.float32], float, flo
     low = max(result.min_disparity - rig.offset, 0.0)
     high = max(result.max_disparity - rig.offset, low)
     corrected = result.disparity - np.float32(rig.offset)
-    corrected = np.round(corrected / np.float32(DISPARITY_STEP)) * np.float32(DISPARITY_STEP)
+    corrected *= np.float32(1.0 / DISPARITY_STEP)
+    np.rint(corrected, out=corrected)
+    corrected *= np.float32(DISPARITY_STEP)
     # A comparison with NaN is false, so what was not matched is not kept.
     kept = (corrected > 0.0) & (corrected >= np.float32(low)) & (corrected <= np.float32(high))
     if source.pair.valid is not None:
         kept &= source.pair.valid
-    return np.where(kept, corrected, np.float32(low - 1.0)), low, high
+    corrected[~kept] = np.float32(low - 1.0)
+    return corrected, low, high
 
 
 def depth_info(source: Source) -> Any:
@@ -171,14 +175,12 @@ def points(source: Source) -> Any:
     """Make the cloud of the matched pixels: one point per pixel, NaN where none was matched."""
     rig, depth = source.pair.rig, source.depth
     height, width = depth.shape
-    cloud = np.empty((height, width, 4), np.float32)
     cx, cy = rig.principal_point
-    columns = (np.arange(width) - cx) / rig.focal_length
+    columns = ((np.arange(width) - cx) / rig.focal_length).astype(np.float32)
     rows = (np.arange(height) - cy) / (rig.focal_length_y or rig.focal_length)
-    np.multiply(depth, columns.astype(np.float32), out=cloud[..., 0])
-    np.multiply(depth, rows.astype(np.float32)[:, None], out=cloud[..., 1])
-    cloud[..., 2] = depth
-    _pack_colours(source.result.left_enhanced, cloud.view(np.uint8)[..., 12:])
+    x, y = depth * columns, depth * rows.astype(np.float32)[:, None]
+    # Interleaved in one pass: written one by one, they are slower by several times.
+    cloud = cv2.merge([x, y, depth, _packed_colours(source.result.left_enhanced)])
     fields = [
         source.make(
             "sensor_msgs/msg/PointField", name=name, offset=4 * index, datatype=POINT_FLOAT32,
@@ -200,15 +202,18 @@ def points(source: Source) -> Any:
     )
 
 
-def _pack_colours(pixels: NDArray[Any], packed: NDArray[np.uint8]) -> None:
-    """Write colours as PCL packs them, 0x00RRGGBB; those of grey and 16-bit images too."""
+def _packed_colours(pixels: NDArray[Any]) -> NDArray[np.float32]:
+    """Return colours as PCL packs them, 0x00RRGGBB; those of grey and 16-bit images too."""
     if pixels.dtype == np.uint16:
         pixels = (pixels >> 8).astype(np.uint8)
-    if sys.byteorder == "little":
-        packed = packed[..., ::-1]
-    packed[..., 0] = 0
-    for channel in range(3):
-        packed[..., 1 + channel] = pixels if pixels.ndim == 2 else pixels[..., channel]
+    packed = np.zeros((*pixels.shape[:2], 4), np.uint8)
+    places = (2, 1, 0) if sys.byteorder == "little" else (1, 2, 3)
+    pairs = [
+        number for channel, place in enumerate(places)
+        for number in (channel if pixels.ndim == 3 else 0, place)
+    ]
+    cv2.mixChannels([pixels], [packed], pairs)
+    return packed.view(np.float32)[..., 0]
 
 
 def _valid_window(source: Source) -> tuple[int, int, int, int]:

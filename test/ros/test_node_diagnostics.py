@@ -97,7 +97,10 @@ def test_numbers_of_a_working_node(client: Any, parts: Any) -> None:
     assert pipeline.numbers["status"] == "ok"
     for share in ("coverage", "matched fraction"):
         assert 0.5 < float(pipeline.numbers[share]) <= 1.0
-    stages = ("support points (ms)", "improved disparity (ms)", "total (ms)", "latency (ms)")
+    stages = (
+        "support points (ms)", "improved disparity (ms)", "total (ms)",
+        "around the pipeline (ms)", "latency (ms)",
+    )
     assert all(float(pipeline.numbers[stage]) > 0 for stage in stages)
     client.wait(
         lambda: float(client.diagnosis("input").numbers["left rate (Hz)"]) > 1.0, "a rate"

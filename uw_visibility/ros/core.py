@@ -176,6 +176,7 @@ class NodeCore:
                 self.state.fail(f"lost a frame to {kind}", f"\n{traceback.format_exc()}")
 
     def _answer(self, frame: StereoFrame) -> None:
+        begin = time.perf_counter()
         settings = self._settings
         result, messages = self._processor.process(
             frame, settings.pipeline, settings.node, self._wanted_topics()
@@ -188,7 +189,8 @@ class NodeCore:
             self._publishers[topic].publish(message)
         stamp = frame.left.header.stamp
         now = self._node.get_clock().now().nanoseconds
-        self.state.add(result, 1e-9 * (now - stamp_to_nanoseconds(stamp)))
+        around = 1e3 * (time.perf_counter() - begin) - result.timing_ms["total"]
+        self.state.add(result, 1e-9 * (now - stamp_to_nanoseconds(stamp)), around)
         self._depth.add_result(stamp, result)
 
     def _wanted(self) -> bool:

@@ -21,13 +21,21 @@ def message_type(name: str) -> Any:
 
 def make_message(name: str, /, **fields: Any) -> Any:
     """Make a message; see `uw_visibility.messages.MessageFactory`."""
-    return message_type(name)(**{key: _sequence(value) for key, value in fields.items()})
+    kind = message_type(name)
+    images = {key: value for key, value in fields.items() if _is_bytes(value)}
+    others = {key: value for key, value in fields.items() if key not in images}
+    if hasattr(kind, "_check_fields"):
+        # A message that checks its fields keeps an array; one that does not copies it.
+        others["check_fields"] = True
+    message = kind(**others)
+    for key, value in images.items():
+        # Set, since the constructor copies. rclpy takes an array.array as it is, a
+        # numpy array byte by byte.
+        data = array.array("B")
+        data.frombytes(value.data)
+        setattr(message, key, data)
+    return message
 
 
-def _sequence(value: Any) -> Any:
-    if not isinstance(value, np.ndarray) or value.dtype != np.uint8:
-        return value
-    # rclpy copies an array.array at once, a numpy array byte by byte.
-    data = array.array("B")
-    data.frombytes(value.data)
-    return data
+def _is_bytes(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype == np.uint8

@@ -48,7 +48,7 @@ class PipelineState:
         self._answered = 0.0
         self._problem = ""
         self._result: FrameResult | None = None
-        self._latency = 0.0
+        self._latency = self._around = 0.0
 
     @contextmanager
     def busy(self) -> Iterator[None]:
@@ -59,9 +59,20 @@ class PipelineState:
         finally:
             self._busy_since = None
 
-    def add(self, result: FrameResult, latency: float) -> None:
-        """Note a result that was published, and the time since its image's stamp, s."""
+    def add(self, result: FrameResult, latency: float, around: float) -> None:
+        """Note a result that was published.
+
+        Parameters
+        ----------
+        result : FrameResult
+            What the pipeline found.
+        latency : float
+            Time since the image's stamp, s.
+        around : float
+            What reading the images and publishing the messages took, ms.
+        """
         self._result, self._latency, self._problem = result, latency, ""
+        self._around = around
         self._answered = time.monotonic()
         self.processed += 1
 
@@ -111,7 +122,9 @@ class PipelineState:
         values: dict[str, Any] = {f"frames {name}": count for name, count in counts.items()}
         values["rate (Hz)"] = f"{rate:.2f}"
         if self._result is not None:
-            values |= _values(self._result) | {"latency (ms)": f"{1e3 * self._latency:.1f}"}
+            values |= _values(self._result)
+            values["around the pipeline (ms)"] = f"{self._around:.1f}"
+            values["latency (ms)"] = f"{1e3 * self._latency:.1f}"
         failures = self.failures.most_common(SHOWN_REASONS)
         values |= {f"problem: {reason}": count for reason, count in failures}
         if silence:

@@ -18,6 +18,8 @@ from uw_visibility.errors import InputError
 
 # How long the exit waits for the frame that is being processed, s.
 STOP_TIMEOUT = 1.0
+# How long the pipeline's thread may keep the interpreter from the callbacks, s. By
+# default it is ten times as long, which is what an answer then waits.
 SWITCH_INTERVAL = 5e-4
 
 
@@ -38,6 +40,7 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
         Exit code: 0 after Ctrl-C or SIGTERM, 2 where a parameter or argument
         cannot be used.
     """
+    sys.setswitchinterval(SWITCH_INTERVAL)
     # rclpy's handlers stop the executor; Python's own would also raise
     # KeyboardInterrupt at a place of its choice.
     signal.signal(signal.SIGINT, lambda *_: None)
