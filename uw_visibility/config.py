@@ -74,6 +74,11 @@ class StereoConfig:
     min_disparity: int = parameter(
         0, "Smallest disparity searched.", unit="px", minimum=0, maximum=1000,
     )
+    reduction: int = parameter(
+        1, "Pixels are averaged in squares of this side before matching and estimation; the "
+        "published images and the disparity keep their size. 2 is for small computers.",
+        unit="px", minimum=1, maximum=4,
+    )
     support_step: int = parameter(
         5, "Distance of the grid points that may become support points.",
         unit="px", minimum=2, maximum=50,

@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,10 +24,16 @@ from uw_visibility.foreign import foreign_pixels
 from uw_visibility.pair import check_pair
 from uw_visibility.parallel import Workers
 from uw_visibility.result import FrameResult
-from uw_visibility.stages import FEWEST_SUPPORT_POINTS, Stages, warm_up_pair
+from uw_visibility.stages import (
+    FEWEST_SUPPORT_POINTS,
+    Stages,
+    disparity_limits,
+    warm_up_pair,
+)
 from uw_visibility.status import Status
 from uw_visibility.stereo.elas import SupportPoints
 from uw_visibility.stereo.radiometry import right_gain
+from uw_visibility.stereo.reduction import Reduction
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.views import in_right_view
 from uw_visibility.vignetting import EvenIllumination
@@ -84,7 +91,9 @@ class Pipeline:
         )
         tracking = self.config.tracking
         self._tracker = WaterTracker(tracking) if tracking.enabled else None
+        self._reduction = Reduction(self.config.stereo.reduction, self._workers)
         self._stages: Stages | None = None
+        self._whole_size: tuple[int, int] | None = None
         self._lock = threading.Lock()
 
     def process(
@@ -162,11 +171,17 @@ class Pipeline:
         stamp: float | None,
     ) -> FrameResult:
         stages = self._stages_for(left.shape[:2])
+        rig = stages.rig
         clock = _Clock()
         tracker = None if stamp is None else self._tracker
         if self._illumination.needed:
             with clock("even illumination"):
                 left, right = self._illumination.correct(left, right)
+        whole_left, whole_right = left, right
+        if self._reduction.factor(left.shape) > 1:
+            with clock("reduction"):
+                left, right = self._reduction.image(left), self._reduction.image(right)
+                valid = self._reduction.mask(valid)
 
         # Step 1: a coarse map of the raw pair is enough to see the water.
         with clock("support points"):
@@ -182,7 +197,7 @@ class Pipeline:
         with clock("coarse disparity"):
             mesh = stages.matcher.coarse_disparity(support)
         with clock("visibility estimation 1"):
-            step1 = self._estimate(left, mesh, counted, support, coarse=True)
+            step1 = self._estimate(rig, left, mesh, counted, support, coarse=True)
         with clock("matting"):
             coarse = stages.dense_map(mesh, support, left)
         with clock("image enhancement 1"):
@@ -196,22 +211,36 @@ class Pipeline:
             # What is filled serves colour only.
             nothing = np.full_like(improved.disparity, np.nan)
             filled = stages.fill(improved) if enhance else nothing
+        disparity = improved.disparity
+        if self._reduction.factor(whole_left.shape) > 1:
+            with clock("full size"):
+                size = whole_left.shape
+                disparity, filled = (
+                    self._reduction.disparity(part, size) for part in (disparity, filled)
+                )
+                if original is not None:
+                    original = self._reduction.disparity(original, size)
+                counted, valid = (
+                    self._reduction.whole_mask(mask, size) for mask in (counted, valid)
+                )
         with clock("visibility estimation 2"):
-            water = self._estimate(left, improved.disparity, counted, support, step1)
+            water = self._estimate(
+                self.rig, whole_left, disparity, counted, support, step1
+            )
         with clock("image enhancement 2"):
             range_left = self._range(filled)
             if left.ndim == 2:
-                shown = self._estimate_grey(left, improved.disparity, valid)
+                shown = self._estimate_grey(whole_left, disparity, valid)
             else:
                 shown = _first_known(water, step1)
             left_enhanced, limited = _NOT_WANTED, _NOT_WANTED.astype(bool)
             if "left" in enhance:
-                left_enhanced, limited = self._restorer.restore(left, range_left, shown)
+                left_enhanced, limited = self._restorer.restore(whole_left, range_left, shown)
             right_enhanced = _NOT_WANTED
             if "right" in enhance:
                 range_right = self._range(in_right_view(filled, self._workers))
                 shown_right = _Water(shown.attenuation, gain * shown.ambient_light)
-                right_enhanced, _ = self._restorer.restore(right, range_right, shown_right)
+                right_enhanced, _ = self._restorer.restore(whole_right, range_right, shown_right)
 
         with clock("assessment"):
             visibility = self._assessor.assess(water)
@@ -220,13 +249,14 @@ class Pipeline:
             with clock("tracking"):
                 tracked = tracker.update(water, stamp)
                 tracked_visibility = self._assessor.assess(tracked)
+        low, high = disparity_limits(self.config, whole_left.shape[1])
         return FrameResult(
             status=water.status,
             step1=step1,
             water=water,
             visibility=visibility,
             clear_water_attenuation=self._assessor.clear_water_attenuation,
-            disparity=improved.disparity,
+            disparity=disparity,
             disparity_filled=filled,
             range=range_left,
             disparity_original=original,
@@ -236,9 +266,9 @@ class Pipeline:
             support_points=len(support),
             coverage=_matched_fraction(mesh),
             matched_fraction_original=None if original is None else _matched_fraction(original),
-            matched_fraction_enhanced=_matched_fraction(improved.disparity),
-            min_disparity=stages.disparities[0],
-            max_disparity=stages.disparities[1],
+            matched_fraction_enhanced=_matched_fraction(disparity),
+            min_disparity=low,
+            max_disparity=high,
             timing_ms=clock.milliseconds(),
             right_gain=gain,
             tracked=tracked,
@@ -248,8 +278,13 @@ class Pipeline:
 
     def _stages_for(self, shape: tuple[int, ...]) -> Stages:
         size = (shape[0], shape[1])
-        if self._stages is None or self._stages.shape != size:
-            self._stages = Stages(size, self.rig, self.config, self._workers)
+        if self._stages is None or self._whole_size != size:
+            reduction = self._reduction
+            config = replace(self.config, stereo=reduction.settings(self.config.stereo, size))
+            self._stages = Stages(
+                reduction.shape(size), reduction.rig(self.rig, size), config, self._workers
+            )
+            self._whole_size = size
         return self._stages
 
     def _without_foreign(
@@ -268,6 +303,7 @@ class Pipeline:
 
     def _estimate(
         self,
+        rig: StereoRig,
         image: NDArray[Any],
         disparity: NDArray[np.float32],
         valid: NDArray[np.bool_] | None,
@@ -278,8 +314,8 @@ class Pipeline:
         if len(support) < FEWEST_SUPPORT_POINTS:
             return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
         return self._estimator.estimate(
-            image, self.rig.range_from_disparity(disparity), valid, start,
-            self._range_error(_MESH_DEVIATION if coarse else _DISPARITY_DEVIATION), coarse,
+            image, rig.range_from_disparity(disparity), valid, start,
+            _range_error(rig, _MESH_DEVIATION if coarse else _DISPARITY_DEVIATION), coarse,
         )
 
     def _estimate_grey(
@@ -291,14 +327,10 @@ class Pipeline:
         """What restores a grey image's contrast: it has no colour to be assessed."""
         found = self._estimator.estimate_grey(
             image, self.rig.range_from_disparity(disparity), valid,
-            self._range_error(_DISPARITY_DEVIATION),
+            _range_error(self.rig, _DISPARITY_DEVIATION),
         )
         attenuation, ambient_light = found or (np.nan, np.nan)
         return _Water(np.array([attenuation]), np.array([ambient_light]))
-
-    def _range_error(self, deviation: float) -> float:
-        """Standard deviation of range over its square, 1/m, for that of the disparity."""
-        return deviation / (self.rig.focal_length * self.rig.baseline)
 
     def _range(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
         """Range of a filled map: at or beyond infinity it is infinite."""
@@ -343,6 +375,11 @@ def _first_known(water: WaterEstimate, step1: WaterEstimate) -> _Water:
         np.where(missing, step1.attenuation, water.attenuation),
         np.where(missing, step1.ambient_light, water.ambient_light),
     )
+
+
+def _range_error(rig: StereoRig, deviation: float) -> float:
+    """Standard deviation of range over its square, 1/m, for that of the disparity, px."""
+    return deviation / (rig.focal_length * rig.baseline)
 
 
 def _matched_fraction(disparity: NDArray[np.float32]) -> float:

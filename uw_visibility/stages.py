@@ -58,7 +58,7 @@ class Stages:
         self.shape = shape
         self.disparities = disparity_limits(config, shape[1])
         self.matcher = Matcher(shape, self.disparities, config.stereo, workers)
-        self._rig = rig
+        self.rig = rig
         self._workers = workers
         self._contrast = (EvenContrast(shape), EvenContrast(shape))
         self._matting = Matting(config.enhancement, workers)
@@ -87,7 +87,7 @@ class Stages:
             self._contrast, (left, right), disparities, lights, strict=True
         ):
             contrast.restore(
-                image, self._rig.range_from_disparity(disparity), water.attenuation, light,
+                image, self.rig.range_from_disparity(disparity), water.attenuation, light,
                 self._workers,
             )
         self.matcher.describe(*self._contrast)

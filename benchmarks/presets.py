@@ -1,0 +1,168 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the preset for small computers costs in accuracy, and what it saves in time.
+
+    python -m benchmarks.presets
+    python -m benchmarks.presets --try stereo.reduction=2 --try stereo.support_step=8
+
+Scenes with known disparity in simulated water, and real boards under water; each row has
+the default parameters changed in one way. Times are those of one thread on aloe, 640x480,
+of calls that take turns, in the processor's time, over that of the default.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from uw_visibility import Pipeline, PipelineConfig, StereoRig
+from uw_visibility.commands.calibration_file import read_rig
+from uw_visibility.config import read_yaml
+from uw_visibility.evaluation.degrade import Scene, load_scene
+from uw_visibility.evaluation.metrics import correct_fraction, mean_colour_difference
+from uw_visibility.images import read_image
+from uw_visibility.water.optics import clear_water_attenuation, load_response
+
+ROOT = Path(__file__).resolve().parents[1]
+DATA = ROOT.parent / "shared" / "data"
+FAST = ROOT / "config" / "fast.yaml"
+SCENES = ("aloe", "art", "dolls", "moebius")
+ATTENUATIONS = (0.0, 0.1, 0.2, 0.3)
+DEPTH = 2.0
+# Aloe is brought to the size of a usual camera.
+SIZE = (640, 480)
+
+Parameters = Mapping[str, Any]
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.presets", description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--try", dest="tried", action="append", default=[], metavar="NAME=VALUE[,NAME=VALUE]",
+        help="another row",
+    )
+    parser.add_argument("--rounds", type=int, default=9, help="rounds of the timing")
+    parser.add_argument("--json", metavar="FILE", help="write the rows there")
+    options = parser.parse_args()
+    rows = compare(options.tried, options.rounds)
+    if options.json:
+        Path(options.json).write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+
+
+def compare(tried: list[str], rounds: int) -> dict[str, dict[str, float]]:
+    """Measure the default, the preset and what else is to be tried; print and return the rows."""
+    if not DATA.is_dir():
+        print("\nno presets compared: no recorded data beside the tree")
+        return {}
+    presets: dict[str, Parameters] = {"default": {}, "fast": read_yaml(FAST)}
+    for text in tried:
+        presets[text] = dict(parse(part) for part in text.split(","))
+    times = measure_times(presets, rounds)
+    rows = {}
+    for number, (name, parameters) in enumerate(presets.items()):
+        rows[name] = measure(parameters) | {
+            "ms": times[name], "time": times[name] / times["default"],
+        }
+        if number == 0:
+            print(f"\n{'preset':32s}" + "".join(f"{column:>11s}" for column in rows[name]))
+        print(f"{name:32s}" + "".join(f"{v:11.3f}" for v in rows[name].values()), flush=True)
+    return rows
+
+
+def parse(text: str) -> tuple[str, Any]:
+    """Return name and value of a parameter."""
+    name, _, value = text.partition("=")
+    return name, yaml.safe_load(value)
+
+
+def make_pipeline(rig: StereoRig, parameters: Parameters) -> Pipeline:
+    """Make a pipeline of one thread."""
+    return Pipeline(rig, PipelineConfig.from_parameters({**parameters, "threads": 1}))
+
+
+def measure_times(presets: Mapping[str, Parameters], rounds: int) -> dict[str, float]:
+    """Return the median time of a pair by preset, ms."""
+    rig, left, right, _, _ = degrade(load_scene(DATA / "middlebury" / "aloe"), 0.2)
+    pipelines = {name: make_pipeline(rig, values) for name, values in presets.items()}
+    times: dict[str, list[float]] = {name: [] for name in presets}
+    cv2.setNumThreads(1)
+    for turn in range(rounds + 1):
+        for name, pipeline in pipelines.items():
+            begin = time.process_time()
+            pipeline.process(left, right)
+            if turn:
+                times[name].append(1e3 * (time.process_time() - begin))
+    return {name: statistics.median(values) for name, values in times.items()}
+
+
+def measure(parameters: Parameters) -> dict[str, float]:
+    """Return correct fractions, error of the mean attenuation (1/m) and colour difference."""
+    correct: dict[float, list[float]] = {alpha: [] for alpha in ATTENUATIONS}
+    errors, differences = [], []
+    for name in SCENES:
+        scene = load_scene(DATA / "middlebury" / name)
+        for alpha in ATTENUATIONS:
+            rig, left, right, truth, radiance = degrade(scene, alpha)
+            result = make_pipeline(rig, parameters).process(left, right)
+            correct[alpha].append(correct_fraction(result.disparity, truth))
+            errors.append(abs(result.visibility.mean_attenuation - alpha))
+            differences.append(mean_colour_difference(result.left_enhanced, radiance))
+    row = {f"ok a={alpha:g}": float(np.mean(found)) for alpha, found in correct.items()}
+    row["error of a"] = float(np.nanmean(errors))
+    row["delta E"] = float(np.mean(differences))
+    return row | {f"ok {name}": boards(name, parameters) for name in ("bermuda", "tank")}
+
+
+def degrade(
+    scene: Scene, alpha: float
+) -> tuple[StereoRig, NDArray[Any], NDArray[Any], NDArray[np.float32], NDArray[Any]]:
+    """Return geometry, pair, true disparity and left radiance of a scene in water."""
+    images = scene.degraded(alpha, DEPTH, clear_water_attenuation(load_response("nikon_d5100")))
+    width = scene.disparity_left.shape[1]
+    rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+    if width <= SIZE[0]:
+        return rig, *images, scene.disparity_left, scene.left
+    left, right, radiance = (
+        cv2.resize(image, SIZE, interpolation=cv2.INTER_AREA) for image in (*images, scene.left)
+    )
+    scale = SIZE[0] / width
+    truth = cv2.resize(scene.disparity_left, SIZE, interpolation=cv2.INTER_NEAREST) * scale
+    centre = ((SIZE[0] - 1) / 2, (SIZE[1] - 1) / 2)
+    rig = StereoRig(scene.focal_length * scale, scene.baseline, centre)
+    return rig, left, right, truth, radiance
+
+
+def boards(name: str, parameters: Parameters) -> float:
+    """Return the mean share of correct disparities on the boards of real pairs."""
+    folder = DATA / "underwater" / name
+    rig, _ = read_rig([folder / "calibration.json"])
+    planes = json.loads((folder / "board_planes.json").read_text(encoding="utf-8"))
+    shares = []
+    for number, board in planes.items():
+        left, right = (read_image(folder / f"{side}_{number}.png") for side in ("left", "right"))
+        result = make_pipeline(rig, parameters).process(left, right)
+        a, b, c = board["disparity_plane_abc"]
+        y, x = np.mgrid[: left.shape[0], : left.shape[1]]
+        inside = np.zeros(left.shape[:2], np.uint8)
+        cv2.fillConvexPoly(inside, np.round(board["corners_left_rect"]).astype(np.int32), 1)
+        truth = np.where(inside > 0, a * x + b * y + c, np.nan).astype(np.float32)
+        shares.append(correct_fraction(result.disparity, truth))
+    return float(np.mean(shares))
+
+
+if __name__ == "__main__":
+    main()
