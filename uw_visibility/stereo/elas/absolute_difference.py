@@ -4,7 +4,7 @@
 
 Numba leaves LLVM's superword vectoriser off, so a loop over 16 bytes compiles to
 16 scalar steps. The intrinsic below emits generic vector IR instead, which LLVM
-lowers to what the machine has (PSADBW on x86-64, UABDL and UADDLV on AArch64,
+lowers to what the machine has (PSADBW on x86-64, UABAL and ADDV on AArch64,
 scalars elsewhere): nothing is x86-only, and the sum is the same integer anywhere.
 """
 
@@ -21,11 +21,38 @@ from uw_visibility.kernel_cache import njit
 BYTES = 16
 
 
-def _vector_at(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any:
-    data = context.make_array(kind)(context, builder, array).data
-    pointer = builder.gep(data, [index])
-    vector = ir.VectorType(ir.IntType(8), BYTES)
-    return builder.load(builder.bitcast(pointer, vector.as_pointer()), align=1)
+def sum_of_differences(builder: Any, left: Any, right: Any) -> Any:
+    """Emit the sum of absolute differences of 16 bytes each, as i32.
+
+    Nothing in it belongs to a machine: where there are no vectors, LLVM makes it scalars.
+
+    Parameters
+    ----------
+    builder : llvmlite.ir.IRBuilder
+        Where to emit it.
+    left, right : llvmlite.ir.Value
+        Pointers to i8, of any alignment.
+
+    Returns
+    -------
+    llvmlite.ir.Value
+    """
+    bytes_ = ir.VectorType(ir.IntType(8), BYTES)
+    wide = ir.VectorType(ir.IntType(32), BYTES)
+    first, second = (
+        builder.zext(builder.load(builder.bitcast(pointer, bytes_.as_pointer()), align=1), wide)
+        for pointer in (left, right)
+    )
+    absolute = builder.module.declare_intrinsic(
+        f"llvm.abs.v{BYTES}i32", (), ir.FunctionType(wide, [wide, ir.IntType(1)])
+    )
+    magnitude = builder.call(
+        absolute, [builder.sub(first, second), ir.Constant(ir.IntType(1), 0)]
+    )
+    reduce_add = builder.module.declare_intrinsic(
+        f"llvm.vector.reduce.add.v{BYTES}i32", (), ir.FunctionType(ir.IntType(32), [wide])
+    )
+    return builder.call(reduce_add, [magnitude])
 
 
 @intrinsic
@@ -36,18 +63,14 @@ def absolute_difference(typingctx: Any, a: Any, i: Any, b: Any, j: Any) -> Any:
     """
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        wide = ir.VectorType(ir.IntType(32), BYTES)
-        left = _vector_at(context, builder, signature.args[0], arguments[0], arguments[1])
-        right = _vector_at(context, builder, signature.args[2], arguments[2], arguments[3])
-        difference = builder.sub(builder.zext(left, wide), builder.zext(right, wide))
-        absolute = builder.module.declare_intrinsic(
-            f"llvm.abs.v{BYTES}i32", (), ir.FunctionType(wide, [wide, ir.IntType(1)])
+        left, right = (
+            builder.gep(
+                context.make_array(signature.args[at])(context, builder, arguments[at]).data,
+                [arguments[at + 1]],
+            )
+            for at in (0, 2)
         )
-        magnitude = builder.call(absolute, [difference, ir.Constant(ir.IntType(1), 0)])
-        reduce_add = builder.module.declare_intrinsic(
-            f"llvm.vector.reduce.add.v{BYTES}i32", (), ir.FunctionType(ir.IntType(32), [wide])
-        )
-        return builder.call(reduce_add, [magnitude])
+        return sum_of_differences(builder, left, right)
 
     return types.int32(a, types.intp, b, types.intp), codegen
 
