@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -202,22 +203,24 @@ class Pipeline:
             coarse = stages.dense_map(mesh, support, left)
         with clock("image enhancement 1"):
             stages.describe_restored(left, right, coarse, step1, gain)
+            airlight = stages.airlight_prior(left, step1, support)
 
         # Step 2: the restored pair is matched densely, and the water seen again.
         with clock("improved disparity"):
-            support2 = stages.matcher.support_points()
-            improved = stages.matcher.dense_disparity(support2)
+            support2 = stages.matcher.support_points(airlight)
+            improved = stages.matcher.dense_disparity(support2, airlight)
         with clock("interpolation"):
             # What is filled serves colour only.
             nothing = np.full_like(improved.disparity, np.nan)
             filled = stages.fill(improved) if enhance else nothing
-        disparity = improved.disparity
+        disparity, confidence = improved.disparity, improved.confidence
         if self._reduction.factor(whole_left.shape) > 1:
             with clock("full size"):
                 size = whole_left.shape
                 disparity, filled = (
                     self._reduction.disparity(part, size) for part in (disparity, filled)
                 )
+                confidence = _at_full_size(confidence, disparity)
                 if original is not None:
                     original = self._reduction.disparity(original, size)
                 counted, valid = (
@@ -274,6 +277,7 @@ class Pipeline:
             tracked=tracked,
             tracked_visibility=tracked_visibility,
             tracking=None if tracker is None else tracker.event,
+            confidence=confidence,
         )
 
     def _stages_for(self, shape: tuple[int, ...]) -> Stages:
@@ -380,6 +384,18 @@ def _first_known(water: WaterEstimate, step1: WaterEstimate) -> _Water:
 def _range_error(rig: StereoRig, deviation: float) -> float:
     """Standard deviation of range over its square, 1/m, for that of the disparity, px."""
     return deviation / (rig.focal_length * rig.baseline)
+
+
+def _at_full_size(
+    confidence: NDArray[np.float32], disparity: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Give the pixels of a map the confidence of the smaller map that it was made from."""
+    if confidence.shape == disparity.shape:
+        return confidence
+    height, width = disparity.shape
+    enlarged = cv2.resize(confidence, (width, height), interpolation=cv2.INTER_NEAREST)
+    enlarged[np.isnan(disparity)] = 0
+    return np.asarray(enlarged, np.float32)
 
 
 def _matched_fraction(disparity: NDArray[np.float32]) -> float:

@@ -73,6 +73,9 @@ class FrameResult:
         Of `tracked`.
     tracking : TrackingEvent or None
         What this frame did to the filtered state.
+    confidence : ndarray or None
+        ``(H, W)`` float32, probability that `disparity` is within 1 px of the truth;
+        0 where unmatched.
     """
 
     status: Status
@@ -98,3 +101,4 @@ class FrameResult:
     tracked: WaterEstimate | None = None
     tracked_visibility: Visibility | None = None
     tracking: TrackingEvent | None = None
+    confidence: NDArray[np.float32] | None = None

@@ -15,6 +15,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.pair import blindness
 from uw_visibility.parallel import Workers
 from uw_visibility.status import Status
+from uw_visibility.stereo.airlight import Airlight, AirlightPrior
 from uw_visibility.stereo.contrast import EvenContrast
 from uw_visibility.stereo.elas import DenseMatch, Matcher, SupportPoints
 from uw_visibility.stereo.interpolation import GapFiller, fill_plane, inpaint
@@ -61,6 +62,10 @@ class Stages:
         self.rig = rig
         self._workers = workers
         self._contrast = (EvenContrast(shape), EvenContrast(shape))
+        self._airlight = Airlight(
+            shape, rig, self.disparities[1] + 2, config.camera.transfer, workers
+        )
+        self._airlight_used = config.stereo.airlight_prior > 0
         self._matting = Matting(config.enhancement, workers)
         self._gaps = GapFiller(shape, config.enhancement.max_gap, workers)
 
@@ -91,6 +96,14 @@ class Stages:
                 self._workers,
             )
         self.matcher.describe(*self._contrast)
+
+    def airlight_prior(
+        self, left: NDArray[Any], water: WaterEstimate, support: SupportPoints
+    ) -> AirlightPrior | None:
+        """Bound ranges by the light that the water adds, as far as the matches agree."""
+        if left.ndim == 2 or not self._airlight_used:
+            return None
+        return self._airlight.prior(left, water, support.points)
 
     def refuse_useless_pair(
         self, left: NDArray[Any], right: NDArray[Any], support: SupportPoints

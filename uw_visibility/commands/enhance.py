@@ -33,6 +33,7 @@ EPILOG = """\
 written to DIR:
   left_enhanced.png, right_enhanced.png   the images without the water
   disparity.pfm          matched pixels, px; inf = unmatched
+  confidence.pfm         probability that disparity is within 1 px; 0 = unmatched
   disparity_filled.pfm   gaps filled, for colour only, px; 0 = unknown
   range.pfm              distance along the line of sight, m; 0 = unknown or infinite
   report.json            the estimates; null = not assessable, and status says why
@@ -192,6 +193,8 @@ def _write(folder: Path, result: FrameResult) -> None:
     write_png(folder / "right_enhanced.png", result.right_enhanced)
     matched = np.where(np.isfinite(result.disparity), result.disparity, np.float32(np.inf))
     write_pfm(folder / "disparity.pfm", matched)
+    if result.confidence is not None:
+        write_pfm(folder / "confidence.pfm", result.confidence)
     for name, values in (("disparity_filled", result.disparity_filled), ("range", result.range)):
         known = np.isfinite(values)
         if not known.all():

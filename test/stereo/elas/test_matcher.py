@@ -65,6 +65,7 @@ def test_threads_do_not_change_a_bit(texture, contrast_of):
     one, four = match(pair, contrast_of), match(pair, contrast_of, threads=4)
     np.testing.assert_array_equal(one.disparity, four.disparity)
     np.testing.assert_array_equal(one.right, four.right)
+    np.testing.assert_array_equal(one.confidence, four.confidence)
 
 
 def test_memory_of_one_pair_does_not_leak_into_the_next(texture, contrast_of):

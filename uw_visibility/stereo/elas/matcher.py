@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 from uw_visibility.config import StereoConfig
 from uw_visibility.parallel import Workers
+from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.contrast import EvenContrast
 from uw_visibility.stereo.elas import dense, mesh, postprocess
+from uw_visibility.stereo.elas.confidence import rate
 from uw_visibility.stereo.elas.dense import CellCandidates, DenseSettings
 from uw_visibility.stereo.elas.descriptors import Descriptors
+from uw_visibility.stereo.elas.edges import EdgeVote
 from uw_visibility.stereo.elas.evidence import NoiseFilter
 from uw_visibility.stereo.elas.smoothing import AdaptiveMean
 from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints, SupportSettings
@@ -32,10 +35,14 @@ class DenseMatch:
         ``(H, W)`` float32, what each pixel of the right view matches best, whole
         px, before the views are compared; NaN where nothing was tried. It tells
         occlusions from mismatches.
+    confidence : ndarray
+        ``(H, W)`` float32, probability that `disparity` is within 1 px of the truth;
+        0 where unmatched.
     """
 
     disparity: NDArray[np.float32]
     right: NDArray[np.float32]
+    confidence: NDArray[np.float32]
 
 
 class Matcher:
@@ -84,23 +91,28 @@ class Matcher:
             plane_radius=config.plane_radius,
             plane_deviation=config.plane_deviation,
             outlier=config.prior_outlier,
+            airlight=config.airlight_prior,
         )
         self._plane = np.empty(shape, np.float32)
         self._candidates = CellCandidates(shape, disparities[1] + 2)
         self._best = np.empty((2, *shape), np.int16)
         self._noise = NoiseFilter(shape, config.noise_ratio)
         self._segments = postprocess.SegmentFilter(shape)
+        self._edges = EdgeVote(shape)
+        self._left: EvenContrast | None = None
         self._mean = AdaptiveMean(shape, config.smoothing_radius, config.smoothing_difference)
 
     def describe(self, left: EvenContrast, right: EvenContrast) -> None:
-        """Compute the descriptors of a pair."""
+        """Compute the descriptors of a pair, which is not changed until it is matched."""
+        self._left = left
         for view, image in zip(self._views, (left, right), strict=True):
             view.compute(image.grey, image.gain, self._workers)
 
-    def support_points(self) -> SupportPoints:
-        """Find the support points of the described pair."""
+    def support_points(self, airlight: AirlightPrior | None = None) -> SupportPoints:
+        """Find the support points of the described pair, within what airlight allows."""
         return self._support.search(
-            self._views[0].values, self._views[1].values, self._disparities, self._workers
+            self._views[0].values, self._views[1].values, self._disparities, self._workers,
+            airlight,
         )
 
     def exchanged_ratio(self) -> float:
@@ -127,13 +139,17 @@ class Matcher:
         mesh.rasterize(mesh.triangulate(vertices, self._shape), coarse, self._workers)
         return coarse
 
-    def dense_disparity(self, support: SupportPoints) -> DenseMatch:
+    def dense_disparity(
+        self, support: SupportPoints, airlight: AirlightPrior | None = None
+    ) -> DenseMatch:
         """Match every pixel of the described pair.
 
         Parameters
         ----------
         support : SupportPoints
             From `support_points`.
+        airlight : AirlightPrior, optional
+            What decides where texture does not.
 
         Returns
         -------
@@ -141,19 +157,20 @@ class Matcher:
         """
         disparity = np.full(self._shape, np.nan, np.float32)
         if len(support) == 0:
-            return DenseMatch(disparity, disparity.copy())
+            return DenseMatch(disparity, disparity.copy(), np.zeros(self._shape, np.float32))
         self._candidates.fill(support.points)
         corners = mesh.with_corners(support.points[support.vertices], self._shape)
         mesh.rasterize(mesh.triangulate(corners, self._shape), self._plane, self._workers)
         descriptors = (self._views[0].values, self._views[1].values)
         dense.match(
             descriptors, self._plane, self._candidates, self._disparities,
-            self._dense_settings, self._best, self._workers,
+            self._dense_settings, self._best, self._workers, airlight,
         )
         self._postprocess(descriptors, disparity)
-        right = self._best[1].astype(np.float32)
-        right[right < 0] = np.nan
-        return DenseMatch(disparity, right)
+        right = np.empty(self._shape, np.float32)
+        self._workers.rows(dense.as_disparity, self._shape[0], self._best[1], right)
+        confidence = rate(disparity, self._best[0], descriptors, self._workers)
+        return DenseMatch(disparity, right, confidence)
 
     def _postprocess(
         self,
@@ -170,3 +187,5 @@ class Matcher:
             disparity, config.gap_width, config.gap_difference, self._workers
         )
         self._mean.smooth(disparity, self._workers)
+        if self._left is not None:
+            self._edges.move(disparity, self._left, self._workers)

@@ -123,9 +123,17 @@ def _remove_segments(disparity: Any, least: int, difference: Any, parent: Any, s
             size[at] = 0
             if d != d:
                 continue
-            if x > 0 and abs(disparity[y, x - 1] - d) <= difference:
+            beside = x > 0 and abs(disparity[y, x - 1] - d) <= difference
+            if beside:
                 parent[at] = parent[at - 1]
             if y > 0 and abs(disparity[y - 1, x] - d) <= difference:
+                if beside:
+                    corner = disparity[y - 1, x - 1]
+                    if abs(disparity[y - 1, x] - corner) <= difference and (
+                        abs(disparity[y, x - 1] - corner) <= difference
+                    ):
+                        # Both are joined by the pixel between them already.
+                        continue
                 a = _root(parent, at)
                 b = _root(parent, at - width)
                 # The earlier pixel becomes the root, so that labels do not
@@ -135,7 +143,8 @@ def _remove_segments(disparity: Any, least: int, difference: Any, parent: Any, s
                 elif b < a:
                     parent[a] = b
     for at in range(height * width):
-        root = _root(parent, at)
+        # Parents come first, so that theirs is a root by now.
+        root = parent[parent[at]]
         parent[at] = root
         size[root] += 1
     for y in range(height):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
+from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.descriptors import MIDDLE
 from uw_visibility.stereo.elas.support_filter import keep_consistent, mark_vertices, smooth
@@ -30,6 +31,8 @@ _HUGE = np.int32(1 << 30)
 _ORDER_STRIDE = 8
 # Deviation of a support disparity: this over the curvature of its cost, px.
 _COST_NOISE = np.float32(60.0)
+# Stands for bounds and thickness where airlight bounds nothing.
+_NO_BOUND = (np.empty((0, 0), np.float32), np.empty(0, np.float32))
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,7 @@ class SupportGrid:
         workers.rows(
             _search, rows, _ORDER_STRIDE, right, left, width, height, settings.step,
             disparities[0], disparities[1], settings.texture, np.float32(settings.uniqueness),
-            exchanged[0], exchanged[1],
+            *_NO_BOUND, exchanged[0], exchanged[1],
         )
         in_order = np.count_nonzero(self._found[::_ORDER_STRIDE] >= 0)
         return float((np.count_nonzero(exchanged[0] >= 0) + 10) / (in_order + 10))
@@ -128,6 +131,7 @@ class SupportGrid:
         right: NDArray[np.uint8],
         disparities: tuple[int, int],
         workers: Workers,
+        airlight: AirlightPrior | None = None,
     ) -> SupportPoints:
         """Find the support points of a described pair.
 
@@ -139,6 +143,8 @@ class SupportGrid:
             Smallest and largest disparity, inclusive, px.
         workers : Workers
             Threads.
+        airlight : AirlightPrior, optional
+            Leaves out disparities of ranges that the airlight excludes.
 
         Returns
         -------
@@ -147,10 +153,11 @@ class SupportGrid:
         settings = self._settings
         height, width = self._shape
         rows = self._found.shape[0]
+        bound = _NO_BOUND if airlight is None else (airlight.farthest, airlight.thickness)
         workers.rows(
             _search, rows, 1, left, right, width, height, settings.step, disparities[0],
-            disparities[1], settings.texture, np.float32(settings.uniqueness), self._found,
-            self._deviation,
+            disparities[1], settings.texture, np.float32(settings.uniqueness), bound[0], bound[1],
+            self._found, self._deviation,
         )
         workers.rows(
             keep_consistent, rows, self._found, settings.consistency_cells,
@@ -247,12 +254,22 @@ def vertex_of_parabola(before: Any, at: Any, after: Any) -> float:
 
 
 @njit(nogil=True)
+def _least_disparity(farthest: Any, thickness: Any, low: int, high: int) -> int:
+    """Return the disparity before the first that airlight allows; it counts as a rival."""
+    d = low
+    while d < high and thickness[d] > farthest:
+        d += 1
+    return max(d - 1, low)
+
+
+@njit(nogil=True)
 def _search(
     start: int, stop: int, stride: int, left: Any, right: Any, width: int, height: int, step: int,
-    low: int, high: int, texture: int, uniqueness: Any, found: Any, deviation: Any,
+    lowest: int, high: int, texture: int, uniqueness: Any, farthest: Any, thickness: Any,
+    found: Any, deviation: Any,
 ) -> None:
-    cost = np.empty(high - low + 1, np.int32)
-    floor = np.empty(high - low + 1, np.int32)
+    cost = np.empty(high - lowest + 1, np.int32)
+    floor = np.empty(high - lowest + 1, np.int32)
     for row in range(start, stop):
         v = row * stride * step + step // 2
         for column in range(found.shape[1]):
@@ -263,6 +280,9 @@ def _search(
             if _texture(left, (v * width + u) * BYTES) < texture:
                 continue
             last = min(high, u - REACH)
+            low = lowest
+            if thickness.size > 0:
+                low = _least_disparity(farthest[v, u], thickness, lowest, last)
             if last - low < 2 * SAME_MINIMUM + 2:
                 continue
             count = _scan(left, right, u, v, width, 1, low, last, cost)

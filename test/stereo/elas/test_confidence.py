@@ -1,0 +1,57 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Confidence: what it is called to be, on scenes whose disparity is known."""
+
+import numpy as np
+import pytest
+
+from uw_visibility.config import PipelineConfig
+from uw_visibility.evaluation.degrade import load_scene
+from uw_visibility.evaluation.rendered_scenes import render_scene
+from uw_visibility.evaluation.scenes import search_limit
+from uw_visibility.pipeline import Pipeline
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.optics import clear_water_attenuation, load_response
+
+PARTS = 5
+
+
+def curve(scene, mean_attenuation):
+    """Confidence, share within 1 px and mean error, by fifths of the confidence."""
+    kappa = clear_water_attenuation(load_response("nikon_d5100"))
+    config = PipelineConfig.from_parameters(
+        {"stereo.max_disparity": search_limit(scene) - 1, "threads": 1})
+    rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+    result = Pipeline(rig, config).process(*scene.degraded(mean_attenuation, 2.0, kappa))
+    assert result.confidence.dtype == np.float32
+    np.testing.assert_array_equal(result.confidence > 0, np.isfinite(result.disparity))
+    known = scene.known & np.isfinite(result.disparity)
+    confidence = result.confidence[known]
+    error = np.abs(result.disparity - scene.disparity_left)[known]
+    edges = np.quantile(confidence, np.linspace(0, 1, PARTS + 1))
+    part = np.clip(np.searchsorted(edges, confidence, "right") - 1, 0, PARTS - 1)
+    return np.array([
+        (confidence[part == k].mean(), np.mean(error[part == k] <= 1), error[part == k].mean())
+        for k in range(PARTS)
+    ])
+
+
+@pytest.mark.parametrize("mean_attenuation", [0.0, 0.3])
+@pytest.mark.parametrize("name", ["art", "dolls", "moebius"])
+def test_it_is_the_share_of_right_disparities(shared_data, name, mean_attenuation):
+    confidence, right, error = curve(
+        load_scene(shared_data / "middlebury" / name), mean_attenuation).T
+    assert np.all(np.diff(error) < 0)
+    assert np.all(np.diff(right) > 0)
+    assert np.abs(confidence - right).max() < 0.13
+    assert abs(confidence.mean() - right.mean()) < 0.05
+    # It tells much: among the best fifth hardly any is wrong, among the worst many are.
+    assert right[-1] > 0.97
+    assert right[0] < 0.8
+
+
+def test_it_falls_with_the_error_on_a_rendered_scene():
+    confidence, right, error = curve(render_scene(5), 0.2).T
+    assert error[0] > 2 * error[1]
+    assert right[0] < right[1:].min()
+    assert np.abs(confidence - right).max() < 0.06

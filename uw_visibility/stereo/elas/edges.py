@@ -1,0 +1,186 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Depth edges where the image has them: a vote of the neighbours that look alike.
+
+Descriptors reach over depth edges, so that the nearer surface grows by a few pixels.
+Near an edge each pixel is given to that of the two surfaces whose pixels resemble it
+more: a weighted mode filter (Min, Lu and Do, doi 10.1109/TIP.2011.2163164) of two modes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.kernel_cache import njit
+from uw_visibility.parallel import Workers
+from uw_visibility.stereo.contrast import EvenContrast
+
+# Pixels that vote: five by five of them, this far apart.
+STRIDE = 3
+_STEPS = 2
+MARGIN = STRIDE * _STEPS
+VOTERS = (2 * _STEPS + 1) ** 2
+# Range of disparities around a pixel from which there is an edge, px, and how much
+# a pixel has to change to be on the other side of it.
+_EDGE = np.float32(3.0)
+_CHANGE = np.float32(1.5)
+# Difference of even contrast, 8-bit levels, at which a vote counts half.
+_ALIKE = 17.0
+
+
+class EdgeVote:
+    """Moves depth edges to those of the image, in memory that is allocated once.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width, px.
+    """
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._before = np.empty(shape, np.float32)
+
+    def move(
+        self, disparity: NDArray[np.float32], image: EvenContrast, workers: Workers
+    ) -> None:
+        """Move the edges of a map ``(H, W)`` float32, px, in place; NaN stays NaN."""
+        np.copyto(self._before, disparity)
+        workers.rows(
+            _vote, disparity.shape[0], image.grey, image.gain, self._before, disparity
+        )
+
+
+@njit(nogil=True, error_model="numpy")
+def range_around(before: Any, y: int, low: Any, high: Any, far: Any, near: Any) -> None:
+    """Write the least and the largest of the voters' disparities around each pixel of a row.
+
+    ``low`` and ``high`` reach `MARGIN` columns beyond the row, where nothing is.
+    """
+    height, width = before.shape
+    inner = slice(MARGIN, MARGIN + width)
+    a, b = before[max(y - MARGIN, 0)], before[max(y - STRIDE, 0)]
+    c, d = before[y], before[min(y + STRIDE, height - 1)]
+    e = before[min(y + MARGIN, height - 1)]
+    _least(a, b, c, d, e, np.float32(np.inf), low[inner])
+    _largest(a, b, c, d, e, np.float32(-np.inf), high[inner])
+    i, j, k, m = STRIDE, 2 * STRIDE, 3 * STRIDE, 4 * STRIDE
+    _least(low, low[i:], low[j:], low[k:], low[m:], np.float32(np.inf), far)
+    _largest(high, high[i:], high[j:], high[k:], high[m:], np.float32(-np.inf), near)
+
+
+@njit(nogil=True, error_model="numpy")
+def _least(a: Any, b: Any, c: Any, d: Any, e: Any, most: Any, out: Any) -> None:
+    """Write the least of five rows, but for NaN; all rows at once, since that makes vector code."""
+    for x in range(out.size):
+        m = a[x] if a[x] < most else most
+        m = b[x] if b[x] < m else m
+        m = c[x] if c[x] < m else m
+        m = d[x] if d[x] < m else m
+        out[x] = e[x] if e[x] < m else m
+
+
+@njit(nogil=True, error_model="numpy")
+def _largest(a: Any, b: Any, c: Any, d: Any, e: Any, least: Any, out: Any) -> None:
+    for x in range(out.size):
+        m = a[x] if a[x] > least else least
+        m = b[x] if b[x] > m else m
+        m = c[x] if c[x] > m else m
+        m = d[x] if d[x] > m else m
+        out[x] = e[x] if e[x] > m else m
+
+
+@njit(nogil=True, error_model="numpy")
+def _add_votes(
+    tone: Any, scale: Any, middle: Any, voter_tone: Any, voter: Any, closeness: Any, balance: Any
+) -> None:
+    """Add one voter of each pixel to the balance: for the near side, or for the far one."""
+    zero = np.float32(0)
+    for x in range(balance.size):
+        weight = closeness * _alike((tone[x] - voter_tone[x]) * scale[x])
+        d = voter[x]
+        vote = weight if d > middle[x] else -weight
+        balance[x] += vote if d == d else zero
+
+
+@njit(nogil=True, error_model="numpy")
+def _alike(difference: Any) -> Any:
+    square = difference * difference
+    return np.float32(1) / (np.float32(1) + square * square)
+
+
+@njit(nogil=True, error_model="numpy")
+def _vote(start: int, stop: int, grey: Any, gain: Any, before: Any, after: Any) -> None:
+    height, width = before.shape
+    low = np.full(width + 2 * MARGIN, np.inf, np.float32)
+    high = np.full(width + 2 * MARGIN, -np.inf, np.float32)
+    far, near = np.empty(width, np.float32), np.empty(width, np.float32)
+    middle, scale = np.empty(width, np.float32), np.empty(width, np.float32)
+    balance = np.empty(width, np.float32)
+    tones = np.empty((2 * _STEPS + 1, width), np.float32)
+    for y in range(start, stop):
+        range_around(before, y, low, high, far, near)
+        for x in range(width):
+            middle[x] = np.float32(0.5) * (far[x] + near[x])
+            scale[x] = gain[y, x] * np.float32(1.0 / _ALIKE)
+            balance[x] = 0
+        for j in range(2 * _STEPS + 1):
+            source = grey[min(max(y + (j - _STEPS) * STRIDE, 0), height - 1)]
+            row = tones[j]
+            for x in range(width):
+                row[x] = np.float32(source[x])
+        first, last = _span_of_edges(near, far)
+        for j in range(-_STEPS, _STEPS + 1):
+            voters = before[min(max(y + j * STRIDE, 0), height - 1)]
+            voter_tones = tones[j + _STEPS]
+            for i in range(-_STEPS, _STEPS + 1):
+                shift = i * STRIDE
+                a, b = max(first, -shift), min(last, width - shift)
+                if a >= b:
+                    continue
+                _add_votes(
+                    tones[_STEPS][a:b], scale[a:b], middle[a:b], voter_tones[a + shift : b + shift],
+                    voters[a + shift : b + shift],
+                    np.float32(_STEPS**2 / (_STEPS**2 + i * i + j * j)), balance[a:b],
+                )
+        for x in range(first, last):
+            if near[x] - far[x] >= _EDGE:
+                d = before[y, x]
+                if d == d and (balance[x] > 0) != (d > middle[x]):
+                    other = _mean_of_side(tones, scale[x], before, y, x, middle[x], balance[x] > 0)
+                    after[y, x] = other if abs(other - d) > _CHANGE else d
+
+
+@njit(nogil=True, error_model="numpy")
+def _span_of_edges(near: Any, far: Any) -> Any:
+    """Return the columns from the first edge of a row to behind the last; 0, 0 without any."""
+    first = 0
+    while first < near.size and not near[first] - far[first] >= _EDGE:
+        first += 1
+    last = near.size
+    while last > first and not near[last - 1] - far[last - 1] >= _EDGE:
+        last -= 1
+    return first, last
+
+
+@njit(nogil=True, error_model="numpy")
+def _mean_of_side(
+    tones: Any, scale: Any, before: Any, y: int, x: int, middle: Any, near: bool
+) -> Any:
+    """Mean disparity of the voters of one side, by their weight; there is one at least."""
+    height, width = before.shape
+    total = weighted = np.float32(0)
+    for j in range(-_STEPS, _STEPS + 1):
+        v = min(max(y + j * STRIDE, 0), height - 1)
+        for i in range(-_STEPS, _STEPS + 1):
+            u = x + i * STRIDE
+            if 0 <= u < width and before[v, u] == before[v, u]:
+                d = before[v, u]
+                if (d > middle) == near:
+                    weight = _alike((tones[_STEPS, x] - tones[j + _STEPS, u]) * scale)
+                    weight *= np.float32(_STEPS**2 / (_STEPS**2 + i * i + j * j))
+                    total += weight
+                    weighted += weight * d
+    return weighted / total
