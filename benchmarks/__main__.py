@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import presets
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.evaluation.baselines import sgbm
 from uw_visibility.evaluation.degrade import load_scene
@@ -60,6 +61,7 @@ def main() -> None:
             small, large = (report[f"{w}x{h}"][threads] for w, h, _ in CASES)
             large["over_small"] = large["pipeline_ms"] / small["pipeline_ms"]
             print(f"{threads} thread(s): large over small {large['over_small']:.2f}")
+    report["presets"] = presets.compare([], options.rounds)
     Path(options.json).write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     print(f"\nratios written to {options.json}")
 

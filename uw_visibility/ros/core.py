@@ -40,9 +40,9 @@ SILENCE_PERIOD = 30.0
 # A clock that goes back by more than this was set back, s.
 CLOCK_JUMP = 0.1
 
-# Kernels are compiled once per type of pixel, not per size or rig.
+# Kernels are compiled once per type of pixel, not per size or rig; a small image is quicker.
 WARM_UP_RIG = StereoRig(500.0, 0.1, (319.5, 239.5))
-WARM_UP_SHAPE = (480, 640)
+WARM_UP_SHAPE = (120, 160)
 
 
 class NodeCore:
