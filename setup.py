@@ -59,8 +59,8 @@ setup(
     entry_points={
         "console_scripts": [
             f"uw_visibility = {NAME}.cli:main",
-            f"uw_visibility_node = {NAME}.ros.node:main",
-            f"uw_visibility_lifecycle_node = {NAME}.ros.lifecycle:main",
+            f"uw_visibility_node = {NAME}.ros.start:node",
+            f"uw_visibility_lifecycle_node = {NAME}.ros.start:lifecycle_node",
         ],
     },
 )

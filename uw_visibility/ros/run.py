@@ -17,7 +17,7 @@ from rclpy.node import Node
 from uw_visibility.errors import InputError
 
 # How long the exit waits for the frame that is being processed, s.
-STOP_TIMEOUT = 1.0
+STOP_TIMEOUT = 0.5
 # How long the pipeline's thread may keep the interpreter from the callbacks, s. By
 # default it is ten times as long, which is what an answer then waits.
 SWITCH_INTERVAL = 5e-4
@@ -43,18 +43,26 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
     sys.setswitchinterval(SWITCH_INTERVAL)
     # rclpy's handlers stop the executor; Python's own would also raise
     # KeyboardInterrupt at a place of its choice.
-    signal.signal(signal.SIGINT, lambda *_: None)
-    signal.signal(signal.SIGTERM, lambda *_: None)
+    asked: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: asked.append(number))
     try:
         rclpy.init(args=None if arguments is None else list(arguments))
     except Exception as error:
         return _refuse(error)
     try:
         node = make_node()
-    except InputError as error:
+    except Exception as error:
+        # What fails because a signal has ended the context is the signal's doing.
+        interrupted = bool(asked) or not rclpy.ok()
         rclpy.try_shutdown()
-        return _refuse(error)
-    _spin(node)
+        if interrupted:
+            return 0
+        if isinstance(error, InputError):
+            return _refuse(error)
+        raise
+    if not asked:
+        _spin(node)
     if not node.stop(STOP_TIMEOUT):
         _leave()
     node.destroy_node()

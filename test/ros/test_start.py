@@ -1,0 +1,69 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Signals that come while the node starts end it as quietly as later ones."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS is not installed")
+
+from uw_visibility.ros import start
+
+ENVIRONMENT = {
+    **os.environ, "ROS_DOMAIN_ID": str(1 + os.getpid() % 99),
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+}
+COMMAND = "import sys; from uw_visibility.ros.start import {0}; sys.exit({0}())"
+
+# A signal while the node is made lets what it makes fail.
+INTERRUPTED = """
+import os, signal, sys, time, rclpy
+from uw_visibility.errors import InputError
+from uw_visibility.ros.run import run
+def make():
+    os.kill(os.getpid(), signal.{signal})
+    while rclpy.ok():
+        time.sleep(0.01)
+    raise {error}("the context is invalid")
+sys.exit(run(make, []))
+"""
+
+
+def start_python(code: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", code], env=ENVIRONMENT, text=True,
+        cwd=Path(__file__).resolve().parents[2],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    )
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("name", ["node", "lifecycle_node"])
+def test_signal_while_modules_are_imported(name: str, number: int) -> None:
+    process = start_python(COMMAND.format(name))
+    end = time.monotonic() + 30
+    while "numpy" not in Path(f"/proc/{process.pid}/maps").read_text():
+        assert process.poll() is None and time.monotonic() < end
+    process.send_signal(number)
+    assert (process.communicate(timeout=30)[0], process.returncode) == ("", 0)
+
+
+@pytest.mark.parametrize("error", ["InputError", "RuntimeError"])
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+def test_signal_while_the_node_is_made(error: str, number: str) -> None:
+    process = start_python(INTERRUPTED.format(signal=number, error=error))
+    assert (process.communicate(timeout=30)[0], process.returncode) == ("", 0)
+
+
+def test_executables_are_those_that_setup_names() -> None:
+    setup = (Path(__file__).resolve().parents[2] / "setup.py").read_text(encoding="utf-8")
+    for name in (start.node.__name__, start.lifecycle_node.__name__):
+        assert f"ros.start:{name}" in setup
