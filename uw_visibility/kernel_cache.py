@@ -162,7 +162,8 @@ class KernelCache(caching._Cache):  # type: ignore[misc]
     def _loading(self) -> list[Any]:
         """Where to look: the folder that is written to, then what came with the package."""
         places = [] if self._saving is None else [self._saving]
-        if writable_folder() not in (package_folder(), _chosen_folder()):
+        chosen = writable_folder() is not None and writable_folder() == _chosen_folder()
+        if not chosen and writable_folder() != package_folder():
             places.append(self._files(package_folder()))
         return places
 
