@@ -30,6 +30,7 @@ written to DIR:
   cases.csv         a row for each scene and water: every estimate and its truth,
                     disparities and colours of all methods
   conditions.csv    means over the scenes for each water
+  edges.csv         errors beside depth edges and elsewhere, by the way to a dense map
   transect.csv      a row for each frame of the transect
   evaluation.json   all of these, the settings, and the summary
   fig3_SCENE.png    pixels over range, envelopes and fitted curves (Fig. 3)

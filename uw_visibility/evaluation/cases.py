@@ -10,7 +10,7 @@ restores with the true water and range.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -22,7 +22,9 @@ from uw_visibility.enhancement.radiance import recover_radiance
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation import baselines, metrics
 from uw_visibility.evaluation.degrade import Scene, fill_from_background
+from uw_visibility.evaluation.depth_edges import EdgeErrors, edge_errors
 from uw_visibility.evaluation.first_step import first_enhancement
+from uw_visibility.evaluation.oracle_matching import match_with_truth
 from uw_visibility.evaluation.readings import Reading, Truth, flat
 from uw_visibility.evaluation.scenes import SceneSource, search_limit, tolerance
 from uw_visibility.pipeline import Pipeline
@@ -51,6 +53,7 @@ MATCHES = {
     "oracle_sgbm": "SGBM after the oracle",
     "ours_raw": "ours, raw pair",
     "ours": "ours, enhanced pair",
+    "oracle_ours": "ours, true water and ranges",
 }
 """Disparity maps, by their names in tables."""
 
@@ -133,6 +136,9 @@ class CaseResult:
         Mean ΔE*ab over the image, by the names of `IMAGES`; NaN where refused.
     pictures : Pictures or None
         Where the case asked for them.
+    edges : list of EdgeErrors
+        Errors beside depth edges, where the case asked for pictures and the pair
+        was not refused.
     """
 
     scene: str
@@ -144,6 +150,7 @@ class CaseResult:
     correct: dict[str, float]
     colour_difference: dict[str, float]
     pictures: Pictures | None = None
+    edges: list[EdgeErrors] = field(default_factory=list)
 
     def row(self) -> dict[str, Any]:
         """Return the case as a row of a table."""
@@ -196,6 +203,8 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
     disparities = _peer_matches(left, right, images["oracle"], oracle_right, bench.disparities)
     if result is not None:
         disparities["ours_raw"], disparities["ours"] = result.disparity_original, result.disparity
+    disparities["oracle_ours"] = match_with_truth(
+        left, right, fill_from_background(scene.disparity_left), truth, bench.rig, bench.config)
     readings = bench.read(left, bench.exact_range, result, refusal)
     return CaseResult(
         scene=scene.name,
@@ -223,6 +232,8 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
             scene.left, {name: images[name] for name in IMAGES if name in images},
             bench.exact_range, None if result is None else result.water.envelope,
         ),
+        edges=[] if result is None or not case.pictures else edge_errors(
+            scene, left, right, result, bench.rig, bench.config),
     )
 
 

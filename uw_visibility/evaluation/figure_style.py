@@ -51,6 +51,7 @@ MATCH_STYLES = {
         ("oracle_sgbm", ORACLE, "D", ":"),
         ("ours_raw", OURS_BEFORE, "s", "-"),
         ("ours", OURS, "o", "-"),
+        ("oracle_ours", OURS, "x", ":"),
     )
 }
 IMAGE_STYLES = {

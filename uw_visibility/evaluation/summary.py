@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from uw_visibility.evaluation.cases import IMAGES, MATCHES, READINGS, CaseResult
+from uw_visibility.evaluation.depth_edges import MAPS
 from uw_visibility.evaluation.experiments import Evaluation
 from uw_visibility.evaluation.metrics import fraction_within, normalised_errors
 from uw_visibility.evaluation.readings import Reading, Truth
@@ -38,7 +39,8 @@ def summarise(evaluation: Evaluation) -> Summary:
     dict
         ``water`` by the names of `READINGS`; ``disparity`` and
         ``colour_difference`` by those of `MATCHES` and `IMAGES`; the last two
-        again in ``conditions``, over the scenes, for each water; ``transect``.
+        again in ``conditions``, over the scenes, for each water; ``unmatched`` by
+        scene and depth; ``depth_edges`` by the names of `MAPS`; ``transect``.
         NaN where there is nothing to take a mean of.
     """
     cases = evaluation.cases
@@ -69,6 +71,8 @@ def summarise(evaluation: Evaluation) -> Summary:
                     and np.isclose(case.truth.mean_attenuation, attenuation, atol=1e-9))
             ]]
         ],
+        "unmatched": _unmatched(cases),
+        "depth_edges": _depth_edges(cases),
         "transect": _transect(evaluation.transect),
     }
 
@@ -165,6 +169,36 @@ def _mean_disparity(cases: Sequence[CaseResult]) -> dict[str, dict[str, float]]:
             "correct": _mean(case.correct[name] for case in cases),
         }
         for name in MATCHES
+    }
+
+
+def _unmatched(cases: Sequence[CaseResult]) -> list[Summary]:
+    """Return the largest unmatched share over turbidity, by scene and depth (Fig. 6)."""
+    places: dict[tuple[str, float], list[CaseResult]] = {}
+    for case in cases:
+        places.setdefault((case.scene, case.truth.depth), []).append(case)
+    return [
+        {
+            "scene": scene,
+            "depth": depth,
+            "largest": {name: max(1.0 - c.matched[name] for c in same) for name in MATCHES},
+            "above_oracle": max(
+                c.matched["oracle_ours"] - c.matched["ours"] for c in same),
+        }
+        for (scene, depth), same in places.items()
+    ]
+
+
+def _depth_edges(cases: Sequence[CaseResult]) -> Summary:
+    """Return mean errors beside depth edges and elsewhere, over the scenes."""
+    errors = [error for case in cases for error in case.edges]
+    return {
+        name: {
+            field: _mean(getattr(error, field) for error in errors if error.map == name)
+            for field in (
+                "disparity_near", "disparity_elsewhere", "colour_near", "colour_elsewhere")
+        }
+        for name in MAPS if errors
     }
 
 

@@ -18,7 +18,7 @@ from uw_visibility.evaluation.summary import Summary, columns_of
 
 
 def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None:
-    """Write ``cases.csv``, ``conditions.csv``, ``transect.csv`` and ``evaluation.json``.
+    """Write ``cases.csv``, ``conditions.csv``, ``edges.csv``, ``transect.csv``, and all as JSON.
 
     What is not assessable is an empty field of a CSV file and null in JSON.
 
@@ -34,7 +34,12 @@ def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None
     cases = [case.row() for case in evaluation.cases]
     transect = [row.row() for row in evaluation.transect]
     conditions = [columns_of(condition) for condition in summary["conditions"]]
-    for name, rows in (("cases", cases), ("conditions", conditions), ("transect", transect)):
+    edges = [
+        {"scene": case.scene, **error.row()} for case in evaluation.cases for error in case.edges
+    ]
+    for name, rows in (
+        ("cases", cases), ("conditions", conditions), ("edges", edges), ("transect", transect),
+    ):
         if rows:
             (folder / f"{name}.csv").write_text(_as_csv(rows), encoding="utf-8")
     plan = evaluation.plan

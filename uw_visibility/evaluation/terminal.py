@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from uw_visibility.evaluation.cases import IMAGES, MATCHES, READINGS
+from uw_visibility.evaluation.depth_edges import DISTANCE, MAPS
 from uw_visibility.evaluation.summary import TURBID, Summary
 
 # Places that are listed of one reason; evaluation.json has them all.
 PLACES_SHOWN = 4
 TRANSECT = {"pipeline": "", "tracked": ", filtered", "exact": ", exact ranges"}
-SHORT_MATCHES = ("SGBM", "CLAHE+", "oracle+", "ours raw", "ours")
+SHORT_MATCHES = ("SGBM", "CLAHE+", "oracle+", "ours raw", "ours", "true w.")
 SHORT_IMAGES = ("input", "hist.", "CLAHE", "step 1", "final", "oracle")
 
 
@@ -36,11 +37,11 @@ def as_text(summary: Summary) -> str:
         parts += [
             f"{summary['cases']} cases: {', '.join(summary['scenes'])}",
             _water(summary), _disparity(summary), _colour(summary), _conditions(summary),
-            _not_assessed(summary["water"]),
+            _unmatched(summary), _depth_edges(summary), _not_assessed(summary["water"]),
         ]
     if summary["transect"] is not None:
         parts.append(_transect(summary["transect"]))
-    return "\n\n".join(parts)
+    return "\n\n".join(part for part in parts if part)
 
 
 def _water(summary: Summary) -> str:
@@ -111,6 +112,36 @@ def _conditions(summary: Summary) -> str:
             [_number(condition["colour_difference"][name]["mean"], 1) for name in IMAGES],
         ))
     return "\n".join(lines)
+
+
+def _unmatched(summary: Summary) -> str:
+    lines = [
+        "unmatched, largest over α (Fig. 6; the paper: 0.92 and 0.72 conventional, 0.23 its own)",
+        f"  {'scene':16s}{'z':>4s} {''.join(f'{name:>9s}' for name in SHORT_MATCHES)}"
+        f"{'above true w.':>15s}",
+    ]
+    for place in summary["unmatched"]:
+        values = "".join(f"{_number(place['largest'][name], 3):>9s}" for name in MATCHES)
+        lines.append(
+            f"  {place['scene']:16s}{place['depth']:4g} {values}"
+            f"{_number(place['above_oracle'], 3):>15s}"
+        )
+    return "\n".join(lines)
+
+
+def _depth_edges(summary: Summary) -> str:
+    """Errors within a few pixels of true depth edges, and elsewhere."""
+    lines = [
+        f"{f'within {DISTANCE} px of depth edges / elsewhere':46s}{'disparity [px]':>20s}"
+        f"{'ΔE*ab':>20s}"
+    ]
+    for name, errors in summary["depth_edges"].items():
+        disparity, colour = (
+            f"{_number(errors[f'{what}_near'], 2)} / {_number(errors[f'{what}_elsewhere'], 2)}"
+            for what in ("disparity", "colour")
+        )
+        lines.append(f"  {MAPS[name]:44s}{disparity:>20s}{colour:>20s}")
+    return "\n".join(lines if len(lines) > 1 else [])
 
 
 def _not_assessed(water: Summary) -> str:

@@ -1,0 +1,57 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The matting solve against its fast form: errors beside depth edges, elsewhere, and time.
+
+python -m benchmarks.matting [SCENE ...], each a folder of the Middlebury form; without
+one, rendered scenes.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from uw_visibility import Pipeline, PipelineConfig, StereoRig
+from uw_visibility.evaluation.depth_edges import DISTANCE, MAPS, edge_errors
+from uw_visibility.evaluation.scenes import find_scenes, search_limit
+from uw_visibility.water.optics import clear_water_attenuation, load_response
+
+MEAN_ATTENUATION = 0.2
+DEPTH = 2.0
+
+
+def main() -> None:
+    """Print the table of each scene, and their mean."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.matting", description=__doc__)
+    parser.add_argument("datasets", nargs="*", type=Path, metavar="SCENE")
+    kappa = clear_water_attenuation(load_response("nikon_d5100"))
+    tables = []
+    print(f"within {DISTANCE} px of depth edges / elsewhere, α = {MEAN_ATTENUATION:g} 1/m")
+    for source in find_scenes(parser.parse_args().datasets):
+        scene = source.load()
+        config = PipelineConfig.from_parameters(
+            {"stereo.max_disparity": search_limit(scene) - 1, "threads": 1})
+        rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+        left, right = scene.degraded(MEAN_ATTENUATION, DEPTH, kappa)
+        result = Pipeline(rig, config).process(left, right)
+        errors = edge_errors(scene, left, right, result, rig, config)
+        tables.append([
+            (e.disparity_near, e.disparity_elsewhere, e.colour_near, e.colour_elsewhere,
+             e.milliseconds) for e in errors
+        ])
+        print_table(scene.name, np.array(tables[-1]))
+    print_table("mean", np.mean(tables, axis=0))
+
+
+def print_table(name: str, table: np.ndarray) -> None:
+    """Print the errors of each map of one scene."""
+    print(f"\n  {name:28s}{'disparity, px':>16s}{'ΔE*ab':>18s}{'ms, 1 thread':>14s}")
+    for title, row in zip(MAPS.values(), table, strict=True):
+        spent = f"{row[4]:14.1f}" if np.isfinite(row[4]) else ""
+        print(f"  {title:28s}{row[0]:8.2f} /{row[1]:6.2f}{row[2]:10.2f} /{row[3]:6.2f}{spent}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,58 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Errors beside depth edges, and what the matcher reaches with the truth."""
+
+import numpy as np
+import pytest
+
+from uw_visibility.config import PipelineConfig
+from uw_visibility.evaluation.degrade import fill_from_background
+from uw_visibility.evaluation.depth_edges import MAPS, edge_errors
+from uw_visibility.evaluation.metrics import correct_fraction
+from uw_visibility.evaluation.oracle_matching import match_with_truth
+from uw_visibility.evaluation.readings import Truth
+from uw_visibility.evaluation.rendered_scenes import render_scene
+from uw_visibility.pipeline import Pipeline
+from uw_visibility.simulation.camera import StereoCamera
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.optics import clear_water_attenuation, load_response
+
+ALPHA, DEPTH = 0.3, 2.0
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """A rendered scene in turbid water, and what the pipeline says of it."""
+    camera = StereoCamera(320, 240, 280.0, 0.2)
+    scene = render_scene(0, camera)
+    kappa = clear_water_attenuation(load_response("nikon_d5100"))
+    truth = Truth.of_clear_water_and_particles(ALPHA, DEPTH, kappa, 0.05)
+    left, right = scene.degraded(ALPHA, DEPTH, kappa)
+    config = PipelineConfig.from_parameters({"threads": 1, "stereo.max_disparity": 63})
+    rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+    return scene, truth, left, right, rig, config, Pipeline(rig, config).process(left, right)
+
+
+def test_errors_near_edges_fall_from_the_mesh_to_the_truth(seen):
+    scene, _, left, right, rig, config, result = seen
+    errors = {e.map: e for e in edge_errors(scene, left, right, result, rig, config)}
+    assert list(errors) == list(MAPS)
+    assert errors["truth"].disparity_near == errors["truth"].disparity_elsewhere == 0
+    for field in ("disparity_near", "colour_near"):
+        mesh, guided, final, truth = (
+            getattr(errors[name], field) for name in ("mesh", "guided", "final", "truth"))
+        assert truth < final < guided < mesh
+    # The filter stands for the solve.
+    assert errors["guided"].disparity_near < 1.15 * errors["laplacian"].disparity_near
+
+
+def test_the_truth_matches_at_least_as_much(seen):
+    scene, truth, left, right, rig, config, result = seen
+    filled = fill_from_background(scene.disparity_left)
+    known = match_with_truth(left, right, filled, truth, rig, config)
+    ours, oracle = (
+        correct_fraction(d, scene.disparity_left) for d in (result.disparity, known))
+    assert oracle > ours - 0.01
+    # Ranges that are wrong take contrast from where it is needed.
+    wrong = match_with_truth(left, right, np.full_like(filled, 60), truth, rig, config)
+    assert np.isfinite(known).mean() > np.isfinite(wrong).mean()

@@ -1,0 +1,137 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Halos: errors of range and colour beside true depth edges, by the way to a dense map.
+
+The same image, in the same water, is restored with several dense disparity maps, so
+that their colours differ by what the maps do: the mesh of step 1 alone, its matting by
+the guided filter and by the matting Laplacian that the filter stands for, step 2's
+matches with gaps filled, and the truth.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.config import PipelineConfig
+from uw_visibility.enhancement.matting import Matting
+from uw_visibility.enhancement.radiance import Restorer
+from uw_visibility.evaluation.degrade import Scene, fill_from_background
+from uw_visibility.evaluation.metrics import colour_difference, halo
+from uw_visibility.parallel import Workers
+from uw_visibility.result import FrameResult
+from uw_visibility.stages import Stages
+from uw_visibility.stereo.interpolation import inpaint
+from uw_visibility.stereo.rig import StereoRig
+
+Map = NDArray[np.float32]
+
+MAPS = {
+    "mesh": "mesh of step 1",
+    "guided": "step 1, guided filter",
+    "laplacian": "step 1, matting Laplacian",
+    "final": "step 2, gaps filled",
+    "truth": "true ranges",
+}
+"""Dense maps, by their names in tables."""
+
+DISTANCE = 5
+"""What counts as near an edge, px."""
+
+
+@dataclass(frozen=True)
+class EdgeErrors:
+    """Mean errors of one dense map, within `DISTANCE` of true depth edges and elsewhere.
+
+    Attributes
+    ----------
+    map : str
+        A name of `MAPS`.
+    disparity_near, disparity_elsewhere : float
+        px, of pixels whose truth is known.
+    colour_near, colour_elsewhere : float
+        ΔE*ab to the scene in air of the image restored with the map.
+    milliseconds : float
+        Processor time of the matting in one thread; NaN for other maps. It is
+        measured, so that two runs differ in it, and is left out of tables.
+    """
+
+    map: str
+    disparity_near: float
+    disparity_elsewhere: float
+    colour_near: float
+    colour_elsewhere: float
+    milliseconds: float = field(default=float("nan"), compare=False)
+
+    def row(self) -> dict[str, Any]:
+        """Return the errors as a row of a table."""
+        return {
+            "map": self.map,
+            "disparity.near": self.disparity_near, "disparity.elsewhere": self.disparity_elsewhere,
+            "colour.near": self.colour_near, "colour.elsewhere": self.colour_elsewhere,
+        }
+
+
+def edge_errors(
+    scene: Scene,
+    left: NDArray[np.uint8],
+    right: NDArray[np.uint8],
+    result: FrameResult,
+    rig: StereoRig,
+    config: PipelineConfig,
+) -> list[EdgeErrors]:
+    """Measure each map of `MAPS`.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene in air.
+    left, right : (H, W, 3) uint8 ndarray
+        The pair under water.
+    result : FrameResult
+        What the pipeline said of the pair.
+    rig, config
+        Those of the pipeline.
+
+    Returns
+    -------
+    list of EdgeErrors
+        In the order of `MAPS`.
+    """
+    workers = Workers(1)
+    stages = Stages((left.shape[0], left.shape[1]), rig, config, workers)
+    stages.describe_raw(left, right)
+    mesh = stages.matcher.coarse_disparity(stages.matcher.support_points())
+    maps = {"mesh": inpaint(mesh), "final": result.disparity_filled}
+    maps["truth"] = fill_from_background(scene.disparity_left)
+    times = {}
+    for method in ("guided", "laplacian"):
+        matting = Matting(replace(config.enhancement, matting=method), workers)
+        maps[method], times[method] = _timed(
+            lambda matting=matting: matting.refine(mesh, None, left).disparity)  # type: ignore[misc]
+    restorer = Restorer(config.enhancement, config.camera.transfer, workers)
+    errors = []
+    for name in MAPS:
+        restored, _ = restorer.restore(left, rig.range_from_disparity(maps[name]), result.water)
+        colour = np.where(scene.known, colour_difference(restored, scene.left), np.nan)
+        colours = halo(colour, scene.disparity_left, DISTANCE)
+        off = np.abs(maps[name] - scene.disparity_left)
+        disparities = halo(off, scene.disparity_left, DISTANCE)
+        errors.append(EdgeErrors(
+            name, disparities.near, disparities.elsewhere, colours.near, colours.elsewhere,
+            times.get(name, float("nan")),
+        ))
+    return errors
+
+
+def _timed(call: Callable[[], Map]) -> tuple[Map, float]:
+    """Return what a call gives and its processor time, ms, once memory is allocated."""
+    call()
+    begin = time.thread_time()
+    found = call()
+    return found, 1e3 * (time.thread_time() - begin)
