@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import csv
 import json
+import pickle
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from bag_copies import DARK, DIVE_FRAMES, HARD_PARAMETERS, messages_of, paramete
 
 from uw_visibility.cli import main
 from uw_visibility.replay import provenance
+from uw_visibility.replay.filtering import EstimateLog
 from uw_visibility.replay.recorder import FrameRecorder
 from uw_visibility.replay.table import read_rows
 from uw_visibility.replay.work import RecordingProcessor
@@ -119,6 +121,17 @@ def test_a_resumed_replay_is_as_if_it_had_not_been_interrupted(
     assert done.code == 0
     kept = int(done.out.split(" of them from before")[0].rpartition(" ")[2])
     assert (1 if crashed else INTERRUPTED_AT - 2) <= kept < INTERRUPTED_AT
+    check_complete(interrupted, hard_replayed)
+
+
+def test_frames_that_the_part_holds_less_of_than_it_says_are_worked_on_again(
+    interrupted: Interrupted, hard_replayed: Path
+) -> None:
+    path = interrupted.partial / EstimateLog.NAME
+    with path.open("rb") as file:
+        entries = [pickle.load(file) for _ in range(INTERRUPTED_AT - 1)]
+    path.write_bytes(b"".join(pickle.dumps(entry) for entry in entries[1:]))
+    assert interrupted.again("--resume").code == 0
     check_complete(interrupted, hard_replayed)
 
 

@@ -12,7 +12,7 @@ from uw_visibility.outputs import all_topics
 from uw_visibility.replay.filtering import EstimateLog, FilterStage
 from uw_visibility.replay.options import ReplayOptions
 from uw_visibility.replay.results import ResultWriter
-from uw_visibility.replay.table import COLUMNS, JOINED, TableWriter
+from uw_visibility.replay.table import COLUMNS, TableWriter
 from uw_visibility.replay.work import FrameAnswer
 
 Row = dict[str, str]
@@ -52,8 +52,7 @@ class FrameRecorder:
         """Write the messages of a frame, filtered ones too; returns its row of the table."""
         self._results.write_messages(answer.messages, answer.time)
         self._write_timing(answer)
-        # Rows of an earlier part are joined anew, so that the test's memory is right.
-        row = {k: v for k, v in answer.row.items() if k not in JOINED}
+        row = dict(answer.row)
         if answer.estimate is not None:
             messages, columns = self._filter.add(answer.estimate)
             self._results.write_messages(messages, answer.time)

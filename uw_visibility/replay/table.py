@@ -43,9 +43,6 @@ COLUMNS: tuple[str, ...] = (
 )
 """Columns of ``frames.csv``: m, 1/m, degrees; stamps and time in s; empty = not known."""
 
-JOINED = COLUMNS[COLUMNS.index("sensor_depth"):]
-"""Columns that need more than the frame itself."""
-
 
 def seconds(nanoseconds: int) -> str:
     """Return a time in s with all its digits."""
