@@ -13,7 +13,8 @@ import pytest
 
 from uw_visibility.config import PlausibilityConfig
 from uw_visibility.depth_series import DepthSample, interpolate
-from uw_visibility.plausibility import DepthMonitor, Report, Verdict
+from uw_visibility.depth_verdict import Report, Verdict
+from uw_visibility.plausibility import DepthMonitor
 from uw_visibility.status import Status
 
 SECOND = 1_000_000_000

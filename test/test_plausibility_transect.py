@@ -11,8 +11,9 @@ import pytest
 
 from uw_visibility.config import PipelineConfig, PlausibilityConfig
 from uw_visibility.depth_series import DepthSample
+from uw_visibility.depth_verdict import Verdict
 from uw_visibility.pipeline import Pipeline
-from uw_visibility.plausibility import DepthMonitor, Verdict
+from uw_visibility.plausibility import DepthMonitor
 from uw_visibility.result import FrameResult
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.transect import Transect

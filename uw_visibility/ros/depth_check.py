@@ -13,9 +13,10 @@ from std_msgs.msg import Float64
 
 from uw_visibility.depth_sensor import SENSOR_TYPES, read_depth
 from uw_visibility.depth_series import DepthSample
+from uw_visibility.depth_verdict import Comparison, Report, Verdict
 from uw_visibility.errors import InputError
 from uw_visibility.messages import stamp_to_nanoseconds
-from uw_visibility.plausibility import Comparison, DepthMonitor, Report, Verdict
+from uw_visibility.plausibility import DepthMonitor
 from uw_visibility.result import FrameResult
 from uw_visibility.ros.diagnostics import ERROR, OK, STALE, WARN, Finding
 from uw_visibility.ros.factory import message_type
