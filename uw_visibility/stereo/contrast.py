@@ -109,6 +109,8 @@ class EvenContrast:
         self._mix(image, tuple(weights), workers)
         ranges = np.linspace(0.0, farthest, _TABLE)[:, None]
         contrast = np.sum(weights * ambient_light * np.exp(-attenuation * ranges), axis=1)
+        # Far enough away nothing is left of it, not even in 64 bits.
+        contrast = np.maximum(contrast, _FULL_CONTRAST / (255.0 * _MAX_GAIN))
         gain = np.minimum(_FULL_CONTRAST / (255.0 * contrast), _MAX_GAIN) / _FINE
         workers.rows(
             _look_up, self.gain.shape[0], range_map, np.float32((_TABLE - 1) / farthest),
