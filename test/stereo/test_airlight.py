@@ -7,12 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from uw_visibility.config import PipelineConfig
+from uw_visibility.evaluation.degrade import load_scene
+from uw_visibility.evaluation.metrics import correct_fraction
 from uw_visibility.parallel import Workers
+from uw_visibility.pipeline import Pipeline
 from uw_visibility.status import Status
 from uw_visibility.stereo.airlight import Airlight
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimation import WaterEstimate
 from uw_visibility.water.light_model import attenuate
+from uw_visibility.water.optics import clear_water_attenuation, load_response
 from uw_visibility.water.transfer import from_linear
 
 SHAPE = (80, 120)
@@ -83,6 +88,17 @@ def test_doubt_about_the_water_moves_the_bound_out():
     assert np.all(doubtful > 1.1 * sure)
 
 
+def test_water_that_is_hardly_known_counts_little():
+    radiance, disparity = scene()
+    image = seen(radiance, disparity)
+    trusts = [
+        airlight().prior(image, water(deviation=s), NO_POINTS).trust for s in (0.0, 0.01, 0.1)
+    ]
+    assert trusts[0] == 1
+    assert trusts[1] > 0.95
+    assert trusts[2] < 0.2
+
+
 def matches(disparity):
     v, u = np.mgrid[2 : SHAPE[0] : 4, 2 : SHAPE[1] : 4]
     return np.column_stack((u.ravel(), v.ravel(), disparity[v, u].ravel())).astype(np.float32)
@@ -120,3 +136,24 @@ def test_threads_do_not_change_a_bit():
     one, three = (airlight(threads=n).prior(image, water(), matches(disparity)) for n in (1, 3))
     np.testing.assert_array_equal(one.farthest, three.farthest)
     np.testing.assert_array_equal(one.thickness, three.thickness)
+
+
+@pytest.mark.parametrize("name", ["art", "dolls", "moebius"])
+def test_more_is_right_with_it_than_without(shared_data, name):
+    """On views that are exchanged and mirrored, in water that none of its numbers were seen in."""
+    scene = load_scene(shared_data / "middlebury" / name)
+    mirrored = replace(
+        scene, left=scene.right[:, ::-1].copy(), right=scene.left[:, ::-1].copy(),
+        disparity_left=scene.disparity_right[:, ::-1].copy(),
+        disparity_right=scene.disparity_left[:, ::-1].copy(),
+    )
+    kappa = clear_water_attenuation(load_response("nikon_d5100"))
+    rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+    right = dict.fromkeys((0.0, 50.0), 0.0)
+    for strength in right:
+        pipeline = Pipeline(rig, PipelineConfig.from_parameters(
+            {"stereo.max_disparity": 79, "stereo.airlight_prior": strength, "threads": 1}))
+        for attenuation in (0.15, 0.25):
+            disparity = pipeline.process(*mirrored.degraded(attenuation, 3.0, kappa)).disparity
+            right[strength] += correct_fraction(disparity, mirrored.disparity_left) / 2
+    assert right[50.0] > right[0.0] + (0.01 if name == "art" else 0.0)

@@ -44,6 +44,8 @@ _MARGIN = 1.05
 # The bound is narrowed and widened up to this; beyond it, the water is not understood.
 _LEAST_WIDENING = 0.85
 _MOST_WIDENING = 1.5
+# Relative standard deviation of the attenuation at which the prior counts half.
+_DOUBT = 0.1
 # The least disparity above that of infinity that range is made from, px.
 _LEAST_DISPARITY = 0.5
 
@@ -59,10 +61,13 @@ class AirlightPrior:
         of the left view, several standard deviations added; inf without bound.
     thickness : ndarray
         ``(D,)`` float32, optical thickness at each disparity, falling.
+    trust : float
+        0..1, how well the water is known: the weight of what lies within the bounds.
     """
 
     farthest: NDArray[np.float32]
     thickness: NDArray[np.float32]
+    trust: float
 
 
 class Airlight:
@@ -132,7 +137,9 @@ class Airlight:
         widening = self._widening(thickness, points)
         if widening > _MOST_WIDENING:
             return None
-        return AirlightPrior(self._farthest, (thickness / widening).astype(np.float32))
+        doubt = np.mean(water.attenuation_stddev[bounding] / water.attenuation[bounding])
+        trust = 1.0 / (1.0 + (float(doubt) / _DOUBT) ** 4)
+        return AirlightPrior(self._farthest, (thickness / widening).astype(np.float32), trust)
 
     def _widening(self, thickness: NDArray[np.float64], points: NDArray[np.float32]) -> float:
         """Factor by which the bound must grow, or may shrink, to hold for the matches."""

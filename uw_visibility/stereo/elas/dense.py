@@ -119,13 +119,14 @@ def match(
     airlight : AirlightPrior, optional
         What decides where texture does not.
     """
-    farthest, thickness = plane, np.empty(0, np.float32)
+    farthest, thickness, strength = plane, np.empty(0, np.float32), 0.0
     if airlight is not None and settings.airlight > 0:
         farthest, thickness = airlight.farthest, airlight.thickness
+        strength = settings.airlight * airlight.trust
     workers.rows(
         _match, plane.shape[0], descriptors[0], descriptors[1], plane, candidates.count,
         candidates.values, disparities[0], disparities[1], settings.prior(), farthest, thickness,
-        np.float32(settings.airlight), best[0], best[1],
+        np.float32(strength), best[0], best[1],
     )
 
 
