@@ -19,9 +19,11 @@ from rcl_interfaces.srv import (
     DescribeParameters,
     GetParameters,
     ListParameters,
+    SetParameters,
     SetParametersAtomically,
 )
 from rclpy.parameter import Parameter, parameter_value_to_python
+from type_description_interfaces.srv import GetTypeDescription
 
 INFOS = {info.name: info for info in [*describe(PipelineConfig), *describe(NodeConfig)]}
 
@@ -69,6 +71,19 @@ def test_every_topic_has_qos_overrides(client: Any) -> None:
         assert f"qos_overrides./parameters/{topic}.reliability" in listed
 
 
+def test_types_of_its_topics_are_described(client: Any) -> None:
+    client.wait(lambda: client.node.count_publishers("disparity") == 1, "a publisher")
+    (publisher,) = client.node.get_publishers_info_by_topic("disparity")
+    request = GetTypeDescription.Request(
+        type_name=publisher.topic_type, type_hash=str(publisher.topic_type_hash)
+    )
+    answer = client.call("uw_visibility/get_type_description", request)
+    assert answer.successful, answer.failure_reason
+    described = answer.type_description.type_description
+    assert described.type_name == "stereo_msgs/msg/DisparityImage"
+    assert {"f", "t", "min_disparity"} <= {field.name for field in described.fields}
+
+
 def test_values_are_those_of_the_configuration(client: Any) -> None:
     names = [name for name in INFOS if name != "max_range"]
     defaults = [INFOS[name].default for name in names]
@@ -98,6 +113,17 @@ def test_refused_change_says_why_and_changes_nothing(
 def test_whole_number_stands_for_a_decimal_one(client: Any) -> None:
     assert change(client, max_range=30).successful
     assert get(client, "max_range") == [30.0]
+
+
+def test_changes_that_are_not_atomic_are_judged_one_by_one(client: Any) -> None:
+    # As ros2 param load sends them.
+    values = {"assessment.contrast": 0.04, "camera.transfer": "gamma", "max_range": 25.0}
+    parameters = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
+    request = SetParameters.Request(parameters=parameters)
+    results = client.call("uw_visibility/set_parameters", request).results
+    assert [result.successful for result in results] == [True, False, True]
+    assert "give one of linear, srgb" in results[1].reason
+    assert get(client, *values) == [0.04, "linear", 25.0]
 
 
 def test_change_holds_from_the_next_frame(
