@@ -78,3 +78,14 @@ def test_results_lie_within_what_was_seen_for_any_number_of_threads(seed):
     assert one[known].min() >= disparity[known].min() - 1e-4
     assert one[known].max() <= disparity[known].max() + 1e-4
     np.testing.assert_array_equal(moved(disparity, image, threads=3), one)
+
+
+def test_a_surface_of_few_matches_is_not_given_to_the_one_behind():
+    """What is unmatched is no vote for the far side."""
+    grey, truth, _ = box()
+    thin = truth.copy()
+    near = truth == NEAR
+    thin[near & (np.random.default_rng(3).random(SHAPE) < 0.8)] = np.nan
+    result = moved(thin, contrast(np.where(near, 90, 80)))
+    left = near & np.isfinite(thin)
+    assert np.mean(result[left] == NEAR) > 0.5
