@@ -83,7 +83,8 @@ class Pipeline:
             self.config.assessment, load_response(camera.response), camera.white_reference
         )
         self._estimator = WaterEstimator(
-            self.config.water, self._assessor.clear_water_attenuation, camera.transfer
+            self.config.water, self._assessor.clear_water_attenuation, camera.transfer,
+            self._assessor.daylight,
         )
         self._restorer = Restorer(self.config.enhancement, camera.transfer, self._workers)
         self._illumination = EvenIllumination(

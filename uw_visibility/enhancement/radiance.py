@@ -15,7 +15,7 @@ from uw_visibility.config import EnhancementConfig
 from uw_visibility.enhancement import radiance_kernels as kernels
 from uw_visibility.errors import InputError
 from uw_visibility.parallel import Workers
-from uw_visibility.water.noise import noise_stddev
+from uw_visibility.water.noise import ROUNDING_VARIANCE, noise_stddev
 from uw_visibility.water.transfer import encode_table, linear_table, to_linear
 
 
@@ -213,6 +213,8 @@ def irradiance_noise(
 ) -> NDArray[np.float64]:
     """Standard deviation of the irradiance near the ambient light, where gains are large.
 
+    Rounding counts as noise: amplified, its steps show as bands of false colour.
+
     Parameters
     ----------
     planes : (H, W, C) ndarray of uint8 or uint16
@@ -227,7 +229,8 @@ def irradiance_noise(
     (C,) float64 ndarray
     """
     count = planes.shape[2]
-    codes = noise_stddev(planes if count == 3 else np.repeat(planes, 3, axis=2))[:count]
+    noise = noise_stddev(planes if count == 3 else np.repeat(planes, 3, axis=2))[:count]
+    codes = np.sqrt(noise**2 + ROUNDING_VARIANCE)
     at = np.clip(np.searchsorted(decode, ambient), 1, decode.size - 1)
     return np.asarray(codes * (decode[at] - decode[at - 1]), np.float64)
 

@@ -257,6 +257,7 @@ class _Bench:
             method: WaterEstimator(
                 replace(config.water, method=method),
                 self.assessor.clear_water_attenuation, camera.transfer,
+                self.assessor.daylight,
             )
             for method in (config.water.method, "paper")
         }

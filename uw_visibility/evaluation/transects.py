@@ -120,7 +120,8 @@ def evaluate_transect(plan: TransectPlan, config: PipelineConfig) -> list[Transe
     assessor = Assessor(
         config.assessment, load_response(config.camera.response), config.camera.white_reference)
     estimator = WaterEstimator(
-        config.water, assessor.clear_water_attenuation, config.camera.transfer)
+        config.water, assessor.clear_water_attenuation, config.camera.transfer,
+        assessor.daylight)
     rows = []
     for time, frame in transect.render():
         truth = Truth.of_water(

@@ -64,6 +64,8 @@ class Assessor:
     ----------
     clear_water_attenuation : (3,) float64 ndarray
         κ, 1/m.
+    daylight : Daylight
+        What the ambient light is made of, for the estimate.
     """
 
     def __init__(
@@ -75,6 +77,7 @@ class Assessor:
         self._config = config
         self.clear_water_attenuation = clear_water_attenuation(response)
         self._depth = DepthModel(config.water_type, response, white_reference, config.max_depth)
+        self.daylight = self._depth.daylight
 
     def assess(self, estimate: WaterEstimate) -> Visibility:
         """Assess visibility and depth, with standard deviations by propagation.

@@ -26,7 +26,7 @@ DARKNESS_BELOW = 0.01
 DARKNESS_ABOVE = 0.2
 # Bins above the curve lose weight beyond this part of their scale, bins below it
 # beyond so many times their scale: they can only be wrong.
-LIMIT_ABOVE = 0.3
+LIMIT_ABOVE = 0.25
 LIMIT_BELOW = 5.0
 # How far from black the darkest patches of a scene are all together, on average
 # and at one standard deviation, in parts of how far bins differ.
@@ -43,7 +43,8 @@ UNKNOWN_DARKNESS = 0.3
 
 @njit(nogil=True)
 def set_scales(
-    p: Any, distance: Any, dark: Any, deviation: Any, known: Any, range_error: float, scale: Any
+    p: Any, distance: Any, dark: Any, deviation: Any, known: Any, range_error: float,
+    darkness: float, scale: Any,
 ) -> None:
     """Set what residuals are measured by, for parameters `p`.
 
@@ -57,6 +58,9 @@ def set_scales(
         Bins that count.
     range_error : float
         Standard deviation of range over its square, 1/m.
+    darkness : float
+        How far from black the darkest patches are expected to be, in parts of how
+        far bins differ.
     scale : (SCALES, 3, N) float64 ndarray
         Filled.
     """
@@ -73,7 +77,7 @@ def set_scales(
     typical = typical_darkness(p, distance, dark, known, scale)
     for c in range(3):
         shown = np.isfinite(typical[c])
-        scale[EXPECTED, c, :] = EXPECTED_DARKNESS * typical[c] if shown else 0.0
+        scale[EXPECTED, c, :] = darkness * typical[c] if shown else 0.0
 
 
 @njit(nogil=True)

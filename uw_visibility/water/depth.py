@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uw_visibility.water.expectations import Daylight
 from uw_visibility.water.optics import (
     CameraResponse,
     clear_water_attenuation,
@@ -38,6 +39,11 @@ class DepthModel:
     max_depth : float
         Largest depth considered, m.
 
+    Attributes
+    ----------
+    daylight : Daylight
+        What this says of the ambient light.
+
     Raises
     ------
     InputError
@@ -58,6 +64,7 @@ class DepthModel:
         if water_type != ESTIMATED:
             self._rate = diffuse_attenuation(water_type, response)
             self._table = theoretical_chromaticity(self._grid, self._rate, self._white)
+        self.daylight = Daylight(self._white, self._rate)
 
     def depth(
         self,

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from uw_visibility.config import WaterConfig
 from uw_visibility.errors import InputError
 from uw_visibility.status import Status
+from uw_visibility.water.expectations import Daylight, reconcile
 from uw_visibility.water.fit import Fit, fit_plain
 from uw_visibility.water.judgement import (
     black_attenuation,
@@ -106,14 +107,21 @@ class WaterEstimator:
         κ of the camera, 1/m.
     transfer : str
         How code values follow light: ``"linear"`` or ``"srgb"``.
+    daylight : Daylight, optional
+        What is known of the colour of the ambient light; nothing by default.
     """
 
     def __init__(
-        self, config: WaterConfig, clear_water_attenuation: ArrayLike, transfer: str = "linear"
+        self,
+        config: WaterConfig,
+        clear_water_attenuation: ArrayLike,
+        transfer: str = "linear",
+        daylight: Daylight | None = None,
     ) -> None:
         self._config = config
         self._clear_water = np.array(clear_water_attenuation, dtype=np.float64)
         self._transfer = transfer
+        self._daylight = daylight
 
     def estimate(
         self,
@@ -169,6 +177,11 @@ class WaterEstimator:
         fit = self._fit(envelope, active, start, range_error, self._clear_water)
         for channel in np.flatnonzero(active):
             status[channel] = judge(fit, envelope, int(channel))
+        if self._config.method != "paper" and all(reason is Status.OK for reason in status):
+            ambient_min = np.array([least_ambient_light(envelope, c) for c in range(3)])
+            fit = reconcile(
+                fit, self._clear_water, ambient_min, self._daylight,
+                self._config.daylight_tolerance)
         return _assemble(fit, envelope, status)
 
     def estimate_grey(

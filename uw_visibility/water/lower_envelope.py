@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.kernel_cache import njit
 from uw_visibility.water.darkness import (
+    EXPECTED_DARKNESS,
     SCALES,
     add_normal_equations,
     darkness_deviation,
@@ -24,7 +25,10 @@ from uw_visibility.water.fit import AMBIENT_LIGHT_MAX, ATTENUATION_BOUNDS, Fit, 
 
 MAX_ITERATIONS = 60
 # After so many iterations the scales are held, so that the cost can only fall.
-ADAPTIVE_ITERATIONS = 20
+ADAPTIVE_ITERATIONS = 30
+# Before, the darkest patches are taken for black: from a start far off, how far they
+# are from it would be misjudged, and the misjudgement bear itself out.
+BLACK_ITERATIONS = 6
 # Bins whose darkest patches belong to one object, and so deviate together.
 NEIGHBOURING_BINS = 3.0
 # Attenuation is at least that of clear water (eq. 3), which is known to about a
@@ -124,7 +128,8 @@ def _minimise(
     while iterations < MAX_ITERATIONS and not converged:
         iterations += 1
         if iterations <= ADAPTIVE_ITERATIONS:
-            set_scales(p, distance, dark, deviation, known, range_error, scale)
+            darkness = EXPECTED_DARKNESS if iterations > BLACK_ITERATIONS else 0.0
+            set_scales(p, distance, dark, deviation, known, range_error, darkness, scale)
             tolerance = _channel_tolerance(p, active, clear_water)
         hessian[:] = 0.0
         slope[:] = 0.0
@@ -134,7 +139,7 @@ def _minimise(
             trial = _step(p, hessian, slope, damping, lower, upper, active)
             move = np.max(np.abs(trial - p) / (1e-3 + np.abs(p)))
             if move < 1e-8:
-                converged = True
+                converged = iterations > BLACK_ITERATIONS
                 break
             trial_cost = add_normal_equations(
                 trial, distance, dark, known, scale, scratch, scratch_slope
@@ -145,10 +150,10 @@ def _minimise(
             if trial_cost <= cost:
                 p = trial
                 damping = max(damping * 0.1, 1e-9)
-                converged = move < 1e-5
+                converged = move < 1e-4 and iterations > BLACK_ITERATIONS
                 break
             damping *= 10.0
-    set_scales(p, distance, dark, deviation, known, range_error, scale)
+    set_scales(p, distance, dark, deviation, known, range_error, EXPECTED_DARKNESS, scale)
     covariance = _covariance(p, distance, dark, known, active, clear_water, lower, bright, scale)
     return p, covariance, iterations, converged
 

@@ -1,0 +1,151 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is expected of any water, brought together with what an image shows of it.
+
+In clear water the image alone tells neither how bright the ambient light is nor its
+colour: there is little of it between the camera and the scene. Three things are known
+beforehand, each roughly, and they decide as far as the image's own covariance lets
+them: particles and dissolved matter attenuate the channels alike, more or less (eq. 3);
+the brightest patch is nearly white, and so nearly as bright as the ambient light
+(eq. 5); and the ambient light is daylight that has come through the water above
+(eq. 2), whose three channels have two unknowns, brightness and depth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.kernel_cache import njit
+from uw_visibility.water.fit import ATTENUATION_BOUNDS, Fit
+
+# What particles and dissolved matter add differs between the channels by this part
+# of its mean, and this much at least, 1/m.
+CHANNEL_TOLERANCE = 0.3
+CHANNEL_TOLERANCE_MIN = 0.02
+# How far the ambient light is above the brightest patch, as a logarithm.
+BRIGHT_EXCESS = 0.05
+BRIGHT_TOLERANCE = 0.25
+# An expectation that what the image shows contradicts by more than so many
+# deviations gives way: water and light of that kind are not what was expected.
+LIMIT = 2.0
+ITERATIONS = 5
+# Channels' attenuations, brightness, colour of the light.
+ROWS = 7
+
+
+@dataclass(frozen=True)
+class Daylight:
+    """What the ambient light is made of (eq. 2): I∞ ∝ white · exp(−K z) at some depth z.
+
+    Attributes
+    ----------
+    white_reference : (3,) float64 ndarray
+        The camera's R, G, B of white at the surface; the scale is free.
+    diffuse_attenuation : (3,) float64 ndarray or None
+        K of the water above, 1/m; None where it is the estimated attenuation itself.
+    """
+
+    white_reference: NDArray[np.float64]
+    diffuse_attenuation: NDArray[np.float64] | None
+
+
+def reconcile(
+    fit: Fit,
+    clear_water: NDArray[np.float64],
+    ambient_min: NDArray[np.float64],
+    daylight: Daylight | None,
+    daylight_tolerance: float,
+) -> Fit:
+    """Bring a fit of all three channels together with what is expected.
+
+    Each expectation is a measurement of the parameters with a standard deviation of
+    its own; their best combination with the fit is linear in the covariances. One
+    that is contradicted loses weight, as with Cauchy's loss.
+
+    Parameters
+    ----------
+    fit : Fit
+        With all channels.
+    clear_water : (3,) float64 ndarray
+        κ, 1/m.
+    ambient_min : (3,) float64 ndarray
+        Lower bound of I∞: the bright envelope (eq. 7).
+    daylight : Daylight or None
+        None where nothing is known of the light.
+    daylight_tolerance : float
+        Standard deviation of how far the logarithms of the three ambient lights are
+        from those of daylight.
+
+    Returns
+    -------
+    Fit
+        With the parameters and the covariance of both together.
+    """
+    off_colour = np.zeros(3)
+    colour = 0.0
+    if daylight is not None:
+        above = daylight.diffuse_attenuation
+        off_colour = _perpendicular(fit.parameters[:, 0] if above is None else above)
+        colour = float(off_colour @ np.log(daylight.white_reference))
+    parameters, covariance = _combine(
+        fit.parameters.ravel(), fit.covariance, clear_water, np.log(ambient_min), off_colour,
+        colour, daylight_tolerance)
+    values = parameters.reshape(3, 2)
+    values[:, 0] = np.clip(values[:, 0], *ATTENUATION_BOUNDS)
+    values[:, 1] = np.maximum(values[:, 1], ambient_min)
+    return replace(fit, parameters=values, covariance=covariance)
+
+
+def _perpendicular(rate: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Direction of ln I∞ that neither brightness nor depth changes; 0 where there is none."""
+    direction = np.array([rate[2] - rate[1], rate[0] - rate[2], rate[1] - rate[0]])
+    length = float(np.sqrt(direction @ direction))
+    return direction / length if length > 1e-9 else np.zeros(3)
+
+
+@njit(nogil=True)
+def _combine(
+    fitted: Any, covariance: Any, clear_water: Any, log_bright: Any, off_colour: Any,
+    colour: float, colour_tolerance: float,
+) -> tuple[Any, Any]:
+    """Combine β and ln I∞ with the expectations, reweighted by how far these are off."""
+    first = fitted.copy()
+    scale = np.ones(6)
+    for c in range(3):
+        first[2 * c + 1] = np.log(fitted[2 * c + 1])
+        scale[2 * c + 1] = fitted[2 * c + 1]
+    spread = covariance / np.outer(scale, scale)
+    rows = np.zeros((ROWS, 6))
+    expected = np.zeros(ROWS)
+    deviation = np.empty(ROWS)
+    for c in range(3):
+        rows[c, 0::2] = -1.0 / 3.0
+        rows[c, 2 * c] += 1.0
+        expected[c] = clear_water[c] - clear_water.mean()
+        rows[3 + c, 2 * c + 1] = 1.0
+        expected[3 + c] = log_bright[c] + BRIGHT_EXCESS
+        deviation[3 + c] = BRIGHT_TOLERANCE
+        rows[6, 2 * c + 1] = off_colour[c]
+    expected[6] = colour
+    deviation[6] = colour_tolerance
+    p = first.copy()
+    gain = np.zeros((6, ROWS))
+    for _ in range(ITERATIONS):
+        particles = max((p[0::2] - clear_water).mean(), 0.0)
+        deviation[:3] = CHANNEL_TOLERANCE_MIN + CHANNEL_TOLERANCE * particles
+        off = (rows @ p - expected) / deviation
+        innovation = rows @ spread @ rows.T
+        for k in range(ROWS):
+            innovation[k, k] += deviation[k] ** 2 * (1.0 + (off[k] / LIMIT) ** 2)
+        gain = np.linalg.solve(innovation, rows @ spread).T.copy()
+        p = first + gain @ (expected - rows @ first)
+    spread = spread - gain @ (rows @ spread)
+    spread = 0.5 * (spread + spread.T)
+    for c in range(3):
+        p[2 * c + 1] = np.exp(p[2 * c + 1])
+        scale[2 * c + 1] = p[2 * c + 1]
+    return p, spread * np.outer(scale, scale)
