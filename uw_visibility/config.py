@@ -24,7 +24,6 @@ from uw_visibility.parameters import (
     section,
 )
 
-
 __all__ = [
     "AssessmentConfig", "CameraConfig", "EnhancementConfig", "NodeConfig", "PipelineConfig",
     "PlausibilityConfig", "StereoConfig", "SynchronizationConfig", "TrackingConfig",

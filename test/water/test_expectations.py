@@ -71,7 +71,7 @@ def test_the_waters_own_attenuation_can_stand_for_that_above():
 
 
 def test_channels_that_are_not_seen_take_after_those_that_are():
-    beta = KAPPA + [0.2, 0.2, 0.5]
+    beta = KAPPA + np.array([0.2, 0.2, 0.5])
     ambient = np.full(3, 0.5)
     fit = fit_of(beta, ambient, [0.003, 0.003, 0.4], 0.005)
     found = combined(fit, ambient)
@@ -82,7 +82,7 @@ def test_channels_that_are_not_seen_take_after_those_that_are():
 
 def test_a_contradicted_expectation_gives_way():
     """Yellow matter: blue is attenuated by far more than red, and the image shows it."""
-    beta = KAPPA + [0.1, 0.2, 0.8]
+    beta = KAPPA + np.array([0.1, 0.2, 0.8])
     ambient = np.array([0.2, 0.6, 0.05])
     fit = fit_of(beta, ambient, 0.04, 0.08 * ambient)
     found = combined(fit, 0.9 * ambient, Daylight(WHITE, KAPPA))
