@@ -67,7 +67,7 @@ class TrackingConfig:
         True, "Filter the estimates of frames that come with a stamp.",
     )
     turbidity_rate: float = parameter(
-        0.04, "How fast attenuation wanders, as part of itself.",
+        0.02, "How fast attenuation wanders, as part of itself.",
         unit="1/s^0.5", minimum=1e-4, maximum=10.0,
     )
     light_rate: float = parameter(
@@ -79,7 +79,7 @@ class TrackingConfig:
         "0 for a fixed one.", minimum=0.0, maximum=10.0,
     )
     common_error: float = parameter(
-        0.7, "Part of the variance of a frame's estimate that following frames share, since "
+        0.5, "Part of the variance of a frame's estimate that following frames share, since "
         "they show the same scene: filtering does not lessen it.", minimum=0.0, maximum=0.95,
     )
     gate_probability: float = parameter(

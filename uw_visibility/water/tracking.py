@@ -37,6 +37,10 @@ from uw_visibility.water.fit import ATTENUATION_BOUNDS
 _CHANNEL_SHARE = 0.5
 # Attenuation, 1/m, below which its changes are no longer proportional to it.
 _LEAST_ATTENUATION = 0.1
+# Innovations of attenuation are averaged over about 1 / this many frames; where the
+# average is beyond so many of its standard deviations, the water has changed.
+_TREND_SHARE = 0.3
+_TREND_LIMIT = 2.0
 _ATTENUATION = slice(0, 6, 2)
 _LIGHT = slice(1, 6, 2)
 
@@ -225,6 +229,7 @@ class _State:
         self.known = measurement.seen.copy()
         self.count = 1
         self._age = np.zeros(3)
+        self._trend = 0.0
 
     def predict(self, elapsed: float, config: TrackingConfig) -> None:
         """Let time pass (s): what is known becomes less so."""
@@ -256,6 +261,7 @@ class _State:
     def correct(self, measurement: _Measurement) -> None:
         """Take a measurement in."""
         self._begin(measurement.seen & ~self.known, measurement)
+        self._follow_trend(measurement)
         gain = self._gain(measurement)
         kept = np.eye(6) - gain
         self.mean = self.mean + gain @ (measurement.value - self.mean)
@@ -266,6 +272,20 @@ class _State:
         self.common = kept @ self.common + gain @ measurement.common
         self._age[measurement.seen] = 0.0
         self.count += 1
+
+    def _follow_trend(self, measurement: _Measurement) -> None:
+        """Let the state go as far as innovations of one sign say that the water went.
+
+        A step too small for the gate would else be followed at the pace of a slow
+        wander, which depends on the rate of frames.
+        """
+        index = np.arange(6)[_ATTENUATION][measurement.seen]
+        block = np.ix_(index, index)
+        innovation = float((measurement.value - self.mean)[index].mean())
+        variance = float((self.covariance + measurement.noise)[block].mean()) + 1e-15
+        self._trend += _TREND_SHARE * (innovation / math.sqrt(variance) - self._trend)
+        if self._trend**2 > _TREND_LIMIT**2 * _TREND_SHARE / (2.0 - _TREND_SHARE):
+            self.covariance[_ATTENUATION, _ATTENUATION] += max(innovation**2 - variance, 0.0)
 
     def _gain(self, measurement: _Measurement) -> NDArray[np.float64]:
         """Return the part of each innovation that is believed.
