@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uw_visibility.water.expectations import Daylight, reconcile
+from uw_visibility.water.expectations import NOTHING_EXPECTED, Daylight, reconcile
 from uw_visibility.water.fit import Fit
 
 KAPPA = np.array([0.22776, 0.06641, 0.02455])
@@ -93,7 +93,7 @@ def test_a_contradicted_expectation_gives_way():
 def test_expecting_nothing_of_daylight_is_possible():
     ambient = np.array([0.2, 0.6, 0.05])
     fit = fit_of(KAPPA + 0.2, ambient, 0.01, 0.2 * ambient)
-    nothing = combined(fit, 0.9 * ambient, Daylight(WHITE, KAPPA), 10.0)
+    nothing = combined(fit, 0.9 * ambient, Daylight(WHITE, KAPPA), NOTHING_EXPECTED)
     without = combined(fit, 0.9 * ambient)
     np.testing.assert_allclose(nothing.parameters, without.parameters, rtol=1e-3)
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from uw_visibility.replay.stream import InputStream, RecordedFrame
 from uw_visibility.replay.work import FrameAnswer, FrameTask, Recording
 from uw_visibility.water.calibration import Calibration, calibrate
 from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.expectations import NOTHING_EXPECTED
 from uw_visibility.water.optics import load_response
 
 # Over less, water above and the camera's white look the same: light that is
@@ -94,6 +95,7 @@ def calibrate_recordings(
         If a recording cannot be used or has no depth sensor, or if there are too
         few frames or too little difference of depth between them.
     """
+    options = _unprejudiced(options)
     series = CalibrationSeries()
     with FramePool(jobs, options.pipeline) as pool:
         for bag in bags:
@@ -109,6 +111,16 @@ def calibrate_recordings(
             "otherwise"
         )
     return found, series
+
+
+def _unprejudiced(options: ReplayOptions) -> ReplayOptions:
+    """Return the options with estimates that expect nothing of the light's colour.
+
+    That expectation rests on the white reference and the water type that are sought,
+    and would draw the estimates to the ones given.
+    """
+    water = replace(options.pipeline.water, daylight_tolerance=NOTHING_EXPECTED)
+    return replace(options, pipeline=replace(options.pipeline, water=water))
 
 
 def _add_recording(

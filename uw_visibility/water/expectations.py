@@ -33,6 +33,8 @@ BRIGHT_TOLERANCE = 0.25
 # deviations gives way: water and light of that kind are not what was expected.
 LIMIT = 2.0
 ITERATIONS = 5
+# Tolerance of the light's colour that leaves it to the image.
+NOTHING_EXPECTED = 10.0
 # Channels' attenuations, brightness, colour of the light.
 ROWS = 7
 
