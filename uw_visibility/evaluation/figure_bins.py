@@ -98,8 +98,9 @@ def _draw_envelopes(axes: Any, pictures: Pictures, channel: int) -> None:
     envelope = pictures.envelope
     if envelope is None:
         return
-    for values, marker in ((envelope.bright, "^"), (envelope.dark, "v")):
-        axes.plot(envelope.range, values[channel], marker, **ENVELOPE)
+    axes.plot(envelope.range, envelope.bright[channel], "^", **ENVELOPE)
+    # The darkest pixels of a bin lie at a range of their own.
+    axes.plot(envelope.dark_range[channel], envelope.dark[channel], "v", **ENVELOPE)
 
 
 def _draw_curves(
