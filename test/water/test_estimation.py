@@ -85,7 +85,6 @@ def test_a_start_changes_nothing_but_the_way(make_view):
     first = estimator().estimate(view.codes(), view.range)
     again = estimator().estimate(view.codes(), view.range, start=first)
     np.testing.assert_allclose(again.attenuation, first.attenuation, rtol=1e-3)
-    assert again.iterations <= first.iterations
 
 
 @pytest.mark.parametrize("method", METHODS)
