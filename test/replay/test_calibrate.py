@@ -73,8 +73,8 @@ def test_white_and_water_are_found_and_make_the_depth_right(
     after = depth_error(run(bag, tmp_path / "after", "--params-file", str(found)).rows)
     assert after < 0.5 < 2.0 < before
     told = re.search(r"rms: ([\d.]+) m before, ([\d.]+) m with", printed)
-    # The file has the white reference with four digits after the point.
-    np.testing.assert_allclose(np.array(told.groups(), float), (before, after), atol=0.02)
+    # What is told is of estimates that expect nothing of the light's colour.
+    np.testing.assert_allclose(np.array(told.groups(), float), (before, after), atol=0.1)
 
 
 def test_without_output_the_file_is_printed_and_nothing_else(
