@@ -9,7 +9,7 @@ import pytest
 from uw_visibility.config import WaterConfig
 from uw_visibility.status import Status
 from uw_visibility.water.estimation import WaterEstimator
-from uw_visibility.water.noise import noise_stddev
+from uw_visibility.water.noise import SMOOTHEST, _smoothest, noise_stddev
 
 KAPPA = np.array([0.22776, 0.06641, 0.02455])
 
@@ -43,3 +43,9 @@ def test_the_estimate_survives_noise_and_marine_snow(make_view, seed):
     found = WaterEstimator(WaterConfig(), KAPPA).estimate(image, view.range)
     assert found.status is Status.OK
     assert abs(np.mean(found.attenuation - view.attenuation)) < 0.02
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 200])
+def test_the_smoothest_blocks_are_those_of_numpys_quantile(count):
+    variances = np.random.default_rng(count).random(count)
+    assert _smoothest(variances) == pytest.approx(np.quantile(variances, SMOOTHEST), rel=1e-12)

@@ -51,9 +51,18 @@ def noise_stddev(image: NDArray[Any]) -> NDArray[np.float64]:
     for channel in range(3):
         alive = variances[variances[:, channel] > 0, channel]
         if len(alive):
-            variance = np.quantile(alive, SMOOTHEST) / 1.25
+            variance = _smoothest(alive) / 1.25
             result[channel] = np.sqrt(max(variance - ROUNDING_VARIANCE, 0.0))
     return result
+
+
+def _smoothest(variances: NDArray[np.float64]) -> float:
+    """Return the quantile `SMOOTHEST`, as numpy's does but in a third of the time."""
+    ordered = np.sort(variances)
+    place = SMOOTHEST * (len(ordered) - 1)
+    below = int(place)
+    above = min(below + 1, len(ordered) - 1)
+    return float(ordered[below] + (place - below) * (ordered[above] - ordered[below]))
 
 
 @njit(nogil=True)
@@ -61,14 +70,24 @@ def _block_variances(image: Any, stride: int, columns: int, variances: Any) -> N
     for block in range(len(variances)):
         top = 1 + (block // columns) * stride
         left = 1 + (block % columns) * stride
-        for channel in range(3):
-            total = 0.0
-            for y in range(top, top + BLOCK):
-                for x in range(left, left + BLOCK):
-                    around = (
-                        float(image[y - 1, x, channel]) + float(image[y + 1, x, channel])
-                        + float(image[y, x - 1, channel]) + float(image[y, x + 1, channel])
-                    )
-                    difference = float(image[y, x, channel]) - 0.25 * around
-                    total += difference * difference
-            variances[block, channel] = total / (BLOCK * BLOCK)
+        red = green = blue = np.int64(0)
+        for y in range(top, top + BLOCK):
+            for x in range(left, left + BLOCK):
+                red += _squared_difference(image, y, x, 0)
+                green += _squared_difference(image, y, x, 1)
+                blue += _squared_difference(image, y, x, 2)
+        # Differences are four times those from the mean of four.
+        pixels = 16.0 * BLOCK * BLOCK
+        variances[block, 0] = red / pixels
+        variances[block, 1] = green / pixels
+        variances[block, 2] = blue / pixels
+
+
+@njit(nogil=True)
+def _squared_difference(image: Any, y: int, x: int, channel: int) -> Any:
+    difference = (
+        (np.int64(image[y, x, channel]) << 2)
+        - np.int64(image[y - 1, x, channel]) - np.int64(image[y + 1, x, channel])
+        - np.int64(image[y, x - 1, channel]) - np.int64(image[y, x + 1, channel])
+    )
+    return difference * difference
