@@ -22,7 +22,8 @@ from uw_visibility.cli import main
 
 NUMBERS = ("--focal-length", "400", "--baseline", "0.12")
 OUTPUTS = {
-    "left_enhanced.png", "right_enhanced.png", "disparity.pfm", "confidence.pfm", "disparity_filled.pfm",
+    "left_enhanced.png", "right_enhanced.png", "disparity.pfm", "confidence.pfm",
+    "disparity_filled.pfm",
     "range.pfm", "report.json",
 }
 DISPARITY = 12

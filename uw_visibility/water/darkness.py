@@ -30,7 +30,7 @@ LIMIT_ABOVE = 0.25
 LIMIT_BELOW = 5.0
 # How far from black the darkest patches of a scene are all together, on average
 # and at one standard deviation, in parts of how far bins differ.
-EXPECTED_DARKNESS = 0.1
+EXPECTED_DARKNESS = 0.2
 DARKNESS_DEVIATION = 0.25
 DARKNESS_DEVIATION_MIN = 0.015
 # ... and in parts of what the brightest patch is short of a bright one.
