@@ -157,8 +157,8 @@ def test_input_that_stops_is_noticed(node: Any, client: Any, parts: Any) -> None
 
 
 def test_parameters_are_answered_while_a_frame_is_processed(client: Any, parts: Any) -> None:
-    # A frame takes several times as long as an answer, so one that comes
-    # before the frame's result was not held up by it.
+    # An answer that comes before the frame's result was not held up by it. Behind a
+    # frame that blocks the executor none would; on a busy machine some come late.
     request = GetParameters.Request(names=["max_range"])
     client.call("uw_visibility/get_parameters", request)
     first = 0
@@ -167,7 +167,7 @@ def test_parameters_are_answered_while_a_frame_is_processed(client: Any, parts: 
         client.call("uw_visibility/get_parameters", request)
         first += not client.has("disparity", stamp)
         client.result(stamp, "disparity")
-    assert first >= 5
+    assert first >= 2
 
 
 class Sensor:
