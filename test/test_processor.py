@@ -51,6 +51,17 @@ def frame() -> StereoFrame:
     return StereoFrame(*messages)
 
 
+def test_matches_are_rated_where_asked_for_and_stay_the_same() -> None:
+    processor = FrameProcessor(make, rectify=False)
+    settings = PipelineConfig(), NodeConfig()
+    without, _ = processor.process(frame(), *settings, TOPICS)
+    rated, _ = processor.process(frame(), *settings, TOPICS, confidence=True)
+    assert without.confidence is None
+    assert rated.confidence is not None
+    np.testing.assert_array_equal(rated.confidence > 0, np.isfinite(rated.disparity))
+    np.testing.assert_array_equal(rated.disparity, without.disparity)
+
+
 def test_images_that_nobody_wants_are_not_made_and_change_no_estimate() -> None:
     processor = FrameProcessor(make, rectify=False)
     settings = PipelineConfig(), NodeConfig()

@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -107,6 +106,7 @@ class Pipeline:
         match_original: bool = False,
         enhance: Collection[str] = SIDES,
         stamp: float | None = None,
+        confidence: bool = True,
     ) -> FrameResult:
         """Assess and enhance one rectified pair.
 
@@ -125,6 +125,8 @@ class Pipeline:
         stamp : float, optional
             Time of the pair, s, for the recursion over frames; without one, the
             pair neither uses nor changes what earlier ones left.
+        confidence : bool
+            Whether to rate the disparities.
 
         Returns
         -------
@@ -137,7 +139,9 @@ class Pipeline:
         """
         left, right = check_pair(left, right)
         with self._lock:
-            return self._process(left, right, valid, match_original, enhance, stamp)
+            return self._process(
+                left, right, valid, match_original, enhance, stamp, confidence
+            )
 
     def reset_tracking(self) -> None:
         """Forget what earlier frames told of the water."""
@@ -161,7 +165,7 @@ class Pipeline:
         """
         left, right = check_pair(*warm_up_pair(shape, np.dtype(dtype), grey=grey))
         with self._lock:
-            self._process(left, right, None, True, SIDES, None)
+            self._process(left, right, None, True, SIDES, None, True)
 
     def _process(
         self,
@@ -171,6 +175,7 @@ class Pipeline:
         match_original: bool,
         enhance: Collection[str],
         stamp: float | None,
+        confidence: bool,
     ) -> FrameResult:
         stages = self._stages_for(left.shape[:2])
         rig = stages.rig
@@ -180,7 +185,8 @@ class Pipeline:
             with clock("even illumination"):
                 left, right = self._illumination.correct(left, right)
         whole_left, whole_right = left, right
-        if self._reduction.factor(left.shape) > 1:
+        reduced = self._reduction.factor(left.shape) > 1
+        if reduced:
             with clock("reduction"):
                 left, right = self._reduction.image(left), self._reduction.image(right)
                 valid = self._reduction.mask(valid)
@@ -195,7 +201,7 @@ class Pipeline:
         original = None
         if match_original:
             with clock("original disparity"):
-                original = stages.matcher.dense_disparity(support).disparity
+                original = stages.matcher.dense_disparity(support, confidence=False).disparity
         with clock("coarse disparity"):
             mesh = stages.matcher.coarse_disparity(support)
         with clock("visibility estimation 1"):
@@ -209,19 +215,20 @@ class Pipeline:
         # Step 2: the restored pair is matched densely, and the water seen again.
         with clock("improved disparity"):
             support2 = stages.matcher.support_points(airlight)
-            improved = stages.matcher.dense_disparity(support2, airlight)
+            improved = stages.matcher.dense_disparity(support2, airlight, confidence=confidence)
         with clock("interpolation"):
             # What is filled serves colour only.
             nothing = np.full_like(improved.disparity, np.nan)
             filled = stages.fill(improved) if enhance else nothing
-        disparity, confidence = improved.disparity, improved.confidence
-        if self._reduction.factor(whole_left.shape) > 1:
+        disparity, rated = improved.disparity, improved.confidence
+        if reduced:
             with clock("full size"):
                 size = whole_left.shape
                 disparity, filled = (
                     self._reduction.disparity(part, size) for part in (disparity, filled)
                 )
-                confidence = _at_full_size(confidence, disparity)
+                if rated is not None:
+                    rated = self._reduction.confidence(rated, disparity)
                 if original is not None:
                     original = self._reduction.disparity(original, size)
                 counted, valid = (
@@ -278,7 +285,7 @@ class Pipeline:
             tracked=tracked,
             tracked_visibility=tracked_visibility,
             tracking=None if tracker is None else tracker.event,
-            confidence=confidence,
+            confidence=rated,
         )
 
     def _stages_for(self, shape: tuple[int, ...]) -> Stages:
@@ -385,18 +392,6 @@ def _first_known(water: WaterEstimate, step1: WaterEstimate) -> _Water:
 def _range_error(rig: StereoRig, deviation: float) -> float:
     """Standard deviation of range over its square, 1/m, for that of the disparity, px."""
     return deviation / (rig.focal_length * rig.baseline)
-
-
-def _at_full_size(
-    confidence: NDArray[np.float32], disparity: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Give the pixels of a map the confidence of the smaller map that it was made from."""
-    if confidence.shape == disparity.shape:
-        return confidence
-    height, width = disparity.shape
-    enlarged = cv2.resize(confidence, (width, height), interpolation=cv2.INTER_NEAREST)
-    enlarged[np.isnan(disparity)] = 0
-    return np.asarray(enlarged, np.float32)
 
 
 def _matched_fraction(disparity: NDArray[np.float32]) -> float:

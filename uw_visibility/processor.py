@@ -52,6 +52,7 @@ class FrameProcessor:
         topics: Collection[str],
         *,
         match_original: bool = False,
+        confidence: bool = False,
     ) -> tuple[FrameResult, dict[str, Any]]:
         """Process one frame.
 
@@ -67,6 +68,8 @@ class FrameProcessor:
             Outputs wanted, of `uw_visibility.outputs.all_topics`.
         match_original : bool
             Whether to match the raw pair too, for comparison.
+        confidence : bool
+            Whether to rate the disparities; no message carries it.
 
         Returns
         -------
@@ -87,7 +90,7 @@ class FrameProcessor:
             self._made_for = wanted
         result = self._pipeline.process(
             pair.left, pair.right, valid=pair.valid, match_original=match_original,
-            enhance=enhanced_sides(topics), stamp=self._stamp(frame),
+            enhance=enhanced_sides(topics), stamp=self._stamp(frame), confidence=confidence,
         )
         source = Source(self._make, frame, pair, result, node_config)
         return result, build_messages(source, topics)

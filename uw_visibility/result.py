@@ -75,7 +75,7 @@ class FrameResult:
         What this frame did to the filtered state.
     confidence : ndarray or None
         ``(H, W)`` float32, probability that `disparity` is within 1 px of the truth;
-        0 where unmatched.
+        0 where unmatched; None where not asked for.
     """
 
     status: Status

@@ -264,6 +264,7 @@ def test_the_library_yields_what_the_command_writes(
     assert [f.number for f in frames] == list(range(FRAMES))
     for frame, row in zip(frames, rows, strict=True):
         assert float(row["depth"]) == frame.result.visibility.depth
+        assert frame.result.confidence is not None
         assert frame.messages["disparity"].header.stamp.sec == frame.stamp // 10**9
     assert len(list(replay.read(transect, ALONE, start=1.0, every=2))) == 2
     with pytest.raises(InputError, match=r"water\.bin"):

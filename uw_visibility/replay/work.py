@@ -172,7 +172,7 @@ class RecordingProcessor:
 
     def process(self, frame: RecordedFrame) -> tuple[FrameResult, dict[str, Any]]:
         """Process a frame; returns result and messages by topic."""
-        return self._process(self._read(frame))
+        return self._process(self._read(frame), confidence=True)
 
     def _read(self, frame: RecordedFrame) -> StereoFrame:
         return StereoFrame(*(
@@ -180,10 +180,12 @@ class RecordingProcessor:
             for m in (frame.left, frame.right, frame.left_info, frame.right_info)
         ))
 
-    def _process(self, frame: StereoFrame) -> tuple[FrameResult, dict[str, Any]]:
+    def _process(
+        self, frame: StereoFrame, confidence: bool = False
+    ) -> tuple[FrameResult, dict[str, Any]]:
         return self._processor.process(
             frame, self._recording.pipeline, self._recording.node, self._recording.topics,
-            match_original=self._recording.match_original,
+            match_original=self._recording.match_original, confidence=confidence,
         )
 
 

@@ -127,6 +127,15 @@ class Reduction:
         self._workers.rows(_enlarge, shape[0], small, factor, full)
         return full
 
+    def confidence(
+        self, small: NDArray[np.float32], disparity: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Bring confidences to the full size of the disparities made from the same pixels."""
+        height, width = disparity.shape
+        full = cv2.resize(small, (width, height), interpolation=cv2.INTER_NEAREST)
+        full[np.isnan(disparity)] = 0
+        return np.asarray(full, np.float32)
+
 
 @njit(nogil=True)
 def _enlarge(start: int, stop: int, small: Any, factor: int, full: Any) -> None:

@@ -35,14 +35,14 @@ class DenseMatch:
         ``(H, W)`` float32, what each pixel of the right view matches best, whole
         px, before the views are compared; NaN where nothing was tried. It tells
         occlusions from mismatches.
-    confidence : ndarray
+    confidence : ndarray or None
         ``(H, W)`` float32, probability that `disparity` is within 1 px of the truth;
-        0 where unmatched.
+        0 where unmatched; None where not asked for.
     """
 
     disparity: NDArray[np.float32]
     right: NDArray[np.float32]
-    confidence: NDArray[np.float32]
+    confidence: NDArray[np.float32] | None
 
 
 class Matcher:
@@ -140,7 +140,11 @@ class Matcher:
         return coarse
 
     def dense_disparity(
-        self, support: SupportPoints, airlight: AirlightPrior | None = None
+        self,
+        support: SupportPoints,
+        airlight: AirlightPrior | None = None,
+        *,
+        confidence: bool = True,
     ) -> DenseMatch:
         """Match every pixel of the described pair.
 
@@ -150,6 +154,8 @@ class Matcher:
             From `support_points`.
         airlight : AirlightPrior, optional
             What decides where texture does not.
+        confidence : bool
+            Whether to rate the matches.
 
         Returns
         -------
@@ -157,7 +163,8 @@ class Matcher:
         """
         disparity = np.full(self._shape, np.nan, np.float32)
         if len(support) == 0:
-            return DenseMatch(disparity, disparity.copy(), np.zeros(self._shape, np.float32))
+            nowhere = np.zeros(self._shape, np.float32) if confidence else None
+            return DenseMatch(disparity, disparity.copy(), nowhere)
         self._candidates.fill(support.points)
         corners = mesh.with_corners(support.points[support.vertices], self._shape)
         mesh.rasterize(mesh.triangulate(corners, self._shape), self._plane, self._workers)
@@ -169,8 +176,10 @@ class Matcher:
         self._postprocess(descriptors, disparity)
         right = np.empty(self._shape, np.float32)
         self._workers.rows(dense.as_disparity, self._shape[0], self._best[1], right)
-        confidence = rate(disparity, self._best[0], descriptors, self._workers)
-        return DenseMatch(disparity, right, confidence)
+        rated = (
+            rate(disparity, self._best[0], descriptors, self._workers) if confidence else None
+        )
+        return DenseMatch(disparity, right, rated)
 
     def _postprocess(
         self,
