@@ -21,16 +21,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from benchmarks.__main__ import load_pair
-from uw_visibility.messages import stamp_to_nanoseconds, write_image
-from uw_visibility.ros.factory import make_message, message_type
+from benchmarks.stereo_messages import stereo_messages
+from uw_visibility.messages import stamp_to_nanoseconds
+from uw_visibility.ros.factory import message_type
 
-WIDTH, HEIGHT, FOCAL, BASELINE = 640, 480, 3740.0 * 640 / 1282, 0.160
 RATE = 15.0
 PATIENCE = 400.0
 
@@ -94,23 +92,10 @@ class Camera(Node):
         super().__init__("camera")
         self.answered = False
         self._since = 0
-        left, right, _ = load_pair(WIDTH, HEIGHT)
-        self._messages: list[tuple[Any, Any]] = []
-        for side, image, offset in (("left", left, 0.0), ("right", right, -FOCAL * BASELINE)):
-            cx, cy = (WIDTH - 1) / 2, (HEIGHT - 1) / 2
-            header = make_message("std_msgs/msg/Header", frame_id=f"{side}_camera")
-            info = make_message(
-                "sensor_msgs/msg/CameraInfo", header=header, width=WIDTH, height=HEIGHT,
-                distortion_model="plumb_bob", d=[0.0] * 5, r=np.eye(3).ravel(),
-                k=[FOCAL, 0.0, cx, 0.0, FOCAL, cy, 0.0, 0.0, 1.0],
-                p=[FOCAL, 0.0, cx, offset, 0.0, FOCAL, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
-            )
-            shown = write_image(make_message, image, "rgb8", header)
-            for topic, message in (("camera_info", info), ("image_rect", shown)):
-                publisher = self.create_publisher(
-                    type(message), f"{side}/{topic}", QoSProfile(depth=5)
-                )
-                self._messages.append((publisher, message))
+        self._messages = [
+            (self.create_publisher(type(message), topic, QoSProfile(depth=5)), message)
+            for topic, message in stereo_messages().items()
+        ]
         self.create_timer(1.0 / RATE, self._publish)
         self.create_subscription(
             message_type("stereo_msgs/msg/DisparityImage"), "disparity", self._hear, 10

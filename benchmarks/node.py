@@ -38,17 +38,13 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
-from std_msgs.msg import Header
 
-from benchmarks.__main__ import load_pair
+from benchmarks.stereo_messages import stereo_messages
 from uw_visibility.config import NodeConfig
-from uw_visibility.messages import write_image
 from uw_visibility.outputs import all_topics
-from uw_visibility.ros.factory import make_message, message_type
+from uw_visibility.ros.factory import message_type
 from uw_visibility.ros.player import read_stamp
 
-WIDTH, HEIGHT = 640, 480
-FOCAL, BASELINE = 3740.0 * WIDTH / 1282, 0.160
 START_TIMEOUT = 300.0
 # Memory settles while the first frames are processed, s.
 WARM_UP = 15.0
@@ -139,24 +135,11 @@ def measure(
 
 def make_frame() -> tuple[dict[str, str], dict[str, bytes]]:
     """Return types and serialised messages of a stereo frame by topic."""
-    left, right, _ = load_pair(WIDTH, HEIGHT)
-    cx, cy = (WIDTH - 1) / 2, (HEIGHT - 1) / 2
-    types, messages = {}, {}
-    for side, image, offset in (("left", left, 0.0), ("right", right, -FOCAL * BASELINE)):
-        header = Header(frame_id=f"{side}_camera")
-        info = make_message(
-            "sensor_msgs/msg/CameraInfo", header=header, width=WIDTH, height=HEIGHT,
-            distortion_model="plumb_bob", d=[0.0] * 5, r=np.eye(3).ravel(),
-            k=[FOCAL, 0.0, cx, 0.0, FOCAL, cy, 0.0, 0.0, 1.0],
-            p=[FOCAL, 0.0, cx, offset, 0.0, FOCAL, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
-        )
-        # In the order in which drivers publish them.
-        image_message = write_image(make_message, image, "rgb8", header)
-        messages[f"{side}/image_rect"] = serialize_message(image_message)
-        messages[f"{side}/camera_info"] = serialize_message(info)
-        types[f"{side}/image_rect"] = "sensor_msgs/msg/Image"
-        types[f"{side}/camera_info"] = "sensor_msgs/msg/CameraInfo"
-    return types, messages
+    messages = stereo_messages()
+    types = {
+        topic: f"sensor_msgs/msg/{type(message).__name__}" for topic, message in messages.items()
+    }
+    return types, {topic: serialize_message(message) for topic, message in messages.items()}
 
 
 class Listener:

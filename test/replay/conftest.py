@@ -30,26 +30,28 @@ from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.transect import Transect
 
 
+def simulated(
+    factory: pytest.TempPathFactory, name: str, frames: int, depth: tuple[float, float],
+    attenuation: tuple[float, float],
+) -> Path:
+    folder = factory.mktemp(name)
+    write_transect(folder / "simulated", Transect(
+        frames=frames, rate=2.0, depth=depth, attenuation=attenuation,
+        camera=StereoCamera(160, 120, 150.0, 0.12),
+    ))
+    return copy_bag(folder / "simulated", folder / name)
+
+
 @pytest.fixture(scope="session")
 def transect(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bag (mcap) of a few small frames, without the truth."""
-    folder = tmp_path_factory.mktemp("transect")
-    write_transect(folder / "simulated", Transect(
-        frames=FRAMES, rate=2.0, depth=(3.0, 4.0), attenuation=(0.1, 0.2),
-        camera=StereoCamera(160, 120, 150.0, 0.12),
-    ))
-    return copy_bag(folder / "simulated", folder / "transect")
+    return simulated(tmp_path_factory, "transect", FRAMES, (3.0, 4.0), (0.1, 0.2))
 
 
 @pytest.fixture(scope="session")
 def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bag (mcap) of more frames, over some metres of depth, without the truth."""
-    folder = tmp_path_factory.mktemp("dive")
-    write_transect(folder / "simulated", Transect(
-        frames=DIVE_FRAMES, rate=2.0, depth=(2.0, 6.0), attenuation=(0.1, 0.25),
-        camera=StereoCamera(160, 120, 150.0, 0.12),
-    ))
-    return copy_bag(folder / "simulated", folder / "dive")
+    return simulated(tmp_path_factory, "dive", DIVE_FRAMES, (2.0, 6.0), (0.1, 0.25))
 
 
 @pytest.fixture(scope="session")

@@ -13,6 +13,7 @@ from uw_visibility.commands.recording_options import (
     add_recording_options,
     jobs,
     read_recording_options,
+    reading,
 )
 from uw_visibility.errors import InputError
 
@@ -62,21 +63,12 @@ def run(arguments: argparse.Namespace) -> None:
     SystemExit
         With code 1 where nothing of a recording could be read.
     """
-    try:
+    with reading("calibrate"):
         from uw_visibility.replay.calibration import calibrate_recordings
-        from uw_visibility.replay.reader import UnreadableError
-    except ImportError as error:
-        raise InputError(
-            f"calibrate needs {error.name}: install the extra report, "
-            "pip install 'uw_visibility[report]'"
-        ) from error
-    _check_target(arguments.output, arguments.force)
-    options = read_recording_options(arguments).with_threads(1)
-    try:
+
+        _check_target(arguments.output, arguments.force)
+        options = read_recording_options(arguments).with_threads(1)
         found, series = calibrate_recordings(arguments.bags, options, jobs=jobs(arguments))
-    except UnreadableError as error:
-        print(f"uw_visibility: {error}", file=sys.stderr)
-        raise SystemExit(1) from error
     text = _parameter_file(arguments, found)
     # What is piped on is the file alone.
     told = sys.stderr if arguments.output is None else sys.stdout

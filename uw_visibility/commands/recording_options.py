@@ -7,6 +7,9 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -69,6 +72,31 @@ def read_recording_options(arguments: argparse.Namespace) -> ReplayOptions:
         duration=arguments.duration,
         every=arguments.every,
     )
+
+
+@contextmanager
+def reading(command: str) -> Iterator[None]:
+    """Say in one sentence what keeps a command from reading recordings.
+
+    Raises
+    ------
+    InputError
+        If what reads them is not installed.
+    SystemExit
+        With code 1 where nothing of a recording could be read.
+    """
+    try:
+        from uw_visibility.replay.reader import UnreadableError
+    except ImportError as error:
+        raise InputError(
+            f"{command} needs {error.name}: install the extra report, "
+            "pip install 'uw_visibility[report]'"
+        ) from error
+    try:
+        yield
+    except UnreadableError as error:
+        print(f"uw_visibility: {error}", file=sys.stderr)
+        raise SystemExit(1) from error
 
 
 def jobs(arguments: argparse.Namespace) -> int:

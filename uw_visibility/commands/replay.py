@@ -14,6 +14,7 @@ from uw_visibility.commands.recording_options import (
     add_recording_options,
     jobs,
     read_recording_options,
+    reading,
 )
 from uw_visibility.errors import InputError
 
@@ -96,22 +97,12 @@ def run(arguments: argparse.Namespace) -> None:
     SystemExit
         With code 1 where nothing of a recording could be read.
     """
-    try:
-        from uw_visibility.replay.reader import UnreadableError
-    except ImportError as error:
-        raise InputError(
-            f"replay needs {error.name}: install the extra report, "
-            "pip install 'uw_visibility[report]'"
-        ) from error
-    try:
+    with reading("replay"):
         options = _options(arguments)
         if arguments.list:
             _list_all(arguments.bags, options)
             return
         summaries = _replay(arguments, options)
-    except UnreadableError as error:
-        print(f"uw_visibility: {error}", file=sys.stderr)
-        raise SystemExit(1) from error
     for summary in summaries:
         _tell(summary)
     if any(summary.frames == summary.failed for summary in summaries):
