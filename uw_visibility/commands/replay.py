@@ -204,6 +204,8 @@ def _list(bag: Path, options: ReplayOptions) -> None:
 
 
 def _tell(summary: Summary) -> None:
+    from uw_visibility.replay.refusals import WHOLE_FRAME
+
     if summary.error:
         print(f"uw_visibility: {summary.error}", file=sys.stderr)
         return
@@ -216,11 +218,11 @@ def _tell(summary: Summary) -> None:
     )
     for note in summary.notes:
         print(f"  {note}")
-    for status, count in summary.status.most_common():
-        if status not in ("ok", "unusable"):
-            print(f"  not assessable: {status} ({count})")
-    for reason, count in summary.reasons.most_common():
-        print(f"  unusable frame: {reason} ({count})")
+    for refusal in summary.refusals.together():
+        what = f"not assessable: {refusal.what}: {refusal.why}"
+        if refusal.what == WHOLE_FRAME:
+            what = f"unusable frame: {refusal.why}"
+        print(f"  {what} ({refusal.count}), frame{'s'[:refusal.count - 1]} {refusal.frames}")
     for reason, count in summary.dropped.most_common():
         print(f"  dropped: {reason} ({count})")
     for note in summary.damage:

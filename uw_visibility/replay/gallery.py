@@ -16,6 +16,7 @@ from uw_visibility.compressed import read_compressed
 from uw_visibility.errors import InputError
 from uw_visibility.images import write_png
 from uw_visibility.messages import read_image
+from uw_visibility.replay.colours import ColourScale
 from uw_visibility.replay.decoder import header_stamp
 from uw_visibility.replay.options import ReplayOptions
 from uw_visibility.replay.reader import BagReader
@@ -23,8 +24,8 @@ from uw_visibility.replay.results import NAME
 from uw_visibility.replay.table import nanoseconds, read_columns, read_rows
 from uw_visibility.replay.topics import Selection
 
-# Disparities are drawn over the range that this share of the matched pixels has.
-DRAWN_SHARE = (1.0, 99.0)
+# Frames that the colours of all are chosen from.
+SCALE_FRAMES = 16
 LARGEST_VIDEO_WIDTH = 1920
 LEFT_TOPIC, DISPARITY_TOPIC = "/left/enhanced/image", "/disparity"
 
@@ -36,15 +37,12 @@ class Picture(NamedTuple):
     ----------
     row : dict of str to str
     raw, enhanced, disparity : (H, W, 3) uint8 ndarray
-    drawn : tuple of float or None
-        The disparities that the ends of the colours stand for, px.
     """
 
     row: dict[str, str]
     raw: NDArray[np.uint8]
     enhanced: NDArray[np.uint8]
     disparity: NDArray[np.uint8]
-    drawn: tuple[float, float] | None
 
     def side_by_side(self) -> NDArray[np.uint8]:
         """Return the three in a row."""
@@ -56,8 +54,40 @@ class Picture(NamedTuple):
         return np.concatenate((raw, self.enhanced, self.disparity), axis=1)
 
 
+def colour_scale(folder: Path) -> ColourScale | None:
+    """Return the colours of disparities for all pictures of a result.
+
+    They are chosen from evenly spaced frames, so they do not depend on which
+    pictures are wanted.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the result.
+
+    Returns
+    -------
+    ColourScale or None
+        None where nothing matched in any of these frames.
+    """
+    rows = [
+        (nanoseconds(row["time"]), nanoseconds(row["stamp"]))
+        for row in read_rows(folder / "frames.csv") if not row["reason"]
+    ]
+    chosen = {
+        round(index) for index in np.linspace(0, len(rows) - 1, min(SCALE_FRAMES, len(rows)))
+    }
+    with BagReader(folder / NAME) as results:
+        found = (_at(results, DISPARITY_TOPIC, *rows[index]) for index in sorted(chosen))
+        return ColourScale.of(message for message in found if message is not None)
+
+
 def pictures(
-    folder: Path, reader: BagReader, selection: Selection, frames: Collection[str] | None
+    folder: Path,
+    reader: BagReader,
+    selection: Selection,
+    scale: ColourScale | None,
+    frames: Collection[str] | None = None,
 ) -> Iterator[Picture]:
     """Yield pictures of frames, in order, from the result and the recording.
 
@@ -69,8 +99,10 @@ def pictures(
         The recording.
     selection : Selection
         Topics used.
-    frames : collection of str or None
-        Numbers of the frames; None for all. Those without result are left out.
+    scale : ColourScale or None
+        Of the disparities; without one, all are black.
+    frames : collection of str, optional
+        Numbers of the frames; all. Those without result are left out.
     """
     with BagReader(folder / NAME) as results:
         for row in read_rows(folder / "frames.csv"):
@@ -82,13 +114,17 @@ def pictures(
             raw = _at(reader, selection.left, time, nanoseconds(row["stamp"]))
             if enhanced is None or disparity is None or raw is None:
                 continue
-            yield Picture(
-                row, _shown(_pixels(raw)), _shown(_pixels(enhanced)), *_coloured(disparity)
-            )
+            shown = _shown(_pixels(enhanced))
+            drawn = np.zeros_like(shown) if scale is None else scale.draw(disparity)
+            yield Picture(row, _shown(_pixels(raw)), shown, drawn)
 
 
 def write_pictures(
-    folder: Path, reader: BagReader, selection: Selection, options: ReplayOptions
+    folder: Path,
+    reader: BagReader,
+    selection: Selection,
+    scale: ColourScale | None,
+    options: ReplayOptions,
 ) -> None:
     """Write ``images/`` and ``video.mp4``, where they are wanted.
 
@@ -100,11 +136,11 @@ def write_pictures(
     if options.images:
         chosen = [r["frame"] for r in read_rows(folder / "frames.csv")][:: options.images]
         (folder / "images").mkdir(exist_ok=True)
-        for picture in pictures(folder, reader, selection, set(chosen)):
+        for picture in pictures(folder, reader, selection, scale, set(chosen)):
             name = f"frame_{int(picture.row['frame']):06d}.png"
             write_png(folder / "images" / name, picture.side_by_side())
     if options.video:
-        _write_video(folder, pictures(folder, reader, selection, None))
+        _write_video(folder, pictures(folder, reader, selection, scale))
 
 
 def _write_video(folder: Path, shown: Iterator[Picture]) -> None:
@@ -148,20 +184,6 @@ def _shown(image: NDArray[Any]) -> NDArray[np.uint8]:
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)
     return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) if image.ndim == 2 else image
-
-
-def _coloured(message: Any) -> tuple[NDArray[np.uint8], tuple[float, float] | None]:
-    """Return a disparity image in colours, black where nothing matched, and their ends, px."""
-    image = message.image
-    data = np.frombuffer(image.data, np.float32).reshape(image.height, image.width)
-    known = data >= message.min_disparity
-    if not known.any():
-        return np.zeros((*data.shape, 3), np.uint8), None
-    low, high = (float(value) for value in np.percentile(data[known], DRAWN_SHARE))
-    scaled = np.clip((data - low) / max(high - low, 1e-6), 0.0, 1.0)
-    coloured = cv2.applyColorMap((255.0 * scaled).astype(np.uint8), cv2.COLORMAP_TURBO)
-    coloured[~known] = 0
-    return np.asarray(cv2.cvtColor(coloured, cv2.COLOR_BGR2RGB), np.uint8), (low, high)
 
 
 def _fit(image: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:

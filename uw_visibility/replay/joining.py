@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from uw_visibility.config import PlausibilityConfig
 from uw_visibility.depth_series import DepthSample, interpolate
+from uw_visibility.depth_verdict import Verdict
 from uw_visibility.plausibility import (
     RESTART_NANOSECONDS,
     WAITING_ESTIMATES,
@@ -161,7 +162,9 @@ class Joiner:
         if comparison is not None:
             row["innovation"] = number(comparison.innovation)
             row["nis"] = number(comparison.nis)
-        row["plausibility"] = str(self._monitor.report(self._now).verdict)
+        report = self._monitor.report(self._now)
+        row["plausibility"] = str(report.verdict)
+        row["plausibility_reason"] = "" if report.verdict is Verdict.OK else report.reason
         self.verdicts[row["plausibility"]] += 1
 
     def _join_position(self, row: dict[str, str], stamp: int) -> None:

@@ -14,10 +14,12 @@ import numpy as np
 
 from uw_visibility.config import NodeConfig, PipelineConfig
 from uw_visibility.parameters import flatten
+from uw_visibility.replay.colours import ColourScale, gradient
 from uw_visibility.replay.figures import NEEDED, data_uri, draw_series
 from uw_visibility.replay.gallery import Picture, pictures, preview
 from uw_visibility.replay.meaning import meaning
 from uw_visibility.replay.reader import BagReader
+from uw_visibility.replay.refusals import OTHER_CHANNELS, STATUS_COLUMNS, WHOLE_FRAME
 from uw_visibility.replay.table import read_columns, read_rows
 from uw_visibility.replay.topics import Selection
 from uw_visibility.replay.track import TRACK_COLUMNS, draw_track
@@ -33,7 +35,11 @@ TOPIC_TITLES = {"depth": "depth sensor", "left_info": "left camera_info",
 
 
 def write_report(
-    folder: Path, reader: BagReader, selection: Selection, summary: Summary
+    folder: Path,
+    reader: BagReader,
+    selection: Selection,
+    scale: ColourScale | None,
+    summary: Summary,
 ) -> None:
     """Write ``report.html``.
 
@@ -45,6 +51,8 @@ def write_report(
         The recording, for the raw images.
     selection : Selection
         Topics used.
+    scale : ColourScale or None
+        Colours of the disparities.
     summary : Summary
         What the replay did.
     """
@@ -69,9 +77,13 @@ def write_report(
                 "source": data_uri(preview(picture.side_by_side(), PICTURE_WIDTH)),
                 "caption": _caption(picture),
             }
-            for picture in pictures(folder, reader, selection, _representative(folder))
+            for picture in pictures(
+                folder, reader, selection, scale, _representative(folder)
+            )
         ],
+        colours=_colours(scale),
         refusals=_refusals(summary),
+        other_channels=summary.refusals.has(OTHER_CHANNELS),
         plausibility=_plausibility(summary),
         timings=_timings(folder / "timings.csv"),
         threads=_threads(summary),
@@ -84,7 +96,7 @@ def write_report(
 def _representative(folder: Path) -> set[str]:
     """Choose frames: evenly spaced ones, the clearest and the murkiest, one of each refusal."""
     rows = [
-        (row["frame"], row["status"], row["visibility_distance"])
+        (row["frame"], [row[c] for c in STATUS_COLUMNS.values()], row["visibility_distance"])
         for row in read_rows(folder / "frames.csv") if not row["reason"]
     ]
     if not rows:
@@ -94,7 +106,10 @@ def _representative(folder: Path) -> set[str]:
     seen = sorted((float(distance), frame) for frame, _, distance in rows if distance)
     if seen:
         chosen |= {seen[0][1], seen[-1][1]}
-    refused = {status: frame for frame, status, _ in reversed(rows) if status != "ok"}
+    refused = {
+        (status, place): frame for frame, statuses, _ in reversed(rows)
+        for place, status in enumerate(statuses) if status != "ok"
+    }
     return chosen | set(refused.values())
 
 
@@ -134,23 +149,29 @@ def _numbers(columns: dict[str, Any], summary: Summary) -> list[tuple[str, str]]
 def _caption(picture: Picture) -> str:
     row = picture.row
     parts = [f"Frame {row['frame']}", f"water: {row['status']}"]
-    for name, title, unit in (
-        ("visibility_distance", "visibility", "m"), ("mean_attenuation", "α", "1/m"),
-        ("depth", "depth", "m"),
+    for name, title, unit, column in (
+        ("visibility_distance", "visibility", "m", "visibility_status"),
+        ("mean_attenuation", "α", "1/m", "status"), ("depth", "depth", "m", "depth_status"),
     ):
         if row[name]:
             band = f" ± {float(row[name + '_stddev']):.2g}" if row[name + "_stddev"] else ""
             parts.append(f"{title} {float(row[name]):.3g}{band} {unit}")
+        elif row[column] != row["status"]:
+            parts.append(f"{title}: {row[column]}")
     if row["sensor_depth"]:
         parts.append(f"sensor {float(row['sensor_depth']):.2f} m")
     matched = f"{_percent(float(row['matched_fraction']))} matched"
     if row["matched_fraction_original"]:
         matched += f" ({_percent(float(row['matched_fraction_original']))} of the pair as recorded)"
     parts.append(matched)
-    if picture.drawn is not None:
-        far, near = picture.drawn
-        parts.append(f"disparity drawn from {far:.1f} to {near:.1f} px")
     return ", ".join(parts)
+
+
+def _colours(scale: ColourScale | None) -> dict[str, str] | None:
+    if scale is None:
+        return None
+    low, high = scale.describe(scale.low), scale.describe(scale.high)
+    return {"low": low, "high": high, "gradient": gradient()}
 
 
 def _percent(share: float) -> str:
@@ -158,19 +179,14 @@ def _percent(share: float) -> str:
 
 
 def _refusals(summary: Summary) -> list[dict[str, Any]]:
-    rows = []
-    for what, counts in (
-        ("water and visibility", summary.status), ("depth by colour", summary.depth_status)
-    ):
-        rows += [
-            {"what": what, "why": why, "count": count, "meaning": meaning(why)}
-            for why, count in counts.most_common() if why not in ("ok", "unusable")
-        ]
-    rows += [
-        {"what": "the whole frame", "why": why, "count": count, "meaning": "No result."}
-        for why, count in summary.reasons.most_common()
+    return [
+        {
+            "what": refusal.what, "why": refusal.why, "count": refusal.count,
+            "frames": refusal.frames,
+            "meaning": "No result." if refusal.what == WHOLE_FRAME else meaning(refusal.why),
+        }
+        for refusal in summary.refusals.together()
     ]
-    return rows
 
 
 def _plausibility(summary: Summary) -> dict[str, Any] | None:

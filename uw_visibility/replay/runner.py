@@ -200,15 +200,17 @@ class _Replay:
         summary.seconds = time.monotonic() - self._begin
 
     def _write_extras(self) -> None:
-        from uw_visibility.replay.gallery import write_pictures
+        from uw_visibility.replay.gallery import colour_scale, write_pictures
         from uw_visibility.replay.report import write_report
 
         work = self._folder.work
         if self._options.geo:
             write_geojson(work / "frames.geojson", read_rows(work / "frames.csv"))
+        scale = colour_scale(work)
+        selection = self._stream.selection
         if self.summary.complete:
-            write_pictures(work, self._reader, self._stream.selection, self._options)
-        write_report(work, self._reader, self._stream.selection, self.summary)
+            write_pictures(work, self._reader, selection, scale, self._options)
+        write_report(work, self._reader, selection, scale, self.summary)
 
     def _check_earlier(self) -> None:
         """Refuse to go on with another input or other parameters.

@@ -12,6 +12,7 @@ from typing import Any
 
 from uw_visibility.plausibility import Report
 from uw_visibility.replay.provenance import Origin
+from uw_visibility.replay.refusals import Refusals
 from uw_visibility.replay.table import FAILED
 
 
@@ -27,8 +28,11 @@ class Summary:
         Whether the recording was replayed to its end.
     frames, resumed : int
         Rows of the table, and those of an earlier part among them.
-    status, depth_status, reasons : Counter of str
-        Frames by status, by that of the depth, and those without result by reason.
+    status, visibility_status, depth_status, reasons : Counter of str
+        Frames by status, by that of the visibility distance and that of the depth,
+        and those without result by reason.
+    refusals : Refusals
+        What was not assessable in which frames.
     dropped : Counter of str
         Images that became part of no frame, by reason.
     damage : list of str
@@ -55,8 +59,10 @@ class Summary:
     frames: int = 0
     resumed: int = 0
     status: Counter[str] = field(default_factory=Counter)
+    visibility_status: Counter[str] = field(default_factory=Counter)
     depth_status: Counter[str] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
+    refusals: Refusals = field(default_factory=Refusals)
     dropped: Counter[str] = field(default_factory=Counter)
     damage: list[str] = field(default_factory=list)
     error: str = ""
@@ -80,10 +86,12 @@ class Summary:
     def count(self, row: dict[str, str]) -> None:
         """Count a frame."""
         self.frames += 1
+        self.refusals.count(row)
         self.status[row["status"]] += 1
         if row["status"] == FAILED:
             self.reasons[row["reason"]] += 1
         else:
+            self.visibility_status[row["visibility_status"]] += 1
             self.depth_status[row["depth_status"]] += 1
 
     def state(self, origin: Origin) -> dict[str, Any]:
@@ -92,8 +100,10 @@ class Summary:
             "complete": self.complete, "version": origin.version, "bag": origin.bag,
             "input_sha256": self.provenance.get("input_sha256"),
             "fingerprint": origin.fingerprint, "topics": self.topics, "frames": self.frames,
-            "status": dict(self.status), "depth_status": dict(self.depth_status),
-            "unusable": dict(self.reasons), "dropped": dict(self.dropped),
+            "status": dict(self.status), "visibility_status": dict(self.visibility_status),
+            "depth_status": dict(self.depth_status),
+            "unusable": dict(self.reasons), "not_assessable": self.refusals.state(),
+            "dropped": dict(self.dropped),
             "damage": self.damage, "plausibility": dict(self.verdicts),
             "seconds": round(self.seconds, 3), "python": sys.version.split()[0],
             "parameters": origin.parameters,
@@ -104,7 +114,10 @@ class Summary:
         """Return that of a result that was there already."""
         return cls(
             bag, output, complete=True, frames=state["frames"], resumed=state["frames"],
-            status=Counter(state["status"]), depth_status=Counter(state["depth_status"]),
-            reasons=Counter(state["unusable"]), dropped=Counter(state["dropped"]),
+            status=Counter(state["status"]),
+            visibility_status=Counter(state["visibility_status"]),
+            depth_status=Counter(state["depth_status"]), reasons=Counter(state["unusable"]),
+            refusals=Refusals.of_state(state["not_assessable"]),
+            dropped=Counter(state["dropped"]),
             damage=list(state["damage"]), topics=state["topics"],
         )

@@ -39,6 +39,7 @@ COLUMNS: tuple[str, ...] = (
     "support_points", "coverage", "matched_fraction", "matched_fraction_original",
     "limited_fraction",
     *_with_stddev("sensor_depth"), "innovation", "nis", "plausibility",
+    "plausibility_reason",
     "longitude", "latitude", "x", "y",
 )
 """Columns of ``frames.csv``: m, 1/m, degrees; stamps and time in s; empty = not known."""
