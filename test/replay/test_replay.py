@@ -154,8 +154,10 @@ def test_a_part_is_replayed(transect: Path, replayed: Path, tmp_path: Path) -> N
     whole = list(read_rows(replayed / "frames.csv"))
     assert [row["stamp"] for row in part.rows] == [row["stamp"] for row in whole[2:4]]
     assert part.rows[0]["depth"] == whole[2]["depth"]
-    for option, value in (("--every", "0"), ("--start", "-1"), ("--duration", "0")):
+    for option, value in (("--every", "0"), ("--start", "-1"), ("--duration", "0"),
+                          ("--start", "100")):
         assert run(transect, tmp_path / "none", option, value).code == 2
+    assert {p.name for p in tmp_path.iterdir()} == {"every", "part"}
 
 
 def test_a_calibration_sent_once_before_the_start_holds(transect: Path, tmp_path: Path) -> None:
@@ -246,6 +248,7 @@ def test_pictures_video_and_map_on_request(transect: Path, tmp_path: Path) -> No
     assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(2.0)
     features = json.loads((out / "frames.geojson").read_text())["features"]
     assert [f["geometry"]["coordinates"] for f in features] == [[10.5, 59.5]] * FRAMES
+    assert features[0]["properties"]["visibility_status"] == "ok"
     assert features[0]["properties"]["depth"] == float(done.rows[0]["depth"])
 
 

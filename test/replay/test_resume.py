@@ -36,6 +36,7 @@ class Interrupted:
     out: Path
     params: str
     code: int
+    err: str
 
     @property
     def partial(self) -> Path:
@@ -57,15 +58,19 @@ def stop_at(number: int, method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @pytest.fixture
-def interrupted(hard: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Interrupted:
+def interrupted(
+    hard: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> Interrupted:
     """A replay that Ctrl-C has ended."""
     params = parameter_file(tmp_path / "p.yaml", HARD_PARAMETERS)
     with monkeypatch.context() as patched:
         patched.setattr(
             RecordingProcessor, "answer", stop_at(INTERRUPTED_AT, RecordingProcessor.answer)
         )
-        started = Interrupted(hard, tmp_path / "results" / "out", params, 0)
-        started.code = started.again().code
+        started = Interrupted(hard, tmp_path / "results" / "out", params, 0, "")
+        done = started.again(capsys=capsys)
+        started.code, started.err = done.code, done.err
     return started
 
 
@@ -90,6 +95,8 @@ def test_an_interruption_leaves_a_readable_part_marked_as_such(
     assert (interrupted.code, interrupted.out.exists()) == (130, False)
     rows = list(read_rows(interrupted.partial / "frames.csv"))
     assert rows == list(read_rows(hard_replayed / "frames.csv"))[: len(rows)]
+    said = f"out.partial has {len(rows)} frames: --resume goes on from it"
+    assert said in interrupted.err
     # The last one or two wait for the sensor's value after them.
     assert INTERRUPTED_AT - 2 <= len(rows) <= INTERRUPTED_AT
     shown = [m for m in messages_of(interrupted.partial) if m[0] == "/disparity"]

@@ -102,7 +102,12 @@ def run(arguments: argparse.Namespace) -> None:
         if arguments.list:
             _list_all(arguments.bags, options)
             return
-        summaries = _replay(arguments, options)
+        targets = _targets(arguments.bags, arguments.output)
+        try:
+            summaries = _replay(arguments, options, targets)
+        except KeyboardInterrupt:
+            _tell_partial(targets)
+            raise
     for summary in summaries:
         _tell(summary)
     if any(summary.frames == summary.failed for summary in summaries):
@@ -124,10 +129,9 @@ def _options(arguments: argparse.Namespace) -> ReplayOptions:
     )
 
 
-def _replay(arguments: argparse.Namespace, options: ReplayOptions) -> list[Summary]:
-    if arguments.output is None:
-        raise InputError("-o is missing: name the folder for the results, or give --list")
-    targets = _targets(arguments.bags, arguments.output)
+def _replay(
+    arguments: argparse.Namespace, options: ReplayOptions, targets: dict[Path, Path]
+) -> list[Summary]:
     flags = {"force": arguments.force, "resume": arguments.resume}
     options = options.with_threads(1)
     if arguments.scheduler is not None:
@@ -141,8 +145,10 @@ def _replay(arguments: argparse.Namespace, options: ReplayOptions) -> list[Summa
     return replay_bags(targets, options, jobs=jobs(arguments), **flags)
 
 
-def _targets(bags: list[Path], output: Path) -> dict[Path, Path]:
+def _targets(bags: list[Path], output: Path | None) -> dict[Path, Path]:
     """Return the folder of each bag's result."""
+    if output is None:
+        raise InputError("-o is missing: name the folder for the results, or give --list")
     if len(bags) == 1:
         return {bags[0]: output}
     # A folder's name may have dots in it, a file's ends with its format.
@@ -201,6 +207,18 @@ def _list(bag: Path, options: ReplayOptions) -> None:
             print(f"  {name.replace('_', ' '):{width}}  {topic or 'none'}")
         for note in used.notes:
             print(f"  {note}")
+
+
+def _tell_partial(targets: dict[Path, Path]) -> None:
+    from uw_visibility.replay.folder import partial_of, read_state
+
+    for target in targets.values():
+        partial = partial_of(target)
+        try:
+            frames = read_state(partial)["frames"]
+        except (OSError, ValueError):
+            continue
+        print(f"{partial} has {frames} frames: --resume goes on from it", file=sys.stderr)
 
 
 def _tell(summary: Summary) -> None:

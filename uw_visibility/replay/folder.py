@@ -17,6 +17,11 @@ PARTIAL = ".partial"
 OLD = ".old"
 
 
+def partial_of(target: Path) -> Path:
+    """Return the folder of a partial result."""
+    return target.with_name(target.name + PARTIAL)
+
+
 def check_target(target: Path, force: bool) -> None:
     """Refuse a folder that must not be overwritten.
 
@@ -82,7 +87,7 @@ class ResultFolder:
 
     def __init__(self, target: Path, *, force: bool = False, resume: bool = False) -> None:
         self.target = target
-        self.work = target.with_name(target.name + PARTIAL)
+        self.work = partial_of(target)
         self._old = target.with_name(target.name + PARTIAL + OLD)
         self.earlier: Path | None = None
         check_target(target, force)

@@ -19,8 +19,9 @@ LONGEST_GAP = 10.0
 EARTH_RADIUS = 6371008.8
 
 PROPERTIES = (
-    "status", "mean_attenuation", "mean_attenuation_stddev", "visibility_distance",
-    "visibility_distance_stddev", "depth", "depth_stddev", "sensor_depth",
+    "status", "visibility_status", "depth_status", "reason",
+    "mean_attenuation", "mean_attenuation_stddev", "visibility_distance",
+    "visibility_distance_stddev", "depth", "depth_stddev", "sensor_depth", "plausibility",
 )
 
 

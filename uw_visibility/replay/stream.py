@@ -95,7 +95,8 @@ class InputStream:
     Raises
     ------
     InputError
-        If the recording has no pair of images or no calibration.
+        If the recording has no pair of images or no calibration, or ends before
+        the part that is wanted.
     """
 
     def __init__(self, reader: BagReader, options: ReplayOptions) -> None:
@@ -105,6 +106,7 @@ class InputStream:
             reader.channels, options.wanted, rectify=options.node.rectify,
             calibrated=options.infos is not None, sensor_type=options.sensor_type,
         )
+        self._check_start()
         self.plausibility: PlausibilityConfig = replace(
             options.node.plausibility, sensor_type=self.selection.sensor_type
         )
@@ -152,6 +154,21 @@ class InputStream:
             if expected is not None and read < expected:
                 notes.append(f"{expected - read} of {expected} messages on {topic} are missing")
         return notes
+
+    def _check_start(self) -> None:
+        """Refuse a part of the recording that lies behind its end.
+
+        Raises
+        ------
+        InputError
+            Naming the length of the recording.
+        """
+        span = self._reader.span
+        if span is not None and self._options.start > (span[1] - span[0]) / 1e9:
+            raise InputError(
+                f"--start is {self._options.start:g}: {self._reader.path.name} ends after "
+                f"{(span[1] - span[0]) / 1e9:.1f} s"
+            )
 
     def _interval(self) -> tuple[int | None, int | None]:
         """Return the times between which messages are wanted, ns."""
