@@ -24,7 +24,7 @@ from uw_visibility.replay.positions import (
     write_geojson,
 )
 from uw_visibility.replay.stream import SensorValue
-from uw_visibility.replay.table import nanoseconds, number, seconds
+from uw_visibility.replay.table import FAILED, nanoseconds, number, seconds
 
 CONFIG = PlausibilityConfig(sensor_type="Float64", model_stddev=0.3, max_gate=3.0)
 
@@ -64,6 +64,19 @@ def test_a_refused_depth_has_the_sensor_beside_it_but_no_nis() -> None:
     assert float(joined["sensor_depth"]) == 2.0
     assert "nis" not in joined
     assert joined["plausibility"] == "not assessable"
+    assert joined["plausibility_reason"] == "the depth is not assessable: saturated"
+
+
+def test_a_frame_without_result_is_not_judged_and_its_neighbours_are() -> None:
+    joiner = Joiner(CONFIG)
+    failed = {"frame": "1", "stamp": seconds(1_500_000_000), "time": seconds(1_500_000_000),
+              "status": FAILED, "reason": "left image: too dark"}
+    out = [*joiner.add_sensor(sensor(0.9, 2.0)), *joiner.add_frame(row(1.0))]
+    # The next frame is there before the sensor's next value.
+    out += [*joiner.add_frame(failed), *joiner.add_sensor(sensor(2.0, 2.0))]
+    assert [(r["plausibility"], r["plausibility_reason"]) for r in out] == [
+        ("ok", ""), ("not assessable", "the frame has no result")]
+    assert float(out[1]["sensor_depth"]) == 2.0
 
 
 def test_a_sensor_that_is_silent_holds_no_row_up() -> None:

@@ -20,7 +20,7 @@ from uw_visibility.plausibility import (
 )
 from uw_visibility.replay.positions import Position, PositionTrack, geographic
 from uw_visibility.replay.stream import Restart, SensorValue
-from uw_visibility.replay.table import depth_sample, nanoseconds, number
+from uw_visibility.replay.table import FAILED, depth_sample, nanoseconds, number
 
 # Numbers of a report that are sums over the whole recording.
 COUNTS = ("compared", "failed", "inconclusive", "unmatched")
@@ -68,7 +68,8 @@ class Joiner:
     def add_frame(self, row: dict[str, str]) -> Iterator[dict[str, str]]:
         """Take a frame's row; yields the rows that are complete."""
         self._now = nanoseconds(row["time"]) / 1e9
-        if self._monitor is not None:
+        # As in the node, a frame without result says nothing of the ones around it.
+        if self._monitor is not None and row["status"] != FAILED:
             self._note(self._monitor.add_estimate(*depth_sample(row), self._now))
         self._waiting.append(row)
         yield from self._complete(at_end=False)
@@ -163,8 +164,11 @@ class Joiner:
             row["innovation"] = number(comparison.innovation)
             row["nis"] = number(comparison.nis)
         report = self._monitor.report(self._now)
-        row["plausibility"] = str(report.verdict)
-        row["plausibility_reason"] = "" if report.verdict is Verdict.OK else report.reason
+        verdict, reason = report.verdict, report.reason
+        if row["status"] == FAILED:
+            verdict, reason = Verdict.NOT_ASSESSABLE, "the frame has no result"
+        row["plausibility"] = str(verdict)
+        row["plausibility_reason"] = "" if verdict is Verdict.OK else reason
         self.verdicts[row["plausibility"]] += 1
 
     def _join_position(self, row: dict[str, str], stamp: int) -> None:

@@ -115,9 +115,9 @@ class Summary:
         return cls(
             bag, output, complete=True, frames=state["frames"], resumed=state["frames"],
             status=Counter(state["status"]),
-            visibility_status=Counter(state["visibility_status"]),
+            visibility_status=Counter(state.get("visibility_status")),
             depth_status=Counter(state["depth_status"]), reasons=Counter(state["unusable"]),
-            refusals=Refusals.of_state(state["not_assessable"]),
+            refusals=Refusals.of_state(state.get("not_assessable", [])),
             dropped=Counter(state["dropped"]),
             damage=list(state["damage"]), topics=state["topics"],
         )

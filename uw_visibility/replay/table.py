@@ -102,9 +102,7 @@ def result_columns(result: FrameResult) -> dict[str, str]:
 
 
 def depth_sample(row: Mapping[str, str]) -> tuple[DepthSample, Status]:
-    """Return the estimated depth of a row and its status, for the plausibility test."""
-    if row.get("depth_status") is None or row["depth_status"] == "":
-        return DepthSample(nanoseconds(row["stamp"]), math.nan, math.nan), Status.FIT_FAILED
+    """Return the estimated depth of a row with a result, and its status, to be judged."""
     status = Status(row["depth_status"])
     known = bool(row["depth"] and row["depth_stddev"])
     depth = float(row["depth"]) if known else math.nan
