@@ -32,29 +32,38 @@ _LEAST_VARIANCE = 0.01
 _SLOPE_RIDGE = 0.5
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def keep_consistent(
     start: int, stop: int, found: Any, cells: int, disparity: Any, count: int, kept: Any
 ) -> None:
     """Drop points that too few neighbours agree with (implausible matches)."""
     rows, columns = found.shape
+    agreeing = np.empty(columns, np.int32)
     for row in range(start, stop):
+        # A point agrees with itself.
+        agreeing[:] = -1
+        for y in range(max(row - cells, 0), min(row + cells + 1, rows)):
+            for shift in range(-cells, cells + 1):
+                first, last = max(0, -shift), min(columns, columns - shift)
+                if first < last:
+                    _count_agreeing(
+                        found[row, first:last], found[y, first + shift : last + shift],
+                        disparity, agreeing[first:last],
+                    )
         for column in range(columns):
             d = found[row, column]
-            kept[row, column] = -1.0
-            if d < 0:
-                continue
-            agreeing = -1
-            for y in range(max(row - cells, 0), min(row + cells + 1, rows)):
-                for x in range(max(column - cells, 0), min(column + cells + 1, columns)):
-                    other = found[y, x]
-                    if other >= 0 and abs(other - d) <= disparity:
-                        agreeing += 1
-            if agreeing >= count:
-                kept[row, column] = d
+            kept[row, column] = d if d >= 0 and agreeing[column] >= count else -1.0
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
+def _count_agreeing(here: Any, there: Any, disparity: Any, agreeing: Any) -> None:
+    """Count one neighbour of each point of a row; all at once, since that makes vector code."""
+    for x in range(agreeing.size):
+        near = abs(there[x] - here[x]) <= disparity
+        agreeing[x] += np.int32(1) if near and there[x] >= 0 else np.int32(0)
+
+
+@njit(nogil=True, error_model="numpy")
 def smooth(start: int, stop: int, kept: Any, deviation: Any, smoothed: Any) -> None:
     """Replace each disparity by that of a plane through the neighbours on its surface.
 
@@ -63,44 +72,81 @@ def smooth(start: int, stop: int, kept: Any, deviation: Any, smoothed: Any) -> N
     """
     rows, columns = kept.shape
     steps = _SMOOTHING_STEPS
+    # Sums over the neighbours of one row: of weights, of weights times the step across
+    # and its square, of weighted differences, and of those times the step across.
+    sums = np.empty((5, columns), np.float32)
+    # The same over all rows, with the step down besides.
+    moments = np.empty((9, columns), np.float32)
     for row in range(start, stop):
+        moments[:] = 0
+        for y in range(row - steps, row + steps + 1, _SMOOTHING_STRIDE):
+            if not 0 <= y < rows:
+                continue
+            sums[:] = 0
+            for shift in range(-steps, steps + 1, _SMOOTHING_STRIDE):
+                first, last = max(0, -shift), min(columns, columns - shift)
+                if first >= last:
+                    continue
+                variance = _LEAST_VARIANCE + _ROUGHNESS**2 * (shift**2 + (y - row) ** 2)
+                _add_neighbours(
+                    kept[row, first:last], kept[y, first + shift : last + shift],
+                    deviation[y, first + shift : last + shift], np.float32(variance),
+                    np.float32(shift), sums[0, first:last], sums[1, first:last],
+                    sums[2, first:last], sums[3, first:last], sums[4, first:last],
+                )
+            _add_row(sums, np.float32(y - row), moments)
         for column in range(columns):
             d = kept[row, column]
             smoothed[row, column] = -1.0
-            if d < 0:
-                continue
-            s, sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            b, bx, by = 0.0, 0.0, 0.0
-            for y in range(row - steps, row + steps + 1, _SMOOTHING_STRIDE):
-                for x in range(column - steps, column + steps + 1, _SMOOTHING_STRIDE):
-                    if not (0 <= y < rows and 0 <= x < columns):
-                        continue
-                    difference = kept[y, x] - d
-                    if kept[y, x] < 0 or abs(difference) > _SAME_SURFACE:
-                        continue
-                    i, j = x - column, y - row
-                    weight = 1.0 / (
-                        deviation[y, x] ** 2 + _LEAST_VARIANCE
-                        + _ROUGHNESS**2 * (i * i + j * j)
-                    )
-                    s += weight
-                    sx += weight * i
-                    sy += weight * j
-                    sxx += weight * i * i
-                    sxy += weight * i * j
-                    syy += weight * j * j
-                    b += weight * difference
-                    bx += weight * difference * i
-                    by += weight * difference * j
-            sxx += _SLOPE_RIDGE * s
-            syy += _SLOPE_RIDGE * s
-            # Cramer's rule for the plane's value at the point itself.
-            minor, minor_x, minor_y = sxx * syy - sxy**2, sx * syy - sxy * sy, sx * sxy - sxx * sy
-            determinant = s * minor - sx * minor_x + sy * minor_y
-            change = (
-                b * minor - sx * (bx * syy - sxy * by) + sy * (bx * sxy - sxx * by)
-            ) / determinant
-            smoothed[row, column] = max(d + change, 0.0)
+            if d >= 0:
+                smoothed[row, column] = max(d + _plane_at_origin(moments[:, column]), 0.0)
+
+
+@njit(nogil=True, error_model="numpy")
+def _add_neighbours(
+    here: Any, there: Any, deviation: Any, variance: Any, across: Any, weight_sum: Any,
+    across_sum: Any, square_sum: Any, difference_sum: Any, product_sum: Any,
+) -> None:
+    """Add one neighbour of each point of a row to the sums of `smooth`."""
+    for x in range(here.size):
+        difference = there[x] - here[x]
+        same = abs(difference) <= _SAME_SURFACE and there[x] >= 0
+        weight = np.float32(1) / (deviation[x] * deviation[x] + variance)
+        weight = weight if same else np.float32(0)
+        product = weight * difference
+        weight_sum[x] += weight
+        across_sum[x] += weight * across
+        square_sum[x] += weight * across * across
+        difference_sum[x] += product
+        product_sum[x] += product * across
+
+
+@njit(nogil=True, error_model="numpy")
+def _add_row(sums: Any, down: Any, moments: Any) -> None:
+    """Add the sums over one row of neighbours to the moments: 1, x, y, xx, xy, yy, d, dx, dy."""
+    for x in range(sums.shape[1]):
+        weight, across, difference = sums[0, x], sums[1, x], sums[3, x]
+        moments[0, x] += weight
+        moments[1, x] += across
+        moments[2, x] += weight * down
+        moments[3, x] += sums[2, x]
+        moments[4, x] += across * down
+        moments[5, x] += weight * down * down
+        moments[6, x] += difference
+        moments[7, x] += sums[4, x]
+        moments[8, x] += difference * down
+
+
+@njit(nogil=True, error_model="numpy")
+def _plane_at_origin(moments: Any) -> Any:
+    """Value at the point itself of the plane through its neighbours, by Cramer's rule."""
+    s, sx, sy = np.float64(moments[0]), np.float64(moments[1]), np.float64(moments[2])
+    sxx, sxy = moments[3] + _SLOPE_RIDGE * s, np.float64(moments[4])
+    syy = moments[5] + _SLOPE_RIDGE * s
+    b, bx, by = np.float64(moments[6]), np.float64(moments[7]), np.float64(moments[8])
+    minor, minor_x, minor_y = sxx * syy - sxy**2, sx * syy - sxy * sy, sx * sxy - sxx * sy
+    determinant = s * minor - sx * minor_x + sy * minor_y
+    return (b * minor - sx * (bx * syy - sxy * by) + sy * (bx * sxy - sxx * by)) / determinant
 
 
 @njit(nogil=True)
