@@ -19,10 +19,9 @@ from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
 from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
+from uw_visibility.stereo.elas.candidates import CELL, CellCandidates
 from uw_visibility.stereo.elas.descriptors import MIDDLE
 
-# Side of the cells that collect the support points' disparities, px.
-CELL = 20
 # Descriptors reach two pixels to each side, and the border's repeats prove nothing.
 BORDER = 2
 # Energy and disparity share one integer, energy above, so that the best of both
@@ -60,28 +59,6 @@ class DenseSettings:
         probability = self.outlier + np.exp(-(distance**2) / (2 * self.plane_deviation**2))
         energy = -(np.log(probability) - np.log(self.outlier)) / self.likelihood
         return np.round(energy).astype(np.int32)
-
-
-class CellCandidates:
-    """Disparities that the support points around each cell propose.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the images, px.
-    disparities : int
-        Number of disparities, from 0 on.
-    """
-
-    def __init__(self, shape: tuple[int, int], disparities: int) -> None:
-        rows, columns = -(-shape[0] // CELL), -(-shape[1] // CELL)
-        self._seen = np.empty((rows, columns, disparities), np.bool_)
-        self.count: NDArray[np.int32] = np.empty((rows, columns), np.int32)
-        self.values: NDArray[np.int16] = np.empty((rows, columns, disparities), np.int16)
-
-    def fill(self, points: NDArray[np.float32]) -> None:
-        """Collect the candidates from points ``(N, 3)``: u, v, disparity."""
-        _fill_cells(points, self._seen, self.count, self.values)
 
 
 def match(
@@ -125,36 +102,14 @@ def match(
         strength = settings.airlight * airlight.trust
     workers.rows(
         _match, plane.shape[0], descriptors[0], descriptors[1], plane, candidates.count,
-        candidates.values, disparities[0], disparities[1], settings.prior(), farthest, thickness,
+        candidates.runs, disparities[0], disparities[1], settings.prior(), farthest, thickness,
         np.float32(strength), best[0], best[1],
     )
 
 
 @njit(nogil=True)
-def _fill_cells(points: Any, seen: Any, count: Any, values: Any) -> None:
-    rows, columns, disparities = seen.shape
-    seen[:] = False
-    for i in range(points.shape[0]):
-        column = int(points[i, 0]) // CELL
-        row = int(points[i, 1]) // CELL
-        d = int(points[i, 2] + 0.5)
-        for y in range(max(row - 1, 0), min(row + 2, rows)):
-            for x in range(max(column - 1, 0), min(column + 2, columns)):
-                for near in range(max(d - 1, 0), min(d + 2, disparities)):
-                    seen[y, x, near] = True
-    for y in range(rows):
-        for x in range(columns):
-            n = 0
-            for d in range(disparities):
-                if seen[y, x, d]:
-                    values[y, x, n] = d
-                    n += 1
-            count[y, x] = n
-
-
-@njit(nogil=True)
 def _match(
-    start: int, stop: int, left: Any, right: Any, plane: Any, count: Any, candidates: Any,
+    start: int, stop: int, left: Any, right: Any, plane: Any, count: Any, runs: Any,
     low: int, high: int, prior: Any, farthest: Any, thickness: Any, strength: Any,
     best_left: Any, best_right: Any,
 ) -> None:
@@ -164,8 +119,9 @@ def _match(
     there = np.empty(width, np.int32)
     middle = np.empty(width, np.int32)
     need = np.zeros(width, np.float32)
-    needy = np.zeros(count.shape[1], np.bool_)
+    needy = np.zeros(-(-width // CELL), np.bool_)
     cost = np.zeros(width, np.int32)
+    difference = np.empty(width, np.int32)
     blank = np.full(BYTES, MIDDLE, np.uint8)
     for y in range(start, stop):
         for x in range(width):
@@ -177,17 +133,20 @@ def _match(
             at = y * width * BYTES
             if thickness.size > 0:
                 _weigh_need(left, at, blank, strength, need, needy)
-            for column in range(count.shape[1]):
-                for i in range(count[y // CELL, column]):
-                    d = np.int32(candidates[y // CELL, column, i])
-                    if low <= d <= high:
-                        first = max(column * CELL, d + BORDER)
-                        last = min((column + 1) * CELL, width - BORDER)
-                        if needy[column]:
-                            _airlight_cost(need, farthest[y], thickness[d], first, last, cost)
-                            _try_with_cost(left, right, at, d, first, last, cost, here, there)
-                        else:
-                            _try_disparity(left, right, at, d, first, last, here, there)
+            for i in range(count[y // CELL]):
+                d = runs[y // CELL, i, 0]
+                first = max(runs[y // CELL, i, 1], d + BORDER)
+                last = min(runs[y // CELL, i, 2], width - BORDER)
+                if not low <= d <= high or first >= last:
+                    continue
+                _compare(left, at + first * BYTES, right, at + (first - d) * BYTES,
+                         difference[: last - first])
+                if needy[first // CELL : (last - 1) // CELL + 1].any():
+                    _add_airlight_cost(
+                        need[first:last], farthest[y, first:last], thickness[d],
+                        difference[: last - first],
+                    )
+                _offer(difference[: last - first], d, here[first:last], there[first - d : last - d])
             if thickness.size > 0:
                 _plane_cost(need, farthest[y], thickness, middle, cost)
             for offset in range(-radius, radius + 1):
@@ -236,13 +195,29 @@ def _thickness_cost(need: Any, farthest: Any, thickness: Any) -> Any:
 
 
 @njit(nogil=True)
-def _airlight_cost(
-    need: Any, farthest: Any, thickness: Any, first: int, last: int, cost: Any
-) -> None:
-    # Unsigned columns need no check for negative ones, which would keep the loop from
-    # becoming vector code.
-    for x in range(np.uintp(first), np.uintp(last)):
-        cost[x] = _thickness_cost(need[x], farthest[x], thickness)
+def _compare(left: Any, i: int, right: Any, j: int, difference: Any) -> None:
+    """Compare runs of pixels; apart from what follows, which becomes vector code so."""
+    for k in range(difference.size):
+        difference[k] = absolute_difference(left, i + k * BYTES, right, j + k * BYTES)
+
+
+@njit(nogil=True)
+def _add_airlight_cost(need: Any, farthest: Any, thickness: Any, energy: Any) -> None:
+    for x in range(energy.size):
+        energy[x] += _thickness_cost(need[x], farthest[x], thickness)
+
+
+@njit(nogil=True)
+def _offer(energy: Any, d: int, here: Any, there: Any) -> None:
+    """Offer one disparity to a run of pixels.
+
+    The prior is left out: where it is below zero, `_try_plane` offers the same
+    disparity with it.
+    """
+    for x in range(energy.size):
+        key = np.int32((energy[x] << _DISPARITY_BITS) + d)
+        here[x] = min(here[x], key)
+        there[x] = min(there[x], key)
 
 
 @njit(nogil=True)
@@ -251,38 +226,6 @@ def _plane_cost(need: Any, farthest: Any, thickness: Any, middle: Any, cost: Any
     last = thickness.size - 1
     for x in range(need.size):
         cost[x] = _thickness_cost(need[x], farthest[x], thickness[min(max(middle[x], 0), last)])
-
-
-@njit(nogil=True)
-def _try_disparity(
-    left: Any, right: Any, at: int, d: int, first: int, last: int, here: Any, there: Any
-) -> None:
-    """Offer one disparity to the pixels of a cell's row.
-
-    The prior is left out: where it is below zero, `_try_plane` offers the same
-    disparity with it.
-    """
-    shift = d * BYTES
-    for x in range(first, last):
-        i = at + x * BYTES
-        key = np.int32((absolute_difference(left, i, right, i - shift) << _DISPARITY_BITS) + d)
-        here[x] = min(here[x], key)
-        there[x - d] = min(there[x - d], key)
-
-
-@njit(nogil=True)
-def _try_with_cost(
-    left: Any, right: Any, at: int, d: int, first: int, last: int, cost: Any, here: Any,
-    there: Any,
-) -> None:
-    """Offer one disparity to the pixels of a cell's row, each at a cost of its own."""
-    shift = d * BYTES
-    for x in range(first, last):
-        i = at + x * BYTES
-        energy = cost[x] + absolute_difference(left, i, right, i - shift)
-        key = np.int32((energy << _DISPARITY_BITS) + d)
-        here[x] = min(here[x], key)
-        there[x - d] = min(there[x - d], key)
 
 
 @njit(nogil=True)

@@ -14,8 +14,9 @@ from uw_visibility.parallel import Workers
 from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.contrast import EvenContrast
 from uw_visibility.stereo.elas import dense, mesh, postprocess
+from uw_visibility.stereo.elas.candidates import CellCandidates
 from uw_visibility.stereo.elas.confidence import rate
-from uw_visibility.stereo.elas.dense import CellCandidates, DenseSettings
+from uw_visibility.stereo.elas.dense import DenseSettings
 from uw_visibility.stereo.elas.descriptors import Descriptors
 from uw_visibility.stereo.elas.edges import EdgeVote
 from uw_visibility.stereo.elas.evidence import NoiseFilter
