@@ -190,6 +190,8 @@ def test_a_calibration_from_a_file_takes_the_place_of_camera_info(
     path.write_text(json.dumps(
         {"P1": left.tolist(), "P2": right.tolist(), "width": 160, "height": 120}
     ))
+    assert main(["replay", str(bag), "--list", "--calibration", str(path)]) == 0
+    assert capsys.readouterr().out.count("as --calibration says") == 2
     assert run(bag, tmp_path / "out", "--calibration", str(path)).code == 0
     expected = (replayed / "frames.csv").read_bytes()
     assert (tmp_path / "out" / "frames.csv").read_bytes() == expected

@@ -20,6 +20,7 @@ from bag_copies import DARK, DIVE_FRAMES, HARD_PARAMETERS, messages_of, paramete
 from uw_visibility.cli import main
 from uw_visibility.replay import provenance
 from uw_visibility.replay.filtering import EstimateLog
+from uw_visibility.replay.folder import ResultFolder
 from uw_visibility.replay.recorder import FrameRecorder
 from uw_visibility.replay.table import read_rows
 from uw_visibility.replay.work import RecordingProcessor
@@ -160,6 +161,24 @@ def test_of_two_parts_the_longer_one_is_gone_on_from(
     capsys.readouterr()
     assert f"{DIVE_FRAMES - 3} of them from" in interrupted.again("--resume", capsys=capsys).out
     check_complete(interrupted, hard_replayed)
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_part_that_a_crash_while_going_on_left_aside_is_not_forgotten(
+    resume: bool, tmp_path: Path
+) -> None:
+    for name in ("out.partial", "out.partial.old"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "frames.csv").write_text(name)
+    folder = ResultFolder(tmp_path / "out", resume=resume, force=not resume)
+    assert list(folder.work.iterdir()) == []
+    if resume:
+        # The newer part has not taken all of it over.
+        assert folder.earlier is not None
+        assert (folder.earlier / "frames.csv").read_text() == "out.partial.old"
+        folder.forget_earlier()
+    folder.complete()
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
 @pytest.mark.parametrize("options, difference", [

@@ -203,8 +203,9 @@ def _list(bag: Path, options: ReplayOptions) -> None:
             return
         print("would be used:")
         for name in ("left", "right", "left_info", "right_info", "depth", "position"):
-            topic = getattr(used, name)
-            print(f"  {name.replace('_', ' '):{width}}  {topic or 'none'}")
+            given = name.endswith("info") and options.infos is not None
+            topic = "as --calibration says" if given else getattr(used, name) or "none"
+            print(f"  {name.replace('_', ' '):{width}}  {topic}")
         for note in used.notes:
             print(f"  {note}")
 
