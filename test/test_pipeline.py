@@ -181,10 +181,10 @@ def test_an_image_is_restored_with_step_1_where_step_2_is_refused(monkeypatch):
     pipeline = Pipeline(RIG, PipelineConfig.from_parameters({"stereo.max_disparity": 40}))
     estimate = WaterEstimator.estimate
 
-    def only_once(self, image, range_map, valid=None, start=None, *others):
+    def only_once(self, image, range_map, valid=None, start=None, *others, **named):
         if start is not None:
             return WaterEstimate.not_assessable(Status.FIT_FAILED)
-        return estimate(self, image, range_map, valid, start, *others)
+        return estimate(self, image, range_map, valid, start, *others, **named)
 
     monkeypatch.setattr(WaterEstimator, "estimate", only_once)
     refused = pipeline.process(left, right)

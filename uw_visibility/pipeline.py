@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.config import PipelineConfig
 from uw_visibility.enhancement.radiance import Restorer
-from uw_visibility.foreign import foreign_pixels
+from uw_visibility.first_step import FirstLook, FirstStep
 from uw_visibility.pair import check_pair
 from uw_visibility.parallel import Workers
 from uw_visibility.result import FrameResult
@@ -28,11 +28,10 @@ from uw_visibility.stages import (
     FEWEST_SUPPORT_POINTS,
     Stages,
     disparity_limits,
+    range_error,
     warm_up_pair,
 )
 from uw_visibility.status import Status
-from uw_visibility.stereo.elas import SupportPoints
-from uw_visibility.stereo.radiometry import right_gain
 from uw_visibility.stereo.reduction import Reduction
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.views import in_right_view
@@ -47,9 +46,8 @@ SIDES = ("left", "right")
 # Stands for an image that nobody asked for.
 _NOT_WANTED: NDArray[Any] = np.empty((0, 0), np.uint8)
 
-# Deviation of a matched disparity, px, and of the mesh between its points.
+# Deviation of a matched disparity, px.
 _DISPARITY_DEVIATION = 0.3
-_MESH_DEVIATION = 1.0
 
 
 class Pipeline:
@@ -93,6 +91,7 @@ class Pipeline:
         tracking = self.config.tracking
         self._tracker = WaterTracker(tracking) if tracking.enabled else None
         self._reduction = Reduction(self.config.stereo.reduction, self._workers)
+        self._first_step: FirstStep | None = None
         self._stages: Stages | None = None
         self._whole_size: tuple[int, int] | None = None
         self._lock = threading.Lock()
@@ -143,6 +142,30 @@ class Pipeline:
                 left, right, valid, match_original, enhance, stamp, confidence
             )
 
+    def first_look(self, left: NDArray[Any], right: NDArray[Any]) -> FirstLook:
+        """Take step 1 alone, as `process` does.
+
+        Parameters
+        ----------
+        left, right : ndarray
+            See `process`.
+
+        Returns
+        -------
+        FirstLook
+
+        Raises
+        ------
+        InputError
+            If the images do not fit, or show nothing that could be matched.
+        """
+        left, right = check_pair(left, right)
+        with self._lock:
+            if self._illumination.needed:
+                left, right = self._illumination.correct(left, right)
+            first_step, _ = self._steps_for(left.shape[:2])
+            return first_step.look(left, right, None, self._estimator, _Clock())
+
     def reset_tracking(self) -> None:
         """Forget what earlier frames told of the water."""
         with self._lock:
@@ -177,8 +200,7 @@ class Pipeline:
         stamp: float | None,
         confidence: bool,
     ) -> FrameResult:
-        stages = self._stages_for(left.shape[:2])
-        rig = stages.rig
+        first_step, stages = self._steps_for(left.shape[:2])
         clock = _Clock()
         tracker = None if stamp is None else self._tracker
         if self._illumination.needed:
@@ -189,33 +211,22 @@ class Pipeline:
         if reduced:
             with clock("reduction"):
                 left, right = self._reduction.image(left), self._reduction.image(right)
-                valid = self._reduction.mask(valid)
 
-        # Step 1: a coarse map of the raw pair is enough to see the water.
-        with clock("support points"):
-            stages.describe_raw(left, right)
-            support = stages.matcher.support_points()
-            stages.refuse_useless_pair(left, right, support)
-            gain = right_gain(left, right, support.points, self.config.camera.transfer)
-            counted = self._without_foreign(left, support, valid)
+        first = first_step.look(whole_left, whole_right, valid, self._estimator, clock)
+        step1, gain = first.water, first.right_gain
         original = None
         if match_original:
             with clock("original disparity"):
-                original = stages.matcher.dense_disparity(support, confidence=False).disparity
-        with clock("coarse disparity"):
-            mesh = stages.matcher.coarse_disparity(support)
-        with clock("visibility estimation 1"):
-            step1 = self._estimate(rig, left, mesh, counted, support, coarse=True)
-        with clock("matting"):
-            coarse = stages.dense_map(mesh, support, left)
+                original = stages.match_raw(left, right)
         with clock("image enhancement 1"):
-            stages.describe_restored(left, right, coarse, step1, gain)
-            airlight = stages.airlight_prior(left, step1, support)
+            stages.describe_restored(left, right, first.disparity, first.rig, step1, gain)
+            points = self._reduction.points(first.points, whole_left.shape)
+            airlight = stages.airlight_prior(left, step1, points)
 
         # Step 2: the restored pair is matched densely, and the water seen again.
         with clock("improved disparity"):
-            support2 = stages.matcher.support_points(airlight)
-            improved = stages.matcher.dense_disparity(support2, airlight, confidence=confidence)
+            support = stages.matcher.support_points(airlight)
+            improved = stages.matcher.dense_disparity(support, airlight, confidence=confidence)
         with clock("interpolation"):
             # What is filled serves colour only.
             nothing = np.full_like(improved.disparity, np.nan)
@@ -231,13 +242,10 @@ class Pipeline:
                     rated = self._reduction.confidence(rated, disparity)
                 if original is not None:
                     original = self._reduction.disparity(original, size)
-                counted, valid = (
-                    self._reduction.whole_mask(mask, size) for mask in (counted, valid)
-                )
         with clock("visibility estimation 2"):
-            water = self._estimate(
-                self.rig, whole_left, disparity, counted, support, step1
-            )
+            water = WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
+            if len(support) >= FEWEST_SUPPORT_POINTS:
+                water = self._estimate(whole_left, disparity, first)
         with clock("image enhancement 2"):
             range_left = self._range(filled)
             if left.ndim == 2:
@@ -274,8 +282,8 @@ class Pipeline:
             left_enhanced=left_enhanced,
             right_enhanced=right_enhanced,
             limited=limited,
-            support_points=len(support),
-            coverage=_matched_fraction(mesh),
+            support_points=len(first.points),
+            coverage=first.coverage,
             matched_fraction_original=None if original is None else _matched_fraction(original),
             matched_fraction_enhanced=_matched_fraction(disparity),
             min_disparity=low,
@@ -288,46 +296,27 @@ class Pipeline:
             confidence=rated,
         )
 
-    def _stages_for(self, shape: tuple[int, ...]) -> Stages:
+    def _steps_for(self, shape: tuple[int, ...]) -> tuple[FirstStep, Stages]:
         size = (shape[0], shape[1])
-        if self._stages is None or self._whole_size != size:
+        if self._first_step is None or self._stages is None or self._whole_size != size:
             reduction = self._reduction
             config = replace(self.config, stereo=reduction.settings(self.config.stereo, size))
             self._stages = Stages(
                 reduction.shape(size), reduction.rig(self.rig, size), config, self._workers
             )
+            self._first_step = FirstStep(size, self.rig, self.config, self._workers)
             self._whole_size = size
-        return self._stages
-
-    def _without_foreign(
-        self,
-        image: NDArray[Any],
-        support: SupportPoints,
-        valid: NDArray[np.bool_] | None,
-    ) -> NDArray[np.bool_] | None:
-        """Leave a diver's hand and the like out of the pixels that tell the water."""
-        foreign = None
-        if image.ndim == 3:
-            foreign = foreign_pixels(image, support.points, self.config.camera.transfer)
-        if foreign is None:
-            return valid
-        return ~foreign if valid is None else valid & ~foreign
+        return self._first_step, self._stages
 
     def _estimate(
         self,
-        rig: StereoRig,
         image: NDArray[Any],
         disparity: NDArray[np.float32],
-        valid: NDArray[np.bool_] | None,
-        support: SupportPoints,
-        start: WaterEstimate | None = None,
-        coarse: bool = False,
+        first: FirstLook,
     ) -> WaterEstimate:
-        if len(support) < FEWEST_SUPPORT_POINTS:
-            return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
         return self._estimator.estimate(
-            image, rig.range_from_disparity(disparity), valid, start,
-            _range_error(rig, _MESH_DEVIATION if coarse else _DISPARITY_DEVIATION), coarse,
+            image, self.rig.range_from_disparity(disparity), first.valid, first.water,
+            range_error(self.rig, _DISPARITY_DEVIATION),
         )
 
     def _estimate_grey(
@@ -339,7 +328,7 @@ class Pipeline:
         """What restores a grey image's contrast: it has no colour to be assessed."""
         found = self._estimator.estimate_grey(
             image, self.rig.range_from_disparity(disparity), valid,
-            _range_error(self.rig, _DISPARITY_DEVIATION),
+            range_error(self.rig, _DISPARITY_DEVIATION),
         )
         attenuation, ambient_light = found or (np.nan, np.nan)
         return _Water(np.array([attenuation]), np.array([ambient_light]))
@@ -387,11 +376,6 @@ def _first_known(water: WaterEstimate, step1: WaterEstimate) -> _Water:
         np.where(missing, step1.attenuation, water.attenuation),
         np.where(missing, step1.ambient_light, water.ambient_light),
     )
-
-
-def _range_error(rig: StereoRig, deviation: float) -> float:
-    """Standard deviation of range over its square, 1/m, for that of the disparity, px."""
-    return deviation / (rig.focal_length * rig.baseline)
 
 
 def _matched_fraction(disparity: NDArray[np.float32]) -> float:

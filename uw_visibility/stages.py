@@ -10,27 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config import PipelineConfig
-from uw_visibility.enhancement.matting import Matting
 from uw_visibility.errors import InputError
-from uw_visibility.pair import blindness
 from uw_visibility.parallel import Workers
-from uw_visibility.status import Status
 from uw_visibility.stereo.airlight import Airlight, AirlightPrior
 from uw_visibility.stereo.contrast import EvenContrast
-from uw_visibility.stereo.elas import DenseMatch, Matcher, SupportPoints
-from uw_visibility.stereo.interpolation import GapFiller, fill_plane, inpaint
+from uw_visibility.stereo.elas import DenseMatch, Matcher
+from uw_visibility.stereo.interpolation import GapFiller, inpaint
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.views import in_right_view
 from uw_visibility.water.estimation import WaterEstimate
 
 # Fewer support points than this make no mesh worth a plane.
 FEWEST_SUPPORT_POINTS = 10
-# So many times the matches with the images exchanged mean that they are.
-_EXCHANGED_RATIO = 1.5
 
 
 class Stages:
-    """Matching, matting and filling for one size of image, one pair at a time.
+    """Matching and filling for one size of image, one pair at a time.
 
     Parameters
     ----------
@@ -66,7 +61,6 @@ class Stages:
             shape, rig, self.disparities[1] + 2, config.camera.transfer, workers
         )
         self._airlight_used = config.stereo.airlight_prior > 0
-        self._matting = Matting(config.enhancement, workers)
         self._gaps = GapFiller(shape, config.enhancement.max_gap, workers)
 
     def describe_raw(self, left: NDArray[Any], right: NDArray[Any]) -> None:
@@ -75,16 +69,39 @@ class Stages:
             contrast.stretch(image, self._workers)
         self.matcher.describe(*self._contrast)
 
+    def match_raw(self, left: NDArray[Any], right: NDArray[Any]) -> NDArray[np.float32]:
+        """Match the pair as it is, for comparison."""
+        self.describe_raw(left, right)
+        support = self.matcher.support_points()
+        return self.matcher.dense_disparity(support, confidence=False).disparity
+
     def describe_restored(
         self,
         left: NDArray[Any],
         right: NDArray[Any],
         coarse: NDArray[np.float32],
+        rig: StereoRig,
         water: WaterEstimate,
         right_gain: NDArray[np.float64],
     ) -> None:
-        """Describe the pair with its contrast restored; without estimate the raw pair stays."""
+        """Describe the pair with its contrast restored; without estimate as it is.
+
+        Parameters
+        ----------
+        left, right : ndarray
+            ``(H, W, 3)`` or ``(H, W)``; uint8 or uint16.
+        coarse : ndarray
+            ``(h, w)`` float32, dense disparity of the left view at this size or at a
+            fraction of it, px.
+        rig : StereoRig
+            Geometry at the size of `coarse`.
+        water : WaterEstimate
+            Attenuation and ambient light.
+        right_gain : ndarray
+            ``(3,)`` float64, irradiance in the right image over that in the left.
+        """
         if left.ndim == 2 or not np.isfinite(water.attenuation).any():
+            self.describe_raw(left, right)
             return
         disparities = (coarse, in_right_view(coarse, self._workers))
         lights = (water.ambient_light, right_gain * water.ambient_light)
@@ -92,52 +109,27 @@ class Stages:
             self._contrast, (left, right), disparities, lights, strict=True
         ):
             contrast.restore(
-                image, self.rig.range_from_disparity(disparity), water.attenuation, light,
+                image, rig.range_from_disparity(disparity), water.attenuation, light,
                 self._workers,
             )
         self.matcher.describe(*self._contrast)
 
     def airlight_prior(
-        self, left: NDArray[Any], water: WaterEstimate, support: SupportPoints
+        self, left: NDArray[Any], water: WaterEstimate, points: NDArray[np.float32]
     ) -> AirlightPrior | None:
-        """Bound ranges by the light that the water adds, as far as the matches agree."""
+        """Bound ranges by the light that the water adds, as far as matches ``(N, 3)`` agree."""
         if left.ndim == 2 or not self._airlight_used:
             return None
-        return self._airlight.prior(left, water, support.points)
-
-    def refuse_useless_pair(
-        self, left: NDArray[Any], right: NDArray[Any], support: SupportPoints
-    ) -> None:
-        """Raise where few support points have a cause that no water explains.
-
-        Exchanged images still match here and there, and what follows from that
-        would be invented.
-
-        Raises
-        ------
-        InputError
-            If the images are dark, saturated or of one colour, or exchanged.
-        """
-        if len(support) < FEWEST_SUPPORT_POINTS:
-            for side, image in (("left", left), ("right", right)):
-                reason = blindness(image)
-                if reason is not Status.OK:
-                    raise InputError(f"{side} image: {reason}; nothing can be matched")
-        if self.matcher.exchanged_ratio() > _EXCHANGED_RATIO:
-            raise InputError(
-                "the images match with negative disparities only: exchange left and right"
-            )
-
-    def dense_map(
-        self, mesh: NDArray[np.float32], support: SupportPoints, left: NDArray[Any]
-    ) -> NDArray[np.float32]:
-        """Refine the mesh against the image; a thin mesh is helped by the dominant plane."""
-        filled, _ = fill_plane(mesh, support.points)
-        return self._matting.refine(filled, None, left).disparity
+        return self._airlight.prior(left, water, points)
 
     def fill(self, match: DenseMatch) -> NDArray[np.float32]:
         """Fill gaps of the left view's disparity, then large areas."""
         return inpaint(self._gaps.fill(match.disparity, match.right), self._workers)
+
+
+def range_error(rig: StereoRig, deviation: float) -> float:
+    """Standard deviation of range over its square, 1/m, for that of the disparity, px."""
+    return deviation / (rig.focal_length * rig.baseline)
 
 
 def disparity_limits(config: PipelineConfig, width: int) -> tuple[int, int]:

@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 from uw_visibility.config import PipelineConfig
 from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.parallel import Workers
-from uw_visibility.result import FrameResult
-from uw_visibility.stages import Stages
+from uw_visibility.pipeline import Pipeline
 from uw_visibility.stereo.rig import StereoRig
 
 
 def first_enhancement(
     left: NDArray[Any],
     right: NDArray[Any],
-    result: FrameResult,
     rig: StereoRig,
     config: PipelineConfig,
 ) -> NDArray[Any]:
@@ -34,8 +32,6 @@ def first_enhancement(
     ----------
     left, right : (H, W, 3) ndarray
         The pair under water.
-    result : FrameResult
-        What the pipeline said of the pair; `step1` is used.
     rig, config
         Those of the pipeline.
 
@@ -44,11 +40,8 @@ def first_enhancement(
     ndarray
         Like `left`.
     """
-    workers = Workers(config.threads)
-    stages = Stages((left.shape[0], left.shape[1]), rig, config, workers)
-    stages.describe_raw(left, right)
-    support = stages.matcher.support_points()
-    dense = stages.dense_map(stages.matcher.coarse_disparity(support), support, left)
-    restorer = Restorer(config.enhancement, config.camera.transfer, workers)
-    enhanced, _ = restorer.restore(left, rig.range_from_disparity(dense), result.step1)
+    first = Pipeline(rig, config).first_look(left, right)
+    dense = first.whole_disparity((left.shape[0], left.shape[1]))
+    restorer = Restorer(config.enhancement, config.camera.transfer, Workers(config.threads))
+    enhanced, _ = restorer.restore(left, rig.range_from_disparity(dense), first.water)
     return np.asarray(enhanced)

@@ -90,8 +90,8 @@ class EvenContrast:
         image : ndarray
             ``(H, W, 3)`` RGB, uint8 or uint16.
         range_map : ndarray
-            ``(H, W)`` float32, m; not finite where unknown, which takes the gain
-            of the farthest.
+            ``(h, w)`` float32, m, of the image's size or of a fraction of it by a whole
+            number; not finite where unknown, which takes the gain of the farthest.
         attenuation, ambient_light : ndarray
             ``(3,)`` float64, 1/m and as irradiance 0..1; channels with NaN are left
             out. At least one is known.
@@ -113,8 +113,8 @@ class EvenContrast:
         contrast = np.maximum(contrast, _FULL_CONTRAST / (255.0 * _MAX_GAIN))
         gain = np.minimum(_FULL_CONTRAST / (255.0 * contrast), _MAX_GAIN) / _FINE
         workers.rows(
-            _look_up, self.gain.shape[0], range_map, np.float32((_TABLE - 1) / farthest),
-            gain.astype(np.float32), self.gain,
+            _look_up, self.gain.shape[0], range_map, self.gain.shape[1] // range_map.shape[1],
+            np.float32((_TABLE - 1) / farthest), gain.astype(np.float32), self.gain,
         )
 
     def _mix(
@@ -140,12 +140,22 @@ def _mix(start: int, stop: int, image: Any, red: Any, green: Any, blue: Any, gre
 
 
 @njit(nogil=True)
-def _look_up(start: int, stop: int, range_map: Any, scale: Any, table: Any, gain: Any) -> None:
+def _look_up(
+    start: int, stop: int, range_map: Any, factor: int, scale: Any, table: Any, gain: Any
+) -> None:
+    height, width = range_map.shape
     last = np.float32(table.size - 1)
+    value = table[0]
     for y in range(start, stop):
-        for x in range(range_map.shape[1]):
-            at = range_map[y, x] * scale
+        row = range_map[min(y // factor, height - 1)]
+        for column in range(width):
+            at = row[column] * scale
             # Also true where the range is not a number.
             if not at < last:
                 at = last
-            gain[y, x] = table[np.int32(at)]
+            value = table[np.int32(at)]
+            for x in range(column * factor, (column + 1) * factor):
+                gain[y, x] = value
+        # What fills no whole square takes its neighbour's.
+        for x in range(width * factor, gain.shape[1]):
+            gain[y, x] = value

@@ -85,10 +85,11 @@ class Reduction:
             # Pixel centres are whole numbers in both images.
             return (point[0] + 0.5) / factor - 0.5, (point[1] + 0.5) / factor - 0.5
 
-        right = rig.principal_point_right
+        right, vertical = rig.principal_point_right, rig.focal_length_y
         return StereoRig(
             rig.focal_length / factor, rig.baseline, moved(rig.principal_point),
             None if right is None else moved(right),
+            None if vertical is None else vertical / factor,
         )
 
     def settings(self, config: StereoConfig, shape: tuple[int, ...]) -> StereoConfig:
@@ -99,6 +100,18 @@ class Reduction:
             min_disparity=-(-config.min_disparity // factor),
             max_disparity=config.max_disparity // factor,
         )
+
+    def points(
+        self, points: NDArray[np.float32], shape: tuple[int, ...]
+    ) -> NDArray[np.float32]:
+        """Return points ``(N, 3)`` of a size, column, row and disparity, px of the small one."""
+        return _scaled(points, 1.0 / self.factor(shape))
+
+    def whole_points(
+        self, points: NDArray[np.float32], shape: tuple[int, ...]
+    ) -> NDArray[np.float32]:
+        """Return points ``(N, 3)`` of the small images, column, row and disparity, px of a size."""
+        return _scaled(points, self.factor(shape))
 
     def disparity(
         self, small: NDArray[np.float32], shape: tuple[int, ...]
@@ -137,32 +150,56 @@ class Reduction:
         return np.asarray(full, np.float32)
 
 
-@njit(nogil=True)
+def _scaled(points: NDArray[np.float32], scale: float) -> NDArray[np.float32]:
+    # Pixel centres are whole numbers before and after.
+    shift = np.array([0.5, 0.5, 0.0])
+    return ((points + shift) * scale - shift).astype(np.float32)
+
+
+@njit(nogil=True, error_model="numpy")
 def _enlarge(start: int, stop: int, small: Any, factor: int, full: Any) -> None:
     height, width = small.shape
-    scale = np.float32(factor)
-    half = np.float32(0.5)
+    columns = full.shape[1]
+    # Of each column of the full size: the small ones before and after its centre, how
+    # far it lies between them, and the one that it was averaged into.
+    before, after, own = np.empty((3, columns), np.uint32)
+    part = np.empty(columns, np.float32)
+    for x in range(columns):
+        before[x], after[x], part[x] = _between(x, factor, width)
+        own[x] = min(x // factor, width - 1)
+    for y in range(start, stop):
+        above, below, down = _between(y, factor, height)
+        _enlarge_row(
+            small[above], small[below], small[min(y // factor, height - 1)], down, before,
+            after, part, own, np.float32(factor), full[y],
+        )
+
+
+@njit(nogil=True, error_model="numpy")
+def _between(at: int, factor: int, size: int) -> Any:
+    """Return the small pixels on both sides of a pixel's centre, and the part of the way."""
+    place = (np.float32(at) + np.float32(0.5)) / np.float32(factor) - np.float32(0.5)
+    before = min(max(int(np.floor(place)), 0), size - 1)
+    part = min(max(place - np.float32(before), np.float32(0)), np.float32(1))
+    return before, min(before + 1, size - 1), part
+
+
+@njit(nogil=True, error_model="numpy")
+def _enlarge_row(
+    upper: Any, lower: Any, middle: Any, down: Any, before: Any, after: Any, part: Any, own: Any,
+    scale: Any, full: Any,
+) -> None:
     # Neighbours that differ by more, in small pixels, are two surfaces.
     edge = np.float32(1)
-    for y in range(start, stop):
-        v = (np.float32(y) + half) / scale - half
-        above = min(max(np.int64(np.floor(v)), 0), height - 1)
-        below = min(above + 1, height - 1)
-        t = min(max(v - np.float32(above), np.float32(0)), np.float32(1))
-        row = min(y // factor, height - 1)
-        for x in range(full.shape[1]):
-            u = (np.float32(x) + half) / scale - half
-            before = min(max(np.int64(np.floor(u)), 0), width - 1)
-            after = min(before + 1, width - 1)
-            s = min(max(u - np.float32(before), np.float32(0)), np.float32(1))
-            a, b = small[above, before], small[above, after]
-            c, d = small[below, before], small[below, after]
-            # False where one of them is not a number.
-            if max(max(a, b), max(c, d)) - min(min(a, b), min(c, d)) <= edge and (
-                a == a and b == b and c == c and d == d
-            ):
-                upper = a + s * (b - a)
-                value = upper + t * (c + s * (d - c) - upper)
-            else:
-                value = small[row, min(x // factor, width - 1)]
-            full[y, x] = scale * value
+    for x in range(full.size):
+        a, b = upper[before[x]], upper[after[x]]
+        c, d = lower[before[x]], lower[after[x]]
+        # False where one of them is not a number.
+        if max(max(a, b), max(c, d)) - min(min(a, b), min(c, d)) <= edge and (
+            a == a and b == b and c == c and d == d
+        ):
+            mean = a + part[x] * (b - a)
+            value = mean + down * (c + part[x] * (d - c) - mean)
+        else:
+            value = middle[own[x]]
+        full[x] = scale * value
