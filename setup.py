@@ -21,6 +21,7 @@ setup(
     package_data={
         f"{NAME}.data": ["*.csv", "*.txt"],
         f"{NAME}.replay": ["templates/*.html"],
+        f"{NAME}.ros": ["*.xml"],
     },
     data_files=[
         # What ros2 run, ros2 launch and ament's index look for.

@@ -17,7 +17,7 @@ from uw_visibility.frames import StereoFrame
 from uw_visibility.messages import stamp_to_nanoseconds
 from uw_visibility.ros.diagnostics import ERROR, OK, WARN, Finding
 from uw_visibility.ros.parameters import NodeParameters
-from uw_visibility.ros.qos import subscribe_to
+from uw_visibility.ros.qos import IMAGE_DEPTH, subscribe_to
 from uw_visibility.ros.rates import RecentCounts
 from uw_visibility.ros.reasons import ReasonLog
 from uw_visibility.ros.subscription import FittedSubscription
@@ -159,7 +159,8 @@ class StereoInput:
                 topic = f"{self._node.resolve_topic_name(image)}/compressed"
                 image, kind = f"{image}/compressed", CompressedImage
             images[image] = FittedSubscription(
-                self._node, kind, topic, functools.partial(self._on_image, side, image)
+                self._node, kind, topic, functools.partial(self._on_image, side, image),
+                IMAGE_DEPTH,
             )
             # It fits into one packet, and the next one is as good: with a reliable
             # subscription, all that follow a lost one would wait for it.

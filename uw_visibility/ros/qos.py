@@ -17,9 +17,11 @@ from uw_visibility.errors import InputError
 
 QOS_PREFIX = "qos_overrides."
 OUTPUT_DEPTH = 10
-# That of sensor data is 5, which a reliable subscription overruns while it waits for
-# a fragment of an image to be sent again.
+# Small messages, of which some come at high rates.
 INPUT_DEPTH = 10
+# A reliable subscription keeps back what follows an image whose missing part it waits for:
+# the newest ones wait as long as the queue is deep. Then the incomplete one is given up.
+IMAGE_DEPTH = 3
 POLICIES = (
     QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY,
 )
@@ -40,6 +42,7 @@ def publish_on(node: Node, kind: type, topic: str) -> Any:
 def subscribe_to(
     node: Node, kind: type, topic: str, callback: Callable[[Any], None],
     available: ReliabilityPolicy | None = None,
+    depth: int = INPUT_DEPTH,
 ) -> Any:
     """Create a subscription for sensor data.
 
@@ -56,6 +59,8 @@ def subscribe_to(
     available : ReliabilityPolicy, optional
         What the best reliability is that the publishers allow. It is taken unless
         ``qos_overrides`` asks for one; without it, best effort is.
+    depth : int
+        How many messages wait to be taken, unless ``qos_overrides`` says otherwise.
 
     Raises
     ------
@@ -64,7 +69,7 @@ def subscribe_to(
     """
     # Overrides are written into the profile.
     qos = QoSProfile(
-        depth=INPUT_DEPTH,
+        depth=depth,
         **{
             name: getattr(qos_profile_sensor_data, name)
             for name in ("history", "reliability", "durability")

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 
 from uw_visibility.messages import stamp_to_nanoseconds
-from uw_visibility.ros.qos import reliability_is_open, subscribe_to
+from uw_visibility.ros.qos import INPUT_DEPTH, reliability_is_open, subscribe_to
 
 # Stamps that are remembered, to know what two subscriptions have both received.
 REMEMBERED = 20
@@ -39,6 +39,8 @@ class FittedSubscription:
         Its name, to be resolved by the node.
     callback : callable
         Takes each message.
+    depth : int
+        How many messages wait to be taken.
 
     Raises
     ------
@@ -47,12 +49,14 @@ class FittedSubscription:
     """
 
     def __init__(
-        self, node: Node, kind: type, topic: str, callback: Callable[[Any], None]
+        self, node: Node, kind: type, topic: str, callback: Callable[[Any], None],
+        depth: int = INPUT_DEPTH,
     ) -> None:
         self._node = node
         self._kind = kind
         self._topic = topic
         self._callback = callback
+        self._depth = depth
         self._made = 0
         # Number of the subscription and stamp of each message delivered lately.
         self._delivered: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
@@ -105,7 +109,7 @@ class FittedSubscription:
         self._made += 1
         self._subscriptions[self._made] = subscribe_to(
             self._node, self._kind, self._topic,
-            functools.partial(self._deliver, self._made), reliability,
+            functools.partial(self._deliver, self._made), reliability, self._depth,
         )
 
     def _take_over(self, number: int) -> None:

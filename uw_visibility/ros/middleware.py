@@ -1,0 +1,48 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Gives Fast DDS, the default middleware, the memory that the node's messages need.
+
+A process sends to others of its machine through shared memory, by default 512 KiB of it,
+which one image of 640x480 overruns. What finds no room is lost and, where it is reliable,
+sent again when the heartbeat tells, which is every three seconds: an answer to a parameter's
+client too, that has the bad luck to come behind an image.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import MutableMapping
+from pathlib import Path
+
+PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+# With any of these somebody has set up the middleware already.
+OTHER_VARIABLES = (
+    "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS", "SKIP_DEFAULT_XML_FILE",
+)
+# Read by Fast DDS from the current folder.
+LOCAL_FILE = "DEFAULT_FASTRTPS_PROFILES.xml"
+PROFILES = Path(__file__).with_name("fastdds.xml")
+
+
+def give_memory(environment: MutableMapping[str, str] = os.environ) -> bool:
+    """Let messages leave through more shared memory; to be called before `rclpy.init`.
+
+    Nothing changes where the middleware was set up otherwise. Other middlewares do not
+    read the variable.
+
+    Parameters
+    ----------
+    environment : mutable mapping of str to str
+        Of the process.
+
+    Returns
+    -------
+    bool
+        Whether the node's own profile is in use.
+    """
+    if any(environment.get(name) for name in (PROFILES_VARIABLE, *OTHER_VARIABLES)):
+        return False
+    if Path(LOCAL_FILE).exists() or not PROFILES.exists():
+        return False
+    environment[PROFILES_VARIABLE] = str(PROFILES)
+    return True
