@@ -18,6 +18,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -80,6 +81,16 @@ def make_scene() -> KnownScene:
         for radiance in (texture[:, :WIDTH], right)
     ]
     return KnownScene(*images, rows, attenuation, ambient_light)
+
+
+def double(scene: KnownScene) -> KnownScene:
+    """Show a scene in twice as many rows and columns: smooth enough for mosaics and JPEG."""
+    left, right = (
+        cv2.resize(p, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)
+        for p in (scene.left, scene.right)
+    )
+    disparity = np.kron(2.0 * scene.disparity, np.ones((2, 2)))
+    return KnownScene(left, right, disparity, scene.attenuation, scene.ambient_light)
 
 
 class NodeProcess:
@@ -263,19 +274,20 @@ def image_message(pixels: np.ndarray, encoding: str, **changes: Any) -> Any:
     return Image(**(fields | changes))
 
 
-def info_message(side: str, offset: float = 0.0, **changes: Any) -> Any:
+def info_message(side: str, offset: float = 0.0, scale: int = 1, **changes: Any) -> Any:
     """Make the CameraInfo of the known scene; cx of the right camera is less by an offset."""
     from sensor_msgs.msg import CameraInfo
 
     right = side == "right"
-    cx = CENTRE[0] - (offset if right else 0.0)
+    focal, (cx, cy) = scale * FOCAL, (scale * (c + 0.5) - 0.5 for c in CENTRE)
+    cx -= offset if right else 0.0
     fields = {
-        "width": WIDTH, "height": HEIGHT, "distortion_model": "plumb_bob",
+        "width": scale * WIDTH, "height": scale * HEIGHT, "distortion_model": "plumb_bob",
         "d": [0.0] * 5, "r": np.eye(3).ravel(),
-        "k": [FOCAL, 0.0, cx, 0.0, FOCAL, CENTRE[1], 0.0, 0.0, 1.0],
+        "k": [focal, 0.0, cx, 0.0, focal, cy, 0.0, 0.0, 1.0],
         "p": [
-            FOCAL, 0.0, cx, -FOCAL * BASELINE if right else 0.0,
-            0.0, FOCAL, CENTRE[1], 0.0, 0.0, 0.0, 1.0, 0.0,
+            focal, 0.0, cx, -focal * BASELINE if right else 0.0,
+            0.0, focal, cy, 0.0, 0.0, 0.0, 1.0, 0.0,
         ],
     }
     return CameraInfo(**(fields | changes))
@@ -285,6 +297,12 @@ def info_message(side: str, offset: float = 0.0, **changes: Any) -> Any:
 def scene() -> KnownScene:
     """Return the known scene."""
     return make_scene()
+
+
+@pytest.fixture(scope="session")
+def large_scene(scene: KnownScene) -> KnownScene:
+    """Return the known scene in twice as many rows and columns; its CameraInfo has scale 2."""
+    return double(scene)
 
 
 @pytest.fixture(scope="module")

@@ -174,10 +174,29 @@ def test_encodings_of_one_scene(
         raw = [topic for topic in STAMPED if topic.startswith("visibility/raw/")]
         assert not any(client.has(topic, stamp) for topic in raw)
     elif "bayer" not in encoding:
-        # Interpolation mixes this scene's pixels, which are noise, so that a mosaic of
-        # it does not hold its bright and dark ones.
+        # Interpolation mixes this scene's pixels, which are noise.
         estimate = vector(client.result(stamp, "visibility/raw/attenuation")[0])
         np.testing.assert_allclose(estimate, attenuation, rtol=0.05)
+
+
+def test_mosaics_give_the_attenuation_of_the_scene(
+    client: Any, large_scene: Any, image: Any, info: Any
+) -> None:
+    found = []
+    for encoding in ("rgb8", "bayer_rggb8", "bayer_grbg16"):
+        stamp = client.publish(
+            *(
+                image(to_encoding(p, encoding), encoding, is_bigendian=int("16" in encoding))
+                for p in (large_scene.left, large_scene.right)
+            ),
+            info("left", scale=2), info("right", scale=2),
+        )
+        disparity, attenuation = client.result(stamp, "disparity", "visibility/raw/attenuation")
+        error = np.abs(40.0 / depths(disparity) - large_scene.disparity)
+        assert np.nanmedian(error) < 0.5
+        found.append(vector(attenuation))
+    # Two thirds of a mosaic's values are interpolated.
+    np.testing.assert_allclose(found[1:], found[:1] * 2, rtol=0.08)
 
 
 def flat(value: int) -> Callable[..., tuple[Any, Any, Any, Any]]:
