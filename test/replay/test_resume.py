@@ -274,14 +274,17 @@ def test_a_result_of_several_is_complete_for_its_own_input_alone(
     before = [table.stat().st_mtime_ns for table in tables]
     assert main(command) == 0
     assert [table.stat().st_mtime_ns for table in tables] == before
-    for options in (["--video"], ["--match-original"]):
+    for options, difference in ((["--video"], "choice of --images, --video"),
+                                (["--match-original"], "replay.match_original: give another")):
         assert main([*command, *options]) == 2
-        assert "one exists already: give another name, or --force" in capsys.readouterr().err
+        told = capsys.readouterr().err
+        assert "one exists already and was made with another" in told
+        assert difference in told
     # Another recording has come under the same name.
     file = bags[1] / "transect.mcap"
     data = bytearray(file.read_bytes())
     data[len(data) // 2] ^= 1
     file.write_bytes(data)
     assert main(command) == 2
-    assert "two exists already" in capsys.readouterr().err
+    assert "two exists already and is not of two as it is now" in capsys.readouterr().err
     assert [table.stat().st_mtime_ns for table in tables] == before

@@ -241,7 +241,8 @@ def _tell(summary: Summary) -> None:
         what = f"not assessable: {refusal.what}: {refusal.why}"
         if refusal.what == WHOLE_FRAME:
             what = f"unusable frame: {refusal.why}"
-        print(f"  {what} ({refusal.count}), frame{'s'[:refusal.count - 1]} {refusal.frames}")
+        frames = "frame" if refusal.count == 1 else "frames"
+        print(f"  {what} ({refusal.count}), {frames} {refusal.frames}")
     for reason, count in summary.dropped.most_common():
         print(f"  dropped: {reason} ({count})")
     for note in summary.damage:

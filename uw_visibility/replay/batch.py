@@ -51,7 +51,7 @@ def replay_bags(
         that cannot be used holds up no other: its summary says why.
     """
     finished = {
-        bag: _finished(bag, target, options) if resume else None
+        bag: _finished(bag, target, options) if resume and not force else None
         for bag, target in targets.items()
     }
     for bag, target in targets.items():
@@ -102,14 +102,25 @@ def settle(
 
 
 def _finished(bag: Path, target: Path, options: ReplayOptions) -> Summary | None:
-    """Return the summary of a result that is there already, complete and made alike."""
+    """Return the summary of a result that is there already, complete and made alike.
+
+    Raises
+    ------
+    InputError
+        If it was made otherwise, saying what differs.
+    """
     try:
         state = read_state(target)
     except (OSError, ValueError):
         return None
-    if not state.get("complete") or state.get("extras") != options.extras():
+    if not state.get("complete"):
         return None
     origin = Origin.of(bag, find_files(bag).files, options.parameters())
-    if origin.difference(state):
-        return None
+    difference = origin.difference(state)
+    if not difference and state.get("extras") != options.extras():
+        difference = "was made with another choice of --images, --video and --geo"
+    if difference:
+        raise InputError(
+            f"{target} exists already and {difference}: give another name, or --force to replace"
+        )
     return Summary.of_finished(str(bag), str(target), state)
