@@ -225,7 +225,7 @@ class Pipeline:
 
         # Step 2: the restored pair is matched densely, and the water seen again.
         with clock("improved disparity"):
-            support = stages.matcher.support_points(airlight)
+            support = stages.matcher.support_points(airlight, points)
             improved = stages.matcher.dense_disparity(support, airlight, confidence=confidence)
         with clock("interpolation"):
             # What is filled serves colour only.

@@ -72,3 +72,29 @@ def test_parabola_finds_its_vertex():
     costs = [(d - 0.3) ** 2 for d in (-1, 0, 1)]
     assert abs(vertex_of_parabola(*costs) - 0.3) < 1e-12
     assert vertex_of_parabola(1.0, 1.0, 1.0) == 0.0
+
+
+def test_an_earlier_match_decides_where_a_pattern_repeats(texture, contrast_of):
+    """Each tile is a little different, so that the best match is the true one, if not by far."""
+    pattern = np.tile(texture((96, 16)), (1, 12)).astype(float)
+    pattern += 0.03 * texture(pattern.shape, 5)
+    pattern = np.clip(pattern, 0, 255).astype(np.uint8)
+    left, right = pattern[:, :160].copy(), pattern[:, 8:168].copy()
+    matcher = Matcher((96, 160), (0, 40), StereoConfig(), Workers(1))
+    matcher.describe(contrast_of(left), contrast_of(right))
+    u, v = (grid.ravel() for grid in np.meshgrid(np.arange(60, 140, 8), np.arange(20, 80, 8)))
+
+    def inside(earlier_disparity):
+        earlier = None
+        if earlier_disparity is not None:
+            earlier = np.stack([u, v, np.full(len(u), earlier_disparity)], 1).astype(np.float32)
+        points = matcher.support_points(earlier=earlier).points
+        kept = (points[:, 0] > 58) & (points[:, 0] < 142)
+        return points[kept & (points[:, 1] > 18) & (points[:, 1] < 82)]
+
+    alone = inside(None)
+    assert len(alone) < 0.2 * 16 * 12
+    assert len(inside(8.3)) > 0.8 * 16 * 12
+    np.testing.assert_allclose(inside(8.3)[:, 2], 8, atol=0.5)
+    # What is not the best match here is not made one by having been one elsewhere.
+    np.testing.assert_array_equal(inside(24.0), alone)

@@ -109,11 +109,15 @@ class Matcher:
         for view, image in zip(self._views, (left, right), strict=True):
             view.compute(image.grey, image.gain, self._workers)
 
-    def support_points(self, airlight: AirlightPrior | None = None) -> SupportPoints:
-        """Find the support points of the described pair, within what airlight allows."""
+    def support_points(
+        self,
+        airlight: AirlightPrior | None = None,
+        earlier: NDArray[np.float32] | None = None,
+    ) -> SupportPoints:
+        """Find the support points of the described pair; see `SupportGrid.search`."""
         return self._support.search(
             self._views[0].values, self._views[1].values, self._disparities, self._workers,
-            airlight,
+            airlight, earlier,
         )
 
     def exchanged_ratio(self) -> float:

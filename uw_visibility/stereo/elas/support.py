@@ -31,6 +31,10 @@ _HUGE = np.int32(1 << 30)
 _ORDER_STRIDE = 8
 # Deviation of a support disparity: this over the curvature of its cost, px.
 _COST_NOISE = np.float32(60.0)
+# A disparity this near to that of an earlier match is the same one, px.
+_SAME_MATCH = np.float32(1.0)
+# Stands for earlier matches where there are none.
+_NOWHERE = np.empty((0, 0), np.float32)
 # Stands for bounds and thickness where airlight bounds nothing.
 _NO_BOUND = (np.empty((0, 0), np.float32), np.empty(0, np.float32))
 
@@ -90,6 +94,7 @@ class SupportGrid:
         self._deviation = np.empty((rows, columns), np.float32)
         self._smoothed = np.empty((rows, columns), np.float32)
         self._vertices = np.empty((rows, columns), np.bool_)
+        self._agreed = np.empty((rows, columns), np.float32)
 
     def exchanged_ratio(
         self,
@@ -120,7 +125,7 @@ class SupportGrid:
         workers.rows(
             _search, rows, _ORDER_STRIDE, right, left, width, height, settings.step,
             disparities[0], disparities[1], settings.texture, np.float32(settings.uniqueness),
-            *_NO_BOUND, exchanged[0], exchanged[1],
+            *_NO_BOUND, _NOWHERE, exchanged[0], exchanged[1],
         )
         in_order = np.count_nonzero(self._found[::_ORDER_STRIDE] >= 0)
         return float((np.count_nonzero(exchanged[0] >= 0) + 10) / (in_order + 10))
@@ -132,6 +137,7 @@ class SupportGrid:
         disparities: tuple[int, int],
         workers: Workers,
         airlight: AirlightPrior | None = None,
+        earlier: NDArray[np.float32] | None = None,
     ) -> SupportPoints:
         """Find the support points of a described pair.
 
@@ -145,6 +151,10 @@ class SupportGrid:
             Threads.
         airlight : AirlightPrior, optional
             Leaves out disparities of ranges that the airlight excludes.
+        earlier : ndarray, optional
+            ``(N, 3)`` float32, column, row and disparity, px, of matches of the same
+            scene in other images of it: where the best match is one of theirs, it needs
+            no uniqueness of its own.
 
         Returns
         -------
@@ -153,11 +163,15 @@ class SupportGrid:
         settings = self._settings
         height, width = self._shape
         rows = self._found.shape[0]
+        agreed = _NOWHERE
+        if earlier is not None:
+            agreed = self._agreed
+            _spread(earlier, settings.step, agreed)
         bound = _NO_BOUND if airlight is None else (airlight.farthest, airlight.thickness)
         workers.rows(
             _search, rows, 1, left, right, width, height, settings.step, disparities[0],
             disparities[1], settings.texture, np.float32(settings.uniqueness), bound[0], bound[1],
-            self._found, self._deviation,
+            agreed, self._found, self._deviation,
         )
         workers.rows(
             keep_consistent, rows, self._found, settings.consistency_cells,
@@ -171,6 +185,19 @@ class SupportGrid:
         points[:, 1] = v * settings.step + settings.step // 2
         points[:, 2] = np.minimum(self._smoothed[v, u], points[:, 0])
         return SupportPoints(points, self._vertices[v, u])
+
+
+@njit(nogil=True)
+def _spread(points: Any, step: int, agreed: Any) -> None:
+    """Write each point's disparity to its place on the grid and to those around it."""
+    rows, columns = agreed.shape
+    agreed[:] = -_HUGE
+    for i in range(points.shape[0]):
+        row, column = int(points[i, 1]) // step, int(points[i, 0]) // step
+        for y in range(max(row - 1, 0), min(row + 2, rows)):
+            for x in range(max(column - 1, 0), min(column + 2, columns)):
+                if agreed[y, x] < 0 or (y == row and x == column):
+                    agreed[y, x] = points[i, 2]
 
 
 @njit(nogil=True)
@@ -266,7 +293,7 @@ def _least_disparity(farthest: Any, thickness: Any, low: int, high: int) -> int:
 def _search(
     start: int, stop: int, stride: int, left: Any, right: Any, width: int, height: int, step: int,
     lowest: int, high: int, texture: int, uniqueness: Any, farthest: Any, thickness: Any,
-    found: Any, deviation: Any,
+    agreed: Any, found: Any, deviation: Any,
 ) -> None:
     cost = np.empty(high - lowest + 1, np.int32)
     floor = np.empty(high - lowest + 1, np.int32)
@@ -287,7 +314,9 @@ def _search(
                 continue
             count = _scan(left, right, u, v, width, 1, low, last, cost)
             at = _position(cost, _least(cost, 0, count))
-            if not _is_unique(cost, count, at, uniqueness, floor):
+            if not _is_unique(cost, count, at, uniqueness, floor) and (
+                agreed.size == 0 or abs(low + at - agreed[row, column]) > _SAME_MATCH
+            ):
                 continue
             before, here, after = cost[max(at - 1, 0)], cost[at], cost[min(at + 1, count - 1)]
             x = u - low - at
