@@ -10,16 +10,15 @@ to Tracking and Navigation", 2001, section 5.4, doi:10.1002/0471221279).
 
 from __future__ import annotations
 
-import functools
 import math
 from collections import deque
 
 import numpy as np
-from scipy.special import gammaincinv
 
 from uw_visibility.config import PlausibilityConfig
 from uw_visibility.depth_series import DepthSample, interpolate
 from uw_visibility.depth_verdict import Comparison, Report, Verdict
+from uw_visibility.quantiles import chi_squared_quantile
 from uw_visibility.status import Status
 
 # Memory is bounded whatever arrives: 10 s of a sensor at 200 Hz.
@@ -156,7 +155,7 @@ class DepthMonitor:
         )
         # Nothing at all is never certain.
         variance = max(variance, 1e-12)
-        gate = math.sqrt(_threshold(self.config.confidence) * variance)
+        gate = math.sqrt(chi_squared_quantile(1, self.config.confidence) * variance)
         comparison = Comparison(
             estimate, sensor, innovation, variance, innovation**2 / variance, gate,
             conclusive=gate <= self.config.max_gate,
@@ -233,8 +232,3 @@ class DepthMonitor:
             if now - arrival > self.config.timeout:
                 return f"no {what} for {now - arrival:.1f} s"
         return ""
-
-
-@functools.cache
-def _threshold(confidence: float) -> float:
-    return float(2 * gammaincinv(0.5, confidence))

@@ -7,11 +7,15 @@ Levin, Lischinski and Weiss, doi 10.1109/TPAMI.2007.1177.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import scipy.sparse
 from numpy.typing import NDArray
 
 from uw_visibility.enhancement.guided_filter import CELL, NO_PLANE, GuidedFilter
+
+if TYPE_CHECKING:
+    import scipy.sparse
 
 # Weight λ of the data beside the smoothness that the image asks for.
 DATA_WEIGHT = 10.0
@@ -35,6 +39,9 @@ def solve_matting(
     the image's resolution with its coefficients. Parameters and result are
     those of `GuidedFilter.run`.
     """
+    # Imported here, since it takes long, and the guided filter does without.
+    import scipy.sparse
+
     if not guided.run(coarse, confidence, guide, disparity, dense_confidence):
         return False
     limits = guided.reduce(coarse, confidence, guide)
@@ -73,6 +80,8 @@ def laplacian(guide: NDArray[np.float32], smoothness: float) -> scipy.sparse.csr
     (h * w, h * w) sparse matrix
         Symmetric, positive semidefinite; constants are in its null space.
     """
+    import scipy.sparse
+
     height, width = guide.shape[:2]
     index = np.arange(height * width).reshape(height, width)
     rows, columns = height - 2, width - 2

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.kernel_cache import njit
 from uw_visibility.water.fit import ATTENUATION_BOUNDS, Fit
+from uw_visibility.water.linear_algebra import apply, product, solve
 
 # What particles and dissolved matter add differs between the channels by this part
 # of its mean, and this much at least, 1/m.
@@ -139,13 +140,14 @@ def _combine(
     for _ in range(ITERATIONS):
         particles = max((p[0::2] - clear_water).mean(), 0.0)
         deviation[:3] = CHANNEL_TOLERANCE_MIN + CHANNEL_TOLERANCE * particles
-        off = (rows @ p - expected) / deviation
-        innovation = rows @ spread @ rows.T
+        off = (apply(rows, p) - expected) / deviation
+        seen = product(rows, spread)
+        innovation = product(seen, rows.T)
         for k in range(ROWS):
             innovation[k, k] += deviation[k] ** 2 * (1.0 + (off[k] / LIMIT) ** 2)
-        gain = np.linalg.solve(innovation, rows @ spread).T.copy()
-        p = first + gain @ (expected - rows @ first)
-    spread = spread - gain @ (rows @ spread)
+        gain = solve(innovation, seen).T.copy()
+        p = first + apply(gain, expected - apply(rows, first))
+    spread = spread - product(gain, product(rows, spread))
     spread = 0.5 * (spread + spread.T)
     for c in range(3):
         p[2 * c + 1] = np.exp(p[2 * c + 1])

@@ -22,6 +22,7 @@ from uw_visibility.water.darkness import (
     typical_darkness,
 )
 from uw_visibility.water.fit import AMBIENT_LIGHT_MAX, ATTENUATION_BOUNDS, Fit, blank
+from uw_visibility.water.linear_algebra import apply, product, solve
 
 MAX_ITERATIONS = 60
 # After so many iterations the scales are held, so that the cost can only fall.
@@ -215,19 +216,19 @@ def _step(
 ) -> Any:
     """Damped step of the parameters that are free to move, cut at the bounds."""
     system = np.eye(6)
-    right = np.zeros(6)
+    right = np.zeros((6, 1))
     free = np.zeros(6, np.bool_)
     for i in range(6):
         held = (p[i] <= lower[i] and slope[i] < 0) or (p[i] >= upper[i] and slope[i] > 0)
         free[i] = active[i // 2] and not held
     for i in range(6):
         if free[i]:
-            right[i] = slope[i]
+            right[i, 0] = slope[i]
             for j in range(6):
                 if free[j]:
                     system[i, j] = hessian[i, j]
             system[i, i] = hessian[i, i] * (1.0 + damping) + 1e-12
-    moved = p + np.linalg.solve(system, right)
+    moved = p + solve(system, right)[:, 0]
     return np.minimum(np.maximum(moved, lower), upper)
 
 
@@ -268,9 +269,9 @@ def _covariance(
         if not active[i // 2]:
             curvature[i, i] = 1.0
         curvature[i, i] += 1e-12
-    inverse = np.linalg.inv(curvature)
-    shift = inverse @ common
-    return inverse @ spread @ inverse + np.outer(shift, shift)
+    inverse = solve(curvature, np.eye(6))
+    shift = apply(inverse, common)
+    return product(product(inverse, spread), inverse) + np.outer(shift, shift)
 
 
 @njit(nogil=True)

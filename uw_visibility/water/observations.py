@@ -11,8 +11,8 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
+from uw_visibility.quantiles import normal_quantile
 from uw_visibility.water.histogram import CELL_BITS, CELLS, accumulate, take_quantiles
 from uw_visibility.water.levels import levels
 from uw_visibility.water.noise import noise_stddev
@@ -186,7 +186,7 @@ def observe(
         dark=(dark + shift)[:, full],
         dark_range=np.tile(mean_range, (3, 1)) if plain
         else low + (dark_cell[:, full] + 0.5) * metres_per_cell,
-        bright=(bright - ndtri(bright_quantile) * left * step)[:, full],
+        bright=(bright - normal_quantile(bright_quantile) * left * step)[:, full],
         step=step[:, full],
         deviation=deviation[:, full],
         noise=noise,
@@ -218,7 +218,7 @@ def _noise_shift(
     at the noise's own quantile; where the scene itself makes a long tail, the
     noise moves it by less, in proportion to the steepness.
     """
-    outer, inner = -ndtri(quantiles)
+    outer, inner = -normal_quantile(quantiles)
     steepness = np.minimum((outer - inner) * noise / np.maximum(rise, 1e-9), 1.0)
     return np.asarray(outer * noise * steepness)
 

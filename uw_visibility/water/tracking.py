@@ -24,10 +24,10 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
 
 from uw_visibility.config import TrackingConfig
 from uw_visibility.errors import InputError
+from uw_visibility.quantiles import chi_squared_quantile
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import joint_covariance
 from uw_visibility.water.estimation import WaterEstimate
@@ -255,8 +255,7 @@ class _State:
         )[block]
         innovation = (measurement.value - self.mean)[index]
         distance = innovation @ np.linalg.solve(spread + _ridge(spread), innovation)
-        # The quantile of chi squared; scipy.stats would take long to import.
-        return bool(distance <= 2 * gammaincinv(index.size / 2, probability))
+        return bool(distance <= chi_squared_quantile(index.size, probability))
 
     def correct(self, measurement: _Measurement) -> None:
         """Take a measurement in."""
