@@ -77,7 +77,7 @@ class Install:
         self.package.mkdir(parents=True)
         self.home.mkdir()
         self.write("__init__", "")
-        for name in ("kernel_cache", "kernel_fingerprint"):
+        for name in ("kernel_cache", "kernel_fingerprint", "kernel_storage"):
             shutil.copy(SOURCES / f"{name}.py", self.package)
         for name, source in KERNELS.items():
             self.write(name, source)
@@ -154,6 +154,35 @@ def test_a_kernel_is_compiled_once_and_anew_after_any_change(install: Install) -
     assert sum(name.startswith("outer.") for name in indices) == 1 + kernel_cache.KEPT_VERSIONS
     machine_code = [path for path in files(install.kernels) if path.suffix == ".nbc"]
     assert len(machine_code) == len(indices)
+
+
+def test_what_is_on_disk_is_compiled_into_what_calls_it(install: Install) -> None:
+    install.run()
+    install.replace("outer", "+ 1", "+ 2")
+    outcome = install.run()
+    assert (outcome.value, outcome.loaded, outcome.compiled) == (108, 1, 1)
+
+
+def test_kernels_from_disk_have_the_symbols_that_they_need(install: Install) -> None:
+    """LLVM ends the process where one is missing: those of hashing numba adds late."""
+    install.write("inner", """\
+from uw_visibility.kernel_cache import njit
+
+@njit(nogil=True)
+def inner(x):
+    counts = {"three": x}
+    if x > 3:
+        raise ValueError("too many", x)
+    return counts["th" + "ree"]
+""")
+    complain = CALL + (
+        "try:\n    outer(5)\n"
+        "except ValueError as error:\n    assert error.args == ('too many', 5)\n"
+        "else:\n    raise AssertionError\n"
+    )
+    assert install.run(code=complain).value == 4
+    again = install.run(code=complain)
+    assert (again.value, again.loaded, again.compiled) == (4, 1, 0)
 
 
 def test_a_change_while_a_process_runs_is_not_taken_for_its_code(install: Install) -> None:

@@ -29,6 +29,7 @@ import numba
 from numba.core import caching
 
 from uw_visibility.kernel_fingerprint import fingerprint, note_source
+from uw_visibility.kernel_storage import StoredKernelCache, StoredKernels
 
 PACKAGE_FOLDER = Path(__file__).resolve().parent
 # Other versions of a kernel that stay on disk: another checkout's or another setting's.
@@ -186,10 +187,10 @@ class KernelCache(caching._Cache):  # type: ignore[misc]
             def get_disambiguator(self) -> str:
                 return version
 
-        class Files(caching.CompileResultCacheImpl):  # type: ignore[misc]
+        class Files(StoredKernels):
             _locator_classes: list[type] = [Locator]  # noqa: RUF012
 
-        class Cache(caching.FunctionCache):  # type: ignore[misc]
+        class Cache(StoredKernelCache):
             _impl_class = Files
 
         return Cache(self._function)

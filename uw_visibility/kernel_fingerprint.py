@@ -28,7 +28,8 @@ def fingerprint(function: Callable[..., Any]) -> str:
     """Return a digest of a kernel's ingredients.
 
     These are the files of all functions that it reaches within the package, the values
-    of the globals they use, the versions of numba and llvmlite, and numba's settings.
+    of the globals they use, the versions of numba and llvmlite, numba's settings, and the
+    layout of the files that kernels are stored in.
 
     Parameters
     ----------
@@ -81,6 +82,8 @@ def _digest_of_file(path: str) -> str:
 def _toolchain() -> Iterator[str]:
     yield f"numba {numba.__version__}"
     yield f"llvmlite {llvmlite.__version__}"
+    # How kernels are laid out in their files.
+    yield f"storage {_digest_of_file(str(Path(__file__).with_name('kernel_storage.py')))}"
     for name in _SETTINGS:
         yield f"{name} {getattr(numba.config, name, None)!r}"
 
