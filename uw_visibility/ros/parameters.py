@@ -112,15 +112,21 @@ class NodeParameters:
         return converted
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
+        mine = self._mine(parameters)
+        # Those of QoS come by the dozen while the node starts.
+        if not mine:
+            return SetParametersResult(successful=True)
         try:
-            Settings.from_values(self._values | self._mine(parameters))
+            Settings.from_values(self._values | mine)
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _accept(self, parameters: list[Parameter]) -> None:
-        self._values |= self._mine(parameters)
-        self.settings = Settings.from_values(self._values)
+        mine = self._mine(parameters)
+        if mine:
+            self._values |= mine
+            self.settings = Settings.from_values(self._values)
 
     def _mine(self, parameters: list[Parameter]) -> dict[str, Any]:
         return {p.name: p.value for p in parameters if p.name in self._infos}
