@@ -125,8 +125,11 @@ class NodeProcess:
         self.process.send_signal(number)
         return self.process.wait(timeout=20), time.monotonic() - started
 
-    def kill(self) -> None:
-        if self.process.poll() is None:
+    def end(self) -> None:
+        """Wait for the end that a signal has asked for, and enforce it if it does not come."""
+        try:
+            self.process.wait(5)
+        except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
 
@@ -319,8 +322,11 @@ def start_node(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..
         return nodes[-1]
 
     yield start
+    # Asked first, since the middleware's shared memory outlives a node that is killed.
     for node in nodes:
-        node.kill()
+        node.process.send_signal(signal.SIGINT)
+    for node in nodes:
+        node.end()
 
 
 @pytest.fixture(scope="module")

@@ -36,7 +36,8 @@ class World:
         self.executor.add_node(self.listener)
         self.stamps: list[int] = []
         self.subscription = FittedSubscription(
-            self.listener, CameraInfo, "info", lambda m: self.stamps.append(m.header.stamp.sec)
+            self.listener, CameraInfo, "info", lambda m: self.stamps.append(m.header.stamp.sec),
+            depth=3,
         )
 
     def publisher(self, reliability: ReliabilityPolicy) -> Any:
@@ -139,7 +140,9 @@ def test_stamps_that_a_publisher_repeats_are_passed_on(make_world: Callable[...,
     publisher = world.publisher(RELIABLE)
     world.fit("reliable")
     world.until(lambda: publisher.get_subscription_count() == 1)
-    world.send(publisher, 0, 0, 7, 7)
+    world.send(publisher, 0, 0)
+    world.until(lambda: len(world.stamps) == 2)
+    world.send(publisher, 7, 7)
     world.until(lambda: world.stamps == [0, 0, 7, 7])
 
 
@@ -152,3 +155,14 @@ def test_what_the_user_asks_for_stays(make_world: Callable[..., World], wish: st
         world.publisher(reliability)
         world.subscription.fit()
         assert (world.readers(), world.subscription.reliability) == (1, wish.replace("_", " "))
+
+
+def test_only_the_newest_of_a_burst_wait(make_world: Callable[..., World]) -> None:
+    world = make_world()
+    publisher = world.publisher(RELIABLE)
+    world.fit("reliable")
+    world.until(lambda: publisher.get_subscription_count() == 1)
+    world.send(publisher, *range(1, 9))
+    time.sleep(0.3)
+    world.until(lambda: 8 in world.stamps)
+    assert world.stamps == [6, 7, 8]
