@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -136,12 +135,11 @@ def _add_recording(
         recording = Recording.of(reader, stream.selection, options, ())
         joiner = Joiner(stream.plausibility)
         progress = Progress(bag.name, stream.expected_frames)
-        waiting: deque[FrameAnswer] = deque()
+        waiting: dict[str, FrameAnswer] = {}
 
         def take(rows: Iterator[dict[str, str]]) -> None:
-            # One row for each frame, in their order.
             for row in rows:
-                series.add(row, waiting.popleft())
+                series.add(row, waiting.pop(row["frame"]))
 
         tasks: Iterator[Any] = (
             FrameTask(recording, event) if isinstance(event, RecordedFrame) else event
@@ -150,7 +148,7 @@ def _add_recording(
         try:
             for item in pool.answers(tasks):
                 if isinstance(item, FrameAnswer):
-                    waiting.append(item)
+                    waiting[item.row["frame"]] = item
                     take(joiner.add_frame(item.row))
                     progress.add()
                 else:
