@@ -109,7 +109,7 @@ class StereoConfig:
         5, "Neighbours that must agree with a support point.", minimum=0, maximum=400,
     )
     plane_radius: int = parameter(
-        2, "Distance from the mesh's plane up to which disparities are tried.",
+        1, "Distance from the mesh's plane up to which disparities are tried.",
         unit="px", minimum=0, maximum=20,
     )
     plane_deviation: float = parameter(
