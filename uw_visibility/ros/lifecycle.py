@@ -7,13 +7,15 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from uw_visibility.errors import InputError
-from uw_visibility.ros.core import NodeCore
-from uw_visibility.ros.parameters import NodeParameters
 from uw_visibility.ros.run import STOP_TIMEOUT, run
+
+if TYPE_CHECKING:
+    from uw_visibility.ros.core import NodeCore
 
 
 class UwVisibilityLifecycleNode(LifecycleNode):
@@ -30,6 +32,11 @@ class UwVisibilityLifecycleNode(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__("uw_visibility")
+        # Imported here: the middleware looks for others meanwhile, in threads of its own.
+        from uw_visibility.ros.core import NodeCore
+        from uw_visibility.ros.parameters import NodeParameters
+
+        self._make_core = NodeCore
         self._node_parameters = NodeParameters(self)
         self._core: NodeCore | None = None
 
@@ -40,7 +47,7 @@ class UwVisibilityLifecycleNode(LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Make everything that the work needs."""
         try:
-            self._core = NodeCore(self, self._node_parameters)
+            self._core = self._make_core(self, self._node_parameters)
         except InputError as error:
             self.get_logger().error(f"cannot be configured: {error}")
             return TransitionCallbackReturn.FAILURE

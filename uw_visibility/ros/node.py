@@ -9,8 +9,6 @@ from collections.abc import Sequence
 
 from rclpy.node import Node
 
-from uw_visibility.ros.core import NodeCore
-from uw_visibility.ros.parameters import NodeParameters
 from uw_visibility.ros.run import run
 
 
@@ -25,6 +23,10 @@ class UwVisibilityNode(Node):
 
     def __init__(self) -> None:
         super().__init__("uw_visibility")
+        # Imported here: the middleware looks for others meanwhile, in threads of its own.
+        from uw_visibility.ros.core import NodeCore
+        from uw_visibility.ros.parameters import NodeParameters
+
         self._core = NodeCore(self, NodeParameters(self))
         self._core.activate()
 
