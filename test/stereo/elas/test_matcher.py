@@ -9,6 +9,9 @@ from uw_visibility.config import StereoConfig
 from uw_visibility.evaluation.baselines import semi_global_matching
 from uw_visibility.evaluation.degrade import load_scene
 from uw_visibility.parallel import Workers
+from uw_visibility.simulation.camera import Pose, StereoCamera
+from uw_visibility.simulation.frame import Renderer, Water
+from uw_visibility.simulation.scene import reef
 from uw_visibility.stereo.elas import Matcher
 
 
@@ -29,6 +32,23 @@ def step_pair(texture, near=20, far=8):
     truth = np.full(left.shape, far, np.float32)
     truth[30:90, 70:150] = near
     return (left, right), truth
+
+
+def test_disparities_are_not_drawn_to_whole_pixels(contrast_of):
+    """Over a reef that has all of them, the error does not follow the fraction of a pixel."""
+    pose = Pose((0.0, 0.0, 1.5), tilt=0.3)
+    frame = Renderer(StereoCamera(320, 240, 400.0, 0.12)).render(reef(), pose, Water(0.0, 3.0))
+    pair = frame.left, frame.right
+
+    def bias_by_fraction(disparity):
+        error = disparity - frame.disparity_left
+        close = np.abs(error) <= 1
+        eighth = np.floor(8 * (frame.disparity_left[close] % 1)).astype(int)
+        return np.ptp([np.median(error[close][eighth == part]) for part in range(8)])
+
+    ours = bias_by_fraction(match(pair, contrast_of, (0, 63)).disparity)
+    peer = bias_by_fraction(semi_global_matching(*pair, 64))
+    assert ours < 0.05 < 0.1 < peer
 
 
 def test_both_sides_of_a_depth_step_are_found(texture, contrast_of):

@@ -5,7 +5,12 @@
 import numpy as np
 
 from uw_visibility.parallel import Workers
-from uw_visibility.stereo.elas.postprocess import SegmentFilter, check_and_refine, fill_small_gaps
+from uw_visibility.stereo.elas.postprocess import (
+    SegmentFilter,
+    check_and_refine,
+    fill_small_gaps,
+    meeting_of_lines,
+)
 from uw_visibility.stereo.elas.smoothing import AdaptiveMean
 
 NAN = np.float32(np.nan)
@@ -90,3 +95,9 @@ def test_the_mean_leaves_a_slope_as_it_is():
     smoothed = slope.copy()
     AdaptiveMean(slope.shape, 5, 3.0).smooth(smoothed, Workers(1))
     np.testing.assert_allclose(smoothed[5:-5, 5:-5], slope[5:-5, 5:-5], atol=1e-4)
+
+
+def test_lines_meet_between_costs():
+    assert abs(meeting_of_lines(*(7.0 * abs(d - 0.3) + 2.0 for d in (-1, 0, 1))) - 0.3) < 1e-12
+    assert abs(meeting_of_lines(*(7.0 * abs(d + 0.4) + 2.0 for d in (-1, 0, 1))) + 0.4) < 1e-12
+    assert meeting_of_lines(1.0, 1.0, 1.0) == 0.0

@@ -13,7 +13,6 @@ from uw_visibility.kernel_cache import njit
 from uw_visibility.parallel import Workers
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.dense import BORDER
-from uw_visibility.stereo.elas.support import vertex_of_parabola
 
 
 def check_and_refine(
@@ -96,12 +95,26 @@ def _check_and_refine(
             if BORDER < x - d < width - BORDER - 1:
                 i = (y * width + x) * BYTES
                 j = i - d * BYTES
-                offset = vertex_of_parabola(
+                offset = meeting_of_lines(
                     absolute_difference(left, i, right, j + BYTES),
                     absolute_difference(left, i, right, j),
                     absolute_difference(left, i, right, j - BYTES),
                 )
             disparity[y, x] = max(d + offset, 0.0)
+
+
+@njit(nogil=True)
+def meeting_of_lines(before: Any, at: Any, after: Any) -> float:
+    """Offset of the minimum between three equidistant costs, within 0.5.
+
+    It is where two lines of opposite slope through them meet: sums of absolute
+    differences fall and rise linearly, so that a parabola draws disparities to whole
+    pixels (Shimizu and Okutomi, ICCV 2001, doi:10.1109/ICCV.2001.937503).
+    """
+    slope = max(before, after) - at
+    if slope <= 0:
+        return 0.0
+    return min(max(0.5 * (before - after) / slope, -0.5), 0.5)
 
 
 @njit(nogil=True)
