@@ -248,7 +248,7 @@ def test_jump_of_the_sensor_on_a_simulated_transect(
     client: Any, image: Any, info: Any
 ) -> None:
     transect = Transect(
-        frames=16, rate=2.0, depth=(4.0, 5.0), attenuation=(0.15, 0.2), seed=3,
+        frames=13, rate=2.0, depth=(4.0, 5.0), attenuation=(0.15, 0.2), seed=3,
         camera=StereoCamera(320, 240, 300.0, 0.12),
     )
     set_parameters(
