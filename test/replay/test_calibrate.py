@@ -17,7 +17,9 @@ from bag_copies import DARK, DIVE_FRAMES, Edit, Message, copy_bag, run, shortene
 from uw_visibility.cli import main
 from uw_visibility.config import PipelineConfig
 from uw_visibility.parameters import read_yaml
+from uw_visibility.replay.work import Recording
 from uw_visibility.water.depth import diffuse_attenuation
+from uw_visibility.water.expectations import NOTHING_EXPECTED
 from uw_visibility.water.optics import load_response
 
 RESPONSE = load_response("nikon_d5100")
@@ -86,8 +88,13 @@ def test_white_and_water_are_found_and_make_the_depth_right(
 
 
 def test_without_output_the_file_is_printed_and_nothing_else(
-    dive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    dive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    make, used = Recording.of, []
+    monkeypatch.setattr(
+        Recording, "of", lambda *given: used.append(made := make(*given)) or made
+    )
     path = tmp_path / "piped.yaml"
     # Nothing is taken from what is to be found, however wrong it is and however trusted.
     path.write_text(yaml.safe_dump({"/**": {"ros__parameters": {
@@ -96,6 +103,7 @@ def test_without_output_the_file_is_printed_and_nothing_else(
     shortened(bag / "dive.mcap", 0.97)
     command = ["calibrate", str(bag), "--jobs", "1", "--params-file", str(path)]
     assert main(command) == 0
+    assert [r.pipeline.water.daylight_tolerance for r in used] == [NOTHING_EXPECTED]
     printed = capsys.readouterr()
     path.write_text(printed.out)
     values = read_yaml(path)
