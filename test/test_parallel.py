@@ -65,3 +65,35 @@ def test_callers_in_several_threads_do_not_disturb_one_another():
     for thread in callers:
         thread.join()
     assert all((sums[seed] == 50 * seed).all() for seed in (1, 2, 3))
+
+
+@pytest.mark.parametrize("threads", sorted(POOLS))
+def test_two_calls_together_return_both_results_and_may_share_rows(threads):
+    pool = POOLS[threads]
+
+    def count():
+        seen = np.zeros(90, int)
+        pool.rows(lambda a, b: seen.__setitem__(slice(a, b), seen[a:b] + 1), 90)
+        return seen
+
+    for _ in range(20):
+        first, second = pool.together(count, lambda: (count(), "second"))
+        assert (first == 1).all() and (second[0] == 1).all() and second[1] == "second"
+
+
+def test_two_calls_together_run_at_once():
+    barrier = threading.Barrier(2, timeout=10)
+    POOLS[2].together(barrier.wait, barrier.wait)
+
+
+@pytest.mark.parametrize("threads", sorted(POOLS))
+@pytest.mark.parametrize("failing", [0, 1])
+def test_an_error_of_either_call_reaches_the_caller(threads, failing):
+    def fail():
+        raise ValueError("broken")
+
+    calls = [lambda: 1, lambda: 2]
+    calls[failing] = fail
+    with pytest.raises(ValueError, match="broken"):
+        POOLS[threads].together(*calls)
+    assert POOLS[threads].together(lambda: 1, lambda: 2) == (1, 2)

@@ -154,12 +154,18 @@ class FirstStep:
             valid = self._without_foreign(valid, small[0], support, shape)
         with clock("coarse disparity"):
             mesh = self._matcher.coarse_disparity(support)
-        with clock("visibility estimation 1"):
-            water = self._estimate(left, mesh, valid, support, estimator)
-        with clock("matting"):
-            # A thin mesh is helped by the dominant plane.
-            filled, _ = fill_plane(mesh, support.points)
-            disparity = self._matting.refine(filled, None, small[0]).disparity
+
+        def refine() -> NDArray[np.float32]:
+            with clock("matting"):
+                # A thin mesh is helped by the dominant plane.
+                filled, _ = fill_plane(mesh, support.points)
+                return self._matting.refine(filled, None, small[0]).disparity
+
+        def estimate() -> WaterEstimate:
+            with clock("visibility estimation 1"):
+                return self._estimate(left, mesh, valid, support, estimator)
+
+        disparity, water = self._workers.together(refine, estimate)
         return FirstLook(
             water, self._reduction.whole_points(support.points, shape), disparity,
             self._small_rig, valid, gain,

@@ -14,7 +14,10 @@ import itertools
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
-from typing import Any
+from typing import Any, TypeVar
+
+First = TypeVar("First")
+Second = TypeVar("Second")
 
 _BANDS_PER_THREAD = 3
 
@@ -61,3 +64,32 @@ class Workers:
             wait(started)
         for helper in started:
             helper.result()
+
+    def together(
+        self, first: Callable[[], First], second: Callable[[], Second]
+    ) -> tuple[First, Second]:
+        """Run two calls that do not need one another's results, at once where threads allow.
+
+        Either may use `rows`: what finds no thread free is done by its caller.
+
+        Parameters
+        ----------
+        first, second : callable
+            Without arguments; the calling thread runs the first.
+
+        Returns
+        -------
+        tuple
+            What they return. If both raise, what the first raises is seen.
+        """
+        if self._pool is None:
+            return first(), second()
+        helper = self._pool.submit(second)
+        try:
+            found = first()
+        finally:
+            # One that has not begun is run here, unless the first failed.
+            begun = not helper.cancel()
+            if begun:
+                wait([helper])
+        return found, helper.result() if begun else second()

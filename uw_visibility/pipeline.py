@@ -227,25 +227,30 @@ class Pipeline:
         with clock("improved disparity"):
             support = stages.matcher.support_points(airlight, points)
             improved = stages.matcher.dense_disparity(support, airlight, confidence=confidence)
-        with clock("interpolation"):
-            # What is filled serves colour only.
-            nothing = np.full_like(improved.disparity, np.nan)
-            filled = stages.fill(improved) if enhance else nothing
+        size = whole_left.shape
         disparity, rated = improved.disparity, improved.confidence
         if reduced:
             with clock("full size"):
-                size = whole_left.shape
-                disparity, filled = (
-                    self._reduction.disparity(part, size) for part in (disparity, filled)
-                )
+                disparity = self._reduction.disparity(disparity, size)
                 if rated is not None:
                     rated = self._reduction.confidence(rated, disparity)
                 if original is not None:
                     original = self._reduction.disparity(original, size)
-        with clock("visibility estimation 2"):
-            water = WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
-            if len(support) >= FEWEST_SUPPORT_POINTS:
-                water = self._estimate(whole_left, disparity, first)
+
+        def fill() -> NDArray[np.float32]:
+            # What is filled serves colour only.
+            if not enhance:
+                return np.full_like(disparity, np.nan)
+            with clock("interpolation"):
+                return self._reduction.disparity(stages.fill(improved), size)
+
+        def estimate() -> WaterEstimate:
+            with clock("visibility estimation 2"):
+                if len(support) < FEWEST_SUPPORT_POINTS:
+                    return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
+                return self._estimate(whole_left, disparity, first)
+
+        filled, water = self._workers.together(fill, estimate)
         with clock("image enhancement 2"):
             range_left = self._range(filled)
             if left.ndim == 2:

@@ -60,7 +60,7 @@ class FrameResult:
     min_disparity, max_disparity : int
         Limits of the search, inclusive, px.
     timing_ms : dict of str to float
-        Duration of each stage and of the whole (``total``).
+        Duration of each stage and of the whole (``total``); two stages may overlap.
     right_gain : ndarray or None
         ``(3,)``, or ``(1,)`` for grey images: irradiance in the right image over
         that in the left one. The right image's ambient light is that of `water`
