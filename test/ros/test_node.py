@@ -95,6 +95,12 @@ def test_every_topic_of_a_known_scene(
     assert messages["visibility/depth"].pose.covariance[14] > 0
 
 
+def test_node_sends_through_memory_for_a_whole_frame(node: Any, client: Any) -> None:
+    maps = Path(f"/proc/{node.process.pid}/maps").read_text().splitlines()
+    limits = [line.split()[0].split("-") for line in maps if "/fastrtps_" in line]
+    assert max(int(stop, 16) - int(start, 16) for start, stop in limits) > 640 * 480 * (3 + 3 + 4)
+
+
 def test_mean_attenuation_comes_with_every_frame(
     client: Any, scene: Any, image: Any, info: Any
 ) -> None:
