@@ -23,7 +23,12 @@ from uw_visibility.errors import InputError
 from uw_visibility.foreign import foreign_pixels
 from uw_visibility.pair import blindness
 from uw_visibility.parallel import Workers
-from uw_visibility.stages import FEWEST_SUPPORT_POINTS, disparity_limits, range_error
+from uw_visibility.stages import (
+    FEWEST_SUPPORT_POINTS,
+    describe_raw,
+    disparity_limits,
+    range_error,
+)
 from uw_visibility.status import Status
 from uw_visibility.stereo.contrast import EvenContrast
 from uw_visibility.stereo.elas import Matcher, SupportPoints
@@ -144,16 +149,23 @@ class FirstStep:
         """
         shape = left.shape[:2]
         with clock("support points"):
-            small = self._reduction.image(left), self._reduction.image(right)
-            for contrast, image in zip(self._contrast, small, strict=True):
-                contrast.stretch(image, self._workers)
-            self._matcher.describe(*self._contrast)
+            small = self._workers.together(
+                lambda: self._reduction.image(left), lambda: self._reduction.image(right)
+            )
+            describe_raw(self._matcher, self._contrast, small, self._workers)
             support = self._matcher.support_points()
             self._refuse_useless_pair(*small, support)
-            gain = right_gain(*small, support.points, self._transfer)
-            valid = self._without_foreign(valid, small[0], support, shape)
-        with clock("coarse disparity"):
-            mesh = self._matcher.coarse_disparity(support)
+
+        def unlike_the_scene() -> tuple[NDArray[np.float64], NDArray[np.bool_] | None]:
+            with clock("gain and foreign things"):
+                gain = right_gain(*small, support.points, self._transfer)
+                return gain, self._without_foreign(valid, small[0], support, shape)
+
+        def draw_mesh() -> NDArray[np.float32]:
+            with clock("coarse disparity"):
+                return self._matcher.coarse_disparity(support)
+
+        mesh, (gain, counted) = self._workers.together(draw_mesh, unlike_the_scene)
 
         def refine() -> NDArray[np.float32]:
             with clock("matting"):
@@ -163,12 +175,12 @@ class FirstStep:
 
         def estimate() -> WaterEstimate:
             with clock("visibility estimation 1"):
-                return self._estimate(left, mesh, valid, support, estimator)
+                return self._estimate(left, mesh, counted, support, estimator)
 
         disparity, water = self._workers.together(refine, estimate)
         return FirstLook(
             water, self._reduction.whole_points(support.points, shape), disparity,
-            self._small_rig, valid, gain,
+            self._small_rig, counted, gain,
             float(np.count_nonzero(np.isfinite(mesh)) / mesh.size),
         )
 

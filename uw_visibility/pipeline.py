@@ -252,19 +252,14 @@ class Pipeline:
 
         filled, water = self._workers.together(fill, estimate)
         with clock("image enhancement 2"):
-            range_left = self._range(filled)
             if left.ndim == 2:
                 shown = self._estimate_grey(whole_left, disparity, valid)
             else:
                 shown = _first_known(water, step1)
-            left_enhanced, limited = _NOT_WANTED, _NOT_WANTED.astype(bool)
-            if "left" in enhance:
-                left_enhanced, limited = self._restorer.restore(whole_left, range_left, shown)
-            right_enhanced = _NOT_WANTED
-            if "right" in enhance:
-                range_right = self._range(in_right_view(filled, self._workers))
-                shown_right = _Water(shown.attenuation, gain * shown.ambient_light)
-                right_enhanced, _ = self._restorer.restore(whole_right, range_right, shown_right)
+            (range_left, left_enhanced, limited), right_enhanced = self._workers.together(
+                lambda: self._restore_left(whole_left, filled, shown, enhance),
+                lambda: self._restore_right(whole_right, filled, shown, gain, enhance),
+            )
 
         with clock("assessment"):
             visibility = self._assessor.assess(water)
@@ -337,6 +332,34 @@ class Pipeline:
         )
         attenuation, ambient_light = found or (np.nan, np.nan)
         return _Water(np.array([attenuation]), np.array([ambient_light]))
+
+    def _restore_left(
+        self,
+        image: NDArray[Any],
+        filled: NDArray[np.float32],
+        water: _Water,
+        enhance: Collection[str],
+    ) -> tuple[NDArray[np.float32], NDArray[Any], NDArray[np.bool_]]:
+        """Return the range of each pixel, the image restored, and where gain was limited."""
+        range_map = self._range(filled)
+        if "left" not in enhance:
+            return range_map, _NOT_WANTED, _NOT_WANTED.astype(bool)
+        return range_map, *self._restorer.restore(image, range_map, water)
+
+    def _restore_right(
+        self,
+        image: NDArray[Any],
+        filled: NDArray[np.float32],
+        water: _Water,
+        gain: NDArray[np.float64],
+        enhance: Collection[str],
+    ) -> NDArray[Any]:
+        if "right" not in enhance:
+            return _NOT_WANTED
+        range_map = self._range(in_right_view(filled, self._workers))
+        brighter = _Water(water.attenuation, gain * water.ambient_light)
+        restored, _ = self._restorer.restore(image, range_map, brighter)
+        return restored
 
     def _range(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
         """Range of a filled map: at or beyond infinity it is infinite."""

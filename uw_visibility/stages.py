@@ -65,9 +65,7 @@ class Stages:
 
     def describe_raw(self, left: NDArray[Any], right: NDArray[Any]) -> None:
         """Describe the pair for the matcher as it is."""
-        for contrast, image in zip(self._contrast, (left, right), strict=True):
-            contrast.stretch(image, self._workers)
-        self.matcher.describe(*self._contrast)
+        describe_raw(self.matcher, self._contrast, (left, right), self._workers)
 
     def match_raw(self, left: NDArray[Any], right: NDArray[Any]) -> NDArray[np.float32]:
         """Match the pair as it is, for comparison."""
@@ -103,16 +101,17 @@ class Stages:
         if left.ndim == 2 or not np.isfinite(water.attenuation).any():
             self.describe_raw(left, right)
             return
-        disparities = (coarse, in_right_view(coarse, self._workers))
-        lights = (water.ambient_light, right_gain * water.ambient_light)
-        for contrast, image, disparity, light in zip(
-            self._contrast, (left, right), disparities, lights, strict=True
-        ):
-            contrast.restore(
+
+        def describe(side: int, image: NDArray[Any]) -> None:
+            disparity = in_right_view(coarse, self._workers) if side else coarse
+            light = right_gain * water.ambient_light if side else water.ambient_light
+            self._contrast[side].restore(
                 image, rig.range_from_disparity(disparity), water.attenuation, light,
                 self._workers,
             )
-        self.matcher.describe(*self._contrast)
+            self.matcher.describe_view(side, self._contrast[side])
+
+        self._workers.together(lambda: describe(0, left), lambda: describe(1, right))
 
     def airlight_prior(
         self, left: NDArray[Any], water: WaterEstimate, points: NDArray[np.float32]
@@ -125,6 +124,33 @@ class Stages:
     def fill(self, match: DenseMatch) -> NDArray[np.float32]:
         """Fill gaps of the left view's disparity, then large areas."""
         return inpaint(self._gaps.fill(match.disparity, match.right), self._workers)
+
+
+def describe_raw(
+    matcher: Matcher,
+    contrast: tuple[EvenContrast, EvenContrast],
+    pair: tuple[NDArray[Any], NDArray[Any]],
+    workers: Workers,
+) -> None:
+    """Describe a pair for a matcher as it is.
+
+    Parameters
+    ----------
+    matcher : Matcher
+        Of the size of the images.
+    contrast : tuple of EvenContrast
+        Of the left and of the right view; overwritten, and used until the pair is matched.
+    pair : tuple of ndarray
+        ``(H, W, 3)`` or ``(H, W)``; uint8 or uint16.
+    workers : Workers
+        Threads.
+    """
+
+    def describe(side: int) -> None:
+        contrast[side].stretch(pair[side], workers)
+        matcher.describe_view(side, contrast[side])
+
+    workers.together(lambda: describe(0), lambda: describe(1))
 
 
 def range_error(rig: StereoRig, deviation: float) -> float:

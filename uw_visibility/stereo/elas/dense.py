@@ -61,93 +61,149 @@ class DenseSettings:
         return np.round(energy).astype(np.int32)
 
 
-def match(
-    descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-    plane: NDArray[np.float32],
-    candidates: CellCandidates,
-    disparities: tuple[int, int],
-    settings: DenseSettings,
-    best: NDArray[np.int16],
-    workers: Workers,
-    airlight: AirlightPrior | None = None,
-) -> None:
-    """Match every pixel of the left view, and every one of the right view with it.
+class DenseSearch:
+    """Search in two parts, in memory that is allocated once.
 
-    A pixel of the right view takes the best of the pairs that were tried for
-    the left view: its own search would try nearly the same ones again.
+    `try_candidates` needs no mesh, so that it can run while one is made; `try_plane`
+    comes after both. A pixel of the right view takes the best of the pairs that were
+    tried for the left view: its own search would try nearly the same ones again.
 
     Parameters
     ----------
-    descriptors : tuple of ndarray
-        Of the left and of the right view, ``(H * W * 16,)`` uint8.
-    plane : ndarray
-        ``(H, W)`` float32, the mesh's disparity in the left view, NaN outside.
-    candidates : CellCandidates
-        What the support points propose.
+    shape : tuple of int
+        Height and width of the images, px.
     disparities : tuple of int
         Smallest and largest disparity, inclusive, px.
     settings : DenseSettings
         Weights.
-    best : ndarray
-        ``(2, H, W)`` int16, overwritten: disparity at the pixels of the left and
-        of the right view, -1 where nothing was tried.
     workers : Workers
         Threads.
-    airlight : AirlightPrior, optional
-        What decides where texture does not.
+
+    Attributes
+    ----------
+    best : ndarray
+        ``(2, H, W)`` int16: disparity at the pixels of the left and of the right
+        view, -1 where nothing was tried.
     """
-    farthest, thickness, strength = plane, np.empty(0, np.float32), 0.0
-    if airlight is not None and settings.airlight > 0:
-        farthest, thickness = airlight.farthest, airlight.thickness
-        strength = settings.airlight * airlight.trust
-    workers.rows(
-        _match, plane.shape[0], descriptors[0], descriptors[1], plane, candidates.count,
-        candidates.runs, disparities[0], disparities[1], settings.prior(), farthest, thickness,
-        np.float32(strength), best[0], best[1],
-    )
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        disparities: tuple[int, int],
+        settings: DenseSettings,
+        workers: Workers,
+    ) -> None:
+        self._disparities = disparities
+        self._settings = settings
+        self._prior = settings.prior()
+        self._workers = workers
+        self._candidates = CellCandidates(shape, disparities[1] + 2)
+        self._keys = np.empty((2, *shape), np.int32)
+        self.best: NDArray[np.int16] = np.empty((2, *shape), np.int16)
+
+    def try_candidates(
+        self,
+        descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+        points: NDArray[np.float32],
+        airlight: AirlightPrior | None = None,
+    ) -> None:
+        """Try what the support points propose.
+
+        Parameters
+        ----------
+        descriptors : tuple of ndarray
+            Of the left and of the right view, ``(H * W * 16,)`` uint8.
+        points : ndarray
+            ``(N, 3)`` float32, column, row and disparity of the support points, px.
+        airlight : AirlightPrior, optional
+            What decides where texture does not.
+        """
+        self._candidates.fill(points)
+        self._workers.rows(
+            _try_candidates, self.best.shape[1], *descriptors, self._candidates.count,
+            self._candidates.runs, *self._disparities, *self._bound(airlight), *self._keys,
+        )
+
+    def try_plane(
+        self,
+        descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+        plane: NDArray[np.float32],
+        airlight: AirlightPrior | None = None,
+    ) -> None:
+        """Try what the mesh proposes, and write the best of all.
+
+        Parameters
+        ----------
+        descriptors, airlight
+            As for `try_candidates`.
+        plane : ndarray
+            ``(H, W)`` float32, the mesh's disparity in the left view, NaN outside.
+        """
+        self._workers.rows(
+            _try_planes, plane.shape[0], *descriptors, plane, *self._disparities, self._prior,
+            *self._bound(airlight), *self._keys, *self.best,
+        )
+
+    def _bound(self, airlight: AirlightPrior | None) -> tuple[Any, Any, Any]:
+        """Farthest thickness of each pixel, thickness of each disparity, and their weight."""
+        if airlight is None or not self._settings.airlight > 0:
+            return np.empty((0, 0), np.float32), np.empty(0, np.float32), np.float32(0)
+        strength = np.float32(self._settings.airlight * airlight.trust)
+        return airlight.farthest, airlight.thickness, strength
 
 
 @njit(nogil=True)
-def _match(
-    start: int, stop: int, left: Any, right: Any, plane: Any, count: Any, runs: Any,
-    low: int, high: int, prior: Any, farthest: Any, thickness: Any, strength: Any,
+def _try_candidates(
+    start: int, stop: int, left: Any, right: Any, count: Any, runs: Any, low: int, high: int,
+    farthest: Any, thickness: Any, strength: Any, keys_left: Any, keys_right: Any,
+) -> None:
+    height, width = keys_left.shape
+    need = np.zeros(width, np.float32)
+    needy = np.zeros(-(-width // CELL), np.bool_)
+    energy = np.empty(width, np.int32)
+    for y in range(start, stop):
+        here, there = keys_left[y], keys_right[y]
+        here[:] = _NOTHING
+        there[:] = _NOTHING
+        if not BORDER <= y < height - BORDER:
+            continue
+        at = y * width * BYTES
+        if thickness.size > 0:
+            _weigh_need(left, at, strength, need)
+            _mark_needy(need, needy)
+        for i in range(count[y // CELL]):
+            d = runs[y // CELL, i, 0]
+            first = max(runs[y // CELL, i, 1], d + BORDER)
+            last = min(runs[y // CELL, i, 2], width - BORDER)
+            if not low <= d <= high or first >= last:
+                continue
+            run = energy[: last - first]
+            _compare(left, at + first * BYTES, right, at + (first - d) * BYTES, run)
+            if needy[first // CELL : (last - 1) // CELL + 1].any():
+                _add_airlight_cost(need[first:last], farthest[y, first:last], thickness[d], run)
+            _offer(run, d, here[first:last], there[first - d : last - d])
+
+
+@njit(nogil=True)
+def _try_planes(
+    start: int, stop: int, left: Any, right: Any, plane: Any, low: int, high: int, prior: Any,
+    farthest: Any, thickness: Any, strength: Any, keys_left: Any, keys_right: Any,
     best_left: Any, best_right: Any,
 ) -> None:
     height, width = plane.shape
     radius = len(prior) - 1
-    here = np.empty(width, np.int32)
-    there = np.empty(width, np.int32)
     middle = np.empty(width, np.int32)
     need = np.zeros(width, np.float32)
-    needy = np.zeros(-(-width // CELL), np.bool_)
     cost = np.zeros(width, np.int32)
-    difference = np.empty(width, np.int32)
-    blank = np.full(BYTES, MIDDLE, np.uint8)
     for y in range(start, stop):
-        for x in range(width):
-            here[x] = _NOTHING
-            there[x] = _NOTHING
-            mean = plane[y, x]
-            middle[x] = np.int32(mean + np.float32(0.5)) if mean == mean else np.int32(-1 << 20)
+        here, there = keys_left[y], keys_right[y]
         if BORDER <= y < height - BORDER:
             at = y * width * BYTES
+            for x in range(width):
+                mean = plane[y, x]
+                middle[x] = np.int32(mean + np.float32(0.5)) if mean == mean else np.int32(-1 << 20)
             if thickness.size > 0:
-                _weigh_need(left, at, blank, strength, need, needy)
-            for i in range(count[y // CELL]):
-                d = runs[y // CELL, i, 0]
-                first = max(runs[y // CELL, i, 1], d + BORDER)
-                last = min(runs[y // CELL, i, 2], width - BORDER)
-                if not low <= d <= high or first >= last:
-                    continue
-                _compare(left, at + first * BYTES, right, at + (first - d) * BYTES,
-                         difference[: last - first])
-                if needy[first // CELL : (last - 1) // CELL + 1].any():
-                    _add_airlight_cost(
-                        need[first:last], farthest[y, first:last], thickness[d],
-                        difference[: last - first],
-                    )
-                _offer(difference[: last - first], d, here[first:last], there[first - d : last - d])
-            if thickness.size > 0:
+                _weigh_need(left, at, strength, need)
                 _plane_cost(need, farthest[y], thickness, middle, cost)
             for offset in range(-radius, radius + 1):
                 _try_plane(
@@ -174,11 +230,17 @@ def as_disparity(start: int, stop: int, best: Any, disparity: Any) -> None:
 
 
 @njit(nogil=True)
-def _weigh_need(left: Any, at: int, blank: Any, strength: Any, need: Any, needy: Any) -> None:
-    """Write how much each pixel of a row needs the airlight, and which cells do at all."""
+def _weigh_need(left: Any, at: int, strength: Any, need: Any) -> None:
+    """Write how much each pixel of a row needs the airlight."""
+    blank = np.full(BYTES, MIDDLE, np.uint8)
     for x in range(need.size):
         texture = np.float32(absolute_difference(left, at + x * BYTES, blank, x & 0))
         need[x] = strength * max(np.float32(1) - texture / _TEXTURED, np.float32(0))
+
+
+@njit(nogil=True)
+def _mark_needy(need: Any, needy: Any) -> None:
+    """Mark the cells of a row with pixels that need the airlight."""
     for column in range(needy.size):
         most = np.float32(0)
         for x in range(column * CELL, min((column + 1) * CELL, need.size)):

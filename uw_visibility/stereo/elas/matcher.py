@@ -14,9 +14,8 @@ from uw_visibility.parallel import Workers
 from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.contrast import EvenContrast
 from uw_visibility.stereo.elas import dense, mesh, postprocess
-from uw_visibility.stereo.elas.candidates import CellCandidates
 from uw_visibility.stereo.elas.confidence import rate
-from uw_visibility.stereo.elas.dense import DenseSettings
+from uw_visibility.stereo.elas.dense import DenseSearch, DenseSettings
 from uw_visibility.stereo.elas.descriptors import Descriptors
 from uw_visibility.stereo.elas.edges import EdgeVote
 from uw_visibility.stereo.elas.evidence import NoiseFilter
@@ -87,7 +86,7 @@ class Matcher:
                 consistency_count=config.consistency_count,
             ),
         )
-        self._dense_settings = DenseSettings(
+        settings = DenseSettings(
             likelihood=config.likelihood_weight,
             plane_radius=config.plane_radius,
             plane_deviation=config.plane_deviation,
@@ -95,8 +94,7 @@ class Matcher:
             airlight=config.airlight_prior,
         )
         self._plane = np.empty(shape, np.float32)
-        self._candidates = CellCandidates(shape, disparities[1] + 2)
-        self._best = np.empty((2, *shape), np.int16)
+        self._search = DenseSearch(shape, disparities, settings, workers)
         self._noise = NoiseFilter(shape, config.noise_ratio)
         self._segments = postprocess.SegmentFilter(shape)
         self._edges = EdgeVote(shape)
@@ -105,9 +103,15 @@ class Matcher:
 
     def describe(self, left: EvenContrast, right: EvenContrast) -> None:
         """Compute the descriptors of a pair, which is not changed until it is matched."""
-        self._left = left
-        for view, image in zip(self._views, (left, right), strict=True):
-            view.compute(image.grey, image.gain, self._workers)
+        self._workers.together(
+            lambda: self.describe_view(0, left), lambda: self.describe_view(1, right)
+        )
+
+    def describe_view(self, side: int, image: EvenContrast) -> None:
+        """Compute the descriptors of one view of a pair: 0 is the left one, 1 the right."""
+        if side == 0:
+            self._left = image
+        self._views[side].compute(image.grey, image.gain, self._workers)
 
     def support_points(
         self,
@@ -170,21 +174,22 @@ class Matcher:
         if len(support) == 0:
             nowhere = np.zeros(self._shape, np.float32) if confidence else None
             return DenseMatch(disparity, disparity.copy(), nowhere)
-        self._candidates.fill(support.points)
+        descriptors = (self._views[0].values, self._views[1].values)
+        self._workers.together(
+            lambda: self._draw_mesh(support),
+            lambda: self._search.try_candidates(descriptors, support.points, airlight),
+        )
+        self._search.try_plane(descriptors, self._plane, airlight)
+        self._postprocess(descriptors, disparity)
+        best_left, best_right = self._search.best
+        right = np.empty(self._shape, np.float32)
+        self._workers.rows(dense.as_disparity, self._shape[0], best_right, right)
+        rated = rate(disparity, best_left, descriptors, self._workers) if confidence else None
+        return DenseMatch(disparity, right, rated)
+
+    def _draw_mesh(self, support: SupportPoints) -> None:
         corners = mesh.with_corners(support.points[support.vertices], self._shape)
         mesh.rasterize(mesh.triangulate(corners, self._shape), self._plane, self._workers)
-        descriptors = (self._views[0].values, self._views[1].values)
-        dense.match(
-            descriptors, self._plane, self._candidates, self._disparities,
-            self._dense_settings, self._best, self._workers, airlight,
-        )
-        self._postprocess(descriptors, disparity)
-        right = np.empty(self._shape, np.float32)
-        self._workers.rows(dense.as_disparity, self._shape[0], self._best[1], right)
-        rated = (
-            rate(disparity, self._best[0], descriptors, self._workers) if confidence else None
-        )
-        return DenseMatch(disparity, right, rated)
 
     def _postprocess(
         self,
@@ -193,10 +198,12 @@ class Matcher:
     ) -> None:
         config = self._config
         postprocess.check_and_refine(
-            self._best, descriptors, config.left_right_tolerance, disparity, self._workers
+            self._search.best, descriptors, config.left_right_tolerance, disparity, self._workers
         )
         self._noise.remove(descriptors, disparity, self._workers)
-        self._segments.remove(disparity, config.segment_size, config.segment_difference)
+        self._segments.remove(
+            disparity, config.segment_size, config.segment_difference, self._workers
+        )
         postprocess.fill_small_gaps(
             disparity, config.gap_width, config.gap_difference, self._workers
         )

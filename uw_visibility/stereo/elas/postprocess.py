@@ -57,12 +57,22 @@ class SegmentFilter:
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
-        self._parent = np.empty(shape[0] * shape[1], np.int32)
-        self._size = np.empty(shape[0] * shape[1], np.int32)
+        pixels = shape[0] * shape[1]
+        # The run of pixels of a row that each pixel belongs to, and of each run one that
+        # came before it and belongs to the same segment, and its number of pixels.
+        self._run = np.empty(shape, np.int32)
+        self._parent = np.empty(pixels, np.int32)
+        self._size = np.empty(pixels, np.int32)
 
-    def remove(self, disparity: NDArray[np.float32], size: int, difference: float) -> None:
+    def remove(
+        self, disparity: NDArray[np.float32], size: int, difference: float, workers: Workers
+    ) -> None:
         """Set segments of fewer than ``size`` pixels to NaN, in place."""
-        _remove_segments(disparity, size, np.float32(difference), self._parent, self._size)
+        _join_runs(disparity, np.float32(difference), self._run, self._parent, self._size)
+        workers.rows(
+            _remove_small, disparity.shape[0], self._run, self._parent, self._size, size,
+            disparity,
+        )
 
 
 def fill_small_gaps(
@@ -126,43 +136,49 @@ def _root(parent: Any, at: int) -> int:
 
 
 @njit(nogil=True)
-def _remove_segments(disparity: Any, least: int, difference: Any, parent: Any, size: Any) -> None:
+def _join_runs(disparity: Any, difference: Any, run: Any, parent: Any, size: Any) -> None:
+    """Find the runs of each row, and join those that touch in neighbouring rows."""
     height, width = disparity.shape
+    count = 0
     for y in range(height):
+        last, last_above = -1, -1
         for x in range(width):
-            at = y * width + x
             d = disparity[y, x]
-            parent[at] = at
-            size[at] = 0
             if d != d:
+                run[y, x] = -1
                 continue
-            beside = x > 0 and abs(disparity[y, x - 1] - d) <= difference
-            if beside:
-                parent[at] = parent[at - 1]
+            if x > 0 and abs(disparity[y, x - 1] - d) <= difference:
+                here = run[y, x - 1]
+            else:
+                here = np.int32(count)
+                parent[count] = count
+                size[count] = 0
+                count += 1
+            run[y, x] = here
+            size[here] += 1
             if y > 0 and abs(disparity[y - 1, x] - d) <= difference:
-                if beside:
-                    corner = disparity[y - 1, x - 1]
-                    if abs(disparity[y - 1, x] - corner) <= difference and (
-                        abs(disparity[y, x - 1] - corner) <= difference
-                    ):
-                        # Both are joined by the pixel between them already.
-                        continue
-                a = _root(parent, at)
-                b = _root(parent, at - width)
-                # The earlier pixel becomes the root, so that labels do not
-                # depend on the order of the joins.
-                if a < b:
-                    parent[b] = a
-                elif b < a:
-                    parent[a] = b
-    for at in range(height * width):
+                above = run[y - 1, x]
+                if here != last or above != last_above:
+                    last, last_above = here, above
+                    a, b = _root(parent, here), _root(parent, above)
+                    # The earlier run becomes the root, so that roots do not depend on
+                    # the order of the joins.
+                    parent[max(a, b)] = min(a, b)
+    for at in range(count):
         # Parents come first, so that theirs is a root by now.
         root = parent[parent[at]]
         parent[at] = root
-        size[root] += 1
-    for y in range(height):
-        for x in range(width):
-            if size[parent[y * width + x]] < least:
+        if root != at:
+            size[root] += size[at]
+
+
+@njit(nogil=True)
+def _remove_small(
+    start: int, stop: int, run: Any, parent: Any, size: Any, least: int, disparity: Any
+) -> None:
+    for y in range(start, stop):
+        for x in range(disparity.shape[1]):
+            if run[y, x] >= 0 and size[parent[run[y, x]]] < least:
                 disparity[y, x] = np.nan
 
 
