@@ -346,6 +346,16 @@ class NodeConfig:
         False, "Publish points2: the matched pixels in space, in the enhanced image's colours.",
         read_only=True,
     )
+    concurrent_frames: int = parameter(
+        2, "Frames that are processed at once where they come faster than one takes, each in "
+        "fewer threads; never more than there are threads. 1 takes least memory.",
+        minimum=1, maximum=8, read_only=True,
+    )
+    niceness: int = parameter(
+        5, "How far the pipeline's threads give way to all others on the computer, those that "
+        "receive messages among them; 0 not at all, 19 most.",
+        minimum=0, maximum=19, read_only=True,
+    )
     max_range: float = parameter(
         50.0, "Visibility beyond this is published as infinite.",
         unit="m", minimum=0.1, maximum=1000.0,

@@ -9,8 +9,6 @@ images. The water itself is read from the images as they are.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,6 +21,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.foreign import foreign_pixels
 from uw_visibility.pair import blindness
 from uw_visibility.parallel import Workers
+from uw_visibility.stage_clock import StageClock
 from uw_visibility.stages import (
     FEWEST_SUPPORT_POINTS,
     describe_raw,
@@ -46,9 +45,6 @@ _FEWEST_DISPARITIES = 24
 _EXCHANGED_RATIO = 1.5
 # Deviation of a disparity between the mesh's points, px.
 _MESH_DEVIATION = 1.0
-
-Clock = Callable[[str], AbstractContextManager[None]]
-
 
 @dataclass(frozen=True)
 class FirstLook:
@@ -123,7 +119,7 @@ class FirstStep:
         right: NDArray[Any],
         valid: NDArray[np.bool_] | None,
         estimator: WaterEstimator,
-        clock: Clock,
+        clock: StageClock,
     ) -> FirstLook:
         """Take a first look at a pair.
 
@@ -135,8 +131,8 @@ class FirstStep:
             ``(H, W)`` bool, the pixels of the left image that show the scene.
         estimator : WaterEstimator
             What reads the water.
-        clock : callable
-            Takes a stage's name and returns what times it.
+        clock : StageClock
+            Times the stages.
 
         Returns
         -------

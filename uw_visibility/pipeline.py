@@ -9,9 +9,7 @@ Enhancement and Improved Stereo", ICRA 2014; `Pipeline.process` is its Fig. 4.
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -24,6 +22,7 @@ from uw_visibility.first_step import FirstLook, FirstStep
 from uw_visibility.pair import check_pair
 from uw_visibility.parallel import Workers
 from uw_visibility.result import FrameResult
+from uw_visibility.stage_clock import StageClock
 from uw_visibility.stages import (
     FEWEST_SUPPORT_POINTS,
     Stages,
@@ -64,6 +63,8 @@ class Pipeline:
         Geometry of the rectified pair.
     config : PipelineConfig, optional
         Parameters.
+    workers : Workers, optional
+        Threads, shared with other pipelines; its own where absent.
 
     Raises
     ------
@@ -71,11 +72,16 @@ class Pipeline:
         If the camera's spectral response or flat field cannot be loaded.
     """
 
-    def __init__(self, rig: StereoRig, config: PipelineConfig | None = None) -> None:
+    def __init__(
+        self,
+        rig: StereoRig,
+        config: PipelineConfig | None = None,
+        workers: Workers | None = None,
+    ) -> None:
         self.rig = rig
         self.config = config or PipelineConfig()
         camera = self.config.camera
-        self._workers = Workers(self.config.threads)
+        self._workers = workers or Workers(self.config.threads)
         self._assessor = Assessor(
             self.config.assessment, load_response(camera.response), camera.white_reference
         )
@@ -90,6 +96,7 @@ class Pipeline:
         )
         tracking = self.config.tracking
         self._tracker = WaterTracker(tracking) if tracking.enabled else None
+        self._tracking_lock = threading.Lock()
         self._reduction = Reduction(self.config.stereo.reduction, self._workers)
         self._first_step: FirstStep | None = None
         self._stages: Stages | None = None
@@ -137,10 +144,41 @@ class Pipeline:
             If the images do not fit, or show nothing that could be matched.
         """
         left, right = check_pair(left, right)
-        with self._lock:
-            return self._process(
-                left, right, valid, match_original, enhance, stamp, confidence
-            )
+        with self._lock, self._workers.shared():
+            result = self._process(left, right, valid, match_original, enhance, confidence)
+        return result if stamp is None else self.track(result, stamp)
+
+    def track(self, result: FrameResult, stamp: float) -> FrameResult:
+        """Filter a frame's estimate over the frames before, as `process` does with a stamp.
+
+        For frames that are processed without one, by this or by another pipeline like it,
+        so that they may overlap: they are tracked in their order.
+
+        Parameters
+        ----------
+        result : FrameResult
+            What `process` said of the frame.
+        stamp : float
+            Time of the frame, s.
+
+        Returns
+        -------
+        FrameResult
+            The same with `tracked`, `tracked_visibility` and `tracking`.
+        """
+        if self._tracker is None:
+            return result
+        clock = StageClock()
+        with self._tracking_lock, clock("tracking"):
+            tracked = self._tracker.update(result.water, stamp)
+            event = self._tracker.event
+        visibility = self._assessor.assess(tracked)
+        times = clock.milliseconds()
+        times["total"] += result.timing_ms["total"]
+        return replace(
+            result, tracked=tracked, tracked_visibility=visibility, tracking=event,
+            timing_ms=result.timing_ms | times,
+        )
 
     def first_look(self, left: NDArray[Any], right: NDArray[Any]) -> FirstLook:
         """Take step 1 alone, as `process` does.
@@ -164,11 +202,11 @@ class Pipeline:
             if self._illumination.needed:
                 left, right = self._illumination.correct(left, right)
             first_step, _ = self._steps_for(left.shape[:2])
-            return first_step.look(left, right, None, self._estimator, _Clock())
+            return first_step.look(left, right, None, self._estimator, StageClock())
 
     def reset_tracking(self) -> None:
         """Forget what earlier frames told of the water."""
-        with self._lock:
+        with self._tracking_lock:
             if self._tracker is not None:
                 self._tracker.reset()
 
@@ -188,7 +226,7 @@ class Pipeline:
         """
         left, right = check_pair(*warm_up_pair(shape, np.dtype(dtype), grey=grey))
         with self._lock:
-            self._process(left, right, None, True, SIDES, None, True)
+            self._process(left, right, None, True, SIDES, True)
 
     def _process(
         self,
@@ -197,12 +235,10 @@ class Pipeline:
         valid: NDArray[np.bool_] | None,
         match_original: bool,
         enhance: Collection[str],
-        stamp: float | None,
         confidence: bool,
     ) -> FrameResult:
         first_step, stages = self._steps_for(left.shape[:2])
-        clock = _Clock()
-        tracker = None if stamp is None else self._tracker
+        clock = StageClock()
         if self._illumination.needed:
             with clock("even illumination"):
                 left, right = self._illumination.correct(left, right)
@@ -263,11 +299,6 @@ class Pipeline:
 
         with clock("assessment"):
             visibility = self._assessor.assess(water)
-        tracked = tracked_visibility = None
-        if tracker is not None and stamp is not None:
-            with clock("tracking"):
-                tracked = tracker.update(water, stamp)
-                tracked_visibility = self._assessor.assess(tracked)
         low, high = disparity_limits(self.config, whole_left.shape[1])
         return FrameResult(
             status=water.status,
@@ -290,9 +321,6 @@ class Pipeline:
             max_disparity=high,
             timing_ms=clock.milliseconds(),
             right_gain=gain,
-            tracked=tracked,
-            tracked_visibility=tracked_visibility,
-            tracking=None if tracker is None else tracker.event,
             confidence=rated,
         )
 
@@ -373,24 +401,6 @@ class _Water(NamedTuple):
 
     attenuation: NDArray[np.float64]
     ambient_light: NDArray[np.float64]
-
-
-class _Clock:
-    """Durations of the stages of one frame."""
-
-    def __init__(self) -> None:
-        self._begin = time.perf_counter()
-        self._stages: dict[str, float] = {}
-
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        yield
-        self._stages[stage] = 1e3 * (time.perf_counter() - begin)
-
-    def milliseconds(self) -> dict[str, float]:
-        """Return the stages and ``total``."""
-        return {**self._stages, "total": 1e3 * (time.perf_counter() - self._begin)}
 
 
 def _first_known(water: WaterEstimate, step1: WaterEstimate) -> _Water:

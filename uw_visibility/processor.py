@@ -8,18 +8,75 @@ from collections.abc import Collection
 from typing import Any
 
 from uw_visibility.config import NodeConfig, PipelineConfig
-from uw_visibility.frames import FrameReader, StereoFrame
+from uw_visibility.frames import FrameReader, StereoFrame, StereoPair
 from uw_visibility.messages import MessageFactory, stamp_to_nanoseconds
 from uw_visibility.outputs import Source, build_messages, enhanced_sides
-from uw_visibility.pipeline import Pipeline
+from uw_visibility.pipeline_pool import PipelinePool
 from uw_visibility.result import FrameResult
 from uw_visibility.stereo.rig import StereoRig
+
+
+class FrameWork:
+    """The work on one frame: `assess` may overlap with other frames', `answer` may not.
+
+    Parameters
+    ----------
+    frame : StereoFrame
+        Input messages.
+    pair : StereoPair
+        What they hold.
+    pool : PipelinePool
+        Pipelines for the pair.
+    make : MessageFactory
+        Makes the outgoing messages.
+    track : bool
+        Whether to filter over the frames before.
+    """
+
+    def __init__(
+        self,
+        frame: StereoFrame,
+        pair: StereoPair,
+        pool: PipelinePool,
+        make: MessageFactory,
+        track: bool,
+    ) -> None:
+        self._frame = frame
+        self._pair = pair
+        self._pool = pool
+        self._make = make
+        self._track = track
+
+    def assess(
+        self,
+        topics: Collection[str],
+        *,
+        match_original: bool = False,
+        confidence: bool = False,
+    ) -> FrameResult:
+        """Run the pipeline on the frame; for the parameters see `FrameProcessor.process`."""
+        pair = self._pair
+        with self._pool.pipeline() as pipeline:
+            return pipeline.process(
+                pair.left, pair.right, valid=pair.valid, match_original=match_original,
+                enhance=enhanced_sides(topics), confidence=confidence,
+            )
+
+    def answer(
+        self, result: FrameResult, node_config: NodeConfig, topics: Collection[str]
+    ) -> tuple[FrameResult, dict[str, Any]]:
+        """Filter what `assess` found over the frames before, and make the messages of it."""
+        if self._track:
+            stamp = 1e-9 * stamp_to_nanoseconds(self._frame.left.header.stamp)
+            result = self._pool.track(result, stamp)
+        source = Source(self._make, self._frame, self._pair, result, node_config)
+        return result, build_messages(source, topics)
 
 
 class FrameProcessor:
     """Reads frames, runs the pipeline on them and makes the messages of its results.
 
-    The pipeline is made anew when the calibration or its configuration changes.
+    Pipelines are made anew when the calibration or their configuration changes.
 
     Parameters
     ----------
@@ -41,8 +98,35 @@ class FrameProcessor:
         self._track = track
         self.reader = FrameReader(rectify)
         self._make = make
-        self._pipeline: Pipeline | None = None
+        self._pool: PipelinePool | None = None
         self._made_for: tuple[StereoRig, PipelineConfig] | None = None
+
+    def begin(self, frame: StereoFrame, pipeline_config: PipelineConfig) -> FrameWork:
+        """Read a frame, and find the pipelines that it needs; one frame at a time.
+
+        Parameters
+        ----------
+        frame : StereoFrame
+            Input messages.
+        pipeline_config : PipelineConfig
+            Holds for this frame.
+
+        Returns
+        -------
+        FrameWork
+            What remains to be done.
+
+        Raises
+        ------
+        InputError
+            If the frame cannot be used.
+        """
+        pair = self.reader.read(frame)
+        wanted = (pair.rig, pipeline_config)
+        if self._pool is None or wanted != self._made_for:
+            self._pool = PipelinePool(*wanted)
+            self._made_for = wanted
+        return FrameWork(frame, pair, self._pool, self._make, self._track)
 
     def process(
         self,
@@ -83,19 +167,6 @@ class FrameProcessor:
         InputError
             If the frame cannot be used, or shows nothing that could be matched.
         """
-        pair = self.reader.read(frame)
-        wanted = (pair.rig, pipeline_config)
-        if self._pipeline is None or wanted != self._made_for:
-            self._pipeline = Pipeline(*wanted)
-            self._made_for = wanted
-        result = self._pipeline.process(
-            pair.left, pair.right, valid=pair.valid, match_original=match_original,
-            enhance=enhanced_sides(topics), stamp=self._stamp(frame), confidence=confidence,
-        )
-        source = Source(self._make, frame, pair, result, node_config)
-        return result, build_messages(source, topics)
-
-    def _stamp(self, frame: StereoFrame) -> float | None:
-        if not self._track:
-            return None
-        return 1e-9 * stamp_to_nanoseconds(frame.left.header.stamp)
+        work = self.begin(frame, pipeline_config)
+        result = work.assess(topics, match_original=match_original, confidence=confidence)
+        return work.answer(result, node_config, topics)

@@ -48,11 +48,17 @@ class Processor:
         self.asked: list[set[str]] = []
         self.failure: Exception | None = None
 
-    def process(self, frame: Any, pipeline: Any, node: Any, topics: Any) -> tuple[Any, dict]:
+    def begin(self, frame: Any, pipeline: Any) -> Any:
+        return self
+
+    def assess(self, topics: Any) -> Any:
         self.asked.append(set(topics))
         if self.failure is not None:
             raise self.failure
-        return RESULT, {"visibility/mean_attenuation": Float64(data=1.0)}
+        return RESULT
+
+    def answer(self, result: Any, node: Any, topics: Any) -> tuple[Any, dict]:
+        return result, {"visibility/mean_attenuation": Float64(data=1.0)}
 
 
 class Pipeline:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 
 from uw_visibility.ros.worker import NewestWorker
 
@@ -17,9 +18,11 @@ class Slow:
         self.allowed = threading.Semaphore(0)
         self.seen: list[int] = []
 
-    def __call__(self, item: int) -> None:
+    def __call__(self, item: int) -> Iterator[None]:
+        yield
         self.begun.release()
         assert self.allowed.acquire(timeout=20)
+        yield
         self.seen.append(item)
 
 
@@ -42,8 +45,9 @@ def test_preparation_comes_before_the_first_item_in_the_same_thread() -> None:
     events: list[tuple[str, int]] = []
     done = threading.Event()
 
-    def process(item: str) -> None:
+    def process(item: str) -> Iterator[None]:
         events.append((item, threading.get_ident()))
+        yield from ()
         done.set()
 
     worker = NewestWorker(process, lambda: events.append(("prepare", threading.get_ident())))
@@ -67,3 +71,76 @@ def test_stop_does_not_wait_longer_than_told() -> None:
     slow.allowed.release(2)
     assert worker.stop(20)
     assert slow.seen == [1]
+
+
+def test_two_items_are_worked_on_at_once_and_finished_in_their_order() -> None:
+    begun = [threading.Event() for _ in range(3)]
+    allowed = [threading.Event() for _ in range(3)]
+    events: list[tuple[str, int]] = []
+
+    def process(item: int) -> Iterator[None]:
+        events.append(("read", item))
+        yield
+        begun[item].set()
+        assert allowed[item].wait(20)
+        events.append(("worked", item))
+        yield
+        events.append(("answered", item))
+
+    worker = NewestWorker(process, threads=2)
+    worker.start()
+    worker.offer(0)
+    assert begun[0].wait(20)
+    worker.offer(1)
+    assert begun[1].wait(20), "the second waits for the first"
+    worker.offer(2)
+    # The later one is done first, and waits: no third one begins.
+    allowed[1].set()
+    assert not begun[2].wait(0.05)
+    assert ("answered", 1) not in events
+    allowed[0].set()
+    assert begun[2].wait(20)
+    allowed[2].set()
+    assert worker.stop(20)
+    assert [item for what, item in events if what == "read"] == [0, 1, 2]
+    answered = [item for what, item in events if what == "answered"]
+    assert answered == [0, 1, 2]
+    assert worker.skipped == 0
+
+
+def test_an_item_that_is_not_to_be_processed_holds_up_no_other() -> None:
+    seen = threading.Semaphore(0)
+
+    def process(item: int) -> Iterator[None]:
+        if item % 2:
+            return
+        yield
+        yield
+        seen.release()
+
+    worker = NewestWorker(process, threads=2)
+    worker.start()
+    for item in range(6):
+        worker.offer(item)
+        if item % 2 == 0:
+            assert seen.acquire(timeout=20)
+        else:
+            while worker._item is not None:
+                pass
+    assert worker.stop(20)
+
+
+def test_no_thread_takes_an_item_before_the_preparation_ends() -> None:
+    prepared, taken = threading.Event(), threading.Event()
+
+    def process(item: int) -> Iterator[None]:
+        taken.set()
+        yield
+
+    worker = NewestWorker(process, lambda: prepared.wait(20) and None, threads=3)
+    worker.start()
+    worker.offer(1)
+    assert not taken.wait(0.05)
+    prepared.set()
+    assert taken.wait(20)
+    assert worker.stop(20)

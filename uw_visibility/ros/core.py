@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import os
 import time
 import traceback
+from collections.abc import Iterator
 
 import numpy as np
 from rclpy.clock import Clock, ClockType, JumpThreshold
@@ -49,7 +51,7 @@ class NodeCore:
     """The work of the node, on whatever kind of node it is given.
 
     The executor's callbacks only sort messages; the pipeline runs in the
-    worker thread, which also publishes.
+    worker's threads, which also publish, in the order of the frames.
 
     Parameters
     ----------
@@ -88,7 +90,9 @@ class NodeCore:
             topic: publish_on(node, message_type(name), topic)
             for topic, name in all_topics(self._settings.node).items()
         }
-        self.worker = NewestWorker(self._process, self._warm_up)
+        self.worker = NewestWorker(
+            self._process, self._warm_up, self._frames_at_once(), self._settings.node.niceness
+        )
         self.input = StereoInput(node, parameters, self.worker.offer, self._on_restart)
         self._depth = DepthCheck(node, parameters)
         self._diagnostics = DiagnosticsPublisher(node)
@@ -159,12 +163,19 @@ class NodeCore:
             "waiting for images"
         )
 
-    def _process(self, frame: StereoFrame) -> None:
+    def _frames_at_once(self) -> int:
+        """Return how many frames may overlap: none has less than a thread of its own."""
+        settings = self._settings
+        threads = settings.pipeline.threads or os.cpu_count() or 1
+        return min(settings.node.concurrent_frames, threads)
+
+    def _process(self, frame: StereoFrame) -> Iterator[None]:
+        """Process a frame, in the parts that `NewestWorker` tells of."""
         if not self._wanted():
             return
         with self.state.busy():
             try:
-                self._answer(frame)
+                yield from self._answer(frame)
             except InputError as error:
                 self.state.refuse(f"dropped a frame: {error}")
             except Exception as error:
@@ -175,23 +186,30 @@ class NodeCore:
                 kind = f"{type(error).__name__} at {place.filename}:{place.lineno}"
                 self.state.fail(f"lost a frame to {kind}", f"\n{traceback.format_exc()}")
 
-    def _answer(self, frame: StereoFrame) -> None:
+    def _answer(self, frame: StereoFrame) -> Iterator[None]:
         begin = time.perf_counter()
         settings = self._settings
-        result, messages = self._processor.process(
-            frame, settings.pipeline, settings.node, self._wanted_topics()
-        )
+        work = self._processor.begin(frame, settings.pipeline)
         if self._processor.reader.calibrations != self._calibrations:
             self._report_calibration()
+        around = time.perf_counter() - begin
+        yield
+        topics = self._wanted_topics()
+        result = work.assess(topics)
+        yield
         if not self._wanted():
             return
+        begin = time.perf_counter()
+        result, messages = work.answer(result, settings.node, topics)
         for topic, message in messages.items():
             self._publishers[topic].publish(message)
+        around += time.perf_counter() - begin
         stamp = frame.left.header.stamp
         now = self._node.get_clock().now().nanoseconds
-        around = 1e3 * (time.perf_counter() - begin) - result.timing_ms["total"]
-        self.state.add(result, 1e-9 * (now - stamp_to_nanoseconds(stamp)), around)
+        self.state.add(result, 1e-9 * (now - stamp_to_nanoseconds(stamp)), 1e3 * around)
         self._depth.add_result(stamp, result)
+        if self.state.processed == 1:
+            self._log.info("first frame processed")
 
     def _wanted(self) -> bool:
         """Return whether results are wanted, which may end while a frame is processed."""
@@ -207,9 +225,7 @@ class NodeCore:
 
     def _report_calibration(self) -> None:
         self._calibrations = self._processor.reader.calibrations
-        if self._calibrations == 1:
-            self._log.info("first frame processed")
-        else:
+        if self._calibrations > 1:
             self._log.warning("camera_info has changed: using the new calibration")
 
     def _on_restart(self) -> None:

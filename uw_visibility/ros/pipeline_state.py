@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -44,7 +45,9 @@ class PipelineState:
         self.processed = self.refused = self.failed = 0
         self.failures = failures
         self._recent = RecentCounts(SILENCE)
-        self._busy_since: float | None = None
+        # Frames that overlap are counted one at a time.
+        self._lock = threading.Lock()
+        self._busy_since: dict[object, float] = {}
         self._answered = 0.0
         self._problem = ""
         self._result: FrameResult | None = None
@@ -53,11 +56,14 @@ class PipelineState:
     @contextmanager
     def busy(self) -> Iterator[None]:
         """Note that a frame is being processed."""
-        self._busy_since = time.monotonic()
+        frame = object()
+        with self._lock:
+            self._busy_since[frame] = time.monotonic()
         try:
             yield
         finally:
-            self._busy_since = None
+            with self._lock:
+                del self._busy_since[frame]
 
     def add(self, result: FrameResult, latency: float, around: float) -> None:
         """Note a result that was published.
@@ -71,28 +77,32 @@ class PipelineState:
         around : float
             What reading the images and publishing the messages took, ms.
         """
-        self._result, self._latency, self._problem = result, latency, ""
-        self._around = around
-        self._answered = time.monotonic()
-        self.processed += 1
+        with self._lock:
+            self._result, self._latency, self._problem = result, latency, ""
+            self._around = around
+            self._answered = time.monotonic()
+            self.processed += 1
 
     def refuse(self, reason: str) -> None:
         """Note a frame that cannot be used."""
-        self._problem = reason
-        self.failures.add(reason)
-        self.refused += 1
+        with self._lock:
+            self._problem = reason
+            self.failures.add(reason)
+            self.refused += 1
 
     def fail(self, reason: str, details: str) -> None:
         """Note a frame that was lost to an error inside."""
-        self._problem = reason
-        self.failures.add(reason, details)
-        self.failed += 1
+        with self._lock:
+            self._problem = reason
+            self.failures.add(reason, details)
+            self.failed += 1
 
     def obstacle(self) -> str:
         """Return what holds up every frame, or nothing."""
-        busy = self._busy_since
         if not self.ready:
             return f"the pipeline is being compiled, {counts.compiled} kernels so far"
+        with self._lock:
+            busy = min(self._busy_since.values(), default=None)
         if busy is not None and time.monotonic() - busy > SILENCE:
             return "the pipeline is still busy with one frame"
         return ""

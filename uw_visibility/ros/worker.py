@@ -1,25 +1,36 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A thread that always takes the newest item, so that nobody waits for it."""
+"""Threads that always take the newest item, so that nobody waits for them."""
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
 
 
 class NewestWorker(Generic[Item]):
-    """Processes items in a thread of its own; of those that wait only the newest is kept.
+    """Processes items in threads of its own; of those that wait only the newest is kept.
 
     Parameters
     ----------
     process : callable
-        Called in the thread with each item. It must not raise.
+        Called with each item; returns an iterator of three parts, such as a generator
+        that yields twice: the first and the last part of items are done one after the
+        other, in the order in which they were taken, and those between at once. It must
+        not raise.
     prepare : callable
-        Called in the thread once, before the first item. It must not raise.
+        Called in the first thread once, before the first item. It must not raise.
+    threads : int
+        Items that may be processed at once.
+    niceness : int
+        How far these threads, and those that they start, give way to others: 0 not at
+        all, 19 most. Only Linux knows it of single threads; elsewhere it does nothing.
 
     Attributes
     ----------
@@ -28,16 +39,28 @@ class NewestWorker(Generic[Item]):
     """
 
     def __init__(
-        self, process: Callable[[Item], None], prepare: Callable[[], None] = lambda: None
+        self,
+        process: Callable[[Item], Iterator[None]],
+        prepare: Callable[[], None] = lambda: None,
+        threads: int = 1,
+        niceness: int = 0,
     ) -> None:
         self.skipped = 0
+        self._niceness = niceness
         self._process = process
         self._prepare = prepare
         self._item: Item | None = None
-        self._stopping = False
+        self._prepared = self._stopping = False
+        self._taken = self._finished = 0
         self._changed = threading.Condition()
-        # A daemon, since an item that takes long must not hold up the exit.
-        self._thread = threading.Thread(target=self._run, name="pipeline", daemon=True)
+        # Held by the thread that takes the next item, until its first part is done.
+        self._taking = threading.Lock()
+        # Daemons, since an item that takes long must not hold up the exit.
+        self._threads = [
+            threading.Thread(target=self._run, args=(number,), name=f"pipeline {number}",
+                             daemon=True)
+            for number in range(threads)
+        ]
 
     @property
     def stopping(self) -> bool:
@@ -45,15 +68,16 @@ class NewestWorker(Generic[Item]):
         return self._stopping
 
     def start(self) -> None:
-        """Start the thread."""
-        self._thread.start()
+        """Start the threads."""
+        for thread in self._threads:
+            thread.start()
 
     def offer(self, item: Item) -> None:
         """Hand over an item, instead of the one that waits; returns at once."""
         with self._changed:
             self.skipped += self._item is not None
             self._item = item
-            self._changed.notify()
+            self._changed.notify_all()
 
     def stop(self, timeout: float) -> bool:
         """Take no further item.
@@ -61,26 +85,59 @@ class NewestWorker(Generic[Item]):
         Parameters
         ----------
         timeout : float
-            How long to wait for the item that is being processed, s.
+            How long to wait for the items that are being processed, s.
 
         Returns
         -------
         bool
-            Whether the thread has ended.
+            Whether the threads have ended.
         """
         with self._changed:
             self._stopping = True
-            self._changed.notify()
-        self._thread.join(timeout)
-        return not self._thread.is_alive()
+            self._changed.notify_all()
+        end = time.monotonic() + timeout
+        for thread in self._threads:
+            thread.join(max(end - time.monotonic(), 0.0))
+        return not any(thread.is_alive() for thread in self._threads)
 
-    def _run(self) -> None:
-        self._prepare()
-        while True:
+    def _run(self, number: int) -> None:
+        if sys.platform == "linux":
+            thread = threading.get_native_id()
+            own = os.getpriority(os.PRIO_PROCESS, thread)
+            os.setpriority(os.PRIO_PROCESS, thread, min(own + self._niceness, 19))
+        if number == 0:
+            self._prepare()
             with self._changed:
-                self._changed.wait_for(lambda: self._stopping or self._item is not None)
-                if self._stopping:
+                self._prepared = True
+                self._changed.notify_all()
+        while True:
+            with self._taking:
+                item = self._take()
+                if item is None:
                     return
-                item, self._item = self._item, None
-            if item is not None:
-                self._process(item)
+                turn = self._taken
+                self._taken += 1
+                parts = self._process(item)
+                next(parts, None)
+            next(parts, None)
+            self._wait_for(turn)
+            next(parts, None)
+            with self._changed:
+                self._finished += 1
+                self._changed.notify_all()
+
+    def _take(self) -> Item | None:
+        """Wait for an item; None where there will be no other."""
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._stopping or (self._prepared and self._item is not None)
+            )
+            if self._stopping:
+                return None
+            item, self._item = self._item, None
+            return item
+
+    def _wait_for(self, turn: int) -> None:
+        """Wait until all items that were taken before are finished."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._finished == turn)
