@@ -201,8 +201,9 @@ def test_inpainting_leaves_no_hole_and_invents_no_extremes(disparity: np.ndarray
         assert np.isnan(filled).all()
         return
     np.testing.assert_array_equal(filled[known], disparity[known])
-    assert filled.min() >= disparity[known].min()
-    assert filled.max() <= disparity[known].max()
+    # Means of equal numbers may be rounded away from them.
+    assert filled.min() >= disparity[known].min() * (1 - 1e-6)
+    assert filled.max() <= disparity[known].max() * (1 + 1e-6)
 
 
 def test_inpainting_carries_surroundings_into_a_large_hole() -> None:

@@ -97,4 +97,20 @@ def test_an_earlier_match_decides_where_a_pattern_repeats(texture, contrast_of):
     assert len(inside(8.3)) > 0.8 * 16 * 12
     np.testing.assert_allclose(inside(8.3)[:, 2], 8, atol=0.5)
     # What is not the best match here is not made one by having been one elsewhere.
-    np.testing.assert_array_equal(inside(24.0), alone)
+    np.testing.assert_allclose(inside(24.0), alone, atol=0.1)
+
+
+def test_beside_an_earlier_match_only_disparities_around_it_are_tried(shifted_pair, contrast_of):
+    left, right = shifted_pair(disparity=30)
+    matcher = Matcher(left.shape, (0, 60), StereoConfig(), Workers(1))
+    matcher.describe(contrast_of(left), contrast_of(right))
+    u, v = (grid.ravel() for grid in np.meshgrid(np.arange(60, 150, 5), np.arange(5, 95, 5)))
+
+    def found(earlier_disparity):
+        earlier = np.stack([u, v, np.full(len(u), earlier_disparity)], 1).astype(np.float32)
+        points = matcher.support_points(earlier=earlier).points
+        return np.count_nonzero((points[:, 0] > 62) & (points[:, 0] < 148))
+
+    for near in (15.0, 30.0, 45.0):
+        assert found(near) > 250
+    assert found(10.0) < 40 and found(50.0) < 40

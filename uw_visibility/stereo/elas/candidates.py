@@ -57,17 +57,18 @@ class CellCandidates:
 
 @njit(nogil=True)
 def _mark(points: Any, seen: Any) -> None:
-    """Mark each point's disparity, and those beside it, in its cell and in those around."""
+    """Mark each point's disparity, and those beside it, in its cell and the four next to it."""
     rows, disparities, columns = seen.shape
     seen[:] = False
     for i in range(points.shape[0]):
         column = int(points[i, 0]) // CELL
         row = int(points[i, 1]) // CELL
         d = int(points[i, 2] + 0.5)
-        for y in range(max(row - 1, 0), min(row + 2, rows)):
-            for near in range(max(d - 1, 0), min(d + 2, disparities)):
-                for x in range(max(column - 1, 0), min(column + 2, columns)):
-                    seen[y, near, x] = True
+        for near in range(max(d - 1, 0), min(d + 2, disparities)):
+            for y in range(max(row - 1, 0), min(row + 2, rows)):
+                seen[y, near, column] = True
+            for x in range(max(column - 1, 0), min(column + 2, columns)):
+                seen[row, near, x] = True
 
 
 @njit(nogil=True)

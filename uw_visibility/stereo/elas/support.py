@@ -33,6 +33,8 @@ _ORDER_STRIDE = 8
 _COST_NOISE = np.float32(60.0)
 # A disparity this near to that of an earlier match is the same one, px.
 _SAME_MATCH = np.float32(1.0)
+# Where there is an earlier match the search reaches this far around it, px.
+_AROUND = 16
 # Stands for earlier matches where there are none.
 _NOWHERE = np.empty((0, 0), np.float32)
 # Stands for bounds and thickness where airlight bounds nothing.
@@ -153,8 +155,9 @@ class SupportGrid:
             Leaves out disparities of ranges that the airlight excludes.
         earlier : ndarray, optional
             ``(N, 3)`` float32, column, row and disparity, px, of matches of the same
-            scene in other images of it: where the best match is one of theirs, it needs
-            no uniqueness of its own.
+            scene in other images of it. Beside one the search is limited to disparities
+            around it, and where the best match is the same, it needs no uniqueness of
+            its own.
 
         Returns
         -------
@@ -307,9 +310,13 @@ def _search(
             if _texture(left, (v * width + u) * BYTES) < texture:
                 continue
             last = min(high, u - REACH)
-            low = lowest
+            low, top = lowest, high
             if thickness.size > 0:
                 low = _least_disparity(farthest[v, u], thickness, lowest, last)
+            if agreed.size > 0 and agreed[row, column] >= 0:
+                low = max(low, int(agreed[row, column]) - _AROUND)
+                top = min(top, int(agreed[row, column]) + _AROUND)
+                last = min(last, top)
             if last - low < 2 * SAME_MINIMUM + 2:
                 continue
             count = _scan(left, right, u, v, width, 1, low, last, cost)
@@ -321,7 +328,7 @@ def _search(
             before, here, after = cost[max(at - 1, 0)], cost[at], cost[min(at + 1, count - 1)]
             x = u - low - at
             count = _scan(
-                right, left, x, v, width, -1, low, min(high, width - REACH - 1 - x), cost)
+                right, left, x, v, width, -1, low, min(top, width - REACH - 1 - x), cost)
             if abs(_position(cost, _least(cost, 0, count)) - at) > 1:
                 continue
             offset = 0.0
