@@ -4,8 +4,14 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
 
 from uw_visibility.ros.worker import NewestWorker
 
@@ -144,3 +150,27 @@ def test_no_thread_takes_an_item_before_the_preparation_ends() -> None:
     prepared.set()
     assert taken.wait(20)
     assert worker.stop(20)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux knows priorities of threads")
+def test_threads_give_way_to_others_and_so_do_those_that_they_start() -> None:
+    def priority() -> int:
+        return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+
+    found: list[int] = []
+
+    def process(item: int) -> Iterator[None]:
+        found.append(priority())
+        with ThreadPoolExecutor(1) as helpers:
+            found.append(helpers.submit(priority).result())
+        yield
+
+    own = priority()
+    worker = NewestWorker(process, threads=2, niceness=3)
+    worker.start()
+    worker.offer(1)
+    while len(found) < 2:
+        time.sleep(0.001)
+    assert worker.stop(20)
+    assert found == [min(own + 3, 19)] * 2
+    assert priority() == own
