@@ -45,7 +45,7 @@ SIZE = (640, 480)
 Parameters = Mapping[str, Any]
 
 # What else saves time, to be held against the preset.
-COARSE: Parameters = {"stereo.support_step": 10, "stereo.plane_radius": 1}
+COARSE: Parameters = {"stereo.support_step": 10}
 
 
 def main() -> None:
