@@ -138,14 +138,12 @@ class FrameProcessor:
         match_original: bool = False,
         confidence: bool = False,
     ) -> tuple[FrameResult, dict[str, Any]]:
-        """Process one frame.
+        """Process one frame, from `begin` to the messages.
 
         Parameters
         ----------
-        frame : StereoFrame
-            Input messages.
-        pipeline_config : PipelineConfig
-            Holds for this frame.
+        frame, pipeline_config
+            As for `begin`.
         node_config : NodeConfig
             Holds for this frame.
         topics : collection of str

@@ -48,7 +48,8 @@ def match_with_truth(
         np.zeros((3, 2, 2)), 0, 0, (Status.OK,) * 3,
     )
     stages.describe_raw(left, right)
-    airlight = stages.airlight_prior(left, water, stages.matcher.support_points().points)
+    raw = stages.matcher.support_points().points
+    airlight = stages.airlight_prior(left, water, raw)
     stages.describe_restored(left, right, disparity, rig, water, np.ones(3))
-    support = stages.matcher.support_points(airlight)
+    support = stages.matcher.support_points(airlight, raw)
     return stages.matcher.dense_disparity(support, airlight).disparity
