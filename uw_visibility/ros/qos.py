@@ -21,7 +21,7 @@ OUTPUT_DEPTH = 10
 INPUT_DEPTH = 10
 # A reliable subscription keeps back what follows an image whose missing part it waits for:
 # the newest ones wait as long as the queue is deep. Then the incomplete one is given up.
-IMAGE_DEPTH = 3
+IMAGE_DEPTH = 5
 POLICIES = (
     QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY,
 )
