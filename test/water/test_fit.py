@@ -37,7 +37,7 @@ waters = st.tuples(st.floats(0.0, 0.6), st.floats(0.5, 6.0), st.floats(2.0, 5.0)
 
 
 @given(waters)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=12, deadline=None)
 def test_black_patches_give_the_water_exactly(water):
     alpha, depth, stretch = water
     beta = KAPPA + alpha
