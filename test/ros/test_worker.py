@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import sys
 import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import pytest
 
@@ -131,7 +133,7 @@ def test_an_item_that_is_not_to_be_processed_holds_up_no_other() -> None:
         if item % 2 == 0:
             assert seen.acquire(timeout=20)
         else:
-            while worker._item is not None:
+            while worker._items:
                 pass
     assert worker.stop(20)
 
@@ -174,3 +176,35 @@ def test_threads_give_way_to_others_and_so_do_those_that_they_start() -> None:
     assert worker.stop(20)
     assert found == [min(own + 3, 19)] * 2
     assert priority() == own
+
+
+@pytest.mark.parametrize(
+    ("period", "answered"),
+    [
+        # A burst: two frames wait for two threads.
+        (0.001, [0, 1, 5, 6]),
+        # One after the other: what is overtaken by a newer one is old.
+        (0.03, [0, 1, 6]),
+    ],
+)
+def test_items_that_come_together_wait_together_and_others_give_way_to_newer_ones(
+    period: float, answered: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = itertools.count(1)
+    monkeypatch.setattr(
+        "uw_visibility.ros.worker.time", SimpleNamespace(monotonic=lambda: period * next(clock))
+    )
+    slow = Slow()
+    worker = NewestWorker(slow, threads=2)
+    worker.start()
+    for item in range(2):
+        worker.offer(item)
+        assert slow.begun.acquire(timeout=20)
+    for item in range(2, 7):
+        worker.offer(item)
+    slow.allowed.release(7)
+    while len(slow.seen) < len(answered):
+        time.sleep(0.001)
+    assert worker.stop(20)
+    assert slow.seen == answered
+    assert worker.skipped == 7 - len(answered)

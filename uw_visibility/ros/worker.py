@@ -8,14 +8,22 @@ import os
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
 
+# What follows within this time came together, s.
+TOGETHER = 0.02
+
 
 class NewestWorker(Generic[Item]):
-    """Processes items in threads of its own; of those that wait only the newest is kept.
+    """Processes items in threads of its own; of those that wait only the newest are kept.
+
+    Items that come together all wait, as many as there are threads, and the oldest goes
+    first: the middleware hands over two images at once where it had to send parts of the
+    first again.
 
     Parameters
     ----------
@@ -49,7 +57,8 @@ class NewestWorker(Generic[Item]):
         self._niceness = niceness
         self._process = process
         self._prepare = prepare
-        self._item: Item | None = None
+        self._items: deque[Item] = deque(maxlen=threads)
+        self._offered = 0.0
         self._prepared = self._stopping = False
         self._taken = self._finished = 0
         self._changed = threading.Condition()
@@ -73,10 +82,16 @@ class NewestWorker(Generic[Item]):
             thread.start()
 
     def offer(self, item: Item) -> None:
-        """Hand over an item, instead of the one that waits; returns at once."""
+        """Hand over an item, instead of those that wait from before; returns at once."""
         with self._changed:
-            self.skipped += self._item is not None
-            self._item = item
+            now = time.monotonic()
+            while self._items and (
+                now - self._offered > TOGETHER or len(self._items) == self._items.maxlen
+            ):
+                self._items.popleft()
+                self.skipped += 1
+            self._offered = now
+            self._items.append(item)
             self._changed.notify_all()
 
     def stop(self, timeout: float) -> bool:
@@ -130,12 +145,9 @@ class NewestWorker(Generic[Item]):
         """Wait for an item; None where there will be no other."""
         with self._changed:
             self._changed.wait_for(
-                lambda: self._stopping or (self._prepared and self._item is not None)
+                lambda: self._stopping or (self._prepared and len(self._items) > 0)
             )
-            if self._stopping:
-                return None
-            item, self._item = self._item, None
-            return item
+            return None if self._stopping else self._items.popleft()
 
     def _wait_for(self, turn: int) -> None:
         """Wait until all items that were taken before are finished."""
