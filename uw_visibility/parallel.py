@@ -24,6 +24,11 @@ Second = TypeVar("Second")
 _BANDS_PER_THREAD = 3
 
 
+def number_of_threads(threads: int) -> int:
+    """Return how many threads a parameter stands for: 0 takes one per processor."""
+    return threads or os.cpu_count() or 1
+
+
 class Workers:
     """A pool of threads that runs compiled kernels over bands of rows.
 
@@ -34,7 +39,7 @@ class Workers:
     """
 
     def __init__(self, threads: int = 0) -> None:
-        self.threads = threads or os.cpu_count() or 1
+        self.threads = number_of_threads(threads)
         # The calling thread works too.
         self._pool = ThreadPoolExecutor(self.threads - 1) if self.threads > 1 else None
         self._callers = 0
@@ -61,7 +66,8 @@ class Workers:
 
     def rows(self, kernel: Callable[..., Any], count: int, *arguments: Any) -> None:
         """Run ``kernel(start, stop, *arguments)`` over bands that cover ``count`` rows."""
-        if self._pool is None or self._helpers() <= 0:
+        free = self._helpers()
+        if self._pool is None or free <= 0:
             kernel(0, count, *arguments)
             return
         # More bands than threads: rows differ in cost, and a thread that wakes
@@ -78,7 +84,7 @@ class Workers:
                     return
                 kernel(edges[band], edges[band + 1], *arguments)
 
-        helpers = [self._pool.submit(work) for _ in range(self._helpers())]
+        helpers = [self._pool.submit(work) for _ in range(free)]
         try:
             work()
         finally:

@@ -27,6 +27,11 @@ class PipelinePool:
     config : PipelineConfig
         Parameters.
 
+    Attributes
+    ----------
+    made_for : tuple
+        Rig and configuration.
+
     Raises
     ------
     InputError
@@ -34,7 +39,7 @@ class PipelinePool:
     """
 
     def __init__(self, rig: StereoRig, config: PipelineConfig) -> None:
-        self._made_for = rig, config
+        self.made_for = rig, config
         self._workers = Workers(config.threads)
         self._first = Pipeline(rig, config, self._workers)
         self._free = [self._first]
@@ -45,7 +50,7 @@ class PipelinePool:
         """Lend a pipeline that no other frame has."""
         with self._lock:
             free = self._free.pop() if self._free else None
-        lent = free or Pipeline(*self._made_for, self._workers)
+        lent = free or Pipeline(*self.made_for, self._workers)
         try:
             yield lent
         finally:

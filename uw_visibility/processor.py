@@ -13,7 +13,6 @@ from uw_visibility.messages import MessageFactory, stamp_to_nanoseconds
 from uw_visibility.outputs import Source, build_messages, enhanced_sides
 from uw_visibility.pipeline_pool import PipelinePool
 from uw_visibility.result import FrameResult
-from uw_visibility.stereo.rig import StereoRig
 
 
 class FrameWork:
@@ -99,7 +98,6 @@ class FrameProcessor:
         self.reader = FrameReader(rectify)
         self._make = make
         self._pool: PipelinePool | None = None
-        self._made_for: tuple[StereoRig, PipelineConfig] | None = None
 
     def begin(self, frame: StereoFrame, pipeline_config: PipelineConfig) -> FrameWork:
         """Read a frame, and find the pipelines that it needs; one frame at a time.
@@ -123,9 +121,8 @@ class FrameProcessor:
         """
         pair = self.reader.read(frame)
         wanted = (pair.rig, pipeline_config)
-        if self._pool is None or wanted != self._made_for:
+        if self._pool is None or wanted != self._pool.made_for:
             self._pool = PipelinePool(*wanted)
-            self._made_for = wanted
         return FrameWork(frame, pair, self._pool, self._make, self._track)
 
     def process(

@@ -198,7 +198,7 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
     images, oracle_right = _peer_images(scene, left, right, truth)
     refusal, result = _process(bench.pipeline, left, right)
     if result is not None:
-        images["step1"] = first_enhancement(left, right, bench.rig, bench.config)
+        images["step1"] = first_enhancement(left, right, bench.pipeline)
         images["final"] = result.left_enhanced
     disparities = _peer_matches(left, right, images["oracle"], oracle_right, bench.disparities)
     if result is not None:

@@ -13,18 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.config import PipelineConfig
 from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.parallel import Workers
 from uw_visibility.pipeline import Pipeline
-from uw_visibility.stereo.rig import StereoRig
 
 
 def first_enhancement(
     left: NDArray[Any],
     right: NDArray[Any],
-    rig: StereoRig,
-    config: PipelineConfig,
+    pipeline: Pipeline,
 ) -> NDArray[Any]:
     """Restore the left image with the coarse map of step 1 and what it says of the water.
 
@@ -32,16 +29,17 @@ def first_enhancement(
     ----------
     left, right : (H, W, 3) ndarray
         The pair under water.
-    rig, config
-        Those of the pipeline.
+    pipeline : Pipeline
+        Takes the first step.
 
     Returns
     -------
     ndarray
         Like `left`.
     """
-    first = Pipeline(rig, config).first_look(left, right)
+    config = pipeline.config
+    first = pipeline.first_look(left, right)
     dense = first.whole_disparity((left.shape[0], left.shape[1]))
     restorer = Restorer(config.enhancement, config.camera.transfer, Workers(config.threads))
-    enhanced, _ = restorer.restore(left, rig.range_from_disparity(dense), first.water)
+    enhanced, _ = restorer.restore(left, pipeline.rig.range_from_disparity(dense), first.water)
     return np.asarray(enhanced)

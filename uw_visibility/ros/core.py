@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 import traceback
 from collections.abc import Iterator
@@ -19,6 +18,7 @@ from uw_visibility.frames import StereoFrame
 from uw_visibility.kernel_cache import counts, writable_folder
 from uw_visibility.messages import stamp_to_nanoseconds
 from uw_visibility.outputs import all_topics
+from uw_visibility.parallel import number_of_threads
 from uw_visibility.pipeline import Pipeline
 from uw_visibility.processor import FrameProcessor
 from uw_visibility.ros.depth_check import DepthCheck
@@ -166,8 +166,7 @@ class NodeCore:
     def _frames_at_once(self) -> int:
         """Return how many frames may overlap: none has less than a thread of its own."""
         settings = self._settings
-        threads = settings.pipeline.threads or os.cpu_count() or 1
-        return min(settings.node.concurrent_frames, threads)
+        return min(settings.node.concurrent_frames, number_of_threads(settings.pipeline.threads))
 
     def _process(self, frame: StereoFrame) -> Iterator[None]:
         """Process a frame, in the parts that `NewestWorker` tells of."""
