@@ -16,7 +16,7 @@ from uw_visibility.config import NodeConfig
 from uw_visibility.frames import StereoFrame, StereoPair
 from uw_visibility.messages import MessageFactory, read_image, typestore_factory
 from uw_visibility.output_images import Source
-from uw_visibility.outputs import TOPICS, all_topics, build_messages, enhanced_sides
+from uw_visibility.outputs import TOPICS, all_topics, each_message, enhanced_sides
 from uw_visibility.result import FrameResult
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
@@ -104,7 +104,7 @@ def build(
 ) -> dict[str, Any]:
     pair = StereoPair(LEFT, RIGHT, rig, valid, window, (encoding, encoding))
     source = Source(make, frame(), pair, outcome or result(), CONFIG)
-    return build_messages(source, all_topics(CONFIG))
+    return dict(each_message(source, all_topics(CONFIG)))
 
 
 def head(message: Any) -> tuple[int, int, str]:
@@ -125,6 +125,11 @@ def test_every_topic_has_its_message(make: MessageFactory) -> None:
     assert list(messages) == list(topics)
     for topic, message in messages.items():
         assert type(message).__name__.endswith(topics[topic].rsplit("/", 1)[1])
+
+
+def test_estimates_are_sent_before_what_is_large() -> None:
+    topics = list(all_topics(CONFIG))
+    assert set(topics[:len(ESTIMATES)]) == ESTIMATES
 
 
 def test_messages_can_be_sent(make: MessageFactory) -> None:
@@ -173,7 +178,7 @@ def test_calibration_of_ros1_is_passed_on(make: MessageFactory) -> None:
         delattr(given.left_info, name)
     pair = StereoPair(LEFT, RIGHT, RIG, None, (0, 0, WIDTH, HEIGHT), ("rgb8", "rgb8"))
     source = Source(make, given, pair, result(), NodeConfig())
-    info = build_messages(source, ["left/enhanced/camera_info"])["left/enhanced/camera_info"]
+    ((_, info),) = each_message(source, ["left/enhanced/camera_info"])
     np.testing.assert_array_equal(info.p, np.arange(12.0))
 
 
@@ -342,7 +347,7 @@ def test_only_what_is_wanted_is_made(make: MessageFactory) -> None:
     # Making an image of None would fail.
     outcome = result(left_enhanced=None, right_enhanced=None)
     source = Source(make, frame(), pair, outcome, NodeConfig())
-    assert set(build_messages(source, ESTIMATES)) == ESTIMATES
+    assert {topic for topic, _ in each_message(source, ESTIMATES)} == ESTIMATES
 
 
 def test_optional_outputs_are_off_by_default() -> None:

@@ -9,18 +9,19 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config import NodeConfig
 from uw_visibility.frames import StereoFrame, StereoPair
 from uw_visibility.messages import MessageFactory, write_image
+from uw_visibility.output_kernels import (
+    DISPARITY_STEP,
+    cloud_of,
+    depth_of,
+    published_disparity,
+)
 from uw_visibility.result import FrameResult
-
-# The disparity is published in steps of 1/64 px, far below what matching
-# resolves, so that delta_d can state the step.
-DISPARITY_STEP = 1.0 / 64.0
 
 # sensor_msgs/PointField.FLOAT32.
 POINT_FLOAT32 = 7
@@ -55,10 +56,7 @@ class Source:
     def depth(self) -> NDArray[np.float32]:
         """Z of the matched pixels, ``(H, W)`` float32, m; NaN elsewhere."""
         disparity, low, _ = self.disparity
-        scale = np.float32(self.pair.rig.focal_length * self.pair.rig.baseline)
-        known = disparity.copy()
-        known[disparity < np.float32(low)] = np.nan
-        return scale / known
+        return depth_of(disparity, low, self.pair.rig.focal_length * self.pair.rig.baseline)
 
     def header(self, stamp: Any, frame_id: str) -> Any:
         """Make a header from a stamp of whatever library."""
@@ -149,16 +147,8 @@ def corrected_disparity(source: Source) -> tuple[NDArray[np.float32], float, flo
     result, rig = source.result, source.pair.rig
     low = max(result.min_disparity - rig.offset, 0.0)
     high = max(result.max_disparity - rig.offset, low)
-    corrected = result.disparity - np.float32(rig.offset)
-    corrected *= np.float32(1.0 / DISPARITY_STEP)
-    np.rint(corrected, out=corrected)
-    corrected *= np.float32(DISPARITY_STEP)
-    # A comparison with NaN is false, so what was not matched is not kept.
-    kept = (corrected > 0.0) & (corrected >= np.float32(low)) & (corrected <= np.float32(high))
-    if source.pair.valid is not None:
-        kept &= source.pair.valid
-    corrected[~kept] = np.float32(low - 1.0)
-    return corrected, low, high
+    pixels = published_disparity(result.disparity, source.pair.valid, rig.offset, low, high)
+    return pixels, low, high
 
 
 def depth_info(source: Source) -> Any:
@@ -176,11 +166,11 @@ def points(source: Source) -> Any:
     rig, depth = source.pair.rig, source.depth
     height, width = depth.shape
     cx, cy = rig.principal_point
-    columns = ((np.arange(width) - cx) / rig.focal_length).astype(np.float32)
+    columns = (np.arange(width) - cx) / rig.focal_length
     rows = (np.arange(height) - cy) / (rig.focal_length_y or rig.focal_length)
-    x, y = depth * columns, depth * rows.astype(np.float32)[:, None]
-    # Interleaved in one pass: written one by one, they are slower by several times.
-    cloud = cv2.merge([x, y, depth, _packed_colours(source.result.left_enhanced)])
+    cloud = cloud_of(
+        depth, columns.astype(np.float32), rows.astype(np.float32), source.result.left_enhanced
+    )
     fields = [
         source.make(
             "sensor_msgs/msg/PointField", name=name, offset=4 * index, datatype=POINT_FLOAT32,
@@ -200,20 +190,6 @@ def points(source: Source) -> Any:
         data=cloud.reshape(-1).view(np.uint8),
         is_dense=False,
     )
-
-
-def _packed_colours(pixels: NDArray[Any]) -> NDArray[np.float32]:
-    """Return colours as PCL packs them, 0x00RRGGBB; those of grey and 16-bit images too."""
-    if pixels.dtype == np.uint16:
-        pixels = (pixels >> 8).astype(np.uint8)
-    packed = np.zeros((*pixels.shape[:2], 4), np.uint8)
-    places = (2, 1, 0) if sys.byteorder == "little" else (1, 2, 3)
-    pairs = [
-        number for channel, place in enumerate(places)
-        for number in (channel if pixels.ndim == 3 else 0, place)
-    ]
-    cv2.mixChannels([pixels], [packed], pairs)
-    return packed.view(np.float32)[..., 0]
 
 
 def _valid_window(source: Source) -> tuple[int, int, int, int]:

@@ -14,7 +14,7 @@ filters by himself wants the raw one: errors of the filtered one last for second
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from types import MappingProxyType
 from typing import Any
 
@@ -46,8 +46,8 @@ UNMEASURED_VARIANCE = 1e6
 RADIATION_LIGHT = 1
 
 
-def build_messages(source: Source, topics: Collection[str]) -> dict[str, Any]:
-    """Make the messages of one frame.
+def each_message(source: Source, topics: Collection[str]) -> Iterator[tuple[str, Any]]:
+    """Make the messages of one frame, one after the other, so that each can go at once.
 
     Parameters
     ----------
@@ -56,17 +56,16 @@ def build_messages(source: Source, topics: Collection[str]) -> dict[str, Any]:
     topics : collection of str
         Which of `all_topics` are wanted.
 
-    Returns
-    -------
-    dict of str to object
-        Message by topic; topics whose value is not assessable are absent.
+    Yields
+    ------
+    topic : str
+        In the order of `topics`; those whose value is not assessable are left out.
+    message : object
     """
-    messages = {}
     for topic in topics:
         message = _BUILDERS[topic](source)
         if message is not None:
-            messages[topic] = message
-    return messages
+            yield topic, message
 
 
 def _water(source: Source, filtered: bool) -> WaterEstimate:
@@ -178,13 +177,14 @@ def _estimates(folder: str, filtered: bool) -> dict[str, tuple[str, Callable[[So
 
 
 _OUTPUTS: dict[str, tuple[str, Callable[[Source], Any]]] = {
+    # What a vehicle acts on goes first, before what is large.
+    **_estimates("visibility", True),
+    **_estimates("visibility/raw", False),
+    "disparity": ("stereo_msgs/msg/DisparityImage", disparity),
     "left/enhanced/image": ("sensor_msgs/msg/Image", left_image),
     "left/enhanced/camera_info": ("sensor_msgs/msg/CameraInfo", left_info),
     "right/enhanced/image": ("sensor_msgs/msg/Image", right_image),
     "right/enhanced/camera_info": ("sensor_msgs/msg/CameraInfo", right_info),
-    "disparity": ("stereo_msgs/msg/DisparityImage", disparity),
-    **_estimates("visibility", True),
-    **_estimates("visibility/raw", False),
 }
 
 _DEPTH_OUTPUTS: dict[str, tuple[str, Callable[[Source], Any]]] = {

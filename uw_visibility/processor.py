@@ -4,19 +4,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from typing import Any
 
 from uw_visibility.config import NodeConfig, PipelineConfig
 from uw_visibility.frames import FrameReader, StereoFrame, StereoPair
 from uw_visibility.messages import MessageFactory, stamp_to_nanoseconds
-from uw_visibility.outputs import Source, build_messages, enhanced_sides
+from uw_visibility.outputs import Source, each_message, enhanced_sides
 from uw_visibility.pipeline_pool import PipelinePool
 from uw_visibility.result import FrameResult
 
 
 class FrameWork:
-    """The work on one frame: `assess` may overlap with other frames', `answer` may not.
+    """The work on one frame: `assess` may overlap with other frames', what follows may not.
 
     Parameters
     ----------
@@ -61,15 +61,20 @@ class FrameWork:
                 enhance=enhanced_sides(topics), confidence=confidence,
             )
 
-    def answer(
+    def track(self, result: FrameResult) -> FrameResult:
+        """Filter what `assess` found over the frames before, where they are tracked."""
+        if not self._track:
+            return result
+        stamp = 1e-9 * stamp_to_nanoseconds(self._frame.left.header.stamp)
+        return self._pool.track(result, stamp)
+
+    def messages(
         self, result: FrameResult, node_config: NodeConfig, topics: Collection[str]
-    ) -> tuple[FrameResult, dict[str, Any]]:
-        """Filter what `assess` found over the frames before, and make the messages of it."""
-        if self._track:
-            stamp = 1e-9 * stamp_to_nanoseconds(self._frame.left.header.stamp)
-            result = self._pool.track(result, stamp)
-        source = Source(self._make, self._frame, self._pair, result, node_config)
-        return result, build_messages(source, topics)
+    ) -> Iterator[tuple[str, Any]]:
+        """Make the messages of a result, by topic; what is not assessable is absent."""
+        return each_message(
+            Source(self._make, self._frame, self._pair, result, node_config), topics
+        )
 
 
 class FrameProcessor:
@@ -164,4 +169,5 @@ class FrameProcessor:
         """
         work = self.begin(frame, pipeline_config)
         result = work.assess(topics, match_original=match_original, confidence=confidence)
-        return work.answer(result, node_config, topics)
+        result = work.track(result)
+        return result, dict(work.messages(result, node_config, topics))

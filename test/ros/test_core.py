@@ -57,8 +57,11 @@ class Processor:
             raise self.failure
         return RESULT
 
-    def answer(self, result: Any, node: Any, topics: Any) -> tuple[Any, dict]:
-        return result, {"visibility/mean_attenuation": Float64(data=1.0)}
+    def track(self, result: Any) -> Any:
+        return result
+
+    def messages(self, result: Any, node: Any, topics: Any) -> list[tuple[str, Any]]:
+        return [("visibility/mean_attenuation", Float64(data=1.0))]
 
 
 class Pipeline:

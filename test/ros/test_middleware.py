@@ -12,7 +12,13 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
-from uw_visibility.ros.middleware import PROFILES, PROFILES_VARIABLE, give_memory
+from uw_visibility.ros.middleware import (
+    PROFILES,
+    PROFILES_VARIABLE,
+    PUBLICATION_VARIABLE,
+    give_memory,
+    send_in_background,
+)
 
 
 def test_memory_is_given_for_a_whole_frame(
@@ -48,3 +54,12 @@ def test_what_the_current_folder_says_holds(
     environment: dict[str, Any] = {}
     assert not give_memory(environment)
     assert environment == {}
+
+
+def test_messages_are_sent_in_the_background_unless_the_environment_says_otherwise() -> None:
+    environment: dict[str, str] = {}
+    send_in_background(environment)
+    assert environment == {PUBLICATION_VARIABLE: "ASYNCHRONOUS"}
+    environment = {PUBLICATION_VARIABLE: "SYNCHRONOUS"}
+    send_in_background(environment)
+    assert environment == {PUBLICATION_VARIABLE: "SYNCHRONOUS"}

@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> None:
     config = PipelineConfig.from_parameters(read_params_file(arguments.params_file))
     begin = time.monotonic()
     # Compiled modules load slowly; what is refused before needs none of them.
-    from uw_visibility import Pipeline, StereoRig
+    from uw_visibility import Pipeline, StereoRig, output_kernels
     from uw_visibility.kernel_cache import counts, writable_folder
 
     width, height = arguments.size
@@ -68,6 +68,7 @@ def run(arguments: argparse.Namespace) -> None:
                 pipeline.warm_up((height, width), dtype, grey=grey)
             except InputError as error:
                 raise InputError(f"cannot warm up with --size {width}x{height}: {error}") from error
+    output_kernels.warm_up()
     duration = time.monotonic() - begin
     folder = writable_folder()
     place = f"kept in {folder}" if folder else "kept nowhere: no folder can be written to"

@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 from uw_visibility.config import NodeConfig, PipelineConfig
 from uw_visibility.messages import stamp_to_nanoseconds, typestore_factory
 from uw_visibility.output_images import Source
-from uw_visibility.outputs import all_topics, build_messages
+from uw_visibility.outputs import all_topics, each_message
 from uw_visibility.replay.table import number
 from uw_visibility.result import FrameResult
 from uw_visibility.stereo.rig import StereoRig
@@ -126,12 +126,10 @@ class FilterStage:
             estimate.water, 1e-9 * stamp_to_nanoseconds(header.stamp)
         )
         visibility = self._assessor.assess(water)
-        messages = build_messages(
-            self._source(estimate, header, water, visibility), self._topics
-        )
+        source = self._source(estimate, header, water, visibility)
         return [
             (topic, bytes(self._store.serialize_cdr(message, self._types[topic])))
-            for topic, message in messages.items()
+            for topic, message in each_message(source, self._topics)
         ], self._columns(visibility)
 
     def _source(

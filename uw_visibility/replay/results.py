@@ -10,7 +10,6 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.outputs import TOPICS
 from uw_visibility.replay.filtering import EstimateLog
 from uw_visibility.replay.reader import BagReader, UnreadableError
 from uw_visibility.replay.table import nanoseconds, read_rows
@@ -20,8 +19,6 @@ from uw_visibility.replay.writer import BagWriter
 NAME = "results.mcap"
 NIS_TOPIC = "/depth_plausibility/nis"
 NIS_TYPE = "std_msgs/msg/Float64"
-# The first message of each frame: frames without result have none at all.
-FIRST_TOPIC = f"/{next(iter(TOPICS))}"
 
 
 class ResultWriter:
@@ -112,14 +109,16 @@ class EarlierPart:
         except (UnreadableError, OSError):
             return
         with reader:
-            time, group = 0, list[tuple[str, bytes]]()
+            time, group = 0, dict[str, bytes]()
             for message in reader.messages():
                 if message.topic not in self._topics:
                     continue
-                if message.topic == FIRST_TOPIC and group:
-                    yield time, group
-                    group = []
+                topic = message.topic.removeprefix("/")
+                # Each topic comes once with a frame, at the frame's time, or not at all.
+                if group and (message.time != time or topic in group):
+                    yield time, list(group.items())
+                    group = {}
                 time = message.time
-                group.append((message.topic.removeprefix("/"), message.data))
+                group[topic] = message.data
             if group and whole:
-                yield time, group
+                yield time, list(group.items())

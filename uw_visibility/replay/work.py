@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
+from uw_visibility import output_kernels
 from uw_visibility.config import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.frames import StereoFrame
@@ -206,3 +207,4 @@ def answer(task: FrameTask) -> FrameAnswer:
 def warm_up(config: PipelineConfig) -> None:
     """Compile what is not compiled yet, or load it."""
     Pipeline(WARM_UP_RIG, config).warm_up(WARM_UP_SHAPE, np.uint8)
+    output_kernels.warm_up()

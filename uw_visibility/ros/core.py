@@ -13,6 +13,7 @@ from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 
+from uw_visibility import output_kernels
 from uw_visibility.errors import InputError
 from uw_visibility.frames import StereoFrame
 from uw_visibility.kernel_cache import counts, writable_folder
@@ -152,6 +153,7 @@ class NodeCore:
         try:
             pipeline = Pipeline(WARM_UP_RIG, self._settings.pipeline)
             pipeline.warm_up(WARM_UP_SHAPE, np.uint8)
+            output_kernels.warm_up()
         except Exception:
             # A frame of the real size may still work, and says why if not.
             self._log.error(f"the pipeline failed to warm up\n{traceback.format_exc()}")
@@ -199,8 +201,8 @@ class NodeCore:
         if not self._wanted():
             return
         begin = time.perf_counter()
-        result, messages = work.answer(result, settings.node, topics)
-        for topic, message in messages.items():
+        result = work.track(result)
+        for topic, message in work.messages(result, settings.node, topics):
             self._publishers[topic].publish(message)
         around += time.perf_counter() - begin
         stamp = frame.left.header.stamp

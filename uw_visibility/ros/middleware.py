@@ -1,11 +1,14 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Gives Fast DDS, the default middleware, the memory that the node's messages need.
+"""Sets up Fast DDS, the default middleware, for messages as large as images.
 
 A process sends to others of its machine through shared memory, by default 512 KiB of it,
 which one image of 640x480 overruns. What finds no room is lost and, where it is reliable,
 sent again when the heartbeat tells, which is every three seconds: an answer to a parameter's
 client too, that has the bad luck to come behind an image.
+
+Unless told otherwise it sends within the call that publishes, during which rclpy keeps the
+interpreter: a slow network or a full socket would hold up every callback of the node.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from collections.abc import MutableMapping
 from pathlib import Path
 
 PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+PUBLICATION_VARIABLE = "RMW_FASTRTPS_PUBLICATION_MODE"
 # With any of these somebody has set up the middleware already.
 OTHER_VARIABLES = (
     "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS", "SKIP_DEFAULT_XML_FILE",
@@ -46,3 +50,16 @@ def give_memory(environment: MutableMapping[str, str] = os.environ) -> bool:
         return False
     environment[PROFILES_VARIABLE] = str(PROFILES)
     return True
+
+
+def send_in_background(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Let the middleware send in a thread of its own; to be called before `rclpy.init`.
+
+    Nothing changes where the environment says how to publish.
+
+    Parameters
+    ----------
+    environment : mutable mapping of str to str
+        Of the process.
+    """
+    environment.setdefault(PUBLICATION_VARIABLE, "ASYNCHRONOUS")

@@ -15,7 +15,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from uw_visibility.errors import InputError
-from uw_visibility.ros.middleware import give_memory
+from uw_visibility.ros.middleware import give_memory, send_in_background
 
 # How long the exit waits for the frame that is being processed, s.
 STOP_TIMEOUT = 0.5
@@ -48,6 +48,7 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: asked.append(number))
     give_memory()
+    send_in_background()
     try:
         rclpy.init(args=None if arguments is None else list(arguments))
     except Exception as error:
