@@ -48,6 +48,11 @@ class Source:
         return self._header(self.frame.right)
 
     @functools.cached_property
+    def left_info(self) -> Any:
+        """Calibration of the left image, as a message."""
+        return _camera_info(self, self.frame.left_info, self.left_header)
+
+    @functools.cached_property
     def disparity(self) -> tuple[NDArray[np.float32], float, float]:
         """What `corrected_disparity` returns."""
         return corrected_disparity(self)
@@ -81,7 +86,7 @@ def right_image(source: Source) -> Any:
 
 def left_info(source: Source) -> Any:
     """Pass the left calibration on."""
-    return _camera_info(source, source.frame.left_info, source.left_header)
+    return source.left_info
 
 
 def right_info(source: Source) -> Any:
