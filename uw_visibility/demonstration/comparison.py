@@ -79,9 +79,9 @@ def compare(
     if "visibility/mean_attenuation" in answer:
         estimates["mean_attenuation"] = answer["visibility/mean_attenuation"].data
     if "visibility/attenuation_stddev" in answer:
-        # Of the mean of three channels that are estimated apart.
+        # Of the mean of three channels whose errors are alike: ranges and light are common.
         stddev = read_vector(answer["visibility/attenuation_stddev"])
-        estimates["mean_attenuation_stddev"] = float(np.linalg.norm(stddev)) / 3.0
+        estimates["mean_attenuation_stddev"] = float(np.mean(stddev))
     if "visibility/distance" in answer:
         message = answer["visibility/distance"]
         estimates["visibility_distance"] = message.range
