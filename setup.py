@@ -54,6 +54,7 @@ setup(
             "pytest",
             "pytest-benchmark",
             "ruff",
+            "pytest-xdist",
             "types-PyYAML",
         ],
     },
