@@ -37,6 +37,7 @@ setup(
         "numba>=0.58",
         "numpy>=1.26",
         "opencv-python-headless>=4.6",
+        "pillow>=10.0",
         "PyYAML>=6.0",
         "scipy>=1.11",
     ],

@@ -27,6 +27,7 @@ PACKAGE = ROOT / "uw_visibility"
 # The rosdep key of each module that is not Python's own.
 ROSDEP_KEYS = {
     "ament_index_python": "ament_index_python",
+    "PIL": "python3-pil",
     "cv2": "python3-opencv",
     "diagnostic_msgs": "diagnostic_msgs",
     "geometry_msgs": "geometry_msgs",
@@ -51,6 +52,7 @@ ROSDEP_KEYS = {
 }
 # The name on PyPI of each module that does not come with ROS.
 PIP_NAMES = {
+    "PIL": "pillow",
     "cv2": "opencv-python-headless",
     "jinja2": "jinja2",
     "llvmlite": "numba",

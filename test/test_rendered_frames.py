@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -68,9 +69,11 @@ def image(pixels: np.ndarray, encoding: str) -> SimpleNamespace:
     )
 
 
-def compressed(pixels: np.ndarray, codec: str) -> SimpleNamespace:
+def compressed(pixels: np.ndarray, codec: str, quality: int = 95) -> SimpleNamespace:
     """Make a CompressedImage as compressed_image_transport does."""
-    data = cv2.imencode(codec, np.ascontiguousarray(pixels[..., ::-1]))[1].tobytes()
+    stored = np.ascontiguousarray(pixels[..., ::-1])
+    options = [cv2.IMWRITE_JPEG_QUALITY, quality] if codec == ".jpg" else []
+    data = cv2.imencode(codec, stored, options)[1].tobytes()
     kind = {".jpg": "jpeg", ".png": "png"}[codec]
     return SimpleNamespace(header=header(), format=f"rgb8; {kind} compressed bgr8", data=data)
 
@@ -154,6 +157,23 @@ def test_every_encoding_tells_the_same(
     if "mono" in encoding:
         assert "visibility/attenuation" not in messages
         return
-    # JPEG drops weak contrasts, of which far water consists.
-    tolerance = 0.12 if encoding == ".jpg" else 0.05
+    # JPEG drops weak contrasts, of which far water consists: less of it is matched.
+    tolerance = 0.08 if encoding == ".jpg" else 0.05
     np.testing.assert_allclose(attenuation(messages), expected, rtol=tolerance)
+
+
+# Without regard to what a JPEG rounds, red comes out lower by 27 to 31 %.
+@pytest.mark.parametrize(("make_image", "tolerance"), [
+    (lambda pixels: compressed(pixels, ".jpg", 95), (0.05, 0.05, 0.05)),
+    (lambda pixels: compressed(pixels, ".jpg", 90), (0.05, 0.05, 0.05)),
+    (lambda pixels: compressed(pixels, ".jpg", 80), (0.06, 0.13, 0.06)),
+    (lambda pixels: image(pixels, "bayer_rggb8"), (0.03, 0.03, 0.03)),
+])
+def test_noisy_pixels_tell_the_same_through_a_codec_and_a_mosaic(
+    processor: FrameProcessor, rendered: RenderedFrame, make_image: Callable[..., Any],
+    tolerance: tuple[float, float, float],
+) -> None:
+    sides = rendered.left, rendered.right
+    expected = attenuation(process(processor, *(image(p, "rgb8") for p in sides)))
+    found = attenuation(process(processor, *(make_image(p) for p in sides)))
+    assert (np.abs(found / expected - 1) < tolerance).all()

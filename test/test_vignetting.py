@@ -5,11 +5,13 @@
 import numpy as np
 import pytest
 
+from uw_visibility.colour import Colour
 from uw_visibility.config import CameraConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images import write_png
 from uw_visibility.parallel import Workers
 from uw_visibility.vignetting import EvenIllumination, illumination
+from uw_visibility.water.sampling import Sampling
 from uw_visibility.water.transfer import from_linear, to_linear
 
 SHAPE = (90, 120)
@@ -120,3 +122,18 @@ def test_a_flat_field_that_does_not_fit_is_refused(tmp_path):
     write_png(tmp_path / "black.png", np.zeros((*SHAPE, 3), np.uint8))
     with pytest.raises(InputError, match="without any light"):
         corrector(flat_field=str(tmp_path / "black.png"))
+
+
+def test_colour_at_half_of_the_resolution_is_corrected_as_its_image():
+    light = np.kron(scene()[::2, ::2], np.ones((2, 2, 1)))
+    field = illumination(COEFFICIENTS, SHAPE, CENTRES[0])
+    left = seen(light, field)
+    half = left.reshape(45, 2, 60, 2, 3).mean(axis=(1, 3))
+    colour = Colour((half + 0.5).astype(np.uint16), Sampling(2))
+    even = corrector(vignetting=COEFFICIENTS)
+    even.correct(left, left)
+    corrected = even.correct_colour(colour)
+    np.testing.assert_allclose(corrected.image / 65535, light[::2, ::2], atol=1e-3)
+    assert corrected.sampling is colour.sampling
+    assert even.correct_colour(None) is None
+    assert corrector().correct_colour(colour) is colour

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.colour import Colour, sampled
 from uw_visibility.config import PipelineConfig
 from uw_visibility.enhancement.matting import Matting
 from uw_visibility.errors import InputError
@@ -120,6 +121,7 @@ class FirstStep:
         valid: NDArray[np.bool_] | None,
         estimator: WaterEstimator,
         clock: StageClock,
+        colour: Colour | None = None,
     ) -> FirstLook:
         """Take a first look at a pair.
 
@@ -133,6 +135,8 @@ class FirstStep:
             What reads the water.
         clock : StageClock
             Times the stages.
+        colour : Colour or None
+            What is known of the left image's colour beside its pixels.
 
         Returns
         -------
@@ -171,7 +175,7 @@ class FirstStep:
 
         def estimate() -> WaterEstimate:
             with clock("visibility estimation 1"):
-                return self._estimate(left, mesh, counted, support, estimator)
+                return self._estimate(left, colour, mesh, counted, support, estimator)
 
         disparity, water = self._workers.together(refine, estimate)
         return FirstLook(
@@ -199,6 +203,7 @@ class FirstStep:
     def _estimate(
         self,
         image: NDArray[Any],
+        colour: Colour | None,
         mesh: NDArray[np.float32],
         valid: NDArray[np.bool_] | None,
         support: SupportPoints,
@@ -206,10 +211,10 @@ class FirstStep:
     ) -> WaterEstimate:
         if len(support) < FEWEST_SUPPORT_POINTS:
             return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
+        ranges = self._rig.range_from_disparity(self._reduction.disparity(mesh, image.shape[:2]))
+        pixels, ranges, valid, sampling = sampled(image, ranges, valid, colour)
         return estimator.estimate(
-            image,
-            self._rig.range_from_disparity(self._reduction.disparity(mesh, image.shape[:2])),
-            valid, None, range_error(self._rig, _MESH_DEVIATION), coarse=True,
+            pixels, ranges, valid, None, range_error(self._rig, _MESH_DEVIATION), True, sampling,
         )
 
     def _refuse_useless_pair(

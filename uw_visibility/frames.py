@@ -10,9 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.colour import Colour
 from uw_visibility.compressed import read_compressed
 from uw_visibility.errors import InputError
+from uw_visibility.image_colour import message_colour
 from uw_visibility.messages import output_encoding, read_image
+from uw_visibility.pair import read_only
 from uw_visibility.stereo.calibration import image_size
 from uw_visibility.stereo.rig import Rectifier, StereoRig
 
@@ -45,6 +48,8 @@ class StereoPair:
         (x, y, width, height) of the smallest window that holds all of `valid`.
     encodings : tuple of str
         How the enhanced left and right image are to be encoded.
+    colour : Colour or None
+        What is known of the left image's colour beside its pixels.
     """
 
     left: NDArray[Any]
@@ -53,6 +58,7 @@ class StereoPair:
     valid: NDArray[np.bool_] | None
     valid_window: tuple[int, int, int, int]
     encodings: tuple[str, str]
+    colour: Colour | None = None
 
 
 class FrameReader:
@@ -106,12 +112,16 @@ class FrameReader:
         _check_size(right, frame.right_info, "right")
         _check_pair(left, right, encodings)
         rig = self._calibrate(frame)
+        colour = message_colour(frame.left, left)
         if self._rectifier is None:
             window = (0, 0, left.shape[1], left.shape[0])
-            return StereoPair(left, right, rig, None, window, encodings)
+            return StereoPair(left, right, rig, None, window, encodings, colour)
         left, right = self._rectifier.rectify(left, right)
+        if colour is not None and colour.image is not None:
+            image = self._rectifier.rectify_reduced(colour.image, colour.sampling.scale)
+            colour = Colour(read_only(image), colour.sampling)
         valid, window = self._rectifier.valid, self._rectifier.valid_window
-        return StereoPair(left, right, rig, valid, window, encodings)
+        return StereoPair(left, right, rig, valid, window, encodings, colour)
 
     def _calibrate(self, frame: StereoFrame) -> StereoRig:
         key = _calibration_key(frame.left_info) + _calibration_key(frame.right_info)

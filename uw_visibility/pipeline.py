@@ -13,9 +13,11 @@ from collections.abc import Collection
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.colour import Colour, sampled
 from uw_visibility.config import PipelineConfig
 from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.first_step import FirstLook, FirstStep
@@ -113,6 +115,7 @@ class Pipeline:
         enhance: Collection[str] = SIDES,
         stamp: float | None = None,
         confidence: bool = True,
+        colour: Colour | None = None,
     ) -> FrameResult:
         """Assess and enhance one rectified pair.
 
@@ -133,6 +136,9 @@ class Pipeline:
             pair neither uses nor changes what earlier ones left.
         confidence : bool
             Whether to rate the disparities.
+        colour : Colour, optional
+            What is known of the left image's colour beside its pixels, which the water
+            is then read from: of a JPEG or a mosaic, see `uw_visibility.colour`.
 
         Returns
         -------
@@ -145,7 +151,9 @@ class Pipeline:
         """
         left, right = check_pair(left, right)
         with self._lock, self._workers.shared():
-            result = self._process(left, right, valid, match_original, enhance, confidence)
+            result = self._process(
+                left, right, valid, match_original, enhance, confidence, colour
+            )
         return result if stamp is None else self.track(result, stamp)
 
     def track(self, result: FrameResult, stamp: float) -> FrameResult:
@@ -211,7 +219,12 @@ class Pipeline:
                 self._tracker.reset()
 
     def warm_up(
-        self, shape: tuple[int, int], dtype: Any = np.uint8, *, grey: bool = False
+        self,
+        shape: tuple[int, int],
+        dtype: Any = np.uint8,
+        *,
+        grey: bool = False,
+        compressed: bool = False,
     ) -> None:
         """Compile what is not compiled yet, and allocate for a size of image.
 
@@ -223,10 +236,18 @@ class Pipeline:
             uint8 or uint16.
         grey : bool
             Whether the images will be grey ones.
+        compressed : bool
+            Whether they may be JPEG.
         """
         left, right = check_pair(*warm_up_pair(shape, np.dtype(dtype), grey=grey))
         with self._lock:
-            self._process(left, right, None, True, SIDES, True)
+            self._process(left, right, None, True, SIDES, True, None)
+            if compressed:
+                # Imported here, since images without loss need none of it.
+                from uw_visibility.jpeg_colour import jpeg_colour
+
+                data = cv2.imencode(".jpg", left)[1].tobytes()
+                self._process(left, right, None, False, (), False, jpeg_colour(data))
 
     def _process(
         self,
@@ -236,19 +257,23 @@ class Pipeline:
         match_original: bool,
         enhance: Collection[str],
         confidence: bool,
+        colour: Colour | None,
     ) -> FrameResult:
         first_step, stages = self._steps_for(left.shape[:2])
         clock = StageClock()
         if self._illumination.needed:
             with clock("even illumination"):
                 left, right = self._illumination.correct(left, right)
+                colour = self._illumination.correct_colour(colour)
         whole_left, whole_right = left, right
         reduced = self._reduction.factor(left.shape) > 1
         if reduced:
             with clock("reduction"):
                 left, right = self._reduction.image(left), self._reduction.image(right)
 
-        first = first_step.look(whole_left, whole_right, valid, self._estimator, clock)
+        first = first_step.look(
+            whole_left, whole_right, valid, self._estimator, clock, colour
+        )
         step1, gain = first.water, first.right_gain
         original = None
         if match_original:
@@ -284,7 +309,7 @@ class Pipeline:
             with clock("visibility estimation 2"):
                 if len(support) < FEWEST_SUPPORT_POINTS:
                     return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
-                return self._estimate(whole_left, disparity, first)
+                return self._estimate(whole_left, colour, disparity, first)
 
         filled, water = self._workers.together(fill, estimate)
         with clock("image enhancement 2"):
@@ -339,12 +364,16 @@ class Pipeline:
     def _estimate(
         self,
         image: NDArray[Any],
+        colour: Colour | None,
         disparity: NDArray[np.float32],
         first: FirstLook,
     ) -> WaterEstimate:
+        pixels, ranges, valid, sampling = sampled(
+            image, self.rig.range_from_disparity(disparity), first.valid, colour
+        )
         return self._estimator.estimate(
-            image, self.rig.range_from_disparity(disparity), first.valid, first.water,
-            range_error(self.rig, _DISPARITY_DEVIATION),
+            pixels, ranges, valid, first.water, range_error(self.rig, _DISPARITY_DEVIATION),
+            sampling=sampling,
         )
 
     def _estimate_grey(

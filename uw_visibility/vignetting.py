@@ -4,11 +4,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.colour import Colour
 from uw_visibility.config import CameraConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images import read_image
@@ -82,6 +85,17 @@ class EvenIllumination:
             for image, gain in zip((left, right), self._gains, strict=True)
         )
         return first, second
+
+    def correct_colour(self, colour: Colour | None) -> Colour | None:
+        """Return the colour of the left image of the pair corrected last, as `correct` does."""
+        if colour is None or colour.image is None or not self.needed:
+            return colour
+        scale = colour.sampling.scale
+        height, width = colour.image.shape[:2]
+        whole = self._gains[0][: height * scale, : width * scale]
+        gain = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+        gain = gain.reshape(height, width, whole.shape[2])
+        return replace(colour, image=self._apply(colour.image, gain))
 
     def _gain(self, side: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
         field = self._fields[side]

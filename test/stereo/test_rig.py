@@ -188,6 +188,37 @@ def test_rectified_pixels_come_from_where_the_camera_model_puts_them(
     np.testing.assert_allclose(rectified[30, 40, :2], source, atol=0.5 / scale + 1 / 32 + 1e-3)
 
 
+@pytest.mark.parametrize("factor", [2, 3])
+def test_reduced_image_is_rectified_as_the_whole_one(factor: int) -> None:
+    rotation = cv2.Rodrigues(np.array([0.02, -0.03, 0.05]))[0]
+    changes = {
+        "k": [60.0, 0, 30.5, 0, 60.0, 24.5, 0, 0, 1], "r": rotation.ravel(),
+        "d": [-0.2, 0.05, 0.0, 0.0, 0.0], "p": [60.0, 0, 31.5, 0, 0, 60.0, 23.5, 0, 0, 0, 1, 0],
+    }
+    right = camera_info(**(changes | {"p": [60.0, 0, 31.5, -6.0, 0, 60, 23.5, 0, 0, 0, 1, 0]}))
+    rectifier = Rectifier(camera_info(**changes), right)
+    y, x = np.mgrid[:48, :64]
+    raw = np.dstack([300 * x, 400 * y, 100 * (x + y)]).astype(np.uint16)
+
+    def reduced(image: np.ndarray) -> np.ndarray:
+        size = image.shape[1] // factor, image.shape[0] // factor
+        whole = image[: size[1] * factor, : size[0] * factor]
+        return cv2.resize(whole, size, interpolation=cv2.INTER_AREA)
+
+    expected = reduced(rectifier.rectify(raw, raw)[0])
+    whole = reduced(255 * rectifier.valid.astype(np.uint8)) == 255
+    inside = np.zeros_like(whole)
+    # Beside the border, squares of the raw image are missing in part.
+    inside[4:-4, 4:-4] = whole[4:-4, 4:-4]
+    assert inside.sum() > 50
+    for _ in range(2):
+        found = rectifier.rectify_reduced(reduced(raw), factor)
+        # A sixteenth of a pixel: both maps are fixed-point ones.
+        np.testing.assert_allclose(
+            found[inside].astype(float), expected[inside], atol=400 / 16 * factor
+        )
+
+
 def test_valid_window_holds_what_the_raw_image_reaches() -> None:
     rotation = cv2.Rodrigues(np.array([0.0, 20 / FOCAL, 0.0]))[0]
     rectifier = Rectifier(

@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> None:
     rig = _make_rig(arguments, left.shape)
     _prepare_folder(arguments.output)
     try:
-        result = _process(rig, config, left, right)
+        result = _process(rig, config, left, right, arguments.left)
     except InputError as error:
         raise InputError(f"{arguments.left}, {arguments.right}: {error}") from error
     _write(arguments.output, result)
@@ -158,9 +158,10 @@ def _make_rig(arguments: argparse.Namespace, shape: tuple[int, ...]) -> StereoRi
 
 
 def _process(
-    rig: StereoRig, config: PipelineConfig, left: NDArray[Any], right: NDArray[Any]
+    rig: StereoRig, config: PipelineConfig, left: NDArray[Any], right: NDArray[Any], path: Path
 ) -> FrameResult:
     # Compiled modules load slowly; what is refused before needs none of them.
+    from uw_visibility.image_colour import file_colour
     from uw_visibility.pair import check_pair
     from uw_visibility.pipeline import Pipeline
 
@@ -169,8 +170,9 @@ def _process(
         print("preparing; the first run compiles, for about a minute", file=sys.stderr)
     pipeline = Pipeline(rig, config)
     # Without this the report's times would be those of the compiler.
-    pipeline.warm_up((left.shape[0], left.shape[1]), left.dtype)
-    return pipeline.process(left, right, match_original=True)
+    colour = file_colour(path, left)
+    pipeline.warm_up((left.shape[0], left.shape[1]), left.dtype, compressed=colour is not None)
+    return pipeline.process(left, right, match_original=True, colour=colour)
 
 
 def _prepare_folder(folder: Path) -> None:

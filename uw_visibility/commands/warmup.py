@@ -65,7 +65,8 @@ def run(arguments: argparse.Namespace) -> None:
     for dtype in ("uint8", "uint16"):
         for grey in (False, True):
             try:
-                pipeline.warm_up((height, width), dtype, grey=grey)
+                colour_8_bit = dtype == "uint8" and not grey
+                pipeline.warm_up((height, width), dtype, grey=grey, compressed=colour_8_bit)
             except InputError as error:
                 raise InputError(f"cannot warm up with --size {width}x{height}: {error}") from error
     output_kernels.warm_up()

@@ -152,7 +152,8 @@ class NodeCore:
         started = time.monotonic()
         try:
             pipeline = Pipeline(WARM_UP_RIG, self._settings.pipeline)
-            pipeline.warm_up(WARM_UP_SHAPE, np.uint8)
+            compressed = self._settings.node.image_transport == "compressed"
+            pipeline.warm_up(WARM_UP_SHAPE, np.uint8, compressed=compressed)
             output_kernels.warm_up()
         except Exception:
             # A frame of the real size may still work, and says why if not.

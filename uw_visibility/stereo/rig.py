@@ -210,6 +210,8 @@ class Rectifier:
             _undistortion_maps(calibration, side)
             for calibration, side in zip(calibrations, ("left", "right"), strict=True)
         ]
+        self._left_map = maps[0]
+        self._reduced: dict[int, tuple[NDArray[Any], NDArray[Any]]] = {}
         # Fixed-point maps are about twice as fast to apply as float ones.
         self._maps = [cv2.convertMaps(x, y, cv2.CV_16SC2) for x, y in maps]
         self.valid = _inside(*maps[0], self.size)
@@ -254,6 +256,34 @@ class Rectifier:
                 )
             rectified.append(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR))
         return rectified[0], rectified[1]
+
+    def rectify_reduced(self, left: NDArray[Any], factor: int) -> NDArray[Any]:
+        """Rectify a left image whose pixels are means of squares of the raw one's.
+
+        Parameters
+        ----------
+        left : ndarray, (H // factor, W // factor) or (H // factor, W // factor, 3)
+            uint8 or uint16.
+        factor : int
+            Side of the squares, px.
+
+        Returns
+        -------
+        ndarray
+            Like the input, at the same fraction of the rectified image's size.
+        """
+        if factor not in self._reduced:
+            height, width = left.shape[:2]
+            x, y = (
+                (cv2.resize(
+                    plane[: height * factor, : width * factor], (width, height),
+                    interpolation=cv2.INTER_AREA,
+                ) + 0.5) / factor - 0.5
+                for plane in self._left_map
+            )
+            self._reduced[factor] = cv2.convertMaps(x, y, cv2.CV_16SC2)
+        maps = self._reduced[factor]
+        return np.asarray(cv2.remap(left, maps[0], maps[1], cv2.INTER_LINEAR))
 
 
 def _check_positive(name: str, value: float, unit: str) -> None:

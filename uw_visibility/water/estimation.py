@@ -25,6 +25,7 @@ from uw_visibility.water.judgement import (
 )
 from uw_visibility.water.lower_envelope import fit_lower_envelope
 from uw_visibility.water.observations import Envelopes, observe
+from uw_visibility.water.sampling import CAMERA, Sampling
 
 # Dark envelope: its quantile, and the pixels below it at least. The paper takes
 # 1 % (eq. 4). The darkest 5 pixels are a patch rather than a speck; where ranges
@@ -131,6 +132,7 @@ class WaterEstimator:
         start: WaterEstimate | None = None,
         range_error: float = 0.0,
         coarse: bool = False,
+        sampling: Sampling = CAMERA,
     ) -> WaterEstimate:
         """Estimate attenuation and ambient light.
 
@@ -151,6 +153,8 @@ class WaterEstimator:
             ranges, which hold up to the edges of things.
         coarse : bool
             Whether ranges are interpolated between points, as in a mesh.
+        sampling : Sampling
+            What the image's pixels are.
 
         Returns
         -------
@@ -164,8 +168,9 @@ class WaterEstimator:
         _check(image, range_map, valid)
         if image.ndim == 2 or image.shape[2] == 1:
             return WaterEstimate.not_assessable(Status.NO_COLOUR)
-        codes, envelope = self._observe(image, range_map, valid, range_error, coarse)
-        reason = self._refuse_frame(codes, envelope)
+        codes, envelope = self._observe(
+            image, range_map, valid, range_error, coarse, sampling)
+        reason = self._refuse_frame(codes, envelope, sampling)
         if reason is Status.OK and envelope.grey:
             reason = Status.NO_COLOUR
         if reason is not Status.OK:
@@ -219,8 +224,8 @@ class WaterEstimator:
         """
         _check(image, range_map, valid)
         codes, envelope = self._observe(
-            np.dstack((image,) * 3), range_map, valid, range_error, coarse)
-        if self._refuse_frame(codes, envelope) is not Status.OK:
+            np.dstack((image,) * 3), range_map, valid, range_error, coarse, CAMERA)
+        if self._refuse_frame(codes, envelope, CAMERA) is not Status.OK:
             return None
         if refuse_channel(envelope, 0) is not Status.OK:
             return None
@@ -238,6 +243,7 @@ class WaterEstimator:
         valid: NDArray[np.bool_] | None,
         range_error: float,
         coarse: bool,
+        sampling: Sampling,
     ) -> tuple[NDArray[Any], Envelopes]:
         config = self._config
         codes, transfer = _codes(image, self._transfer)
@@ -249,20 +255,22 @@ class WaterEstimator:
             None if valid is None else np.ascontiguousarray(valid),
             transfer=transfer,
             bins=config.bins,
-            min_pixels=config.min_bin_pixels,
+            min_pixels=int(sampling.pixels(config.min_bin_pixels)),
             edge_tolerance=config.edge_tolerance,
             dark_quantile=dark_quantile,
-            fewest_dark=fewest_dark,
+            fewest_dark=sampling.pixels(fewest_dark),
             bright_quantile=BRIGHT_QUANTILE,
             range_error=range_error,
             plain=plain,
+            sampling=sampling,
         )
         return codes, envelope
 
-    def _refuse_frame(self, codes: NDArray[Any], envelope: Envelopes) -> Status:
-        config = self._config
-        return refuse_frame(
-            envelope, codes, config.min_bin_pixels, config.min_range_ratio)
+    def _refuse_frame(
+        self, codes: NDArray[Any], envelope: Envelopes, sampling: Sampling
+    ) -> Status:
+        fewest = int(sampling.pixels(self._config.min_bin_pixels))
+        return refuse_frame(envelope, codes, fewest, self._config.min_range_ratio)
 
     def _fit(
         self,

@@ -16,6 +16,8 @@ from uw_visibility.water.transfer import linear_table
 # 16-bit codes are counted in groups of 16: a group spans a sixteenth of an
 # 8-bit step, and the histogram still fits into the cache.
 LEVELS_16_BIT = 4096
+# Means of 8-bit codes: theirs tell no finer.
+LEVELS_OF_MEANS = 1024
 
 
 @dataclass(frozen=True)
@@ -38,10 +40,10 @@ class Levels:
 
 
 @lru_cache(maxsize=8)
-def levels(transfer: str, dtype: Any) -> Levels:
-    """Return the levels of images of a type and transfer; see `Levels`."""
+def levels(transfer: str, dtype: Any, number: int = LEVELS_16_BIT) -> Levels:
+    """Return the levels, at most `number`, of images of a type and transfer; see `Levels`."""
     irradiance = linear_table(transfer, dtype).astype(np.float64)
-    group = len(irradiance) // min(len(irradiance), LEVELS_16_BIT)
+    group = len(irradiance) // min(len(irradiance), number)
     of_code = (np.arange(len(irradiance)) // group).astype(np.uint16)
     middles = 0.5 * (irradiance[1:] + irradiance[:-1])
     # The first and the last code span as much on their outer side.

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from uw_visibility.quantiles import normal_quantile
 from uw_visibility.water.histogram import CELL_BITS, CELLS, accumulate, take_quantiles
-from uw_visibility.water.levels import levels
+from uw_visibility.water.levels import LEVELS_16_BIT, LEVELS_OF_MEANS, levels
 from uw_visibility.water.noise import noise_stddev
+from uw_visibility.water.sampling import CAMERA, Sampling
 
 # Noise beyond the first of these, in 8-bit code values, would make up the dark
 # envelope: the image is then filtered by a median, which also takes the flakes of
@@ -62,7 +63,7 @@ class Envelopes:
     dark_range : (3, N) float64 ndarray
         Mean range of the pixels that make up the dark envelope, m.
     step : (3, N) float64 ndarray
-        Irradiance that one code value spans at the dark envelope.
+        Irradiance that one code value of the camera's spans at the dark envelope.
     deviation : (3, N) float64 ndarray
         Standard deviation of the dark envelope by rounding and noise.
     noise : (3,) float64 ndarray
@@ -103,6 +104,7 @@ def observe(
     bright_quantile: float,
     range_error: float = 0.0,
     plain: bool = False,
+    sampling: Sampling = CAMERA,
 ) -> Envelopes:
     """Bin pixels by range and take the quantiles of each bin and channel (eq. 4-5).
 
@@ -132,6 +134,8 @@ def observe(
     plain : bool
         Whether to do as the paper does: equally wide bins of all pixels,
         without regard to edges and noise.
+    sampling : Sampling
+        What the pixels are.
 
     Returns
     -------
@@ -139,9 +143,14 @@ def observe(
         Perhaps without any bin. Padded pixels (0 in all channels) do not
         count, nor do saturated channels.
     """
-    table = levels(transfer, image.dtype)
+    means = sampling.scale > 1
+    table = levels(transfer, image.dtype, LEVELS_OF_MEANS if means else LEVELS_16_BIT)
     code_8_bit = len(table.of_code) // 256
     noise = noise_stddev(image)
+    if sampling.most_noise is not None:
+        noise = np.minimum(noise, code_8_bit * sampling.most_noise)
+    if sampling.hidden_noise is not None:
+        noise = np.hypot(noise, code_8_bit * sampling.hidden_noise)
     left = np.zeros((3, 1)) if plain else noise[:, np.newaxis]
     worst = noise.max() / code_8_bit
     filtered = not plain and worst > NOISY[0]
@@ -160,7 +169,7 @@ def observe(
         image, range_map, _inverse(range_map), mask, valid is not None, table.of_code,
         np.float32(low), np.float32(1 / metres_per_cell), _bins_of_cells(low, high, bins, plain),
         np.float32(np.inf if plain else edge_tolerance), np.float32(range_error),
-        (0, 0) if plain else _margins(range_error, filtered), histogram,
+        (0, 0) if plain else _margins(range_error, filtered, sampling), histogram,
     )
     counts = histogram >> CELL_BITS
     count = counts[:, 0].sum(axis=1)
@@ -187,7 +196,7 @@ def observe(
         dark_range=np.tile(mean_range, (3, 1)) if plain
         else low + (dark_cell[:, full] + 0.5) * metres_per_cell,
         bright=(bright - normal_quantile(bright_quantile) * left * step)[:, full],
-        step=step[:, full],
+        step=step[:, full] * (code_8_bit if means else 1),
         deviation=deviation[:, full],
         noise=noise,
         pixels=pixels,
@@ -223,10 +232,10 @@ def _noise_shift(
     return np.asarray(outer * noise * steepness)
 
 
-def _margins(range_error: float, filtered: bool) -> tuple[int, int]:
-    if range_error > 0:
-        return MARGINS_MEASURED
-    return MARGINS_FILTERED if filtered else MARGINS_EXACT
+def _margins(range_error: float, filtered: bool, sampling: Sampling) -> tuple[int, int]:
+    margins = MARGINS_FILTERED if filtered else MARGINS_EXACT
+    near, far = MARGINS_MEASURED if range_error > 0 else margins
+    return sampling.margin(near), sampling.margin(far)
 
 
 def _inverse(range_map: NDArray[np.float32]) -> NDArray[np.float32]:

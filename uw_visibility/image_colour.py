@@ -1,0 +1,58 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the form of an image message or file tells of its colour."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from uw_visibility.colour import Colour, mosaic_colour
+
+JPEG = b"\xff\xd8\xff"
+
+
+def message_colour(message: Any, pixels: NDArray[Any]) -> Colour | None:
+    """Tell what is known of an image's colour beside its pixels.
+
+    Parameters
+    ----------
+    message : object
+        A ``sensor_msgs/Image`` or ``CompressedImage`` of rclpy or rosbags.
+    pixels : ndarray
+        What was read of it.
+
+    Returns
+    -------
+    Colour or None
+        None where the pixels say all that there is.
+    """
+    if pixels.ndim == 2:
+        return None
+    kind = str(getattr(message, "format", ""))
+    original, _, compression = kind.partition(";")
+    if kind:
+        colour = _jpeg_colour(memoryview(message.data))
+        if colour is not None:
+            # Old publishers handed the codec RGB for BGR.
+            return colour.swapped if "compressed rgb" in compression else colour
+    encoding = original.strip() or str(getattr(message, "encoding", ""))
+    if encoding.startswith("bayer_"):
+        return mosaic_colour(pixels, encoding.removeprefix("bayer_")[:4])
+    return None
+
+
+def file_colour(path: str | Path, pixels: NDArray[Any]) -> Colour | None:
+    """Tell what is known of the colour of a file that pixels were read from; see above."""
+    return None if pixels.ndim == 2 else _jpeg_colour(memoryview(Path(path).read_bytes()))
+
+
+def _jpeg_colour(data: memoryview) -> Colour | None:
+    if bytes(data[: len(JPEG)]) != JPEG:
+        return None
+    # Imported here, since images without loss need none of it.
+    from uw_visibility.jpeg_colour import jpeg_colour
+
+    return jpeg_colour(bytes(data))
