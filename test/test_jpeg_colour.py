@@ -5,7 +5,10 @@
 from __future__ import annotations
 
 import io
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -141,3 +144,34 @@ def test_what_holds_no_colour_of_that_kind_is_left_to_its_pixels() -> None:
         grey.getvalue(), four.getvalue(), rgb.getvalue(), row, cut, b"\xff\xd8\xff\xe0", b"",
     ):
         assert jpeg_colour(data) is None
+
+
+WARM = """
+import sys
+
+import numpy as np
+
+sys.path.insert(0, {folder!r})
+from test_jpeg_colour import LAYOUTS, compress, jpeg_colour, under_water
+
+from uw_visibility import Pipeline, StereoRig
+from uw_visibility.kernel_cache import counts
+
+pipeline = Pipeline(StereoRig(200.0, 0.1, (119.5, 79.5)))
+pipeline.warm_up((160, 240), compressed=True)
+before = counts.compiled + counts.loaded
+pixels = under_water()
+for layout in LAYOUTS:
+    colour = jpeg_colour(compress(pixels, 95, layout))
+    pipeline.process(pixels, np.roll(pixels, -8, axis=1), colour=colour)
+print(counts.compiled + counts.loaded - before)
+"""
+
+
+def test_nothing_is_compiled_at_the_first_jpeg() -> None:
+    script = WARM.format(folder=str(Path(__file__).parent))
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(
+        command, capture_output=True, text=True, cwd=Path(__file__).parents[1], check=True
+    )
+    assert done.stdout.strip() == "0"

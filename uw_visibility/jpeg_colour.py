@@ -91,6 +91,18 @@ def jpeg_colour(data: bytes) -> Colour | None:
     return Colour(read_only(colour), Sampling(scale, noise))
 
 
+def warm_up_colour(image: NDArray[np.uint8]) -> Colour | None:
+    """Compile what is not compiled yet, and return an image's colour as a JPEG of it has it."""
+    from PIL import Image
+
+    colour = None
+    for sampling in _LAYOUTS:
+        file = io.BytesIO()
+        Image.fromarray(image).save(file, "JPEG", quality=95, subsampling=sampling)
+        colour = jpeg_colour(file.getvalue())
+    return colour
+
+
 def _read(data: bytes) -> _File | None:
     # Imported here, since images without loss need none of it.
     from PIL import Image, JpegImagePlugin
@@ -113,7 +125,7 @@ def _read(data: bytes) -> _File | None:
         whole = planes[: layout.scale * height, : layout.scale * width]
         planes = np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
     steps = [np.array(table, np.float64).reshape(_BLOCK, _BLOCK) for table in tables]
-    return _File(layout, planes, (height, width), steps)
+    return _File(layout, read_only(planes), (height, width), steps)
 
 
 def _light_variance(file: _File) -> float:

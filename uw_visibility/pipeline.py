@@ -13,7 +13,6 @@ from collections.abc import Collection
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -244,10 +243,9 @@ class Pipeline:
             self._process(left, right, None, True, SIDES, True, None)
             if compressed:
                 # Imported here, since images without loss need none of it.
-                from uw_visibility.jpeg_colour import jpeg_colour
+                from uw_visibility.jpeg_colour import warm_up_colour
 
-                data = cv2.imencode(".jpg", left)[1].tobytes()
-                self._process(left, right, None, False, (), False, jpeg_colour(data))
+                self._process(left, right, None, False, (), False, warm_up_colour(left))
 
     def _process(
         self,
