@@ -146,6 +146,14 @@ def test_what_holds_no_colour_of_that_kind_is_left_to_its_pixels() -> None:
         assert jpeg_colour(data) is None
 
 
+def test_an_image_beyond_the_limit_of_pillow_is_left_to_its_pixels(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    data = compress(under_water())
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)
+    assert jpeg_colour(data) is None
+
+
 WARM = """
 import sys
 

@@ -118,8 +118,8 @@ def _read(data: bytes) -> _File | None:
         image.draft("YCbCr", (width, height) if layout.exact else image.size)
         planes = np.asarray(image)
         tables = [image.quantization[layer[3]] for layer in image.layer]
-    except (OSError, SyntaxError, LookupError):
-        # Damage that OpenCV has decoded all the same.
+    except (OSError, SyntaxError, LookupError, Image.DecompressionBombError):
+        # Damage, or a size beyond Pillow's limit, that OpenCV has decoded all the same.
         return None
     if not layout.exact:
         whole = planes[: layout.scale * height, : layout.scale * width]
