@@ -45,6 +45,20 @@ def test_interpolation_of_a_mosaic_hides_no_noise(pattern: str, bits: int) -> No
     np.testing.assert_allclose(np.hypot(shown, colour.sampling.hidden_noise), noise, rtol=0.15)
 
 
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_texture_in_a_mosaic_is_not_taken_for_noise(pattern: str) -> None:
+    texture = np.random.default_rng(1).random((240, 320, 3))
+    pixels = (255 * np.clip(cv2.GaussianBlur(texture, (0, 0), 1.5) * 3 - 1, 0, 1)).astype(np.uint8)
+    raw = mosaic(pixels, pattern)
+    hidden = mosaic_colour(
+        cv2.cvtColor(raw, ENCODINGS[f"bayer_{pattern}8"].to_rgb), pattern
+    ).sampling.hidden_noise
+    # What pixels of one colour differ by from their neighbours, without regard to texture.
+    apart = noise_stddev(np.ascontiguousarray(pixels[::2, ::2]))
+    assert hidden is not None and (apart > 10).all()
+    assert (hidden < 0.3 * apart).all()
+
+
 def test_pixels_that_say_all_are_read_as_they_are() -> None:
     ranges = np.ones((32, 48), np.float32)
     for colour, sampling in ((None, CAMERA), (mosaic_colour(PIXELS, "rggb"), None)):
