@@ -1,17 +1,94 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests share."""
+"""What the tests share, and how two processes share the tests.
 
+Much of the suite waits, for nodes and processes that start, or has one thread. So
+pytest-xdist runs the whole of it (`python -m pytest`) in two processes, a file of tests
+in one of them. Tests that are named, as by `python -m pytest test/test_pair.py`, run in
+pytest's own process, and so does everything with `-n 0` or without pytest-xdist.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import tempfile
+from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
+
+WORKERS = 2
 
 # The first example of a compiled kernel includes its compilation.
 settings.register_profile("project", deadline=None)
 settings.load_profile("project")
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+TURNS = pytest.StashKey[tempfile.TemporaryDirectory[str]]()
+
+
+def own_domain() -> int:
+    """Return a ROS domain that neither another run nor the other worker of this one is in."""
+    # Linux leaves the domains 0 to 101 free of ephemeral ports.
+    worker = os.environ.get("PYTEST_XDIST_WORKER")
+    run = os.getppid() if worker else os.getpid()
+    return 1 + (run + 50 * int((worker or "gw0").removeprefix("gw"))) % 99
+
+
+# Before ROS is started, here and in the processes that tests start.
+os.environ["ROS_DOMAIN_ID"] = str(own_domain())
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """Share the whole suite among processes, unless the command line says otherwise."""
+    option = config.option
+    if (
+        config.args_source is pytest.Config.ArgsSource.TESTPATHS
+        # Else each worker would start workers.
+        and not hasattr(config, "workerinput")
+        and config.pluginmanager.hasplugin("xdist")
+        and (option.numprocesses, option.dist) == (None, "no")
+        and not (option.usepdb or option.trace or option.collectonly or option.capture == "no")
+        and (os.cpu_count() or 1) >= WORKERS
+    ):
+        option.numprocesses = WORKERS
+        # Tests of a file share nodes and scenes, and the order of files keeps the long ones
+        # from coming last.
+        option.dist = "loadfile"
+        option.loadscopereorder = False
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Tell a worker of pytest-xdist where the locks are by which the workers take turns."""
+    stash = node.config.stash
+    if TURNS not in stash:
+        stash[TURNS] = tempfile.TemporaryDirectory(prefix="uw_visibility_test_")
+        node.config.add_cleanup(stash[TURNS].cleanup)
+    node.workerinput["turns"] = stash[TURNS].name
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Run a test that is marked `alone` while no other worker runs one."""
+    turns = getattr(item.config, "workerinput", {}).get("turns")
+    if turns is None:
+        return (yield)
+    kind = fcntl.LOCK_EX if item.get_closest_marker("alone") else fcntl.LOCK_SH
+    with Path(turns, "room").open("a") as room:
+        with Path(turns, "door").open("a") as door:
+            # Who waits for the room keeps the door, so that none who comes later overtakes.
+            fcntl.flock(door, fcntl.LOCK_EX)
+            fcntl.flock(room, kind)
+        try:
+            return (yield)
+        finally:
+            # Closing would not do: processes that the test has forked may have the file too.
+            fcntl.flock(room, fcntl.LOCK_UN)
 
 
 @pytest.fixture(scope="session")

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import array
+import contextlib
 import functools
 import os
 import signal
@@ -27,13 +28,13 @@ from uw_visibility.messages import stamp_to_nanoseconds
 from uw_visibility.outputs import all_topics
 from uw_visibility.water.light_model import attenuate
 
-# Two test runs on one machine must not meet.
-DOMAIN = 1 + os.getpid() % 99
+# Set by the conftest above, for this process and the nodes alike.
+DOMAIN = int(os.environ["ROS_DOMAIN_ID"])
 ENVIRONMENT = {
     **os.environ,
-    "ROS_DOMAIN_ID": str(DOMAIN),
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     "PYTHONUNBUFFERED": "1",
+    "PYTHONFAULTHANDLER": "1",
 }
 
 # What the node publishes beside the optional outputs, and about itself.
@@ -123,7 +124,13 @@ class NodeProcess:
         """Signal the node; return its exit code and how long it took, s."""
         started = time.monotonic()
         self.process.send_signal(number)
-        return self.process.wait(timeout=20), time.monotonic() - started
+        try:
+            return self.process.wait(timeout=20), time.monotonic() - started
+        except subprocess.TimeoutExpired:
+            # What its threads are doing goes to the log.
+            self.process.send_signal(signal.SIGABRT)
+            self.process.wait(timeout=20)
+            raise AssertionError(f"the node did not end:\n{self.log}") from None
 
     def end(self) -> None:
         """Wait for the end that a signal has asked for, and enforce it if it does not come."""
@@ -170,8 +177,12 @@ class Client:
         self._thread.start()
 
     def _spin(self) -> None:
+        from rclpy.exceptions import InvalidHandle
+
         while not self._closing:
-            self._executor.spin_once(timeout_sec=0.05)
+            # A test may destroy what was about to be waited for; the rest goes on.
+            with contextlib.suppress(InvalidHandle):
+                self._executor.spin_once(timeout_sec=0.05)
 
     def close(self) -> None:
         self._closing = True

@@ -28,11 +28,10 @@ NAMESPACE = "/tough"
 
 # Publishes the known scene from a process of its own, until it is killed.
 PUBLISHER = """
-import importlib.util, os, sys, time
+import importlib.util, sys, time
 specification = importlib.util.spec_from_file_location("parts", sys.argv[1])
 parts = sys.modules["parts"] = importlib.util.module_from_spec(specification)
 specification.loader.exec_module(parts)
-parts.DOMAIN = int(os.environ["ROS_DOMAIN_ID"])
 client = parts.Client({
     f"{side}/{name}": f"{side}/{topic}" for side in ("left", "right")
     for name, topic in (("image", "image_rect"), ("camera_info", "camera_info"))

@@ -19,6 +19,8 @@ pytest.importorskip("rclpy", reason="ROS is not installed")
 
 from rclpy.serialization import serialize_message
 
+pytestmark = pytest.mark.alone
+
 NAMESPACE = "/large"
 FRAMES = 45
 ROOT = Path(__file__).resolve().parents[2]

@@ -17,10 +17,7 @@ pytest.importorskip("rclpy", reason="ROS is not installed")
 
 from uw_visibility.ros import start
 
-ENVIRONMENT = {
-    **os.environ, "ROS_DOMAIN_ID": str(1 + os.getpid() % 99),
-    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-}
+ENVIRONMENT = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 COMMAND = "import sys; from uw_visibility.ros.start import {0}; sys.exit({0}())"
 
 # A signal while the node is made lets what it makes fail.

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -29,7 +28,7 @@ class World:
 
     def __init__(self, *arguments: str) -> None:
         self.context = rclpy.Context()
-        rclpy.init(args=list(arguments), context=self.context, domain_id=1 + os.getpid() % 99)
+        rclpy.init(args=list(arguments), context=self.context)
         self.listener = Node("listener", context=self.context)
         self.speaker = Node("speaker", context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
