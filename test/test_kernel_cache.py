@@ -124,6 +124,21 @@ def install(tmp_path: Path) -> Iterator[Install]:
             path.chmod(0o755)
 
 
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Kernels of an installation whose first call has been."""
+    first = Install(tmp_path_factory.mktemp("compiled"))
+    assert first.run().compiled == 3
+    return first.kernels
+
+
+@pytest.fixture
+def warm(install: Install, compiled: Path) -> Install:
+    """An installation that has these."""
+    shutil.copytree(compiled, install.kernels)
+    return install
+
+
 def files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*.nb[ic]"))
 
@@ -147,19 +162,17 @@ def test_a_kernel_is_compiled_once_and_anew_after_any_change(install: Install) -
     install.write("constants", KERNELS["constants"])
     assert install.run().value == 107
     # ... and what is kept of other versions has an end.
-    for offset in range(3):
-        install.write("constants", f"OFFSET = {offset}\n")
-        assert install.run().value == 7 + offset
+    install.write("constants", "OFFSET = 7\n")
+    assert install.run().value == 14
     indices = [path.name for path in files(install.kernels) if path.suffix == ".nbi"]
     assert sum(name.startswith("outer.") for name in indices) == 1 + kernel_cache.KEPT_VERSIONS
     machine_code = [path for path in files(install.kernels) if path.suffix == ".nbc"]
     assert len(machine_code) == len(indices)
 
 
-def test_what_is_on_disk_is_compiled_into_what_calls_it(install: Install) -> None:
-    install.run()
-    install.replace("outer", "+ 1", "+ 2")
-    outcome = install.run()
+def test_what_is_on_disk_is_compiled_into_what_calls_it(warm: Install) -> None:
+    warm.replace("outer", "+ 1", "+ 2")
+    outcome = warm.run()
     assert (outcome.value, outcome.loaded, outcome.compiled) == (108, 1, 1)
 
 
@@ -170,10 +183,10 @@ from uw_visibility.kernel_cache import njit
 
 @njit(nogil=True)
 def inner(x):
-    counts = {"three": x}
+    name = "three" if x == 3 else "many"
     if x > 3:
         raise ValueError("too many", x)
-    return counts["th" + "ree"]
+    return x if hash(name) != 0 else 0
 """)
     complain = CALL + (
         "try:\n    outer(5)\n"
@@ -207,11 +220,10 @@ def test_read_only_install_uses_the_users_folder(install: Install) -> None:
     assert not install.kernels.exists()
 
 
-def test_what_came_with_a_read_only_install_is_used(install: Install) -> None:
+def test_what_came_with_a_read_only_install_is_used(warm: Install) -> None:
     """An administrator warms up the installation; a user without home starts the node."""
-    install.run()
-    install.protect(install.package, install.home)
-    outcome = install.run()
+    warm.protect(warm.package, warm.home)
+    outcome = warm.run()
     assert (outcome.value, outcome.loaded, outcome.compiled) == (107, 1, 0)
 
 
@@ -222,28 +234,26 @@ def test_without_any_folder_kernels_work_and_the_reason_is_said_once(install: In
     assert outcome.said.count("NUMBA_CACHE_DIR") == 1
 
 
-def test_the_users_choice_wins(install: Install) -> None:
-    install.run()
-    chosen = install.root / "chosen"
-    outcome = install.run(NUMBA_CACHE_DIR=str(chosen))
+def test_the_users_choice_wins(warm: Install) -> None:
+    chosen = warm.root / "chosen"
+    outcome = warm.run(NUMBA_CACHE_DIR=str(chosen))
     assert (outcome.folder, outcome.compiled) == (chosen / "uw_visibility", 3)
-    assert install.run(NUMBA_CACHE_DIR=str(chosen)).compiled == 0
+    assert warm.run(NUMBA_CACHE_DIR=str(chosen)).compiled == 0
     # A choice that cannot be used is said, and the next place taken.
-    (install.root / "file").write_text("")
-    outcome = install.run(NUMBA_CACHE_DIR=str(install.root / "file"))
-    assert outcome.folder == install.kernels
+    (warm.root / "file").write_text("")
+    outcome = warm.run(NUMBA_CACHE_DIR=str(warm.root / "file"))
+    assert outcome.folder == warm.kernels
     assert "NUMBA_CACHE_DIR" in outcome.said
 
 
-@pytest.mark.parametrize("content", [b"", b"\x80\x05garbage"])
-def test_damaged_files_are_compiled_anew(install: Install, content: bytes) -> None:
-    install.run()
-    for path in files(install.kernels):
-        path.write_bytes(content)
-    outcome = install.run()
-    assert (outcome.value, outcome.compiled) == (107, 3)
-    assert "damaged" in outcome.said
-    healed = install.run()
+def test_damaged_files_are_compiled_anew(warm: Install) -> None:
+    for content in (b"", b"\x80\x05garbage"):
+        for path in files(warm.kernels):
+            path.write_bytes(content)
+        outcome = warm.run()
+        assert (outcome.value, outcome.compiled) == (107, 3), content
+        assert "damaged" in outcome.said, content
+    healed = warm.run()
     assert (healed.loaded, healed.compiled, healed.said) == (1, 0, "")
 
 

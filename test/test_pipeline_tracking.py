@@ -14,9 +14,9 @@ from uw_visibility.simulation.transect import Transect
 from uw_visibility.status import Status
 from uw_visibility.water.tracking import TrackingEvent
 
-CAMERA = StereoCamera(256, 192, 240.0, 0.12)
+CAMERA = StereoCamera(192, 144, 180.0, 0.12)
 RIG = StereoRig(CAMERA.focal_length, CAMERA.baseline, CAMERA.principal_point)
-FRAMES = 24
+FRAMES = 16
 PERIOD = 0.5
 
 

@@ -22,8 +22,8 @@ from uw_visibility.stereo.rig import StereoRig
 SECOND = 1_000_000_000
 RATE = 2.0
 TRANSECT = Transect(
-    frames=24, rate=RATE, depth=(2.5, 6.0), attenuation=(0.1, 0.25), seed=4,
-    camera=StereoCamera(320, 240, 300.0, 0.12),
+    frames=16, rate=RATE, depth=(2.5, 6.0), attenuation=(0.1, 0.25), seed=4,
+    camera=StereoCamera(240, 180, 225.0, 0.12),
 )
 LENGTH = 500
 
@@ -33,7 +33,7 @@ def swum() -> list[tuple[float, FrameResult]]:
     """Return the true depth and the result of each frame, there and back for 500 frames."""
     camera = TRANSECT.camera
     rig = StereoRig(camera.focal_length, camera.baseline, camera.principal_point)
-    config = PipelineConfig.from_parameters({"stereo.max_disparity": 64})
+    config = PipelineConfig.from_parameters({"stereo.max_disparity": 48})
     pipeline = Pipeline(rig, config)
     there = [
         (frame.depth, pipeline.process(frame.left, frame.right, enhance=()))

@@ -42,6 +42,16 @@ def simulated(
     return copy_bag(folder / "simulated", folder / name)
 
 
+@pytest.fixture(autouse=True)
+def plain_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the report's figure out: drawing takes longer than all else of a short replay.
+
+    Results that all tests share, `replayed` and `hard_replayed`, are made before and have
+    it, and test_report draws it.
+    """
+    monkeypatch.setattr("uw_visibility.replay.report.draw_series", lambda columns: "<p>-</p>")
+
+
 @pytest.fixture(scope="session")
 def transect(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bag (mcap) of a few small frames, without the truth."""

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,10 @@ def test_says_that_it_compiles_and_how_far_it_is(
     monkeypatch.setitem(client.environment, "NUMBA_CACHE_DIR", str(tmp_path))
     node = start_node("-r", "__ns:=/cold", ready=False)
     node.wait_for(f"kernels are kept in {tmp_path / 'uw_visibility'}")
-    said = [
-        client.diagnosed("pipeline", f"the pipeline is being compiled, {digit}").message
-        for digit in ("1", "2")
+    first = client.diagnosed("pipeline", "the pipeline is being compiled, ").message
+    client.wait(lambda: client.diagnosis("pipeline").message != first, "another count")
+    counts = [
+        re.search(r"is being compiled, (\d+) kernels so far$", message)
+        for message in (first, client.diagnosis("pipeline").message)
     ]
-    assert all(message.endswith("kernels so far") for message in said)
+    assert all(counts) and int(counts[0][1]) < int(counts[1][1]), counts

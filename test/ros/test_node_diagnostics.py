@@ -248,23 +248,23 @@ def test_jump_of_the_sensor_on_a_simulated_transect(
     client: Any, image: Any, info: Any
 ) -> None:
     transect = Transect(
-        frames=13, rate=2.0, depth=(4.0, 5.0), attenuation=(0.15, 0.2), seed=3,
-        camera=StereoCamera(320, 240, 300.0, 0.12),
+        frames=11, rate=2.0, depth=(4.0, 5.0), attenuation=(0.15, 0.2), seed=3,
+        camera=StereoCamera(240, 180, 225.0, 0.12),
     )
     set_parameters(
-        client, plausibility__max_gate=1.5, plausibility__timeout=10.0, stereo__max_disparity=64
+        client, plausibility__max_gate=1.5, plausibility__timeout=10.0, stereo__max_disparity=48
     )
     cx, cy = transect.camera.principal_point
     infos = [
         info(
-            side, width=320, height=240, k=[300.0, 0.0, cx, 0.0, 300.0, cy, 0.0, 0.0, 1.0],
-            p=[300.0, 0.0, cx, tx, 0.0, 300.0, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+            side, width=240, height=180, k=[225.0, 0.0, cx, 0.0, 225.0, cy, 0.0, 0.0, 1.0],
+            p=[225.0, 0.0, cx, tx, 0.0, 225.0, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
         )
-        for side, tx in (("left", 0.0), ("right", -36.0))
+        for side, tx in (("left", 0.0), ("right", -27.0))
     ]
     sensor = Sensor(client)
     nis = client.received["depth_plausibility/nis"]
-    jump = 6
+    jump = 4
     for index, (_, frame) in enumerate(transect.render()):
         count = len(nis)
         stamp = client.publish(image(frame.left, "rgb8"), image(frame.right, "rgb8"), *infos)
