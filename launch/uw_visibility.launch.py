@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import get_package_share_path
@@ -76,6 +77,11 @@ def make_node(context: LaunchContext) -> list[Any]:
     def value(name: str) -> str:
         return LaunchConfiguration(name).perform(context)
 
+    # The node would be started without it, with no more than a warning.
+    if not Path(value("params_file")).is_file():
+        raise FileNotFoundError(
+            f"params_file is {value('params_file')}, which is no file: name a parameter file"
+        )
     # What the file says holds unless an argument asks for more.
     overrides: dict[str, Any] = {
         name: True for name in ("rectify", "use_sim_time") if value(name) == "true"

@@ -33,6 +33,20 @@ def make():
 sys.exit(run(make, []))
 """
 
+# A signal once Python has put back what signals did before it.
+LATE = """
+import os, signal, sys, types
+from uw_visibility.ros import start
+class Last:
+    kill, process, number = os.kill, os.getpid(), signal.{signal}
+    def __del__(self):
+        self.kill(self.process, self.number)
+module = sys.modules["uw_visibility.ros.node"] = types.ModuleType("node")
+module.main = lambda: 3
+module.last = Last()
+sys.exit(start.node())
+"""
+
 
 def start_python(code: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
@@ -58,6 +72,12 @@ def test_signal_while_modules_are_imported(name: str, number: int) -> None:
 def test_signal_while_the_node_is_made(error: str, number: str) -> None:
     process = start_python(INTERRUPTED.format(signal=number, error=error))
     assert (process.communicate(timeout=30)[0], process.returncode) == ("", 0)
+
+
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+def test_second_signal_does_not_kill_what_ends(number: str) -> None:
+    process = start_python(LATE.format(signal=number))
+    assert (process.communicate(timeout=30)[0], process.returncode) == ("", 3)
 
 
 def test_executables_are_those_that_setup_names() -> None:

@@ -8,6 +8,8 @@ import importlib
 import os
 import signal
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
 
 def node() -> int:
     """Run the node; returns the exit code."""
@@ -21,6 +23,11 @@ def lifecycle_node() -> int:
 
 def _start(module: str) -> int:
     # Importing takes seconds on a small computer, in which Ctrl-C would end in a traceback.
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in SIGNALS:
         signal.signal(number, lambda *_: os._exit(0))
-    return int(importlib.import_module(module).main())
+    code = int(importlib.import_module(module).main())
+    # A second Ctrl-C, or that of the launcher after the terminal's, finds the interpreter
+    # on its way out, where it would end the process as killed.
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    return code
