@@ -68,7 +68,7 @@ class Pipeline:
     def __init__(self, *arguments: Any) -> None:
         pass
 
-    def warm_up(self, *arguments: Any) -> None:
+    def warm_up(self, *arguments: Any, **options: Any) -> None:
         pass
 
 
