@@ -319,3 +319,13 @@ def test_the_packages_kernels_know_what_they_are_made_from(
         lambda path: "changed" if path.endswith(changed) else digest(path),
     )
     assert kernel_fingerprint.fingerprint(function) != before
+
+
+def test_kernel_that_cannot_be_kept_runs_with_a_warning(install: Install) -> None:
+    # Large arrays are not compiled in, but pointed to; without optimisation, others too.
+    install.write("inner", KERNELS["inner"].replace("return 2 * x", "return TWOS[0] * x").replace(
+        "@njit", "import numpy as np\nTWOS = np.full(1_000_000, 2)\n\n@njit", 1
+    ))
+    done = install.run()
+    assert done.value == 107
+    assert 'Cannot cache compiled function "helper"' in done.said

@@ -176,7 +176,10 @@ class KernelCache(caching._Cache):  # type: ignore[misc]
         class Locator(caching._CacheLocator):  # type: ignore[misc]
             @classmethod
             def from_function(cls, function: Any, file: str) -> Locator:
-                return cls()
+                locator = cls()
+                # Named in numba's warning of a kernel that cannot be kept.
+                locator._py_file = file
+                return locator
 
             def get_cache_path(self) -> str:
                 return str(path)
