@@ -201,8 +201,8 @@ class NodeCore:
         yield
         if not self._wanted():
             return
-        begin = time.perf_counter()
         result = work.track(result)
+        begin = time.perf_counter()
         for topic, message in work.messages(result, settings.node, topics):
             self._publishers[topic].publish(message)
         around += time.perf_counter() - begin

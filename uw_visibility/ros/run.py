@@ -15,6 +15,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from uw_visibility.errors import InputError
+from uw_visibility.ros.memory import keep_freed_memory
 from uw_visibility.ros.middleware import give_memory, send_in_background
 
 # How long the exit waits for the frame that is being processed, s.
@@ -47,6 +48,7 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
     asked: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: asked.append(number))
+    keep_freed_memory()
     give_memory()
     send_in_background()
     try:
