@@ -77,21 +77,21 @@ def publish(
 
 
 def test_images_of_a_reliable_camera_arrive(client: Any, frame: Path) -> None:
-    # With a best-effort subscription, Fast DDS loses half of them.
     arrived, reliability = publish(client, frame)
     assert min(arrived.values()) >= 0.8 * FRAMES, arrived
     assert max(arrived.values()) <= FRAMES, arrived
     assert reliability == "reliable"
 
 
-def test_images_of_a_best_effort_camera_arrive_where_it_has_the_memory(
-    client: Any, frame: Path
+@pytest.mark.parametrize("profile", [None, ROOT / "config" / "fastdds.xml"])
+def test_images_of_a_best_effort_camera_arrive(
+    client: Any, frame: Path, profile: Path | None
 ) -> None:
-    # What a node can do nothing about: the memory is the camera's.
-    profile = str(ROOT / "config" / "fastdds.xml")
-    arrived, reliability = publish(
-        client, frame, "--best-effort", FASTRTPS_DEFAULT_PROFILES_FILE=profile
-    )
+    allowed = Path("/proc/sys/net/core/rmem_max")
+    if not allowed.exists() or int(allowed.read_text()) < 2 * 640 * 480 * 3:
+        pytest.skip("the system allows a socket no memory for a pair: net.core.rmem_max")
+    environment = {"FASTRTPS_DEFAULT_PROFILES_FILE": str(profile)} if profile else {}
+    arrived, reliability = publish(client, frame, "--best-effort", **environment)
     assert min(arrived.values()) >= 0.8 * FRAMES, arrived
     assert max(arrived.values()) <= FRAMES, arrived
     assert reliability == "best effort"

@@ -2,10 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sets up Fast DDS, the default middleware, for messages as large as images.
 
-A process sends to others of its machine through shared memory, by default 512 KiB of it,
-which one image of 640x480 overruns. What finds no room is lost and, where it is reliable,
-sent again when the heartbeat tells, which is every three seconds: an answer to a parameter's
-client too, that has the bad luck to come behind an image.
+A process sends to others of its machine through shared memory of its own, by default 512 KiB
+of it, which one image of 640x480 overruns. What finds no room is lost and, where it is
+reliable, sent again when the heartbeat tells, which comes with the next image, or after three
+seconds: an answer to a parameter's client, too, that has the bad luck to come behind an image.
+So the node sends through more of it. How much a camera's driver has is not the node's to say,
+and a processor that sleeps wakes too late to empty it in time; so the node receives through
+sockets, whose memory is the receiver's.
 
 Unless told otherwise it sends within the call that publishes, during which rclpy keeps the
 interpreter: a slow network or a full socket would hold up every callback of the node.
@@ -29,7 +32,7 @@ PROFILES = Path(__file__).with_name("fastdds.xml")
 
 
 def give_memory(environment: MutableMapping[str, str] = os.environ) -> bool:
-    """Let messages leave through more shared memory; to be called before `rclpy.init`.
+    """Let messages leave and arrive through more memory; to be called before `rclpy.init`.
 
     Nothing changes where the middleware was set up otherwise. Other middlewares do not
     read the variable.
