@@ -17,6 +17,7 @@ from uw_visibility.ros.middleware import (
     PROFILES_VARIABLE,
     PUBLICATION_VARIABLE,
     give_memory,
+    scarce_memory,
     send_in_background,
 )
 
@@ -63,3 +64,13 @@ def test_messages_are_sent_in_the_background_unless_the_environment_says_otherwi
     environment = {PUBLICATION_VARIABLE: "SYNCHRONOUS"}
     send_in_background(environment)
     assert environment == {PUBLICATION_VARIABLE: "SYNCHRONOUS"}
+
+
+def test_too_little_memory_for_sockets_is_said_with_its_remedy(tmp_path: Path) -> None:
+    allowed = tmp_path / "rmem_max"
+    assert scarce_memory(allowed) == ""
+    allowed.write_text("212992\n")
+    assert "208 KiB" in scarce_memory(allowed)
+    assert "sysctl -w net.core.rmem_max=" in scarce_memory(allowed)
+    allowed.write_text("4194304\n")
+    assert scarce_memory(allowed) == ""

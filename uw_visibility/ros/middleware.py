@@ -29,6 +29,9 @@ OTHER_VARIABLES = (
 # Read by Fast DDS from the current folder.
 LOCAL_FILE = "DEFAULT_FASTRTPS_PROFILES.xml"
 PROFILES = Path(__file__).with_name("fastdds.xml")
+# What Linux allows the memory of a socket to be, and what a pair of images needs, bytes.
+SOCKET_MEMORY = Path("/proc/sys/net/core/rmem_max")
+ENOUGH = 2 * 640 * 480 * 3
 
 
 def give_memory(environment: MutableMapping[str, str] = os.environ) -> bool:
@@ -66,3 +69,24 @@ def send_in_background(environment: MutableMapping[str, str] = os.environ) -> No
         Of the process.
     """
     environment.setdefault(PUBLICATION_VARIABLE, "ASYNCHRONOUS")
+
+
+def scarce_memory(allowed: Path = SOCKET_MEMORY) -> str:
+    """Return what to do about sockets that have no room for a pair of images, or nothing.
+
+    Parameters
+    ----------
+    allowed : Path
+        File that holds how much memory a socket may have, bytes; absent but on Linux.
+    """
+    try:
+        size = int(allowed.read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        # Another system, or one that hides it: nothing is known to be wrong.
+        return ""
+    if size >= ENOUGH:
+        return ""
+    return (
+        f"a socket may hold {size // 1024} KiB, less than a pair of images, which may come late: "
+        "allow more, such as sysctl -w net.core.rmem_max=4194304"
+    )

@@ -16,7 +16,7 @@ from rclpy.node import Node
 
 from uw_visibility.errors import InputError
 from uw_visibility.ros.memory import keep_freed_memory
-from uw_visibility.ros.middleware import give_memory, send_in_background
+from uw_visibility.ros.middleware import give_memory, scarce_memory, send_in_background
 
 # How long the exit waits for the frame that is being processed, s.
 STOP_TIMEOUT = 0.5
@@ -49,7 +49,7 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: asked.append(number))
     keep_freed_memory()
-    give_memory()
+    receives_by_sockets = give_memory()
     send_in_background()
     try:
         rclpy.init(args=None if arguments is None else list(arguments))
@@ -66,6 +66,9 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
         if isinstance(error, InputError):
             return _refuse(error)
         raise
+    scarcity = scarce_memory() if receives_by_sockets else ""
+    if scarcity:
+        node.get_logger().warning(scarcity)
     if not asked:
         _spin(node)
     if not node.stop(STOP_TIMEOUT):
