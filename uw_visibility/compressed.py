@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
+from uw_visibility.image_colour import JPEG, read_format
 from uw_visibility.messages import ENCODINGS
 
-JPEG, PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
+PNG = b"\x89PNG\r\n\x1a\n"
 JPEG_SCAN, JPEG_END, PNG_END = b"\xff\xda", b"\xff\xd9", b"IEND\xae\x42\x60\x82"
 
 
@@ -47,7 +48,7 @@ def read_compressed(message: Any, name: str = "image") -> tuple[NDArray[Any], st
     InputError
         If the format is another one, or the data are damaged.
     """
-    original, _, compression = (part.strip() for part in str(message.format).partition(";"))
+    original, swapped = read_format(str(message.format))
     data = np.frombuffer(message.data, np.uint8)
     _check_complete(data.tobytes(), message.format, name)
     stored = _decode(data)
@@ -63,8 +64,7 @@ def read_compressed(message: Any, name: str = "image") -> tuple[NDArray[Any], st
             return cv2.cvtColor(stored, ENCODINGS[encoding].to_rgb), ENCODINGS[encoding].output
         return stored, f"mono{bits}"
     order = "rgb" if original.startswith("rgb") else "bgr"
-    # The codec takes its input for BGR; old publishers handed it RGB.
-    if "compressed rgb" in compression:
+    if swapped:
         return np.ascontiguousarray(stored[..., :3]), f"{order}{bits}"
     conversion = cv2.COLOR_BGR2RGB if stored.shape[2] == 3 else cv2.COLOR_BGRA2RGB
     return cv2.cvtColor(stored, conversion), f"{order}{bits}"

@@ -14,6 +14,26 @@ from uw_visibility.colour import Colour, mosaic_colour
 JPEG = b"\xff\xd8\xff"
 
 
+def read_format(kind: str) -> tuple[str, bool]:
+    """Read the format of a ``sensor_msgs/CompressedImage``.
+
+    Parameters
+    ----------
+    kind : str
+        Such as ``rgb8; jpeg compressed bgr8``.
+
+    Returns
+    -------
+    original : str
+        Encoding of the image that was compressed, or the codec where that is all.
+    swapped : bool
+        Whether the codec, which takes its input for BGR, was handed RGB, as by old
+        publishers.
+    """
+    original, _, compression = (part.strip() for part in kind.partition(";"))
+    return original, "compressed rgb" in compression
+
+
 def message_colour(message: Any, pixels: NDArray[Any]) -> Colour | None:
     """Tell what is known of an image's colour beside its pixels.
 
@@ -32,13 +52,12 @@ def message_colour(message: Any, pixels: NDArray[Any]) -> Colour | None:
     if pixels.ndim == 2:
         return None
     kind = str(getattr(message, "format", ""))
-    original, _, compression = kind.partition(";")
+    original, swapped = read_format(kind)
     if kind:
         colour = _jpeg_colour(memoryview(message.data))
         if colour is not None:
-            # Old publishers handed the codec RGB for BGR.
-            return colour.swapped if "compressed rgb" in compression else colour
-    encoding = original.strip() or str(getattr(message, "encoding", ""))
+            return colour.swapped if swapped else colour
+    encoding = original or str(getattr(message, "encoding", ""))
     if encoding.startswith("bayer_"):
         return mosaic_colour(pixels, encoding.removeprefix("bayer_")[:4])
     return None

@@ -169,8 +169,8 @@ def _process(
     if sys.stderr.isatty():
         print("preparing; the first run compiles, for about a minute", file=sys.stderr)
     pipeline = Pipeline(rig, config)
-    # Without this the report's times would be those of the compiler.
     colour = file_colour(path, left)
+    # Without this the report's times would be those of the compiler.
     pipeline.warm_up((left.shape[0], left.shape[1]), left.dtype, compressed=colour is not None)
     return pipeline.process(left, right, match_original=True, colour=colour)
 

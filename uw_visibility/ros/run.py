@@ -17,6 +17,7 @@ from rclpy.node import Node
 from uw_visibility.errors import InputError
 from uw_visibility.ros.memory import keep_freed_memory
 from uw_visibility.ros.middleware import give_memory, scarce_memory, send_in_background
+from uw_visibility.ros.start import SIGNALS
 
 # How long the exit waits for the frame that is being processed, s.
 STOP_TIMEOUT = 0.5
@@ -46,7 +47,7 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
     # rclpy's handlers stop the executor; Python's own would also raise
     # KeyboardInterrupt at a place of its choice.
     asked: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in SIGNALS:
         signal.signal(number, lambda number, _: asked.append(number))
     keep_freed_memory()
     receives_by_sockets = give_memory()
