@@ -7,7 +7,7 @@
 #   make lint          ruff, mypy, import-linter
 #   make bench         speed against OpenCV's StereoSGBM: see bench.json
 #   make test-oldest   the tests with the versions of Ubuntu 24.04 (needs Python 3.12)
-#   make parameters    write config/uw_visibility.yaml anew from config.py
+#   make parameters    write config/uw_visibility.yaml anew from the schema
 #   make clean         remove everything that these made
 #
 # PYTHON=... chooses the interpreter; without it the first of 3.12 and 3.11 that runs.
@@ -64,7 +64,7 @@ bench: venv
 	$(VENV)/bin/python -m benchmarks
 
 parameters: venv
-	$(VENV)/bin/python -m uw_visibility.parameter_file config/uw_visibility.yaml
+	$(VENV)/bin/python -m uw_visibility.config.parameter_file config/uw_visibility.yaml
 
 clean:
 	rm -rf $(VENV) $(VENV_OLDEST) build install log dist demo bench.json *.egg-info

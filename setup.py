@@ -20,8 +20,8 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
         f"{NAME}.data": ["*.csv", "*.txt"],
-        f"{NAME}.replay": ["templates/*.html"],
-        f"{NAME}.ros": ["*.xml"],
+        f"{NAME}.replay.report": ["templates/*.html"],
+        f"{NAME}.ros.transport": ["*.xml"],
     },
     data_files=[
         # What ros2 run, ros2 launch and ament's index look for.

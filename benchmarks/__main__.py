@@ -23,15 +23,15 @@ from numpy.typing import NDArray
 
 from benchmarks import presets
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
+from uw_visibility.compute.threads import Workers
 from uw_visibility.evaluation.baselines import sgbm
 from uw_visibility.evaluation.degrade import load_scene
-from uw_visibility.parallel import Workers
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.simulation.camera import Pose, StereoCamera
 from uw_visibility.simulation.frame import Renderer, Water
 from uw_visibility.simulation.scene import reef
 from uw_visibility.stereo.contrast import EvenContrast
 from uw_visibility.stereo.elas import Matcher
-from uw_visibility.water.optics import clear_water_attenuation, load_response
 
 # Width, height and number of disparities of each case.
 CASES = ((640, 480, 128), (1280, 960, 256))

@@ -26,8 +26,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from benchmarks.stereo_messages import stereo_messages
-from uw_visibility.messages import stamp_to_nanoseconds
-from uw_visibility.ros.factory import message_type
+from uw_visibility.messages.images import stamp_to_nanoseconds
+from uw_visibility.ros.transport.factory import message_type
 
 RATE = 15.0
 PATIENCE = 400.0

@@ -40,10 +40,10 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
 from benchmarks.stereo_messages import stereo_messages
-from uw_visibility.config import NodeConfig
-from uw_visibility.outputs import all_topics
-from uw_visibility.ros.factory import message_type
-from uw_visibility.ros.player import read_stamp
+from uw_visibility.config.schema import NodeConfig
+from uw_visibility.messages.outputs import all_topics
+from uw_visibility.ros.client.player import read_stamp
+from uw_visibility.ros.transport.factory import message_type
 
 START_TIMEOUT = 300.0
 # Memory settles while the first frames are processed, s.

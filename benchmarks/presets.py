@@ -27,11 +27,11 @@ from numpy.typing import NDArray
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.commands.calibration_file import read_rig
-from uw_visibility.config import read_yaml
+from uw_visibility.config.schema import read_yaml
 from uw_visibility.evaluation.degrade import Scene, load_scene
 from uw_visibility.evaluation.metrics import correct_fraction, mean_colour_difference
-from uw_visibility.images import read_image
-from uw_visibility.water.optics import clear_water_attenuation, load_response
+from uw_visibility.images.files import read_image
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.__main__ import load_pair
-from uw_visibility.messages import write_image
-from uw_visibility.ros.factory import make_message
+from uw_visibility.messages.images import write_image
+from uw_visibility.ros.transport.factory import make_message
 
 WIDTH, HEIGHT = 640, 480
 FOCAL, BASELINE = 3740.0 * WIDTH / 1282, 0.160

@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from uw_visibility.config import NodeConfig
-from uw_visibility.depth_sensor import SENSOR_TYPES
-from uw_visibility.outputs import all_topics
+from uw_visibility.config.schema import NodeConfig
+from uw_visibility.messages.depth_sensor import SENSOR_TYPES
+from uw_visibility.messages.outputs import all_topics
 
 FILE = Path(__file__).resolve().parents[1] / "foxglove" / "uw_visibility.json"
 
@@ -77,7 +77,7 @@ def test_other_panels_show_what_they_can(layout: dict[str, Any]) -> None:
 
 def test_plotted_fields_exist_and_have_the_time_that_is_asked_for(layout: dict[str, Any]) -> None:
     pytest.importorskip("rclpy", reason="ROS is not installed")
-    from uw_visibility.ros.factory import message_type
+    from uw_visibility.ros.transport.factory import message_type
 
     paths = [
         path for name, config in layout["configById"].items() if name.startswith("Plot!")

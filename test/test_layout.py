@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.config import NodeConfig
-from uw_visibility.outputs import all_topics
+from uw_visibility.config.schema import NodeConfig
+from uw_visibility.messages.outputs import all_topics
 
 FILE = Path(__file__).resolve().parents[1] / "foxglove" / "uw_visibility.json"
 INPUTS = {"left/image_rect", "left/camera_info", "depth_sensor"}

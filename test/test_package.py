@@ -65,10 +65,10 @@ PIP_NAMES = {
     "yaml": "PyYAML",
 }
 CORE = (
-    "config", "enhancement", "errors", "parallel", "parameters", "pipeline", "plausibility",
+    "compute", "config", "enhancement", "errors", "images", "optics", "pipeline", "plausibility",
     "status", "stereo", "water",
 )
-CORE_MAY_IMPORT = {"cv2", "llvmlite", "numba", "numpy", "scipy", "yaml"}
+CORE_MAY_IMPORT = {"PIL", "cv2", "llvmlite", "numba", "numpy", "scipy", "yaml"}
 
 PURE = """
 import sys

@@ -10,8 +10,8 @@ import sys
 import pytest
 
 import uw_visibility
-from uw_visibility.config import PipelineConfig
-from uw_visibility.parameters import describe
+from uw_visibility.config.parameters import describe
+from uw_visibility.config.schema import PipelineConfig
 
 
 def imported_by(statement: str) -> set[str]:

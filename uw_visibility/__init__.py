@@ -8,17 +8,17 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from uw_visibility.config import PipelineConfig
-    from uw_visibility.pipeline import Pipeline
-    from uw_visibility.result import FrameResult
+    from uw_visibility.config.schema import PipelineConfig
+    from uw_visibility.pipeline.pipeline import Pipeline
+    from uw_visibility.pipeline.result import FrameResult
     from uw_visibility.stereo.rig import StereoRig
 
 __all__ = ["FrameResult", "Pipeline", "PipelineConfig", "StereoRig"]
 
 _HOMES = {
-    "FrameResult": "result",
-    "Pipeline": "pipeline",
-    "PipelineConfig": "config",
+    "FrameResult": "pipeline.result",
+    "Pipeline": "pipeline.pipeline",
+    "PipelineConfig": "config.schema",
     "StereoRig": "stereo.rig",
 }
 

@@ -18,8 +18,8 @@ import sys
 import numpy as np
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.cli import main
-from uw_visibility.kernel_cache import counts
-from uw_visibility.stages import warm_up_pair
+from uw_visibility.compute.jit import counts
+from uw_visibility.pipeline.second_step import warm_up_pair
 
 assert main(["warmup", "--size", "160x120"]) == 0
 known = counts.loaded + counts.compiled

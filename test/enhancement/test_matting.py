@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from uw_visibility.config import EnhancementConfig
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.guided_filter import GuidedFilter
 from uw_visibility.enhancement.matting import Matting
 from uw_visibility.enhancement.matting_laplacian import conjugate_gradient, laplacian
 from uw_visibility.errors import InputError
-from uw_visibility.parallel import Workers
 
 SHAPE = (96, 130)
 METHODS = ("guided", "laplacian")

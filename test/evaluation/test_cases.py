@@ -15,7 +15,7 @@ import pytest
 from uw_visibility import PipelineConfig
 from uw_visibility.evaluation.cases import READINGS, Case, evaluate_case
 from uw_visibility.evaluation.experiments import Evaluation, Plan
-from uw_visibility.evaluation.figures import write_figures
+from uw_visibility.evaluation.figures.write import write_figures
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.summary import summarise
 from uw_visibility.evaluation.tables import write_tables

@@ -5,17 +5,17 @@
 import numpy as np
 import pytest
 
-from uw_visibility.config import PipelineConfig
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.degrade import fill_from_background
 from uw_visibility.evaluation.depth_edges import MAPS, edge_errors
 from uw_visibility.evaluation.metrics import correct_fraction
 from uw_visibility.evaluation.oracle_matching import match_with_truth
 from uw_visibility.evaluation.readings import Truth
 from uw_visibility.evaluation.rendered_scenes import render_scene
-from uw_visibility.pipeline import Pipeline
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.optics import clear_water_attenuation, load_response
 
 ALPHA, DEPTH = 0.3, 2.0
 CLEAR_WATER = clear_water_attenuation(load_response("nikon_d5100"))

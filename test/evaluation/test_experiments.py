@@ -24,7 +24,7 @@ from uw_visibility.evaluation.baselines import semi_global_matching
 from uw_visibility.evaluation.degrade import load_scene
 from uw_visibility.evaluation.experiments import Plan
 from uw_visibility.evaluation.scenes import SceneSource
-from uw_visibility.water.optics import clear_water_attenuation, load_response
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 
 KAPPA = clear_water_attenuation(load_response("nikon_d5100"))
 ALPHA, DEPTH = 0.2, 2.0

@@ -19,7 +19,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from uw_visibility.cli import main
-from uw_visibility.replay.reader import BagReader
+from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.table import read_rows
 
 FRAMES, DIVE_FRAMES = 6, 12

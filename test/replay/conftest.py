@@ -49,7 +49,9 @@ def plain_report(monkeypatch: pytest.MonkeyPatch) -> None:
     Results that all tests share, `replayed` and `hard_replayed`, are made before and have
     it, and test_report draws it.
     """
-    monkeypatch.setattr("uw_visibility.replay.report.draw_series", lambda columns: "<p>-</p>")
+    monkeypatch.setattr(
+        "uw_visibility.replay.report.report.draw_series", lambda columns: "<p>-</p>"
+    )
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.demonstration.node_process import COMMAND, NodeProcess
+from uw_visibility.commands.demonstration.node_process import COMMAND, NodeProcess
 from uw_visibility.replay.bags.storage import Recorded
 
 # The first start compiles every kernel.
@@ -34,7 +34,7 @@ class NodeRun:
     ) -> None:
         from rclpy.qos import QoSProfile
 
-        from uw_visibility.ros.factory import message_type
+        from uw_visibility.ros.transport.factory import message_type
 
         self.process = process
         self.received: dict[str, list[bytes]] = {topic: [] for topic in outputs}

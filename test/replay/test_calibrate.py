@@ -15,12 +15,12 @@ import yaml
 from bag_copies import DARK, DIVE_FRAMES, Edit, Message, copy_bag, run, shortened
 
 from uw_visibility.cli import main
-from uw_visibility.config import PipelineConfig
-from uw_visibility.parameters import read_yaml
+from uw_visibility.config.parameters import read_yaml
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.optics.spectra import load_response
 from uw_visibility.replay.work import Recording
 from uw_visibility.water.depth import diffuse_attenuation
 from uw_visibility.water.expectations import NOTHING_EXPECTED
-from uw_visibility.water.optics import load_response
 
 RESPONSE = load_response("nikon_d5100")
 WHITE = np.array([1.0, 0.7, 0.6])

@@ -13,7 +13,7 @@ import yaml
 from bag_copies import FRAMES, Message, compressed, copy_bag, copy_bag_ros1, run
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-from uw_visibility.replay.reader import BagReader
+from uw_visibility.replay.bags.reader import BagReader
 
 SQLITE = StoragePlugin.SQLITE3
 

@@ -20,10 +20,10 @@ pytest.importorskip("rclpy", reason="ROS is not installed")
 from node_run import run_node
 from rosbags.typesys import Stores, get_typestore
 
-from uw_visibility.config import NodeConfig
-from uw_visibility.outputs import all_topics
-from uw_visibility.replay.reader import BagReader
-from uw_visibility.replay.results import NIS_TOPIC, NIS_TYPE
+from uw_visibility.config.schema import NodeConfig
+from uw_visibility.messages.outputs import all_topics
+from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.results.mcap import NIS_TOPIC, NIS_TYPE
 from uw_visibility.replay.table import FAILED
 from uw_visibility.simulation.bag import TOPICS as RECORDED
 

@@ -27,13 +27,13 @@ from rosbags.typesys import Stores, get_typestore
 
 from uw_visibility import replay
 from uw_visibility.cli import main
-from uw_visibility.config import NodeConfig, PipelineConfig
+from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
-from uw_visibility.frames import StereoFrame
-from uw_visibility.messages import stamp_to_nanoseconds, typestore_factory
-from uw_visibility.outputs import all_topics
-from uw_visibility.processor import FrameProcessor
-from uw_visibility.replay.reader import BagReader
+from uw_visibility.messages.frames import StereoFrame
+from uw_visibility.messages.images import stamp_to_nanoseconds, typestore_factory
+from uw_visibility.messages.outputs import all_topics
+from uw_visibility.messages.processor import FrameProcessor
+from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.table import COLUMNS, read_rows
 from uw_visibility.water.tracking import WaterTracker
 

@@ -12,7 +12,7 @@ import pytest
 from bag_copies import FRAMES, Message, copy_bag, run
 
 from uw_visibility.cli import main
-from uw_visibility.replay.reader import BagReader
+from uw_visibility.replay.bags.reader import BagReader
 
 
 def test_the_list_shows_what_would_be_used(

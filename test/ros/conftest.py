@@ -23,10 +23,10 @@ import cv2
 import numpy as np
 import pytest
 
-from uw_visibility.config import NodeConfig
-from uw_visibility.messages import stamp_to_nanoseconds
-from uw_visibility.outputs import all_topics
-from uw_visibility.water.light_model import attenuate
+from uw_visibility.config.schema import NodeConfig
+from uw_visibility.messages.images import stamp_to_nanoseconds
+from uw_visibility.messages.outputs import all_topics
+from uw_visibility.optics.light_model import attenuate
 
 # Set by the conftest above, for this process and the nodes alike.
 DOMAIN = int(os.environ["ROS_DOMAIN_ID"])
@@ -152,7 +152,7 @@ class Client:
         from rclpy.qos import QoSProfile
         from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-        from uw_visibility.ros.factory import message_type
+        from uw_visibility.ros.transport.factory import message_type
 
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=DOMAIN)

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from uw_visibility.errors import InputError
-from uw_visibility.frames import StereoFrame
-from uw_visibility.outputs import TOPICS
-from uw_visibility.result import FrameResult
+from uw_visibility.messages.frames import StereoFrame
+from uw_visibility.messages.outputs import TOPICS
+from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
 

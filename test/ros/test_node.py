@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uw_visibility.messages import read_image
-from uw_visibility.outputs import TOPICS
+from uw_visibility.messages.images import read_image
+from uw_visibility.messages.outputs import TOPICS
 
 STAMPED = [topic for topic, name in TOPICS.items() if name != "std_msgs/msg/Float64"]
 IMAGES = [topic for topic in STAMPED if not topic.startswith("visibility/")]

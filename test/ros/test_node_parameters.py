@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from uw_visibility.config import NodeConfig, PipelineConfig
-from uw_visibility.parameters import describe
+from uw_visibility.config.parameters import describe
+from uw_visibility.config.schema import NodeConfig, PipelineConfig
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from uw_visibility.cli import main
-from uw_visibility.messages import read_image, stamp_to_nanoseconds
+from uw_visibility.messages.images import read_image, stamp_to_nanoseconds
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.transect import Transect
 from uw_visibility.stereo.rig import StereoRig
 
 pytest.importorskip("rosbags")
 
-from uw_visibility.replay.reader import BagReader
+from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.simulation.bag import START, TOPICS, write_transect
 
 TRANSECT = Transect(

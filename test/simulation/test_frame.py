@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
+from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
-from uw_visibility.parallel import Workers
 from uw_visibility.simulation.camera import NOISELESS, Pose, StereoCamera
 from uw_visibility.simulation.frame import Effects, RenderedFrame, Renderer, Water
 from uw_visibility.simulation.scene import Scene, flat_floor, reef

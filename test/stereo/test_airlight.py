@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uw_visibility.config import PipelineConfig
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.degrade import load_scene
 from uw_visibility.evaluation.metrics import correct_fraction
-from uw_visibility.parallel import Workers
-from uw_visibility.pipeline import Pipeline
+from uw_visibility.optics.light_model import attenuate
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility.optics.transfer import from_linear
+from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.status import Status
 from uw_visibility.stereo.airlight import Airlight
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimation import WaterEstimate
-from uw_visibility.water.light_model import attenuate
-from uw_visibility.water.optics import clear_water_attenuation, load_response
-from uw_visibility.water.transfer import from_linear
 
 SHAPE = (80, 120)
 RIG = StereoRig(600.0, 0.1, (59.5, 39.5))

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from uw_visibility.parallel import Workers
+from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.contrast import EvenContrast
 
 ATTENUATION = np.array([0.5, 0.3, 0.2])

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
-from uw_visibility.parallel import Workers
 from uw_visibility.stereo.interpolation import (
     GapFiller,
     dominant_plane,

@@ -5,8 +5,8 @@
 import numpy as np
 import pytest
 
+from uw_visibility.optics.transfer import from_linear
 from uw_visibility.stereo.radiometry import right_gain
-from uw_visibility.water.transfer import from_linear
 
 GAIN = np.array([1.3, 0.8, 1.05])
 

@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from uw_visibility.parallel import Workers
+from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.views import in_right_view
 
 NAN = np.float32(np.nan)

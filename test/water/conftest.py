@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from uw_visibility.water.light_model import ambient_light_at_depth, attenuate
+from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
 
 KAPPA = np.array([0.22776, 0.06641, 0.02455])
 

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uw_visibility.config import AssessmentConfig
+from uw_visibility.config.schema import AssessmentConfig
+from uw_visibility.optics.light_model import ambient_light_at_depth
+from uw_visibility.optics.spectra import load_response
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.estimation import WaterEstimate
-from uw_visibility.water.light_model import ambient_light_at_depth
-from uw_visibility.water.optics import load_response
 
 ASSESSOR = Assessor(AssessmentConfig(), load_response("nikon_d5100"))
 KAPPA = ASSESSOR.clear_water_attenuation

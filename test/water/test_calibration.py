@@ -5,15 +5,15 @@
 import numpy as np
 import pytest
 
-from uw_visibility.config import PipelineConfig
+from uw_visibility.config.parameter_file import render_values
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
-from uw_visibility.parameter_file import render_values
+from uw_visibility.optics.spectra import load_response
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.calibration import calibrate
 from uw_visibility.water.depth import diffuse_attenuation
 from uw_visibility.water.estimation import WaterEstimate
-from uw_visibility.water.optics import load_response
 
 RESPONSE = load_response("nikon_d5100")
 WHITE = np.array([1.7, 1.0, 0.8])

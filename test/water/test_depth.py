@@ -7,20 +7,20 @@ import math
 import numpy as np
 import pytest
 
-from uw_visibility.config import AssessmentConfig
+from uw_visibility.config.parameters import describe
+from uw_visibility.config.schema import AssessmentConfig
 from uw_visibility.errors import InputError
-from uw_visibility.parameters import describe
-from uw_visibility.status import Status
-from uw_visibility.water.assessment import Assessor
-from uw_visibility.water.depth import CLEAR, ESTIMATED, DepthModel, diffuse_attenuation
-from uw_visibility.water.estimation import WaterEstimate
-from uw_visibility.water.optics import (
+from uw_visibility.optics.spectra import (
     clear_water_attenuation,
     load_response,
     water_type_attenuation,
     water_type_diffuse_attenuation,
     water_types,
 )
+from uw_visibility.status import Status
+from uw_visibility.water.assessment import Assessor
+from uw_visibility.water.depth import CLEAR, ESTIMATED, DepthModel, diffuse_attenuation
+from uw_visibility.water.estimation import WaterEstimate
 
 RESPONSE = load_response("nikon_d5100")
 KAPPA = clear_water_attenuation(RESPONSE)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from uw_visibility.config import WaterConfig
+from uw_visibility.config.schema import WaterConfig
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.degrade import load_scene
 from uw_visibility.status import Status
@@ -337,3 +337,17 @@ def test_interpolated_ranges_are_trusted_less(make_view):
     fine = estimator().estimate(image, view.range)
     errors = [np.abs(found.attenuation - view.attenuation).max() for found in (coarse, fine)]
     assert errors[0] < 0.5 * errors[1]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_estimate_survives_noise_and_marine_snow(make_view, seed):
+    view = make_view(alpha=0.15, seed=seed)
+    rng = np.random.default_rng(seed)
+    noisy = 255 * view.irradiance + rng.normal(0, 1.5, view.irradiance.shape)
+    seeds = (rng.random(view.range.shape) < 0.0025).astype(np.uint8)
+    flakes = cv2.dilate(seeds, np.ones((2, 2))) > 0
+    noisy[flakes] += 60
+    image = np.clip(noisy + 0.5, 0, 255).astype(np.uint8)
+    found = WaterEstimator(WaterConfig(), KAPPA).estimate(image, view.range)
+    assert found.status is Status.OK
+    assert abs(np.mean(found.attenuation - view.attenuation)) < 0.02

@@ -8,13 +8,13 @@ import math
 import numpy as np
 import pytest
 
-from uw_visibility.config import AssessmentConfig, TrackingConfig
+from uw_visibility.config.schema import AssessmentConfig, TrackingConfig
 from uw_visibility.errors import InputError
+from uw_visibility.optics.light_model import ambient_light_at_depth
+from uw_visibility.optics.spectra import load_response
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.estimation import WaterEstimate
-from uw_visibility.water.light_model import ambient_light_at_depth
-from uw_visibility.water.optics import load_response
 from uw_visibility.water.tracking import TrackingEvent, WaterTracker
 
 ASSESSOR = Assessor(AssessmentConfig(), load_response("nikon_d5100"))

@@ -97,7 +97,7 @@ def _check_target(path: Path | None, force: bool) -> None:
 
 def _parameter_file(arguments: argparse.Namespace, found: Calibration) -> str:
     from uw_visibility.commands.params_file import read_params_file
-    from uw_visibility.parameter_file import render_values
+    from uw_visibility.config.parameter_file import render_values
 
     low, high = found.depth_range
     names = ", ".join(bag.resolve().name for bag in arguments.bags)

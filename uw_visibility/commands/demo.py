@@ -86,9 +86,9 @@ def run(arguments: argparse.Namespace) -> None:
 def _load() -> tuple[Any, Any]:
     """Import what needs ROS, recordings and figures."""
     try:
-        from uw_visibility.demonstration.node_process import NodeDied
-        from uw_visibility.demonstration.run import demonstrate
-        from uw_visibility.ros import link  # noqa: F401
+        from uw_visibility.commands.demonstration.node_process import NodeDied
+        from uw_visibility.commands.demonstration.run import demonstrate
+        from uw_visibility.ros.client import link  # noqa: F401
     except ImportError as error:
         raise InputError(
             f"the demo needs {error.name}: install the extras ros and report, "

@@ -16,8 +16,8 @@ from uw_visibility.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from uw_visibility.config import PipelineConfig
-    from uw_visibility.pipeline import FrameResult
+    from uw_visibility.config.schema import PipelineConfig
+    from uw_visibility.pipeline.pipeline import FrameResult
     from uw_visibility.stereo.rig import StereoRig
 
 DESCRIPTION = """\
@@ -98,7 +98,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _read_config(path: Path | None, max_disparity: int | None) -> PipelineConfig:
     from uw_visibility.commands.params_file import read_params_file
-    from uw_visibility.config import PipelineConfig
+    from uw_visibility.config.schema import PipelineConfig
 
     values = read_params_file(path)
     if max_disparity is None:
@@ -110,7 +110,7 @@ def _read_config(path: Path | None, max_disparity: int | None) -> PipelineConfig
 
 
 def _read_pair(left_path: Path, right_path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
-    from uw_visibility.images import read_image
+    from uw_visibility.images.files import read_image
 
     left, right = read_image(left_path), read_image(right_path)
     for what, a, b in (
@@ -161,9 +161,9 @@ def _process(
     rig: StereoRig, config: PipelineConfig, left: NDArray[Any], right: NDArray[Any], path: Path
 ) -> FrameResult:
     # Compiled modules load slowly; what is refused before needs none of them.
-    from uw_visibility.image_colour import file_colour
-    from uw_visibility.pair import check_pair
-    from uw_visibility.pipeline import Pipeline
+    from uw_visibility.images.pair import check_pair
+    from uw_visibility.messages.chroma import file_colour
+    from uw_visibility.pipeline.pipeline import Pipeline
 
     check_pair(left, right)
     if sys.stderr.isatty():
@@ -189,7 +189,7 @@ def _write(folder: Path, result: FrameResult) -> None:
     import numpy as np
 
     from uw_visibility.commands.frame_report import frame_report
-    from uw_visibility.images import write_pfm, write_png
+    from uw_visibility.images.files import write_pfm, write_png
 
     write_png(folder / "left_enhanced.png", result.left_enhanced)
     write_png(folder / "right_enhanced.png", result.right_enhanced)

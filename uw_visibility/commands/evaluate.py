@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from uw_visibility.errors import InputError
 
 if TYPE_CHECKING:
-    from uw_visibility.config import PipelineConfig
+    from uw_visibility.config.schema import PipelineConfig
     from uw_visibility.evaluation.experiments import Plan
 
 DESCRIPTION = """\
@@ -116,12 +116,12 @@ def run(arguments: argparse.Namespace) -> None:
     # Compiled modules load slowly; what is refused before needs none of them.
     plan = _plan(arguments)
     _check_figures()
+    from uw_visibility.commands.progress import progress_bar
     from uw_visibility.evaluation.experiments import evaluate
-    from uw_visibility.evaluation.figures import write_figures
+    from uw_visibility.evaluation.figures.write import write_figures
     from uw_visibility.evaluation.summary import summarise
     from uw_visibility.evaluation.tables import write_tables
     from uw_visibility.evaluation.terminal import as_text
-    from uw_visibility.progress import progress_bar
 
     evaluation = evaluate(
         plan, arguments.jobs, lambda done, total: progress_bar(done, "evaluate", total)
@@ -160,7 +160,7 @@ def _plan(arguments: argparse.Namespace) -> Plan:
 
 def _read_config(path: Path | None) -> PipelineConfig:
     from uw_visibility.commands.params_file import read_params_file
-    from uw_visibility.config import PipelineConfig
+    from uw_visibility.config.schema import PipelineConfig
 
     config = PipelineConfig.from_parameters(read_params_file(path))
     if config.camera.transfer != "linear":

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from uw_visibility.status import Status
 
 if TYPE_CHECKING:
-    from uw_visibility.pipeline import FrameResult
+    from uw_visibility.pipeline.pipeline import FrameResult
 
 
 def frame_report(result: FrameResult) -> dict[str, Any]:

@@ -29,7 +29,7 @@ def read_params_file(path: Path | None) -> dict[str, Any]:
         If the file cannot be read, or a parameter is unknown or not allowed;
         names the file.
     """
-    from uw_visibility.config import NodeConfig, PipelineConfig, read_yaml
+    from uw_visibility.config.schema import NodeConfig, PipelineConfig, read_yaml
 
     values: dict[str, Any] = {} if path is None else read_yaml(path)
     try:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from uw_visibility.errors import InputError
 
 if TYPE_CHECKING:
-    from uw_visibility.replay.options import ReplayOptions
+    from uw_visibility.replay.inputs.options import ReplayOptions
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
@@ -51,9 +51,9 @@ def read_recording_options(arguments: argparse.Namespace) -> ReplayOptions:
     """
     from uw_visibility.commands.calibration_file import read_camera_infos
     from uw_visibility.commands.params_file import read_params_file
-    from uw_visibility.config import NodeConfig, PipelineConfig
-    from uw_visibility.replay.options import ReplayOptions
-    from uw_visibility.replay.topics import Wanted
+    from uw_visibility.config.schema import NodeConfig, PipelineConfig
+    from uw_visibility.replay.inputs.options import ReplayOptions
+    from uw_visibility.replay.inputs.topics import Wanted
 
     values = read_params_file(arguments.params_file)
     pipeline, node = PipelineConfig.from_parameters(values), NodeConfig.from_parameters(values)
@@ -86,7 +86,7 @@ def reading(command: str) -> Iterator[None]:
         With code 1 where nothing of a recording could be read.
     """
     try:
-        from uw_visibility.replay.reader import UnreadableError
+        from uw_visibility.replay.bags.reader import UnreadableError
     except ImportError as error:
         raise InputError(
             f"{command} needs {error.name}: install the extra report, "

@@ -19,8 +19,8 @@ from uw_visibility.commands.recording_options import (
 from uw_visibility.errors import InputError
 
 if TYPE_CHECKING:
-    from uw_visibility.replay.options import ReplayOptions
-    from uw_visibility.replay.summary import Summary
+    from uw_visibility.replay.inputs.options import ReplayOptions
+    from uw_visibility.replay.results.summary import Summary
 
 DESCRIPTION = """\
 Turn recorded bags into what the node would have published, a table and a report.
@@ -138,7 +138,7 @@ def _replay(
         from uw_visibility.replay.cluster import replay_on_cluster
 
         return replay_on_cluster(arguments.scheduler, targets, options, **flags)
-    from uw_visibility.progress import tell
+    from uw_visibility.commands.progress import tell
     from uw_visibility.replay.batch import replay_bags
 
     tell("preparing; the first run compiles, for about a minute")
@@ -165,7 +165,7 @@ def _targets(bags: list[Path], output: Path | None) -> dict[Path, Path]:
 
 def _list_all(bags: list[Path], options: ReplayOptions) -> None:
     """Show recordings; of several, one that cannot be read holds up no other."""
-    from uw_visibility.replay.reader import UnreadableError
+    from uw_visibility.replay.bags.reader import UnreadableError
 
     unread = 0
     for bag in bags:
@@ -179,8 +179,8 @@ def _list_all(bags: list[Path], options: ReplayOptions) -> None:
 
 
 def _list(bag: Path, options: ReplayOptions) -> None:
-    from uw_visibility.replay.reader import BagReader
-    from uw_visibility.replay.topics import find_topics
+    from uw_visibility.replay.bags.reader import BagReader
+    from uw_visibility.replay.inputs.topics import find_topics
 
     with BagReader(bag) as reader:
         span = reader.span
@@ -211,7 +211,7 @@ def _list(bag: Path, options: ReplayOptions) -> None:
 
 
 def _tell_partial(targets: dict[Path, Path]) -> None:
-    from uw_visibility.replay.folder import partial_of, read_state
+    from uw_visibility.replay.results.folder import partial_of, read_state
 
     for target in targets.values():
         partial = partial_of(target)
@@ -223,7 +223,7 @@ def _tell_partial(targets: dict[Path, Path]) -> None:
 
 
 def _tell(summary: Summary) -> None:
-    from uw_visibility.replay.refusals import WHOLE_FRAME
+    from uw_visibility.replay.results.refusals import WHOLE_FRAME
 
     if summary.error:
         print(f"uw_visibility: {summary.error}", file=sys.stderr)

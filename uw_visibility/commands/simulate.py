@@ -79,8 +79,8 @@ def run(arguments: argparse.Namespace) -> None:
     InputError
         If an option cannot be used or the bag exists already.
     """
-    from uw_visibility.parallel import Workers
-    from uw_visibility.progress import progress_bar
+    from uw_visibility.commands.progress import progress_bar
+    from uw_visibility.compute.threads import Workers
     from uw_visibility.simulation.bag import write_transect
     from uw_visibility.simulation.camera import NOISELESS, Sensor, StereoCamera
     from uw_visibility.simulation.frame import Effects

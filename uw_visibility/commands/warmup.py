@@ -50,14 +50,14 @@ def run(arguments: argparse.Namespace) -> None:
         If the parameters cannot be used, or the size is too small.
     """
     from uw_visibility.commands.params_file import read_params_file
-    from uw_visibility.config import PipelineConfig
-    from uw_visibility.progress import tell
+    from uw_visibility.commands.progress import tell
+    from uw_visibility.config.schema import PipelineConfig
 
     config = PipelineConfig.from_parameters(read_params_file(arguments.params_file))
     begin = time.monotonic()
     # Compiled modules load slowly; what is refused before needs none of them.
     from uw_visibility import Pipeline, StereoRig, output_kernels
-    from uw_visibility.kernel_cache import counts, writable_folder
+    from uw_visibility.compute.jit import counts, writable_folder
 
     width, height = arguments.size
     pipeline = Pipeline(StereoRig(500.0, 0.1, ((width - 1) / 2, (height - 1) / 2)), config)

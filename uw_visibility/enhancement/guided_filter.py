@@ -15,8 +15,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.threads import Workers
 from uw_visibility.enhancement import guided_kernels as kernels
-from uw_visibility.parallel import Workers
 
 # Pixels of the image per cell of the finest grid, in either direction.
 CELL = 4

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from uw_visibility.kernel_cache import njit
+from uw_visibility.compute.jit import njit
 
 # Weight of what the next coarser scale says. It keeps sums that divide away
 # from zero where there are no data, and is negligible beside data.

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.config import EnhancementConfig
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.guided_filter import GuidedFilter
 from uw_visibility.enhancement.matting_laplacian import solve_matting
 from uw_visibility.errors import InputError
-from uw_visibility.parallel import Workers
 
 
 @dataclass(frozen=True)

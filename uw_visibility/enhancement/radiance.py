@@ -6,27 +6,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uw_visibility.config import EnhancementConfig
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement import radiance_kernels as kernels
 from uw_visibility.errors import InputError
-from uw_visibility.parallel import Workers
-from uw_visibility.water.noise import ROUNDING_VARIANCE, noise_stddev
-from uw_visibility.water.transfer import encode_table, linear_table, to_linear
-
-
-class Water(Protocol):
-    """What of a `WaterEstimate` restoration needs: one value a channel, NaN = not assessable."""
-
-    @property
-    def attenuation(self) -> NDArray[np.float64]: ...
-
-    @property
-    def ambient_light(self) -> NDArray[np.float64]: ...
+from uw_visibility.images.noise import ROUNDING_VARIANCE, noise_stddev
+from uw_visibility.optics.light_model import Water
+from uw_visibility.optics.transfer import encode_table, linear_table, to_linear
 
 # Attenuation, 1/m, below which no range brings a channel to its limit.
 _LEAST_ATTENUATION = 1e-9

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from uw_visibility.kernel_cache import njit
+from uw_visibility.compute.jit import njit
 
 
 @njit(nogil=True, error_model="numpy")

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.config import PipelineConfig
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.radiance import recover_radiance
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation import baselines, metrics
@@ -27,13 +27,13 @@ from uw_visibility.evaluation.first_step import first_enhancement
 from uw_visibility.evaluation.oracle_matching import match_with_truth
 from uw_visibility.evaluation.readings import Reading, Truth, flat
 from uw_visibility.evaluation.scenes import SceneSource, search_limit, tolerance
-from uw_visibility.pipeline import Pipeline
-from uw_visibility.result import FrameResult
+from uw_visibility.optics.spectra import load_response
+from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
 from uw_visibility.water.observations import Envelopes
-from uw_visibility.water.optics import load_response
 
 Image = NDArray[np.uint8]
 Map = NDArray[np.float32]

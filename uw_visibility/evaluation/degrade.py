@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.errors import InputError
-from uw_visibility.water.light_model import ambient_light_at_depth, attenuate
+from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
 
 # Middlebury 2005 and 2006 (Scharstein and Pal, doi 10.1109/CVPR.2007.383191):
 # https://vision.middlebury.edu/stereo/data/scenes2006

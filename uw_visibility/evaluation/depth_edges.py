@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.config import PipelineConfig
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.matting import Matting
 from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.evaluation.degrade import Scene, fill_from_background
 from uw_visibility.evaluation.metrics import colour_difference, halo
-from uw_visibility.parallel import Workers
-from uw_visibility.result import FrameResult
-from uw_visibility.stages import Stages
+from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.pipeline.second_step import Stages
 from uw_visibility.stereo.interpolation import inpaint
 from uw_visibility.stereo.rig import StereoRig
 

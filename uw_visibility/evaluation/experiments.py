@@ -19,7 +19,7 @@ from typing import Any
 
 import cv2
 
-from uw_visibility.config import PipelineConfig
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.cases import Case, CaseResult, evaluate_case
 from uw_visibility.evaluation.scenes import SceneSource

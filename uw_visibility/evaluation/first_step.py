@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.threads import Workers
 from uw_visibility.enhancement.radiance import Restorer
-from uw_visibility.parallel import Workers
-from uw_visibility.pipeline import Pipeline
+from uw_visibility.pipeline.pipeline import Pipeline
 
 
 def first_enhancement(

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uw_visibility.water.transfer import to_linear
+from uw_visibility.optics.transfer import to_linear
 
 # Linear sRGB to CIE XYZ under D65, IEC 61966-2-1.
 XYZ_OF_RGB = np.array(

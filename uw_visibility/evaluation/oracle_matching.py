@@ -7,10 +7,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.config import PipelineConfig
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.readings import Truth
-from uw_visibility.parallel import Workers
-from uw_visibility.stages import Stages
+from uw_visibility.pipeline.second_step import Stages
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimation import WaterEstimate

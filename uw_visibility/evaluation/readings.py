@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uw_visibility.optics.light_model import ambient_light_at_depth
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimation import WaterEstimate
-from uw_visibility.water.light_model import ambient_light_at_depth
 
 CHANNELS = ("red", "green", "blue")
 Triple = tuple[float, float, float]

@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.threads import Workers
 from uw_visibility.evaluation.degrade import Scene
-from uw_visibility.parallel import Workers
 from uw_visibility.simulation.camera import NOISELESS, Pose, StereoCamera
 from uw_visibility.simulation.frame import Renderer, Water
 from uw_visibility.simulation.scene import reef

@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from uw_visibility.config import PipelineConfig
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.readings import Reading, Truth, flat
-from uw_visibility.parallel import Workers
-from uw_visibility.pipeline import Pipeline
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.frame import RESPONSE, Effects, RenderedFrame
 from uw_visibility.simulation.transect import Transect
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.estimation import WaterEstimator
-from uw_visibility.water.optics import clear_water_attenuation, load_response
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ from pathlib import Path
 
 from uw_visibility.errors import InputError
 from uw_visibility.replay.bags.layout import find_files
-from uw_visibility.replay.folder import check_target, read_state
-from uw_visibility.replay.options import ReplayOptions
+from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.pool import FramePool
-from uw_visibility.replay.provenance import Origin
+from uw_visibility.replay.results.folder import check_target, read_state
+from uw_visibility.replay.results.provenance import Origin
+from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.runner import replay_bag
-from uw_visibility.replay.summary import Summary
 
 
 def replay_bags(

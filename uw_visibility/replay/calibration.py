@@ -13,17 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
-from uw_visibility.replay.joining import Joiner
-from uw_visibility.replay.options import ReplayOptions
+from uw_visibility.optics.spectra import load_response
+from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.inputs.options import ReplayOptions
+from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
 from uw_visibility.replay.pool import FramePool
 from uw_visibility.replay.progress import Progress
-from uw_visibility.replay.reader import BagReader
-from uw_visibility.replay.stream import InputStream, RecordedFrame
+from uw_visibility.replay.results.joining import Joiner
 from uw_visibility.replay.work import FrameAnswer, FrameTask, Recording
 from uw_visibility.water.calibration import Calibration, calibrate
 from uw_visibility.water.estimation import WaterEstimate
 from uw_visibility.water.expectations import NOTHING_EXPECTED
-from uw_visibility.water.optics import load_response
 
 # Over less, water above and the camera's white look the same: light that is
 # greener may have come through more of a greener water, or to a greener camera.

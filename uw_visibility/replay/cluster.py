@@ -11,9 +11,9 @@ from typing import Any, cast
 
 from uw_visibility.errors import InputError
 from uw_visibility.replay.batch import replay_bags, settle
-from uw_visibility.replay.options import ReplayOptions
+from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.progress import Progress
-from uw_visibility.replay.summary import Summary
+from uw_visibility.replay.results.summary import Summary
 
 # A scheduler answers at once, or is not there.
 TIMEOUT = "10s"

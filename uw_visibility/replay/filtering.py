@@ -16,18 +16,18 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
 
-from uw_visibility.config import NodeConfig, PipelineConfig
-from uw_visibility.messages import stamp_to_nanoseconds, typestore_factory
-from uw_visibility.output_images import Source
-from uw_visibility.outputs import all_topics, each_message
+from uw_visibility.config.schema import NodeConfig, PipelineConfig
+from uw_visibility.messages.images import stamp_to_nanoseconds
+from uw_visibility.messages.output_images import Source
+from uw_visibility.messages.outputs import all_topics, each_message
+from uw_visibility.optics.spectra import load_response
+from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.replay.bags.types import jazzy_types
 from uw_visibility.replay.table import number
-from uw_visibility.result import FrameResult
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Assessor, Visibility
 from uw_visibility.water.estimation import WaterEstimate
-from uw_visibility.water.optics import load_response
 from uw_visibility.water.tracking import WaterTracker
 
 FOLDER, RAW = "visibility/", "visibility/raw/"
@@ -90,8 +90,7 @@ class FilterStage:
         self._node = node
         self._topics = split_topics(pipeline, node)[1]
         self._types = all_topics(node)
-        self._store = get_typestore(Stores.ROS2_JAZZY)
-        self._make = typestore_factory(self._store.types)
+        self._store, self._make = jazzy_types()
         self._assessor = Assessor(
             pipeline.assessment, load_response(camera.response), camera.white_reference
         )

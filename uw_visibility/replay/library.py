@@ -10,15 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.config import NodeConfig, PipelineConfig
+from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
-from uw_visibility.outputs import all_topics
-from uw_visibility.replay.options import ReplayOptions
-from uw_visibility.replay.reader import BagReader
-from uw_visibility.replay.stream import InputStream, RecordedFrame
-from uw_visibility.replay.topics import Wanted
+from uw_visibility.messages.outputs import all_topics
+from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.inputs.options import ReplayOptions
+from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
+from uw_visibility.replay.inputs.topics import Wanted
 from uw_visibility.replay.work import Recording, RecordingProcessor
-from uw_visibility.result import FrameResult
 
 log = logging.getLogger(__name__)
 

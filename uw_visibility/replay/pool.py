@@ -17,7 +17,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from types import TracebackType
 from typing import TypeVar
 
-from uw_visibility.config import PipelineConfig
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.replay.work import FrameAnswer, FrameTask, answer, warm_up
 
 Other = TypeVar("Other")

@@ -11,19 +11,19 @@ from pathlib import Path
 from typing import Any, Self
 
 from uw_visibility.errors import InputError
+from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.filtering import split_topics
-from uw_visibility.replay.folder import ResultFolder
-from uw_visibility.replay.joining import Joiner
-from uw_visibility.replay.options import ReplayOptions
+from uw_visibility.replay.inputs.options import ReplayOptions
+from uw_visibility.replay.inputs.positions import write_geojson
+from uw_visibility.replay.inputs.stream import Event, InputStream, RecordedFrame
 from uw_visibility.replay.pool import FramePool
-from uw_visibility.replay.positions import write_geojson
 from uw_visibility.replay.progress import Progress
-from uw_visibility.replay.provenance import FileHash, Origin
-from uw_visibility.replay.reader import BagReader
-from uw_visibility.replay.recorder import FrameRecorder
-from uw_visibility.replay.results import EarlierPart
-from uw_visibility.replay.stream import Event, InputStream, RecordedFrame
-from uw_visibility.replay.summary import Summary
+from uw_visibility.replay.results.folder import ResultFolder
+from uw_visibility.replay.results.joining import Joiner
+from uw_visibility.replay.results.mcap import EarlierPart
+from uw_visibility.replay.results.provenance import FileHash, Origin
+from uw_visibility.replay.results.recorder import FrameRecorder
+from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.table import read_rows
 from uw_visibility.replay.work import FrameAnswer, FrameTask, Recording
 
@@ -200,8 +200,8 @@ class _Replay:
         summary.seconds = time.monotonic() - self._begin
 
     def _write_extras(self) -> None:
-        from uw_visibility.replay.gallery import colour_scale, write_pictures
-        from uw_visibility.replay.report import write_report
+        from uw_visibility.replay.report.gallery import colour_scale, write_pictures
+        from uw_visibility.replay.report.report import write_report
 
         work = self._folder.work
         if self._options.geo:

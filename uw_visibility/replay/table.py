@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.depth_series import DepthSample
-from uw_visibility.result import FrameResult
+from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.plausibility.samples import DepthSample
 from uw_visibility.status import Status
 
 FAILED = "unusable"

@@ -11,25 +11,24 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
 
-from uw_visibility import output_kernels
-from uw_visibility.config import NodeConfig, PipelineConfig
+from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
-from uw_visibility.frames import StereoFrame
-from uw_visibility.messages import typestore_factory
-from uw_visibility.outputs import all_topics
-from uw_visibility.pipeline import Pipeline
-from uw_visibility.processor import FrameProcessor
+from uw_visibility.messages import output_kernels
+from uw_visibility.messages.frames import StereoFrame
+from uw_visibility.messages.outputs import all_topics
+from uw_visibility.messages.processor import FrameProcessor
+from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.replay.bags.decoder import Decoder
+from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.bags.storage import Channel, Recorded
-from uw_visibility.replay.decoder import Decoder
+from uw_visibility.replay.bags.types import jazzy_types
 from uw_visibility.replay.filtering import FrameEstimate
-from uw_visibility.replay.options import ReplayOptions
-from uw_visibility.replay.reader import BagReader
-from uw_visibility.replay.stream import RecordedFrame
+from uw_visibility.replay.inputs.options import ReplayOptions
+from uw_visibility.replay.inputs.stream import RecordedFrame
+from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.table import FAILED, result_columns, seconds
-from uw_visibility.replay.topics import Selection
-from uw_visibility.result import FrameResult
 from uw_visibility.stereo.rig import StereoRig
 
 # Kernels are compiled once per type of pixel, not per size or rig.
@@ -139,10 +138,8 @@ class RecordingProcessor:
     def __init__(self, recording: Recording, track: bool = False) -> None:
         self._recording = recording
         self._decoder = Decoder(recording.channels, recording.ros1)
-        self._types = get_typestore(Stores.ROS2_JAZZY)
-        self._processor = FrameProcessor(
-            typestore_factory(self._types.types), recording.node.rectify, track
-        )
+        self._types, make = jazzy_types()
+        self._processor = FrameProcessor(make, recording.node.rectify, track)
         self._types_by_topic = all_topics(recording.node)
 
     def answer(self, frame: RecordedFrame) -> FrameAnswer:

@@ -13,23 +13,23 @@ from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 
-from uw_visibility import output_kernels
+from uw_visibility.compute.jit import counts, writable_folder
+from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.errors import InputError
-from uw_visibility.frames import StereoFrame
-from uw_visibility.kernel_cache import counts, writable_folder
-from uw_visibility.messages import stamp_to_nanoseconds
-from uw_visibility.outputs import all_topics
-from uw_visibility.parallel import number_of_threads
-from uw_visibility.pipeline import Pipeline
-from uw_visibility.processor import FrameProcessor
+from uw_visibility.messages import output_kernels
+from uw_visibility.messages.frames import StereoFrame
+from uw_visibility.messages.images import stamp_to_nanoseconds
+from uw_visibility.messages.outputs import all_topics
+from uw_visibility.messages.processor import FrameProcessor
+from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.ros.depth_check import DepthCheck
-from uw_visibility.ros.diagnostics import WARN, DiagnosticsPublisher, Finding
-from uw_visibility.ros.factory import make_message, message_type
 from uw_visibility.ros.inputs import SILENCE, StereoInput
+from uw_visibility.ros.monitor.diagnostics import WARN, DiagnosticsPublisher, Finding
+from uw_visibility.ros.monitor.reasons import ReasonLog
 from uw_visibility.ros.parameters import NodeParameters, Settings, check_qos_overrides
 from uw_visibility.ros.pipeline_state import PipelineState
-from uw_visibility.ros.qos import publish_on
-from uw_visibility.ros.reasons import ReasonLog
+from uw_visibility.ros.transport.factory import make_message, message_type
+from uw_visibility.ros.transport.qos import publish_on
 from uw_visibility.ros.worker import NewestWorker
 from uw_visibility.stereo.rig import StereoRig
 

@@ -11,18 +11,18 @@ from typing import Any
 from rclpy.node import Node
 from std_msgs.msg import Float64
 
-from uw_visibility.depth_sensor import SENSOR_TYPES, read_depth
-from uw_visibility.depth_series import DepthSample
-from uw_visibility.depth_verdict import Comparison, Report, Verdict
 from uw_visibility.errors import InputError
-from uw_visibility.messages import stamp_to_nanoseconds
-from uw_visibility.plausibility import DepthMonitor
-from uw_visibility.result import FrameResult
-from uw_visibility.ros.diagnostics import ERROR, OK, STALE, WARN, Finding
-from uw_visibility.ros.factory import message_type
+from uw_visibility.messages.depth_sensor import SENSOR_TYPES, read_depth
+from uw_visibility.messages.images import stamp_to_nanoseconds
+from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.plausibility.monitor import DepthMonitor
+from uw_visibility.plausibility.samples import DepthSample
+from uw_visibility.plausibility.verdict import Comparison, Report, Verdict
+from uw_visibility.ros.monitor.diagnostics import ERROR, OK, STALE, WARN, Finding
+from uw_visibility.ros.monitor.reasons import ReasonLog
 from uw_visibility.ros.parameters import NodeParameters
-from uw_visibility.ros.qos import publish_on, subscribe_to
-from uw_visibility.ros.reasons import ReasonLog
+from uw_visibility.ros.transport.factory import message_type
+from uw_visibility.ros.transport.qos import publish_on, subscribe_to
 
 SENSOR_TOPIC, NIS_TOPIC = "depth_sensor", "depth_plausibility/nis"
 

@@ -13,15 +13,15 @@ from typing import Any
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from uw_visibility.frames import StereoFrame
-from uw_visibility.messages import stamp_to_nanoseconds
-from uw_visibility.ros.diagnostics import ERROR, OK, WARN, Finding
+from uw_visibility.messages.frames import StereoFrame
+from uw_visibility.messages.images import stamp_to_nanoseconds
+from uw_visibility.messages.synchronizer import SIDES, Synchronizer
+from uw_visibility.ros.monitor.diagnostics import ERROR, OK, WARN, Finding
+from uw_visibility.ros.monitor.rates import RecentCounts
+from uw_visibility.ros.monitor.reasons import ReasonLog
 from uw_visibility.ros.parameters import NodeParameters
-from uw_visibility.ros.qos import IMAGE_DEPTH, subscribe_to
-from uw_visibility.ros.rates import RecentCounts
-from uw_visibility.ros.reasons import ReasonLog
-from uw_visibility.ros.subscription import FittedSubscription
-from uw_visibility.synchronizer import SIDES, Synchronizer
+from uw_visibility.ros.transport.qos import IMAGE_DEPTH, subscribe_to
+from uw_visibility.ros.transport.subscription import FittedSubscription
 
 # An input that was silent for so long has stopped, s.
 SILENCE = 5.0

@@ -17,11 +17,11 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from uw_visibility.config import NodeConfig, PipelineConfig
+from uw_visibility.config.parameters import ParameterInfo, describe
+from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
-from uw_visibility.parameters import ParameterInfo, describe
-from uw_visibility.ros.qos import QOS_PREFIX
-from uw_visibility.water.optics import load_response
+from uw_visibility.optics.spectra import load_response
+from uw_visibility.ros.transport.qos import QOS_PREFIX
 
 TYPES = {
     bool: Parameter.Type.BOOL,

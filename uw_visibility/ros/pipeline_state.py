@@ -10,12 +10,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from uw_visibility.kernel_cache import counts
-from uw_visibility.result import FrameResult
-from uw_visibility.ros.diagnostics import ERROR, OK, WARN, Finding
+from uw_visibility.compute.jit import counts
+from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.ros.inputs import SILENCE
-from uw_visibility.ros.rates import RecentCounts
-from uw_visibility.ros.reasons import ReasonLog
+from uw_visibility.ros.monitor.diagnostics import ERROR, OK, WARN, Finding
+from uw_visibility.ros.monitor.rates import RecentCounts
+from uw_visibility.ros.monitor.reasons import ReasonLog
 from uw_visibility.status import Status
 
 SHOWN_REASONS = 10

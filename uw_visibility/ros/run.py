@@ -16,8 +16,8 @@ from rclpy.node import Node
 
 from uw_visibility.errors import InputError
 from uw_visibility.ros.memory import keep_freed_memory
-from uw_visibility.ros.middleware import give_memory, scarce_memory, send_in_background
 from uw_visibility.ros.start import SIGNALS
+from uw_visibility.ros.transport.middleware import give_memory, scarce_memory, send_in_background
 
 # How long the exit waits for the frame that is being processed, s.
 STOP_TIMEOUT = 0.5

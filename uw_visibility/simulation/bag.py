@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
-from uw_visibility.messages import MessageFactory, write_image
-from uw_visibility.outputs import UNMEASURED_VARIANCE
-from uw_visibility.replay.writer import BagWriter
+from uw_visibility.messages.images import MessageFactory, write_image
+from uw_visibility.messages.outputs import UNMEASURED_VARIANCE
+from uw_visibility.replay.bags.writer import BagWriter
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.transect import Transect, TransectFrame
 from uw_visibility.simulation.view import MAX_RANGE

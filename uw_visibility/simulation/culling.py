@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.kernel_cache import njit
+from uw_visibility.compute.jit import njit
 from uw_visibility.simulation.camera import StereoCamera
 
 TILE = 16

@@ -10,14 +10,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
-from uw_visibility.parallel import Workers
+from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
 from uw_visibility.simulation.effects import add_caustics, marine_snow
 from uw_visibility.simulation.scene import Scene
 from uw_visibility.simulation.view import View, look
-from uw_visibility.water.light_model import ambient_light_at_depth, attenuate
-from uw_visibility.water.optics import clear_water_attenuation, load_response
 
 Map = NDArray[np.float32]
 Image = NDArray[np.uint8]

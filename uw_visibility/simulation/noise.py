@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.kernel_cache import njit
+from uw_visibility.compute.jit import njit
 
 LATTICE_SIZE = 64
 """Cells after which the noise repeats; a power of two."""

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.kernel_cache import njit
+from uw_visibility.compute.jit import njit
 from uw_visibility.simulation.noise import smoothstep
 from uw_visibility.simulation.scene import BLOCK, SPACING, Scene
 from uw_visibility.simulation.surface import floor_radiance, shading, shape_radiance

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.kernel_cache import njit
+from uw_visibility.compute.jit import njit
 from uw_visibility.simulation.noise import fractal_noise, noise_lattice
 
 SPACING = 0.04

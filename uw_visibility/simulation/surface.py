@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.kernel_cache import njit
+from uw_visibility.compute.jit import njit
 from uw_visibility.simulation.noise import fractal_noise, smoothstep, value_noise
 
 Lattice = NDArray[np.float32]

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
-from uw_visibility.parallel import Workers
 from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
 from uw_visibility.simulation.frame import Effects, RenderedFrame, Renderer, Water
 from uw_visibility.simulation.scene import reef

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.kernel_cache import njit
-from uw_visibility.parallel import Workers
+from uw_visibility.compute.jit import njit
+from uw_visibility.compute.threads import Workers
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.culling import TILE, Tiles, assign_to_tiles
 from uw_visibility.simulation.raycast import NOTHING, look_at, nearest

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.kernel_cache import njit
-from uw_visibility.parallel import Workers
+from uw_visibility.compute.jit import njit
+from uw_visibility.compute.threads import Workers
+from uw_visibility.images.noise import noise_stddev
+from uw_visibility.optics.light_model import UncertainWater
+from uw_visibility.optics.transfer import linear_table
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.estimation import WaterEstimate
-from uw_visibility.water.noise import noise_stddev
-from uw_visibility.water.transfer import linear_table
 
 # Standard deviations that the bound is moved out by: of the pixel's noise, and of the
 # water, whose error is the same at all pixels and is mostly taken up by the matches.
@@ -103,7 +103,7 @@ class Airlight:
         self._farthest = np.empty(shape, np.float32)
 
     def prior(
-        self, image: NDArray[Any], water: WaterEstimate, points: NDArray[np.float32]
+        self, image: NDArray[Any], water: UncertainWater, points: NDArray[np.float32]
     ) -> AirlightPrior | None:
         """Bound the range of each pixel.
 
@@ -111,7 +111,7 @@ class Airlight:
         ----------
         image : ndarray
             ``(H, W, 3)`` RGB, uint8 or uint16: the left view.
-        water : WaterEstimate
+        water : UncertainWater
             Attenuation and ambient light, with their covariance.
         points : ndarray
             ``(N, 3)`` float32: column, row and disparity, px, of matches that the
@@ -153,7 +153,7 @@ class Airlight:
 
 
 def _range_table(
-    image: NDArray[Any], water: WaterEstimate, transfer: str
+    image: NDArray[Any], water: UncertainWater, transfer: str
 ) -> NDArray[np.float64]:
     """Farthest range of each code value, ``(3, N)``, m; inf without bound."""
     decode = linear_table(transfer, image.dtype).astype(np.float64)

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.kernel_cache import njit
-from uw_visibility.parallel import Workers
+from uw_visibility.compute.jit import njit
+from uw_visibility.compute.threads import Workers
 
 # ITU-R BT.601 luma.
 _LUMA = (0.299, 0.587, 0.114)

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.jit import njit
+from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
-from uw_visibility.kernel_cache import njit
-from uw_visibility.parallel import Workers
 
 # Directions that one sweep over the rows looks in; along a row there are two more.
 DIRECTIONS = 3

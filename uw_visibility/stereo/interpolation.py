@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.kernel_cache import njit
-from uw_visibility.parallel import Workers
+from uw_visibility.compute.jit import njit
+from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.gaps import GapFiller, fill_gaps, occluded
 from uw_visibility.stereo.plane import DisparityPlane, dominant_plane, fill_plane
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.kernel_cache import njit
-from uw_visibility.water.transfer import linear_table
+from uw_visibility.compute.jit import njit
+from uw_visibility.optics.transfer import linear_table
 
 # More points than this tell nothing new.
 _MOST_POINTS = 1000

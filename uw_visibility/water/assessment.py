@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uw_visibility.config import AssessmentConfig
+from uw_visibility.config.schema import AssessmentConfig
+from uw_visibility.optics.spectra import CameraResponse, clear_water_attenuation
 from uw_visibility.status import Status
 from uw_visibility.water.depth import DepthModel
 from uw_visibility.water.estimation import WaterEstimate
-from uw_visibility.water.optics import CameraResponse, clear_water_attenuation
 
 # A distance or depth whose standard deviation is beyond this fraction of it, or
 # of the largest depth, says nothing.

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.errors import InputError
+from uw_visibility.optics.spectra import CameraResponse, water_types
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import joint_covariance
 from uw_visibility.water.depth import CLEAR, ESTIMATED, DepthModel, diffuse_attenuation
 from uw_visibility.water.estimation import WaterEstimate
-from uw_visibility.water.optics import CameraResponse, water_types
 
 FEWEST_FRAMES = 10
 # Residuals beyond so many of their scatter lose weight (Huber).

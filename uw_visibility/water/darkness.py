@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from uw_visibility.kernel_cache import njit
+from uw_visibility.compute.jit import njit
 
 # The scales of the loss, as `set_scales` fills them in.
 BELOW, ABOVE, LIMIT, NOISE, EXPECTED = range(5)

@@ -9,13 +9,13 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uw_visibility.water.expectations import Daylight
-from uw_visibility.water.optics import (
+from uw_visibility.optics.spectra import (
     CameraResponse,
     clear_water_attenuation,
     theoretical_chromaticity,
     water_type_diffuse_attenuation,
 )
+from uw_visibility.water.expectations import Daylight
 
 GRID_STEP = 0.1
 REFINEMENTS = 8

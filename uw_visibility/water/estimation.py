@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uw_visibility.config import WaterConfig
+from uw_visibility.config.schema import WaterConfig
 from uw_visibility.errors import InputError
+from uw_visibility.images.sampling import CAMERA, Sampling
 from uw_visibility.status import Status
 from uw_visibility.water.expectations import Daylight, reconcile
 from uw_visibility.water.fit import Fit, fit_plain
@@ -25,7 +26,6 @@ from uw_visibility.water.judgement import (
 )
 from uw_visibility.water.lower_envelope import fit_lower_envelope
 from uw_visibility.water.observations import Envelopes, observe
-from uw_visibility.water.sampling import CAMERA, Sampling
 
 # Dark envelope: its quantile, and the pixels below it at least. The paper takes
 # 1 % (eq. 4). The darkest 5 pixels are a patch rather than a speck; where ranges

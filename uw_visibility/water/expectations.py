@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.kernel_cache import njit
+from uw_visibility.compute.jit import njit
+from uw_visibility.compute.linear_algebra import apply, product, solve
 from uw_visibility.water.fit import ATTENUATION_BOUNDS, Fit
-from uw_visibility.water.linear_algebra import apply, product, solve
 
 # What particles and dissolved matter add differs between the channels by this part
 # of its mean, and this much at least, 1/m.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from uw_visibility.kernel_cache import njit
+from uw_visibility.compute.jit import njit
 
 # Fineness at which ranges are told apart before they are gathered in bins.
 CELLS = 2048

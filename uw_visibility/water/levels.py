@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.water.transfer import linear_table
+from uw_visibility.optics.transfer import linear_table
 
 # 16-bit codes are counted in groups of 16: a group spans a sixteenth of an
 # 8-bit step, and the histogram still fits into the cache.

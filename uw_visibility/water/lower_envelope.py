@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.kernel_cache import njit
+from uw_visibility.compute.jit import njit
+from uw_visibility.compute.linear_algebra import apply, product, solve
 from uw_visibility.water.darkness import (
     EXPECTED_DARKNESS,
     SCALES,
@@ -22,7 +23,6 @@ from uw_visibility.water.darkness import (
     typical_darkness,
 )
 from uw_visibility.water.fit import AMBIENT_LIGHT_MAX, ATTENUATION_BOUNDS, Fit, blank
-from uw_visibility.water.linear_algebra import apply, product, solve
 
 MAX_ITERATIONS = 60
 # After so many iterations the scales are held, so that the cost can only fall.

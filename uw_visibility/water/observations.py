@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.quantiles import normal_quantile
+from uw_visibility.compute.quantiles import normal_quantile
+from uw_visibility.images.noise import noise_stddev
+from uw_visibility.images.sampling import CAMERA, Sampling
 from uw_visibility.water.histogram import CELL_BITS, CELLS, accumulate, take_quantiles
 from uw_visibility.water.levels import LEVELS_16_BIT, LEVELS_OF_MEANS, levels
-from uw_visibility.water.noise import noise_stddev
-from uw_visibility.water.sampling import CAMERA, Sampling
 
 # Noise beyond the first of these, in 8-bit code values, would make up the dark
 # envelope: the image is then filtered by a median, which also takes the flakes of

@@ -25,9 +25,9 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.config import TrackingConfig
+from uw_visibility.compute.quantiles import chi_squared_quantile
+from uw_visibility.config.schema import TrackingConfig
 from uw_visibility.errors import InputError
-from uw_visibility.quantiles import chi_squared_quantile
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import joint_covariance
 from uw_visibility.water.estimation import WaterEstimate

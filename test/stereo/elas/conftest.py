@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from uw_visibility.parallel import Workers
+from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.contrast import EvenContrast
 
 Image = NDArray[np.uint8]

@@ -5,10 +5,10 @@
 import numpy as np
 import pytest
 
-from uw_visibility.config import StereoConfig
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import StereoConfig
 from uw_visibility.evaluation.baselines import semi_global_matching
 from uw_visibility.evaluation.degrade import load_scene
-from uw_visibility.parallel import Workers
 from uw_visibility.simulation.camera import Pose, StereoCamera
 from uw_visibility.simulation.frame import Renderer, Water
 from uw_visibility.simulation.scene import reef

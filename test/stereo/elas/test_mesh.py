@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uw_visibility.parallel import Workers
+from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.elas.mesh import rasterize, triangulate, with_corners
 
 SHAPE = (60, 80)

@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from uw_visibility.parallel import Workers
+from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.elas.postprocess import (
     SegmentFilter,
     check_and_refine,

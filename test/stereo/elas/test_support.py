@@ -4,8 +4,8 @@
 
 import numpy as np
 
-from uw_visibility.config import StereoConfig
-from uw_visibility.parallel import Workers
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import StereoConfig
 from uw_visibility.stereo.elas.matcher import Matcher
 from uw_visibility.stereo.elas.support import vertex_of_parabola
 

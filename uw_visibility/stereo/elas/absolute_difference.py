@@ -16,7 +16,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from uw_visibility.kernel_cache import njit
+from uw_visibility.compute.jit import njit
 
 BYTES = 16
 

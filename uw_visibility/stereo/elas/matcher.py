@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.config import StereoConfig
-from uw_visibility.parallel import Workers
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import StereoConfig
 from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.contrast import EvenContrast
 from uw_visibility.stereo.elas import dense, mesh, postprocess

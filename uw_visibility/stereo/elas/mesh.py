@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.kernel_cache import njit
-from uw_visibility.parallel import Workers
+from uw_visibility.compute.jit import njit
+from uw_visibility.compute.threads import Workers
 
 # Widths and heights of the image around it in which the mesh is built.
 _FRAME = 20

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.kernel_cache import njit
-from uw_visibility.parallel import Workers
+from uw_visibility.compute.jit import njit
+from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.dense import BORDER
 

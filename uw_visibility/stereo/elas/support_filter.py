@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from uw_visibility.kernel_cache import njit
+from uw_visibility.compute.jit import njit
 
 # The mesh keeps every eighth grid point at least, so that planes drift nowhere.
 _LATTICE = 8

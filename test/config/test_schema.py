@@ -1,0 +1,127 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Parameter files, and the one that ships against config.py."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from uw_visibility.config.parameter_file import render
+from uw_visibility.config.parameters import ParameterInfo, describe
+from uw_visibility.config.schema import NodeConfig, PipelineConfig, read_yaml
+from uw_visibility.errors import InputError
+
+FILE = Path(__file__).resolve().parents[2] / "config" / "uw_visibility.yaml"
+INFOS = [*describe(PipelineConfig), *describe(NodeConfig)]
+REMEDY = "run `make parameters`"
+
+
+def file_with(folder: Path, text: str) -> Path:
+    path = folder / "parameters.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def test_the_shipped_file_names_every_parameter_and_no_other() -> None:
+    assert sorted(read_yaml(FILE)) == sorted(info.name for info in INFOS), REMEDY
+
+
+@pytest.mark.parametrize("info", INFOS, ids=lambda info: info.name)
+def test_the_shipped_file_holds_default_unit_and_meaning(info: ParameterInfo) -> None:
+    value = read_yaml(FILE)[info.name]
+    assert value == plain(info.default), REMEDY
+    assert type(value) is type(plain(info.default)), REMEDY
+    # The comment may be wrapped anywhere.
+    comments = re.findall(r"^ *# ?(.*)$", FILE.read_text(encoding="utf-8"), re.MULTILINE)
+    text = " ".join(" ".join(comments).split())
+    unit = f"{info.description} Unit: {info.unit}." if info.unit else info.description
+    assert unit in text, REMEDY
+
+
+def test_the_shipped_file_holds_no_name_twice() -> None:
+    # YAML would let the second silently win over the first.
+    node = yaml.compose(FILE.read_text(encoding="utf-8"))
+    assert repeated_keys(node) == []
+
+
+def repeated_keys(node: yaml.Node) -> list[str]:
+    if not isinstance(node, yaml.MappingNode):
+        return []
+    keys = [key.value for key, _ in node.value]
+    inside = [name for _, value in node.value for name in repeated_keys(value)]
+    return [key for key in set(keys) if keys.count(key) > 1] + inside
+
+
+def test_the_shipped_file_makes_the_default_configurations() -> None:
+    assert PipelineConfig.from_yaml(FILE) == PipelineConfig()
+    assert NodeConfig.from_parameters(read_yaml(FILE)) == NodeConfig()
+
+
+def test_what_is_rendered_reads_back_as_the_defaults(tmp_path: Path) -> None:
+    values = read_yaml(file_with(tmp_path, render()))
+    assert values == {info.name: plain(info.default) for info in INFOS}
+
+
+def test_every_parameter_has_a_meaning_and_every_number_has_bounds() -> None:
+    for info in INFOS:
+        assert info.description.endswith("."), info.name
+        if info.type in (int, float, tuple):
+            assert info.minimum is not None, info.name
+            assert info.maximum is not None, info.name
+        assert plain(info.check(info.default)) == plain(info.default)
+
+
+def test_parameters_and_configuration_say_the_same() -> None:
+    config = PipelineConfig.from_parameters({"stereo.max_disparity": 96})
+    assert config.stereo.max_disparity == 96
+    assert PipelineConfig.from_parameters(config.to_parameters()) == config
+
+
+def test_the_pipeline_accepts_and_ignores_the_nodes_parameters() -> None:
+    assert PipelineConfig.from_parameters({"rectify": True}) == PipelineConfig()
+    assert NodeConfig.from_parameters({"rectify": True, "threads": 1}).rectify
+
+
+def test_an_unknown_parameter_is_refused_with_the_nearest_name() -> None:
+    with pytest.raises(InputError, match=r"stereo\.max_disparty.*stereo\.max_disparity"):
+        PipelineConfig.from_parameters({"stereo.max_disparty": 96})
+
+
+def test_names_may_be_dotted_nested_and_under_any_node(tmp_path: Path) -> None:
+    path = file_with(
+        tmp_path,
+        "/auv/uw_visibility:\n"
+        "  ros__parameters:\n"
+        "    stereo.max_disparity: 96\n"
+        "    camera: {transfer: srgb}\n"
+        "    qos_overrides./disparity.publisher.depth: 1\n"
+        "    use_sim_time: false\n"
+        "    start_type_description_service: true\n",
+    )
+    assert read_yaml(path) == {"stereo.max_disparity": 96, "camera.transfer": "srgb"}
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "just words", "stereo: {max_disparity: 1}", "/**: {ros__parameters: 1}", "a: [", "- 1"],
+)
+def test_a_file_of_another_form_is_refused_by_name(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError, match=r"parameters\.yaml"):
+        read_yaml(file_with(tmp_path, text))
+
+
+def test_a_missing_or_binary_file_is_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"absent\.yaml"):
+        read_yaml(tmp_path / "absent.yaml")
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00\x80")
+    with pytest.raises(InputError, match=r"binary\.yaml"):
+        read_yaml(tmp_path / "binary.yaml")

@@ -1,0 +1,91 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Every type of sensor gives the depth of the camera, positive down."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from uw_visibility.config.schema import PlausibilityConfig
+from uw_visibility.errors import InputError
+from uw_visibility.messages.depth_sensor import read_depth
+from uw_visibility.plausibility.samples import DepthSample
+
+HEADER = SimpleNamespace(stamp=SimpleNamespace(sec=3, nanosec=7))
+STAMP = 3_000_000_007
+ARRIVAL = 5_000_000_000
+
+
+def pose(z: float, variance: float = 0.04) -> SimpleNamespace:
+    covariance = [0.0] * 36
+    covariance[14] = variance
+    position = SimpleNamespace(x=1.0, y=2.0, z=z)
+    return SimpleNamespace(
+        header=HEADER,
+        pose=SimpleNamespace(pose=SimpleNamespace(position=position), covariance=covariance),
+    )
+
+
+def read(message: Any, kind: str, **changes: Any) -> DepthSample:
+    return read_depth(message, PlausibilityConfig(sensor_type=kind, **changes), ARRIVAL)
+
+
+@pytest.mark.parametrize("kind", ["PoseWithCovarianceStamped", "Odometry"])
+def test_pose_is_negative_below_the_surface(kind: str) -> None:
+    assert read(pose(-4.5), kind) == DepthSample(STAMP, 4.5, 0.04)
+    assert read(pose(4.5), kind, sensor_sign="down").depth == 4.5
+
+
+def test_point_has_no_variance_of_its_own() -> None:
+    message = SimpleNamespace(header=HEADER, point=SimpleNamespace(x=0.0, y=0.0, z=-2.0))
+    sample = read(message, "PointStamped", sensor_stddev=0.3)
+    assert (sample.stamp, sample.depth, sample.variance) == (STAMP, 2.0, pytest.approx(0.09))
+
+
+def test_number_grows_downwards_and_has_the_time_of_its_arrival() -> None:
+    message = SimpleNamespace(data=7.0)
+    assert read(message, "Float64").stamp == ARRIVAL
+    assert read(message, "Float64").depth == 7.0
+    assert read(message, "Float64", sensor_sign="up").depth == -7.0
+
+
+def test_pressure() -> None:
+    message = SimpleNamespace(header=HEADER, fluid_pressure=201325.0, variance=100.0**2)
+    sample = read(message, "FluidPressure", sensor_sign="up")
+    assert sample.depth == pytest.approx(1e5 / (1025.0 * 9.80665))
+    assert math.sqrt(sample.variance) == pytest.approx(100.0 / (1025.0 * 9.80665))
+    fresh = read(message, "FluidPressure", density=1000.0, surface_pressure=1e5)
+    assert fresh.depth == pytest.approx(101325.0 / 9806.65)
+    message.variance = 0.0
+    assert read(message, "FluidPressure").variance == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("millibar", [1013.25, 1500.0, 21000.0])
+def test_millibar_is_noticed(millibar: float) -> None:
+    message = SimpleNamespace(header=HEADER, fluid_pressure=millibar, variance=0.0)
+    with pytest.raises(InputError, match=r"looks like mbar: publish pascals"):
+        read(message, "FluidPressure")
+
+
+def test_gauge_has_small_pressures() -> None:
+    message = SimpleNamespace(header=HEADER, fluid_pressure=1005.18, variance=0.0)
+    assert read(message, "FluidPressure", surface_pressure=0.0).depth == pytest.approx(0.1, 1e-4)
+
+
+def test_offset_lies_between_sensor_and_camera() -> None:
+    assert read(pose(-4.5), "Odometry", sensor_offset=0.25).depth == 4.75
+
+
+@pytest.mark.parametrize("variance", [0.0, -1.0, math.nan, 1e6])
+def test_variance_that_states_nothing_is_replaced(variance: float) -> None:
+    assert read(pose(-1.0, variance), "Odometry").variance == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_value_that_is_not_finite_is_refused(value: float) -> None:
+    with pytest.raises(InputError, match="depth_sensor says"):
+        read(pose(value), "Odometry")

@@ -1,0 +1,99 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""From messages to messages: what nobody wants is not made, and changes no estimate."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from uw_visibility.config.schema import NodeConfig, PipelineConfig
+from uw_visibility.messages.frames import StereoFrame
+from uw_visibility.messages.outputs import TOPICS
+from uw_visibility.messages.processor import FrameProcessor
+
+HEIGHT, WIDTH = 96, 128
+ESTIMATES = {topic for topic in TOPICS if topic.startswith("visibility/")}
+
+
+def make(name: str, /, **fields: Any) -> SimpleNamespace:
+    return SimpleNamespace(name=name, **fields)
+
+
+def frame() -> StereoFrame:
+    """Make a pair of three planes under water."""
+    texture = np.random.default_rng(5).random((HEIGHT, WIDTH, 3))
+    left, right = np.empty((2, HEIGHT, WIDTH, 3))
+    for part, disparity in enumerate((16, 10, 6)):
+        rows = slice(part * HEIGHT // 3, (part + 1) * HEIGHT // 3)
+        transmission = np.exp(-np.array([0.5, 0.3, 0.2]) * 16 / disparity)
+        left[rows] = 0.5 * (1 - transmission + transmission * texture[rows])
+        right[rows] = np.roll(left[rows], -disparity, axis=1)
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0), frame_id="camera")
+    roi = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0, do_rectify=False)
+    messages: list[Any] = [
+        SimpleNamespace(
+            header=header, height=HEIGHT, width=WIDTH, encoding="rgb8", is_bigendian=0,
+            step=3 * WIDTH, data=(255 * pixels).astype(np.uint8).tobytes(),
+        )
+        for pixels in (left, right)
+    ]
+    messages += [
+        SimpleNamespace(
+            header=header, height=HEIGHT, width=WIDTH, distortion_model="plumb_bob", d=[],
+            k=[160, 0, 63.5, 0, 160, 47.5, 0, 0, 1], r=np.eye(3).ravel(), binning_x=0,
+            binning_y=0, roi=roi, p=[160, 0, 63.5, tx, 0, 160, 47.5, 0, 0, 0, 1, 0],
+        )
+        for tx in (0.0, -16.0)
+    ]
+    return StereoFrame(*messages)
+
+
+def test_matches_are_rated_where_asked_for_and_stay_the_same() -> None:
+    processor = FrameProcessor(make, rectify=False)
+    settings = PipelineConfig(), NodeConfig()
+    without, _ = processor.process(frame(), *settings, TOPICS)
+    rated, _ = processor.process(frame(), *settings, TOPICS, confidence=True)
+    assert without.confidence is None
+    assert rated.confidence is not None
+    np.testing.assert_array_equal(rated.confidence > 0, np.isfinite(rated.disparity))
+    np.testing.assert_array_equal(rated.disparity, without.disparity)
+
+
+def test_images_that_nobody_wants_are_not_made_and_change_no_estimate() -> None:
+    processor = FrameProcessor(make, rectify=False)
+    settings = PipelineConfig(), NodeConfig()
+    whole, every = processor.process(frame(), *settings, TOPICS)
+    result, few = processor.process(frame(), *settings, ESTIMATES)
+    assert set(few) == ESTIMATES & set(every)
+    assert (result.left_enhanced.size, result.right_enhanced.size, result.limited.size) == (0, 0, 0)
+    assert np.isnan(result.disparity_filled).all()
+    np.testing.assert_array_equal(result.water.attenuation, whole.water.attenuation)
+    np.testing.assert_array_equal(result.disparity, whole.disparity)
+    assert np.isfinite(whole.water.attenuation).any()
+    for side, other in (("left", "right"), ("right", "left")):
+        result, messages = processor.process(frame(), *settings, {f"{side}/enhanced/image"})
+        shown, hidden = (getattr(result, f"{name}_enhanced") for name in (side, other))
+        np.testing.assert_array_equal(shown, getattr(whole, f"{side}_enhanced"))
+        assert hidden.size == 0
+        assert list(messages) == [f"{side}/enhanced/image"]
+
+
+def test_frames_are_filtered_over_time_where_they_come_in_order() -> None:
+    settings = PipelineConfig(), NodeConfig()
+    alone, _ = FrameProcessor(make, rectify=False).process(frame(), *settings, ESTIMATES)
+    assert alone.tracked is None
+    processor = FrameProcessor(make, rectify=False, track=True)
+    results = []
+    for nanosec in (0, 500_000_000):
+        later = frame()
+        later.left.header.stamp.nanosec = nanosec
+        results.append(processor.process(later, *settings, ESTIMATES)[0])
+    assert [str(result.tracking) for result in results] == ["started", "updated"]
+    first, second = (r.tracked.attenuation_stddev[0] for r in results)
+    assert second < first
+    # The same stamp again is no progress of time.
+    repeated, _ = processor.process(later, *settings, ESTIMATES)
+    assert str(repeated.tracking) == "started"

@@ -1,0 +1,193 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The pipeline as a library, on pairs with known water."""
+
+import numpy as np
+import pytest
+
+from uw_visibility import Pipeline, PipelineConfig, StereoRig
+from uw_visibility.errors import InputError
+from uw_visibility.evaluation.degrade import load_scene
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility.pipeline.second_step import warm_up_pair
+from uw_visibility.status import Status
+from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
+
+CLEAR = clear_water_attenuation(load_response("nikon_d5100"))
+DEPTH = 2.0
+SCENES = {"aloe": (287, 2), "art": (95, 1), "dolls": (95, 1), "moebius": (95, 1)}
+
+
+@pytest.fixture(scope="module")
+def in_water(shared_data):
+    """Results of the four scenes at a mean attenuation of 0.2 1/m and 2 m of depth."""
+    results = {}
+    for name, (max_disparity, _) in SCENES.items():
+        scene = load_scene(shared_data / "middlebury" / name)
+        left, right = scene.degraded(0.2, DEPTH, CLEAR)
+        config = PipelineConfig.from_parameters({"stereo.max_disparity": max_disparity})
+        rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+        results[name] = scene, left, Pipeline(rig, config).process(left, right)
+    return results
+
+
+def test_disparity_is_right_where_raw_matching_fails(in_water):
+    """Mean over the scenes; semi-global matching of the raw pairs has 0.573."""
+    correct = []
+    for name, (scene, _, result) in in_water.items():
+        with np.errstate(invalid="ignore"):
+            hit = np.abs(result.disparity - scene.disparity_left) <= SCENES[name][1]
+        correct.append(hit[scene.known].mean())
+    assert np.mean(correct) > 0.68
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_mean_attenuation_is_near_the_truth(in_water, name):
+    result = in_water[name][2]
+    assert result.status is Status.OK
+    assert abs(result.visibility.mean_attenuation - 0.2) <= 0.05
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_colours_come_back(in_water, name):
+    """Mean absolute error of the image, against that of the image under water."""
+    scene, degraded, result = in_water[name]
+    truth = scene.left.astype(float)
+    before = np.abs(degraded - truth).mean()
+    after = np.abs(result.left_enhanced - truth).mean()
+    assert after < 0.5 * before
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_nothing_unannounced_leaves(in_water, name):
+    _, _, result = in_water[name]
+    assert np.isfinite(result.disparity_filled).all()
+    assert not np.isnan(result.range).any()
+    assert np.nanmin(result.disparity) >= result.min_disparity
+    assert np.nanmax(result.disparity) <= result.max_disparity + 1
+    stages = {name: time for name, time in result.timing_ms.items() if name != "total"}
+    assert result.timing_ms["total"] >= max(stages.values()) > 0
+
+
+def scene_pair(disparity=14, seed=0, shape=(160, 240)):
+    """A textured pair in colour: two planes, so that ranges differ."""
+    rng = np.random.default_rng(seed)
+    wide = np.zeros((shape[0], shape[1] + 40, 3))
+    for scale in (1, 2, 4, 8):
+        small = rng.random((shape[0] // scale + 1, shape[1] // scale + 41, 3))
+        wide += np.kron(small, np.ones((scale, scale, 1)))[: shape[0], : shape[1] + 40]
+    wide = (wide * 255 / wide.max()).astype(np.uint8)
+    left = wide[:, : shape[1]].copy()
+    right = np.vstack(
+        [wide[:80, 6 : shape[1] + 6], wide[80:, disparity : shape[1] + disparity]]
+    )
+    return left, right
+
+
+RIG = StereoRig(focal_length=300.0, baseline=0.1, principal_point=(119.5, 79.5))
+
+
+@pytest.fixture(scope="module")
+def pipeline():
+    return Pipeline(RIG, PipelineConfig.from_parameters({"stereo.max_disparity": 40}))
+
+
+def test_the_same_pair_gives_the_same_bits_whatever_the_threads():
+    left, right = scene_pair()
+    results = [
+        Pipeline(
+            RIG, PipelineConfig.from_parameters({"threads": n, "stereo.max_disparity": 40})
+        ).process(left, right, match_original=True)
+        for n in (1, 2, 3)
+    ]
+    for other in results[1:]:
+        for name in ("disparity", "disparity_filled", "disparity_original", "range",
+                     "left_enhanced", "right_enhanced", "limited"):
+            np.testing.assert_array_equal(getattr(other, name), getattr(results[0], name), name)
+        np.testing.assert_array_equal(other.water.attenuation, results[0].water.attenuation)
+
+
+def test_results_do_not_change_when_the_next_pair_comes(pipeline):
+    left, right = scene_pair()
+    first = pipeline.process(left, right)
+    kept = {n: getattr(first, n).copy() for n in ("disparity", "disparity_filled", "range",
+                                                  "left_enhanced", "right_enhanced")}
+    pipeline.process(*scene_pair(disparity=20, seed=5))
+    for name, value in kept.items():
+        np.testing.assert_array_equal(getattr(first, name), value, name)
+
+
+def test_sixteen_bits_match_like_eight(pipeline):
+    left, right = scene_pair()
+    eight = pipeline.process(left, right)
+    sixteen = pipeline.process(left.astype(np.uint16) * 257, right.astype(np.uint16) * 257)
+    assert sixteen.left_enhanced.dtype == np.uint16
+    both = np.isfinite(eight.disparity) & np.isfinite(sixteen.disparity)
+    assert both.mean() > 0.9 * np.isfinite(eight.disparity).mean()
+    assert np.abs(eight.disparity - sixteen.disparity)[both].max() < 2
+
+
+def test_grey_matches_and_colour_is_not_assessable(pipeline):
+    left, right = scene_pair()
+    result = pipeline.process(left[..., 1].copy(), right[..., 1].copy())
+    assert result.status is Status.NO_COLOUR
+    assert np.isnan(result.visibility.mean_attenuation)
+    assert np.isnan(result.visibility.depth)
+    assert result.left_enhanced.shape == left.shape[:2]
+    known = np.isfinite(result.disparity)
+    assert known[100:140, 40:].mean() > 0.8
+    assert np.nanmedian(result.disparity[100:140]) == pytest.approx(14, abs=0.3)
+
+
+def test_size_may_change_between_frames(pipeline):
+    pipeline.process(*scene_pair())
+    small = pipeline.process(*(np.ascontiguousarray(i[:100, :160]) for i in scene_pair()))
+    assert small.disparity.shape == (100, 160)
+    assert pipeline.process(*scene_pair()).disparity.shape == (160, 240)
+
+
+@pytest.mark.parametrize(
+    ("left", "says"),
+    [
+        (np.zeros((160, 240, 3), np.uint8), "left image: too dark"),
+        (np.full((160, 240, 3), 255, np.uint8), "left image: saturated"),
+        (np.full((160, 240, 3), 90, np.uint8), "left image: no texture"),
+    ],
+)
+def test_blind_pairs_are_refused_with_the_cause_and_the_next_is_processed(pipeline, left, says):
+    with pytest.raises(InputError, match=says):
+        pipeline.process(left, left)
+    assert np.isfinite(pipeline.process(*scene_pair()).disparity).mean() > 0.5
+
+
+def test_exchanged_images_are_recognised(pipeline):
+    left, right = scene_pair()
+    with pytest.raises(InputError, match="exchange left and right"):
+        pipeline.process(right, left)
+
+
+def test_a_search_range_that_leaves_nothing_is_refused():
+    config = PipelineConfig.from_parameters(
+        {"stereo.min_disparity": 50, "stereo.max_disparity": 52}
+    )
+    with pytest.raises(InputError, match=r"stereo\.min_disparity is 50"):
+        Pipeline(RIG, config).process(*scene_pair())
+
+
+def test_an_image_is_restored_with_step_1_where_step_2_is_refused(monkeypatch):
+    """The estimate stays refused; the image is not handed back as it came."""
+    left, right = warm_up_pair((160, 240), np.dtype(np.uint8))
+    pipeline = Pipeline(RIG, PipelineConfig.from_parameters({"stereo.max_disparity": 40}))
+    estimate = WaterEstimator.estimate
+
+    def only_once(self, image, range_map, valid=None, start=None, *others, **named):
+        if start is not None:
+            return WaterEstimate.not_assessable(Status.FIT_FAILED)
+        return estimate(self, image, range_map, valid, start, *others, **named)
+
+    monkeypatch.setattr(WaterEstimator, "estimate", only_once)
+    refused = pipeline.process(left, right)
+    assert refused.status is Status.FIT_FAILED
+    assert refused.step1.status is Status.OK
+    assert np.isnan(refused.visibility.distance)
+    assert np.abs(refused.left_enhanced.astype(int) - left).mean() > 10

@@ -1,0 +1,192 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Damaged recordings: everything readable is processed, and what is not is said."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from bag_copies import FRAMES, Message, copy_bag, copy_bag_ros1, run, shortened
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.table import FAILED
+
+ZSTANDARD = b"\x28\xb5\x2f\xfd"
+
+
+def again(messages: Iterator[Message]) -> Iterator[Message]:
+    """Play a recording four times over, so that it takes several chunks."""
+    once = list(messages)
+    for k in range(4):
+        for topic, kind, message, time in once:
+            message.header.stamp.sec += 10 * (k > 0)
+            yield topic, kind, message, time + k * 10_000_000_000
+
+
+def frames(rows: list[dict[str, str]]) -> int:
+    return sum(row["status"] != FAILED for row in rows)
+
+
+@pytest.mark.parametrize("form", ["mcap", "mcap, packed chunks", "sqlite", "ROS 1", "ROS 1, bz2"])
+def test_a_truncated_recording_is_read_up_to_its_end(
+    form: str, transect: Path, replayed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = tmp_path / "bag"
+    if form.startswith("ROS 1"):
+        source = copy_bag(transect, tmp_path / "long", edit=again)
+        bag = copy_bag_ros1(source, tmp_path / "bag.bag", "BZ2" if "bz2" in form else "")
+        shortened(bag, 0.7)
+    else:
+        storage = StoragePlugin.SQLITE3 if form == "sqlite" else StoragePlugin.MCAP
+        mode = CompressionMode.STORAGE if "packed" in form else CompressionMode.NONE
+        copy_bag(transect, bag, edit=again, storage=storage, mode=mode)
+        shortened(next(f for f in bag.iterdir() if f.suffix != ".yaml"), 0.7)
+    done = run(bag, tmp_path / "out", capsys=capsys)
+    assert done.code == 0
+    assert FRAMES <= frames(done.rows) == len(done.rows) < 4 * FRAMES
+    with (replayed / "frames.csv").open() as whole, (tmp_path / "out" / "frames.csv").open() as cut:
+        # The last row may lack the sensor's value that came after it.
+        assert cut.readlines()[:FRAMES] == whole.readlines()[:FRAMES]
+    assert "damaged" in done.err
+    if not form.startswith("ROS 1"):
+        # What the bag should hold is known from beside it.
+        lost = int(re.search(r"(\d+) of \d+ messages on /left/image_rect are", done.err)[1])
+        assert 4 * FRAMES - lost - len(done.rows) in (0, 1)
+    assert "damaged" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_damaged_chunk_in_the_middle_costs_what_it_holds(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = copy_bag(transect, tmp_path / "bag", edit=again, mode=CompressionMode.STORAGE)
+    file = bag / "bag.mcap"
+    data = file.read_bytes()
+    second = data.index(ZSTANDARD, data.index(ZSTANDARD) + 4)
+    assert ZSTANDARD in data[second + 4 :]
+    file.write_bytes(data[:second] + bytes(4) + data[second + 4 :])
+    done = run(bag, tmp_path / "out", capsys=capsys)
+    assert done.code == 0
+    assert FRAMES < frames(done.rows) < 4 * FRAMES
+    assert done.rows[-1]["stamp"] == "1700000032.500000000"
+    assert "could not be unpacked" in done.err
+    assert "are missing" in done.err
+
+
+def test_missing_messages_are_counted(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def without(messages: Iterator[Message]) -> Iterator[Message]:
+        seen = 0
+        for message in messages:
+            seen += message[0] == "/right/image_rect"
+            if message[0] != "/right/image_rect" or seen not in (2, 4):
+                yield message
+
+    bag = copy_bag(transect, tmp_path / "bag", edit=without)
+    with BagReader(bag) as reader:
+        lost = FRAMES - len(list(reader.messages(["/right/image_rect"])))
+    assert lost == 2
+    done = run(bag, tmp_path / "out", capsys=capsys)
+    assert (done.code, frames(done.rows)) == (0, FRAMES - 2)
+    assert "dropped: left image unmatched (2)" in done.out
+    assert "left image unmatched" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_camera_that_dies_ends_the_frames_but_not_the_replay(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def dying(messages: Iterator[Message]) -> Iterator[Message]:
+        seen = 0
+        for message in messages:
+            seen += message[0] == "/right/image_rect"
+            if seen <= 2 or not message[0].startswith("/right"):
+                yield message
+
+    done = run(copy_bag(transect, tmp_path / "bag", edit=dying), tmp_path / "out", capsys=capsys)
+    assert (done.code, frames(done.rows)) == (0, 2)
+    assert f"dropped: left image unmatched ({FRAMES - 2})" in done.out
+    assert "left image unmatched" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_stamps_that_go_back_are_said(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A vehicle's clock is set back by a minute between the third and the fourth frame."""
+    def back(messages: Iterator[Message]) -> Iterator[Message]:
+        for topic, kind, message, time in messages:
+            if time >= 1_700_000_001_500_000_000:
+                message.header.stamp.sec -= 60
+            yield topic, kind, message, time
+
+    done = run(copy_bag(transect, tmp_path / "bag", edit=back), tmp_path / "out", capsys=capsys)
+    assert (done.code, frames(done.rows)) == (0, FRAMES)
+    assert "stamps of the images jumped back once" in done.err
+
+
+def test_an_unknown_type_among_the_topics_does_no_harm(
+    transect: Path, replayed: Path, tmp_path: Path
+) -> None:
+    types = get_typestore(Stores.ROS2_JAZZY)
+    types.register(get_types_from_msg("float64 salinity\n", "sonde/msg/Sample"))
+    bag = tmp_path / "bag"
+    from rosbags.rosbag2 import Writer
+
+    with BagReader(transect) as reader, Writer(
+        bag, version=9, storage_plugin=StoragePlugin.MCAP
+    ) as writer:
+        strange = writer.add_connection("/sonde", "sonde/msg/Sample", typestore=types)
+        sample = types.types["sonde/msg/Sample"](35.0)
+        connections = {}
+        for m in reader.messages():
+            if m.topic not in connections:
+                connections[m.topic] = writer.add_connection(m.topic, m.type, typestore=types)
+            writer.write(connections[m.topic], m.time, m.data)
+            writer.write(strange, m.time, types.serialize_cdr(sample, "sonde/msg/Sample"))
+    file = bag / "bag.mcap"
+    # Its definition is not even one: a letter that no definition begins with.
+    file.write_bytes(file.read_bytes().replace(b"float64 salinity", b"\xc3\x9foat64 salinit!"))
+    assert run(bag, tmp_path / "out").code == 0
+    expected = (replayed / "frames.csv").read_bytes()
+    assert (tmp_path / "out" / "frames.csv").read_bytes() == expected
+
+
+def test_a_damaged_message_costs_its_frame(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def short(messages: Iterator[Message]) -> Iterator[Message]:
+        for index, (topic, kind, message, time) in enumerate(messages):
+            if index == 5:
+                assert kind == "sensor_msgs/msg/Image"
+                message.data = message.data[:100]
+            yield topic, kind, message, time
+
+    done = run(copy_bag(transect, tmp_path / "bag", edit=short), tmp_path / "out", capsys=capsys)
+    assert (done.code, frames(done.rows), len(done.rows)) == (0, FRAMES - 1, FRAMES)
+    assert "unusable frame: left image has 100 bytes of data" in done.out
+
+
+def test_without_metadata_the_files_are_read(copied: Path, tmp_path: Path) -> None:
+    (copied / "metadata.yaml").unlink()
+    (copied / "transect.mcap").rename(copied / "bag_0.mcap")
+    done = run(copied, tmp_path / "out")
+    assert (done.code, frames(done.rows)) == (0, FRAMES)
+
+
+def test_nothing_readable_is_exit_code_1_and_no_bag_is_2(
+    copied: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (copied / "transect.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(1000))
+    with pytest.raises(SystemExit) as ended:
+        run(copied, tmp_path / "out")
+    assert ended.value.code == 1
+    assert "cannot read bag" in capsys.readouterr().err
+    assert run(tmp_path / "nowhere", tmp_path / "out").code == 2
+    (tmp_path / "notes.txt").write_text("x")
+    assert run(tmp_path / "notes.txt", tmp_path / "out").code == 2
+    assert "no recording" in capsys.readouterr().err
+    assert not list(tmp_path.glob("out*"))

@@ -1,0 +1,93 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Bags are written whole or not at all, and read back or refused with a reason."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rosbags")
+
+from uw_visibility.errors import InputError
+from uw_visibility.messages.images import read_image
+from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.bags.writer import BagWriter
+
+TOPICS = {"/a": "std_msgs/msg/Float64", "/b": "std_msgs/msg/String"}
+
+
+def write(path: Path) -> None:
+    with BagWriter(path, TOPICS) as bag:
+        for k in range(3):
+            bag.write("/a", bag.make("std_msgs/msg/Float64", data=k / 2), 100 + 10 * k)
+        bag.write("/b", bag.make("std_msgs/msg/String", data="tief"), 105)
+
+
+def test_what_is_written_is_read_back_in_the_order_of_time(tmp_path: Path) -> None:
+    write(tmp_path / "bag")
+    with BagReader(tmp_path / "bag") as bag:
+        assert bag.topics == TOPICS
+        messages = [(m.topic, m.type, m.time, bag.deserialize(m).data) for m in bag.messages()]
+        assert messages == [
+            ("/a", "std_msgs/msg/Float64", 100, 0.0),
+            ("/b", "std_msgs/msg/String", 105, "tief"),
+            ("/a", "std_msgs/msg/Float64", 110, 0.5),
+            ("/a", "std_msgs/msg/Float64", 120, 1.0),
+        ]
+        assert [m.time for m in bag.messages(["/b"])] == [105]
+        assert list(bag.messages(["/nothing"])) == []
+
+
+def test_an_interrupted_bag_is_removed(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), BagWriter(tmp_path / "bag", TOPICS) as bag:
+        bag.write("/a", bag.make("std_msgs/msg/Float64", data=1.0), 1)
+        raise KeyboardInterrupt
+    assert not (tmp_path / "bag").exists()
+
+
+def test_an_existing_bag_is_kept_unless_told(tmp_path: Path) -> None:
+    write(tmp_path / "bag")
+    with pytest.raises(InputError, match="exists already"):
+        BagWriter(tmp_path / "bag", TOPICS)
+    with BagReader(tmp_path / "bag") as bag:
+        assert len(list(bag.messages())) == 4
+    with BagWriter(tmp_path / "bag", TOPICS, overwrite=True):
+        pass
+    with BagReader(tmp_path / "bag") as bag:
+        assert list(bag.messages()) == []
+
+
+def test_only_a_bag_is_overwritten(tmp_path: Path) -> None:
+    write(tmp_path / "bag")
+    (tmp_path / "link").symlink_to(tmp_path / "bag")
+    (tmp_path / "file").write_text("x", encoding="utf-8")
+    for name in ("link", "file", "."):
+        with pytest.raises(InputError, match="not a bag"):
+            BagWriter(tmp_path / name, TOPICS, overwrite=True)
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x", encoding="utf-8")
+    with pytest.raises(InputError, match=r"cannot make bag .*file/bag"):
+        BagWriter(tmp_path / "file" / "bag", TOPICS)
+
+
+def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"cannot read bag .*missing"):
+        BagReader(tmp_path / "missing")
+    with pytest.raises(InputError, match="cannot read bag"):
+        BagReader(tmp_path)
+    write(tmp_path / "bag")
+    storage = tmp_path / "bag" / "bag.mcap"
+    storage.write_bytes(storage.read_bytes()[:50])
+    with pytest.raises(InputError, match="cannot read bag"):
+        BagReader(tmp_path / "bag")
+
+
+def test_arrays_can_be_written_to(transect: Path) -> None:
+    """Kernels would be compiled a second time, for seconds, for arrays that cannot."""
+    with BagReader(transect) as bag:
+        message = bag.deserialize(next(bag.messages(["/left/image_rect"])))
+    assert read_image(message).flags.writeable

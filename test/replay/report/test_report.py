@@ -1,0 +1,208 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The report holds everything itself, and says what was not assessable and why."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from io import StringIO
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from bag_copies import FRAMES, Message, copy_bag, run
+from numpy.typing import NDArray
+
+from uw_visibility.replay import progress
+from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.report.figures import MOST_POINTS, NEEDED, draw_series
+from uw_visibility.replay.report.meaning import MEANINGS
+from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_track
+from uw_visibility.status import Status
+from uw_visibility.water import assessment
+
+
+class Page(HTMLParser):
+    """Elements and addresses of a page."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.addresses: list[str] = []
+        self.text = path.read_text(encoding="utf-8")
+        self.feed(self.text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.addresses += [
+            value or "" for name, value in attrs if name in ("src", "href", "data", "xlink:href")
+        ]
+
+
+@pytest.fixture(autouse=True)
+def plain_report() -> None:
+    """Draw the figure, other than in the tests beside."""
+
+
+def test_the_page_needs_no_network(replayed: Path) -> None:
+    page = Page(replayed / "report.html")
+    assert all(a.startswith(("data:", "#")) for a in page.addresses)
+    assert not {"script", "iframe", "object"} & set(page.tags)
+    assert not re.search(r"@import|url\((?!#)", page.text)
+    assert "svg" in page.tags
+
+
+def test_pictures_show_raw_enhanced_and_disparity(replayed: Path) -> None:
+    pictures = [a for a in Page(replayed / "report.html").addresses if "image/png" in a]
+    assert 4 <= len(pictures) <= FRAMES
+    for address in pictures:
+        data = np.frombuffer(base64.b64decode(address.partition(",")[2]), np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        assert image.shape == (120, 480, 3)
+        raw, enhanced, disparity = np.split(image.astype(float), 3, axis=1)
+        # Water takes contrast, and the enhanced image has it back.
+        assert enhanced.std() > raw.std()
+        assert disparity.std(axis=2).mean() > 30.0
+
+
+def test_colours_mean_the_same_disparity_in_all_pictures(replayed: Path) -> None:
+    """A frame whose range of disparities is its own would have colours of its own."""
+    with BagReader(replayed / "results.mcap") as reader:
+        messages = [reader.deserialize(m) for m in reader.messages(["/disparity"])]
+    text = Page(replayed / "report.html").text
+    colours: dict[int, list[NDArray[np.float64]]] = {}
+    for number, address in re.findall(r'alt="frame (\d+):[^>]*base64,([^"]*)"', text):
+        data = np.frombuffer(base64.b64decode(address), np.uint8)
+        drawn = cv2.imdecode(data, cv2.IMREAD_COLOR)[:, 320:].astype(float)
+        tenths = (10.0 * messages[int(number)].image.data.view(np.float32)).round().astype(int)
+        tenths = tenths.reshape(120, 160)
+        for value in np.unique(tenths[tenths > 0]):
+            colours.setdefault(value, []).append(drawn[tenths == value].mean(axis=0))
+    several = [np.ptp(seen, axis=0).max() for seen in colours.values() if len(seen) > 1]
+    assert len(several) > 20
+    assert max(several) < 16.0
+    assert re.search(r"[\d.]+ px \([\d.]+ m\) or less", text)
+
+
+def test_numbers_tables_and_parameters_are_there(replayed: Path, tmp_path: Path) -> None:
+    text = Page(replayed / "report.html").text
+    for words in (
+        "visibility distance, median", "improved disparity", "/depth_sensor",
+        "too uncertain: a difference of … m would pass", "SHA-256", "stereo.max_disparity", "± ",
+    ):
+        assert words in text
+    assert "Partial result" not in text
+    assert "could be used" not in text
+
+
+def test_what_was_not_assessable_is_explained(transect: Path, tmp_path: Path) -> None:
+    def grey(messages: Iterator[Message]) -> Iterator[Message]:
+        for topic, kind, message, time in messages:
+            if kind == "sensor_msgs/msg/Image":
+                message.encoding, message.step = "mono8", message.width
+                message.data = np.ascontiguousarray(message.data[1::3])
+            yield topic, kind, message, time
+
+    done = run(copy_bag(transect, tmp_path / "bag", edit=grey), tmp_path / "out")
+    assert done.code == 0
+    assert {row["status"] for row in done.rows} == {"no colour"}
+    assert {row["visibility_distance"] for row in done.rows} == {""}
+    text = Page(tmp_path / "out" / "report.html").text
+    assert MEANINGS[Status.NO_COLOUR] in text
+    assert "not assessable" in text
+
+
+def test_a_refused_distance_or_depth_is_told_though_the_water_was_assessed(
+    transect: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(assessment, "MAX_RELATIVE_STDDEV", 1e-9)
+    done = run(transect, tmp_path / "out", "--every", "3", capsys=capsys)
+    assert {row["status"] for row in done.rows} == {"ok"}
+    unbounded = "the depth is not assessable: ambient light unbounded"
+    assert {row["plausibility_reason"] for row in done.rows} == {unbounded}
+    text = Page(tmp_path / "out" / "report.html").text
+    assert "visibility: range spread too small, α 0." in text
+    state = json.loads((tmp_path / "out" / "replay.json").read_text())
+    for what, why in (
+        ("visibility distance", "range spread too small"),
+        ("depth by colour", "ambient light unbounded"),
+        ("plausibility of the depth sensor", unbounded),
+    ):
+        assert f"not assessable: {what}: {why} (2), frames 0-3\n" in done.out
+        row = rf"<td>{what}</td><td>{why}</td>\s*<td class=.n.>2</td><td>0-3</td>"
+        assert re.search(row, text)
+        assert [r["count"] for r in state["not_assessable"] if r["what"] == what] == [2]
+
+
+def test_every_reason_has_a_meaning() -> None:
+    assert set(MEANINGS) == set(Status) - {Status.OK}
+
+
+def test_frames_that_are_all_unusable_are_exit_code_1_with_the_reason(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def black(messages: Iterator[Message]) -> Iterator[Message]:
+        for topic, kind, message, time in messages:
+            if kind == "sensor_msgs/msg/Image":
+                message.data = np.zeros_like(message.data)
+            yield topic, kind, message, time
+
+    with pytest.raises(SystemExit) as ended:
+        run(copy_bag(transect, tmp_path / "bag", edit=black), tmp_path / "out")
+    assert ended.value.code == 1
+    assert "too dark" in capsys.readouterr().out
+    assert "too dark" in Page(tmp_path / "out" / "report.html").text
+
+
+@pytest.mark.parametrize("count", [1, 50, MOST_POINTS + 1])
+def test_the_series_is_drawn_whatever_is_known(count: int) -> None:
+    columns = {name: np.full(count, np.nan) for name in NEEDED}
+    columns["stamp"] = 1.7e9 + np.arange(count)
+    assert draw_series(columns).startswith("<img" if count > MOST_POINTS else "<svg")
+    columns = {name: np.linspace(1.0, 2.0, count) for name in NEEDED}
+    drawn = draw_series(columns)
+    # The same result has the same page.
+    assert count > 1 or drawn == draw_series(columns)
+
+
+def test_progress_is_a_line_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    stream = StringIO()
+    shown = progress.Progress("dive", 600, stream)
+    for _ in range(45):
+        now[0] += 0.5
+        shown.add()
+    shown.close()
+    assert stream.getvalue().splitlines() == [
+        "dive: 20 of 600 frames, 2.0 frames/s, 4:50 min left",
+        "dive: 40 of 600 frames, 2.0 frames/s, 4:40 min left",
+    ]
+
+
+def test_the_track_is_drawn_where_there_are_positions(replayed: Path) -> None:
+    columns = {name: np.full(5, np.nan) for name in TRACK_COLUMNS}
+    assert draw_track(columns) == ""
+    assert "<h2>Track</h2>" not in Page(replayed / "report.html").text
+    # Some frames were not assessed, and one has no position; one stands still.
+    columns["visibility_distance"] = np.array([5.0, np.nan, 7.0, 8.0, 9.0])
+    columns["x"] = columns["y"] = np.array([0.0, 1.0, 2.0, np.nan, 3.0])
+    assert "x [m]" in draw_track(columns)
+    columns["longitude"], columns["latitude"] = np.full(5, 10.5), np.full(5, 60.0)
+    assert "longitude [°]" in draw_track(columns)
+
+
+def test_no_axis_goes_above_the_surface() -> None:
+    columns = {name: np.full(9, np.nan) for name in NEEDED}
+    columns["stamp"] = 1.7e9 + np.arange(9)
+    columns["depth"], columns["depth_stddev"] = np.full(9, 1.3), np.full(9, 2.0)
+    drawn = draw_series(columns)
+    # Text is drawn as curves; what it says stands beside it.
+    assert "<!-- 3 -->" in drawn
+    assert "<!-- −1 -->" not in drawn

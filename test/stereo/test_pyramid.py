@@ -1,0 +1,151 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Matching at a fraction of the size: the published disparity stays true to the input."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from uw_visibility import Pipeline, PipelineConfig, StereoRig
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import StereoConfig
+from uw_visibility.stereo.pyramid import Reduction
+
+FAST = Path(__file__).resolve().parents[2] / "config" / "fast.yaml"
+RIG = StereoRig(300.0, 0.1, (160.0, 121.0), (157.5, 121.0))
+HEIGHT, WIDTH = 243, 323
+
+
+def slope() -> np.ndarray:
+    """Disparity of a sea floor that rises towards the lower right, px."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    return (8.0 + 0.05 * y + 0.012 * x).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def pair() -> tuple[np.ndarray, np.ndarray]:
+    generator = np.random.default_rng(4)
+    columns = np.arange(WIDTH)
+    fine = generator.random((HEIGHT, WIDTH + 60, 3))
+    coarse = np.kron(generator.random((HEIGHT // 6 + 1, WIDTH // 6 + 11, 3)), np.ones((6, 6, 1)))
+    texture = 0.3 * fine + 0.7 * coarse[:HEIGHT, : WIDTH + 60]
+    # The texture is the right camera's view, and what the left one sees is right of it.
+    left = np.stack([
+        np.stack([np.interp(columns - d + 30, np.arange(WIDTH + 60), c) for c in row.T], -1)
+        for row, d in zip(texture, slope(), strict=True)
+    ])
+    transmission = np.exp(-np.array([0.5, 0.3, 0.2]) * 30.0 / slope()[..., np.newaxis])
+    lit = (
+        0.7 * (transmission * image + 1 - transmission) for image in (left, texture[:, 30:-30])
+    )
+    first, second = (np.round(255 * image).astype(np.uint8) for image in lit)
+    return first, second
+
+
+@pytest.mark.parametrize("factor", [2, 3, 4])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_slope_comes_back_as_it_was(factor: int, threads: int) -> None:
+    reduction = Reduction(factor, Workers(threads))
+    height, width = HEIGHT // factor, WIDTH // factor
+    if reduction.factor((HEIGHT, WIDTH)) == 1:
+        assert (height, width) < (64, 96)
+        return
+    # A square's disparity is the mean of its pixels', and smaller by the factor.
+    whole = slope()[: height * factor, : width * factor]
+    small = whole.reshape(height, factor, width, factor).mean(axis=(1, 3)) / factor
+    full = reduction.disparity(small.astype(np.float32), (HEIGHT, WIDTH))
+    assert full.shape == (HEIGHT, WIDTH)
+    inside = (slice(factor, height * factor - factor), slice(factor, width * factor - factor))
+    np.testing.assert_allclose(full[inside], slope()[inside], atol=2e-4)
+    # At the border there is nothing to interpolate with, but something to repeat.
+    np.testing.assert_allclose(full, slope(), atol=0.05 * (2 * factor + 1))
+
+
+def test_two_surfaces_are_not_mixed_and_nothing_is_made_up() -> None:
+    small = np.full((100, 120), 5.0, np.float32)
+    small[:, 60:] = 12.0
+    small[40:60] = np.nan
+    full = Reduction(2, Workers(1)).disparity(small, (200, 240))
+    assert set(np.unique(full[np.isfinite(full)])) == {10.0, 24.0}
+    assert np.isnan(full[80:120]).all()
+    assert np.isfinite(full[:80]).all()
+    assert (full[:80, :120] == 10.0).all()
+
+
+@given(st.integers(1, 4), st.floats(0, 300), st.floats(0, 200), st.floats(4, 60))
+def test_a_point_has_the_same_range_at_both_sizes(
+    factor: int, x: float, y: float, disparity: float
+) -> None:
+    small = Reduction(factor, Workers(1)).rig(RIG, (480, 640))
+    u, v = (x + 0.5) / factor - 0.5, (y + 0.5) / factor - 0.5
+    points = []
+    for rig, point, shift in ((RIG, (x, y), disparity), (small, (u, v), disparity / factor)):
+        depth = rig.focal_length * rig.baseline / (shift - rig.offset)
+        centre = np.array(rig.principal_point)
+        points.append([*((np.array(point) - centre) / rig.focal_length * depth), depth])
+    np.testing.assert_allclose(points[0], points[1], rtol=1e-6, atol=1e-9)
+
+
+def test_a_mask_keeps_what_is_whole_and_small_images_stay() -> None:
+    reduction = Reduction(2, Workers(1))
+    mask = np.ones((201, 301), bool)
+    mask[0, 7] = False
+    small = reduction.mask(mask)
+    assert small is not None
+    assert small.shape == (100, 150)
+    assert np.argwhere(~small).tolist() == [[0, 3]]
+    image = np.zeros((120, 180, 3), np.uint8)
+    assert reduction.image(image) is image
+
+
+def test_the_search_covers_the_same_disparities_at_most() -> None:
+    config = StereoConfig(min_disparity=5, max_disparity=63)
+    found = Reduction(2, Workers(1)).settings(config, (480, 640))
+    assert (found.min_disparity, found.max_disparity) == (3, 31)
+
+
+def test_the_fast_preset_publishes_full_size_and_true_geometry(
+    pair: tuple[np.ndarray, np.ndarray],
+) -> None:
+    whole, fast = (
+        Pipeline(RIG, config).process(*pair, match_original=True)
+        for config in (PipelineConfig(), PipelineConfig.from_yaml(FAST))
+    )
+    assert fast.timing_ms["reduction"] > 0
+    for result in (whole, fast):
+        assert result.disparity_original is not None
+        for disparity in (result.disparity, result.disparity_filled, result.disparity_original):
+            error = (disparity - slope())[:, 40:]
+            assert np.isfinite(error).mean() > 0.8
+            assert abs(np.nanmean(error)) < 0.05
+            assert np.nanpercentile(np.abs(error), 95) < 0.5
+        truth = RIG.range_from_disparity(slope())
+        assert np.median(np.abs(result.range / truth - 1)) < 0.01
+    for name in ("left_enhanced", "right_enhanced", "limited", "range"):
+        assert getattr(fast, name).shape == getattr(whole, name).shape, name
+    assert (fast.min_disparity, fast.max_disparity) == (whole.min_disparity, whole.max_disparity)
+    assert abs(fast.visibility.mean_attenuation - whole.visibility.mean_attenuation) < 0.03
+    # The images are as sharp as ever: they are not made from the small ones.
+    sharpness = [
+        np.abs(np.diff(result.left_enhanced.astype(float), axis=1)).mean()
+        for result in (whole, fast)
+    ]
+    assert sharpness[1] > 0.95 * sharpness[0]
+
+
+def test_the_fast_preset_gives_the_same_bits_for_any_number_of_threads(
+    pair: tuple[np.ndarray, np.ndarray],
+) -> None:
+    results = [
+        Pipeline(
+            RIG, PipelineConfig.from_parameters({"stereo.reduction": 2, "threads": threads})
+        ).process(*pair)
+        for threads in (1, 2)
+    ]
+    for name in ("disparity", "disparity_filled", "left_enhanced", "right_enhanced"):
+        np.testing.assert_array_equal(*(getattr(result, name) for result in results))

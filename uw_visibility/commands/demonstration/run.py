@@ -1,0 +1,180 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The demonstration from end to end: simulate, run the node, play, compare, draw."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.commands.demonstration.comparison import (
+    NAN,
+    FrameComparison,
+    compare,
+    summarize,
+    write_csv,
+)
+from uw_visibility.commands.demonstration.figures import draw_frame, draw_series
+from uw_visibility.commands.demonstration.interruption import Interruption
+from uw_visibility.commands.demonstration.isolation import isolate
+from uw_visibility.commands.demonstration.node_process import COMMAND, NodeProcess
+from uw_visibility.commands.demonstration.play import Check, play, wait_until_ready
+from uw_visibility.commands.demonstration.recording import (
+    RecordedFrame,
+    read_disparity,
+    read_recording,
+)
+from uw_visibility.commands.progress import progress_bar, tell
+from uw_visibility.messages.images import read_image
+from uw_visibility.messages.outputs import TOPICS
+from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.simulation.bag import write_transect
+from uw_visibility.simulation.transect import Transect
+
+Item = TypeVar("Item")
+
+PICTURES = 4
+"""Frames that are drawn, evenly spread over the transect."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came back for one frame.
+
+    Attributes
+    ----------
+    messages : dict of str to object
+        Message by topic; empty where the node did not answer.
+    latency : float
+        From the stamp to the arrival of the last of them in ms.
+    """
+
+    messages: Mapping[str, Any]
+    latency: float
+
+
+def demonstrate(
+    folder: Path, transect: Transect, command: tuple[str, ...] = COMMAND
+) -> list[tuple[str, str]]:
+    """Run the demonstration.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the recording, the pictures, the table and the node's log go.
+    transect : Transect
+        What to simulate.
+    command : tuple of str
+        How to start the node.
+
+    Returns
+    -------
+    list of tuple of two str
+        Names and values of the summary.
+
+    Raises
+    ------
+    NodeDied
+        If the node ends before its time.
+    InputError
+        If the recording cannot be written.
+    KeyboardInterrupt
+        After a signal that asks for the end.
+    """
+    domain = isolate(folder / "fastdds.xml")
+    bag = folder / "transect"
+    with Interruption() as interruption, NodeProcess(folder / "node.log", domain, command) as node:
+
+        def check() -> None:
+            interruption.check()
+            node.check()
+
+        # The node compiles its kernels while the transect is being simulated.
+        write_transect(
+            bag, transect, overwrite=True,
+            progress=lambda frames: _checked(frames, "simulate", transect.frames, check),
+        )
+        topics, frames = read_recording(bag)
+        answers = _ask(check, domain, topics, frames)
+    with Interruption() as interruption:
+        rows = _compare(folder, frames, answers, interruption.check)
+    draw_series(folder / "series.png", rows)
+    write_csv(folder / "frames.csv", rows)
+    return summarize(rows)
+
+
+def _checked(
+    items: Iterable[Item], name: str, total: int, check: Check
+) -> Iterator[Item]:
+    """Yield items with a progress bar, as long as the check finds no objection."""
+    for item in progress_bar(items, name, total):
+        check()
+        yield item
+
+
+def _compare(
+    folder: Path, frames: Sequence[RecordedFrame], answers: Sequence[Answer], check: Check
+) -> list[FrameComparison]:
+    """Hold the answers against the truth, and draw some of them."""
+    # The raw pairs are matched here, by the pipeline's own matcher.
+    pipeline = Pipeline(frames[0].rig)
+    pictured = set(np.linspace(0, len(frames) - 1, PICTURES).round().astype(int).tolist())
+    _remove_pictures(folder)
+    rows = []
+    pairs = zip(frames, answers, strict=True)
+    for index, (frame, answer) in enumerate(_checked(pairs, "compare", len(frames), check)):
+        before = pipeline.process(frame.left, frame.right, match_original=True).disparity_original
+        assert before is not None
+        seconds = (frame.time - frames[0].time) * 1e-9
+        row = compare(frame, seconds, answer.messages, answer.latency, before)
+        rows.append(row)
+        if index in pictured and row.answered:
+            _draw(folder / f"frame_{index:03d}.png", frame, answer, before, row)
+    return rows
+
+
+def _ask(
+    check: Check, domain: int, topics: Mapping[str, str], frames: Sequence[RecordedFrame]
+) -> list[Answer]:
+    """Play the frames into the node and return what it answers to each."""
+    from uw_visibility.ros.client.link import open_link
+
+    with open_link(domain, topics, TOPICS) as (player, collector):
+        tell("waiting for the node to be ready")
+        wait_until_ready(check, player, collector, frames[0])
+        stamps = play(
+            check, player, collector, frames,
+            lambda items: progress_bar(items, "play", len(items)),
+        )
+        by_stamp = collector.by_stamp()
+        answers = []
+        for stamp in stamps:
+            arrivals = by_stamp.get(stamp, {})
+            last = max((arrival.time for arrival in arrivals.values()), default=None)
+            answers.append(Answer(
+                {topic: collector.read(topic, a) for topic, a in arrivals.items()},
+                NAN if last is None else (last - stamp) * 1e-6,
+            ))
+    return answers
+
+
+def _remove_pictures(folder: Path) -> None:
+    """Remove an earlier run's pictures, which may be of other frames."""
+    for picture in folder.glob("frame_[0-9][0-9][0-9].png"):
+        picture.unlink()
+
+
+def _draw(
+    path: Path, frame: RecordedFrame, answer: Answer, before: NDArray[np.float32],
+    row: FrameComparison,
+) -> None:
+    if not {"left/enhanced/image", "disparity"} <= answer.messages.keys():
+        return
+    enhanced = read_image(answer.messages["left/enhanced/image"])
+    after = read_disparity(answer.messages["disparity"])
+    draw_frame(path, (frame.left, enhanced), (before, after, frame.disparity), row)

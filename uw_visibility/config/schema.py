@@ -1,0 +1,390 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Every parameter of the pipeline and of the node: default, unit, bounds, meaning.
+
+`config/uw_visibility.yaml` holds the same names and defaults; the node and the
+command read that form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from uw_visibility.config.parameters import (
+    build,
+    check_names,
+    describe,
+    flatten,
+    parameter,
+    read_yaml,
+    section,
+)
+from uw_visibility.config.water import AssessmentConfig, TrackingConfig, WaterConfig
+
+__all__ = [
+    "AssessmentConfig", "CameraConfig", "EnhancementConfig", "NodeConfig", "PipelineConfig",
+    "PlausibilityConfig", "StereoConfig", "SynchronizationConfig", "TrackingConfig",
+    "WaterConfig",
+]
+
+
+@dataclass(frozen=True)
+class CameraConfig:
+    """What the camera does to light."""
+
+    transfer: str = parameter(
+        "linear",
+        "How pixel values follow light: linear, or encoded with the sRGB curve.",
+        choices=("linear", "srgb"),
+    )
+    response: str = parameter(
+        "nikon_d5100",
+        "Spectral response: the name of a shipped table, or the path of a CSV file "
+        "with the columns wavelength_nm, red, green, blue.",
+    )
+    white_reference: tuple[float, float, float] = parameter(
+        (1.0, 1.0, 1.0),
+        "The camera's linear R, G, B for white at the surface; the scale is free.",
+        minimum=1e-3,
+        maximum=1e3,
+    )
+    vignetting: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0),
+        "Relative illumination of the images is 1 + a r^2 + b r^4 + c r^6, with r the distance "
+        "from the principal point over half of the diagonal: a, b, c. Zeros leave images as "
+        "they are.",
+        minimum=-10.0,
+        maximum=10.0,
+    )
+    flat_field: str = parameter(
+        "",
+        "Path of an image of an evenly lit surface, of the size of the rectified images, which "
+        "takes the place of vignetting; empty for none.",
+    )
+    flat_field_right: str = parameter(
+        "", "The right camera's flat field; empty for the same as the left one's.",
+    )
+
+
+@dataclass(frozen=True)
+class StereoConfig:
+    """The stereo matcher (Geiger, Roser and Urtasun, ACCV 2010)."""
+
+    max_disparity: int = parameter(
+        0,
+        "Largest disparity searched; 0 takes a quarter of the image's width.",
+        unit="px", minimum=0, maximum=1024,
+    )
+    min_disparity: int = parameter(
+        0, "Smallest disparity searched.", unit="px", minimum=0, maximum=1000,
+    )
+    reduction: int = parameter(
+        1, "Pixels are averaged in squares of this side before matching and estimation; the "
+        "published images and the disparity keep their size. 2 is for small computers.",
+        unit="px", minimum=1, maximum=4,
+    )
+    support_step: int = parameter(
+        5, "Distance of the grid points that may become support points.",
+        unit="px", minimum=2, maximum=50,
+    )
+    support_texture: int = parameter(
+        10, "Least sum of gradient responses at a support point.", minimum=0, maximum=2000,
+    )
+    support_uniqueness: float = parameter(
+        0.9, "A support point's best cost is at most this times its second best.",
+        minimum=0.1, maximum=1.0,
+    )
+    consistency_cells: int = parameter(
+        5, "Grid points to each side that a support point is compared with.",
+        minimum=1, maximum=20,
+    )
+    consistency_disparity: float = parameter(
+        2.0, "Difference up to which two support points agree.",
+        unit="px", minimum=0.0, maximum=100.0,
+    )
+    consistency_count: int = parameter(
+        5, "Neighbours that must agree with a support point.", minimum=0, maximum=400,
+    )
+    plane_radius: int = parameter(
+        1, "Distance from the mesh's plane up to which disparities are tried.",
+        unit="px", minimum=0, maximum=20,
+    )
+    plane_deviation: float = parameter(
+        1.0, "Standard deviation of the prior about the mesh's plane.",
+        unit="px", minimum=0.1, maximum=20.0,
+    )
+    prior_outlier: float = parameter(
+        3.0, "Weight of disparities off the plane, against 1 on it.",
+        minimum=1e-3, maximum=1e3,
+    )
+    likelihood_weight: float = parameter(
+        0.007, "Weight of a unit of descriptor difference against the prior.",
+        minimum=1e-4, maximum=1.0,
+    )
+    airlight_prior: float = parameter(
+        50.0, "Energy of a unit of optical thickness that airlight leaves unexplained, in "
+        "units of descriptor difference; it counts where texture is low. 0 for none.",
+        minimum=0.0, maximum=1000.0,
+    )
+    left_right_tolerance: int = parameter(
+        2, "Largest difference of the two views' disparities.", unit="px", minimum=0, maximum=10,
+    )
+    noise_ratio: float = parameter(
+        0.9, "Largest difference of matched descriptors over their texture, around a pixel; "
+        "noise in open water has about 1.1.",
+        minimum=0.1, maximum=10.0,
+    )
+    segment_size: int = parameter(
+        100, "Smallest number of pixels that a segment of the disparity map keeps.",
+        unit="px", minimum=0, maximum=100000,
+    )
+    segment_difference: float = parameter(
+        1.0, "Difference of neighbouring disparities within a segment.",
+        unit="px", minimum=0.0, maximum=10.0,
+    )
+    gap_width: int = parameter(
+        7, "Width of the gaps in the disparity map that are bridged.",
+        unit="px", minimum=0, maximum=100,
+    )
+    gap_difference: float = parameter(
+        3.0, "Difference of a gap's two sides up to which it is interpolated.",
+        unit="px", minimum=0.0, maximum=100.0,
+    )
+    smoothing_radius: int = parameter(
+        5, "Neighbours to each side in the adaptive mean of the disparity map; 0 for none.",
+        unit="px", minimum=0, maximum=30,
+    )
+    smoothing_difference: float = parameter(
+        3.0, "Difference of disparity from which a neighbour is another surface.",
+        unit="px", minimum=0.1, maximum=30.0,
+    )
+
+
+@dataclass(frozen=True)
+class EnhancementConfig:
+    """Restoration of the scene's radiance (eq. 8) and the dense range it needs."""
+
+    max_gain: float = parameter(
+        30.0, "Largest gain exp(attenuation x range); pixels beyond it are marked.",
+        minimum=1.0, maximum=1e3,
+    )
+    max_noise: float = parameter(
+        0.05, "Largest standard deviation of noise and rounding in an enhanced image, as part "
+        "of white: limits the gain further.",
+        minimum=1e-3, maximum=10.0,
+    )
+    matting: str = parameter(
+        "guided",
+        "How the coarse disparity becomes dense: guided (a filter, fast) or laplacian "
+        "(a closed-form matting solve, for reference).",
+        choices=("guided", "laplacian"),
+    )
+    matting_radius: int = parameter(
+        4, "Reach of the matting filter; larger holes are filled from coarser scales.",
+        unit="px", minimum=4, maximum=256,
+    )
+    matting_smoothness: float = parameter(
+        1e-5, "Variance of the image, at a scale of 0..1, below which it counts as flat.",
+        minimum=1e-7, maximum=1.0,
+    )
+    max_gap: int = parameter(
+        40, "How far a gap in the disparity map looks for its surroundings; what finds too "
+        "few is inpainted.",
+        unit="px", minimum=1, maximum=512,
+    )
+
+
+@dataclass(frozen=True)
+class PipelineConfig:
+    """Everything that the pipeline can be told.
+
+    Use `from_parameters` or `from_yaml` to make one; the fields are the
+    sections of the parameter file.
+    """
+
+    camera: CameraConfig = section(CameraConfig)
+    stereo: StereoConfig = section(StereoConfig)
+    water: WaterConfig = section(WaterConfig)
+    assessment: AssessmentConfig = section(AssessmentConfig)
+    tracking: TrackingConfig = section(TrackingConfig)
+    enhancement: EnhancementConfig = section(EnhancementConfig)
+    threads: int = parameter(
+        0, "Threads that the pipeline uses; 0 takes one per processor.",
+        minimum=0, maximum=64, read_only=True,
+    )
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> PipelineConfig:
+        """Make a configuration from the node's parameter names.
+
+        Parameters
+        ----------
+        values : mapping of str to object
+            Values by dotted name, for example ``{"stereo.max_disparity": 96}``.
+            What is absent keeps its default; names of `NodeConfig` are
+            accepted and do nothing here.
+
+        Returns
+        -------
+        PipelineConfig
+
+        Raises
+        ------
+        InputError
+            If a name is unknown (the nearest known one is named) or a value
+            is not allowed.
+        """
+        mine, _ = split_parameters(values)
+        return build(cls, mine)
+
+    @classmethod
+    def from_yaml(cls, path: str | Path) -> PipelineConfig:
+        """Make a configuration from a ROS 2 parameter file; see `read_yaml`."""
+        return cls.from_parameters(read_yaml(path))
+
+    def to_parameters(self) -> dict[str, Any]:
+        """Return every value by its dotted name."""
+        return flatten(self)
+
+
+@dataclass(frozen=True)
+class SynchronizationConfig:
+    """How the four input topics become stereo frames."""
+
+    tolerance: float = parameter(
+        0.0, "Largest difference of the two images' stamps; 0 asks for equal stamps.",
+        unit="s", minimum=0.0, maximum=1.0,
+    )
+    queue_size: int = parameter(
+        10, "Images of each side that wait for their partner.", minimum=1, maximum=1000,
+    )
+
+
+@dataclass(frozen=True)
+class PlausibilityConfig:
+    """How a depth sensor is held against the depth that the water's colour tells."""
+
+    sensor_type: str = parameter(
+        "PoseWithCovarianceStamped",
+        "Type of the messages on depth_sensor; none where there is no sensor.",
+        choices=(
+            "PoseWithCovarianceStamped", "Odometry", "FluidPressure", "PointStamped", "Float64",
+            "none",
+        ),
+        read_only=True,
+    )
+    sensor_sign: str = parameter(
+        "auto",
+        "Where the sensor's numbers grow: down, up, or auto, which is down for Float64 and up "
+        "for z of a pose or point. A pressure always grows downwards.",
+        choices=("auto", "down", "up"),
+    )
+    sensor_offset: float = parameter(
+        0.0, "Depth of the camera below the sensor.", unit="m", minimum=-100.0, maximum=100.0,
+    )
+    sensor_stddev: float = parameter(
+        0.1, "Standard deviation of the sensor's depth where its messages state none.",
+        unit="m", minimum=1e-3, maximum=10.0,
+    )
+    density: float = parameter(
+        1025.0, "Density of the water, for FluidPressure.",
+        unit="kg/m^3", minimum=900.0, maximum=1300.0,
+    )
+    surface_pressure: float = parameter(
+        101325.0, "Pressure that the sensor has at the surface; 0 for a gauge.",
+        unit="Pa", minimum=0.0, maximum=200000.0,
+    )
+    confidence: float = parameter(
+        0.95, "Share of the differences that pass the gate where all is well (chi squared, one "
+        "degree of freedom).", minimum=0.5, maximum=0.9999,
+    )
+    warn_after: int = parameter(
+        3, "Differences beyond the gate in a row that are a warning.", minimum=1, maximum=1000,
+    )
+    error_after: int = parameter(
+        6, "Differences beyond the gate in a row that are an error.", minimum=1, maximum=1000,
+    )
+    model_stddev: float = parameter(
+        0.25, "Standard deviation of what the estimate's own does not hold: kind of water, light, "
+        "white balance.", unit="m", minimum=0.0, maximum=20.0,
+    )
+    max_gate: float = parameter(
+        1.5, "A difference whose gate is wider than this proves nothing and is not judged.",
+        unit="m", minimum=0.1, maximum=100.0,
+    )
+    bias_window: int = parameter(
+        0, "Differences at the start of which the mean is learned as a constant bias and then "
+        "taken off; 0 for none.", minimum=0, maximum=10000,
+    )
+    timeout: float = parameter(
+        2.0, "Age from which estimate or sensor are stale, and longest gap between the sensor's "
+        "messages that is bridged.", unit="s", minimum=0.1, maximum=60.0,
+    )
+
+
+@dataclass(frozen=True)
+class NodeConfig:
+    """What the node needs beyond the pipeline."""
+
+    rectify: bool = parameter(
+        False, "Rectify raw images with K, D, R and P of their CameraInfo.", read_only=True,
+    )
+    image_transport: str = parameter(
+        "raw",
+        "Take Image messages (raw), or CompressedImage on the images' topics + /compressed.",
+        choices=("raw", "compressed"),
+        read_only=True,
+    )
+    publish_depth_image: bool = parameter(
+        False, "Publish depth/image and depth/camera_info: Z of the matched pixels, 32FC1, m "
+        "(REP 118).", read_only=True,
+    )
+    publish_points: bool = parameter(
+        False, "Publish points2: the matched pixels in space, in the enhanced image's colours.",
+        read_only=True,
+    )
+    concurrent_frames: int = parameter(
+        2, "Frames that are processed at once where they come faster than one takes, each in "
+        "fewer threads; never more than there are threads. 1 takes least memory.",
+        minimum=1, maximum=8, read_only=True,
+    )
+    niceness: int = parameter(
+        5, "How far the pipeline's threads give way to all others on the computer, those that "
+        "receive messages among them; 0 not at all, 19 most.",
+        minimum=0, maximum=19, read_only=True,
+    )
+    max_range: float = parameter(
+        50.0, "Visibility beyond this is published as infinite.",
+        unit="m", minimum=0.1, maximum=1000.0,
+    )
+    depth_frame: str = parameter(
+        "map", "Frame of the published depth: fixed to the world, z up, its origin at the surface.",
+    )
+    synchronization: SynchronizationConfig = section(SynchronizationConfig)
+    plausibility: PlausibilityConfig = section(PlausibilityConfig)
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> NodeConfig:
+        """Make a configuration from dotted names, ignoring the pipeline's."""
+        _, mine = split_parameters(values)
+        return build(cls, mine)
+
+
+def split_parameters(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Split values by dotted name into the pipeline's and the node's.
+
+    Raises
+    ------
+    InputError
+        If a name belongs to neither; the nearest known one is named.
+    """
+    pipeline = {info.name for info in describe(PipelineConfig)}
+    node = {info.name for info in describe(NodeConfig)}
+    check_names(values, iter(sorted(pipeline | node)))
+    return (
+        {k: v for k, v in values.items() if k in pipeline},
+        {k: v for k, v in values.items() if k in node},
+    )

@@ -1,0 +1,96 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the water's state: estimation, what it means, and recursion over frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from uw_visibility.config.parameters import parameter
+
+
+@dataclass(frozen=True)
+class WaterConfig:
+    """Estimation of attenuation and ambient light (eq. 4-7)."""
+
+    method: str = parameter(
+        "lower_envelope",
+        "Fit of the dark envelope: lower_envelope (asymmetric loss, darkest patches), or "
+        "paper (symmetric loss, 1 % quantile).",
+        choices=("lower_envelope", "paper"),
+    )
+    bins: int = parameter(
+        48, "Number of range bins.", minimum=8, maximum=256,
+    )
+    min_bin_pixels: int = parameter(
+        100, "Pixels that a range bin needs to count.", minimum=10, maximum=100000,
+    )
+    min_range_ratio: float = parameter(
+        1.25, "Smallest ratio of the farthest to the nearest range that is assessed.",
+        minimum=1.0, maximum=10.0,
+    )
+    edge_tolerance: float = parameter(
+        0.03, "Pixels are left out where the range beside them departs from a plane by more "
+        "than this fraction.", minimum=0.0, maximum=1.0,
+    )
+    daylight_tolerance: float = parameter(
+        0.15, "How far the ambient light's colour is expected from that of daylight below "
+        "water of assessment.water_type, as seen by camera.white_reference, as part of each "
+        "channel; 10 expects nothing.", minimum=0.01, maximum=10.0,
+    )
+
+
+@dataclass(frozen=True)
+class AssessmentConfig:
+    """What visibility and depth mean (eq. 9-14)."""
+
+    contrast: float = parameter(
+        0.05, "Smallest contrast that an observer distinguishes (eq. 11).",
+        minimum=1e-3, maximum=0.5,
+    )
+    water_type: str = parameter(
+        "clear",
+        "Water above the camera, whose attenuation tells how daylight's colour follows depth: "
+        "clear sea water, a Jerlov type, or as estimated from each frame.",
+        choices=("clear", "IB", "II", "III", "1C", "3C", "5C", "estimated"),
+    )
+    max_depth: float = parameter(
+        60.0, "Largest depth considered.", unit="m", minimum=1.0, maximum=200.0,
+    )
+
+
+@dataclass(frozen=True)
+class TrackingConfig:
+    """Recursion over frames: a Kalman filter of the water's state."""
+
+    enabled: bool = parameter(
+        True, "Filter the estimates of frames that come with a stamp.",
+    )
+    turbidity_rate: float = parameter(
+        0.02, "How fast attenuation wanders, as part of itself.",
+        unit="1/s^0.5", minimum=1e-4, maximum=10.0,
+    )
+    light_rate: float = parameter(
+        0.05, "How fast the colour of the ambient light wanders, as part of each channel.",
+        unit="1/s^0.5", minimum=1e-4, maximum=10.0,
+    )
+    exposure_change: float = parameter(
+        0.5, "How much the exposure, common to all channels, may change from frame to frame; "
+        "0 for a fixed one.", minimum=0.0, maximum=10.0,
+    )
+    common_error: float = parameter(
+        0.5, "Part of the variance of a frame's estimate that following frames share, since "
+        "they show the same scene: filtering does not lessen it.", minimum=0.0, maximum=0.95,
+    )
+    gate_probability: float = parameter(
+        0.999, "Share of the estimates that pass the gate where all is well (chi squared).",
+        minimum=0.5, maximum=0.999999,
+    )
+    reset_count: int = parameter(
+        3, "Estimates in a row beyond the gate that, agreeing with one another, are the new "
+        "state.", minimum=1, maximum=100,
+    )
+    timeout: float = parameter(
+        5.0, "Time without an estimate after which nothing is known of the state.",
+        unit="s", minimum=0.01, maximum=3600.0,
+    )

@@ -1,0 +1,156 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Fig. 6 and 7 of the paper: what becomes of scenes as the water changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from uw_visibility.evaluation.cases import CaseResult
+from uw_visibility.evaluation.experiments import Evaluation
+from uw_visibility.evaluation.figures.style import (
+    ATTENUATION_LABEL,
+    DEPTH_LABEL,
+    IMAGE_STYLES,
+    MATCH_STYLES,
+    OURS,
+    READING_STYLES,
+    TRUTH_STYLE,
+    Style,
+    save,
+)
+
+ROW_HEIGHT = 2.7
+Abscissa = Callable[[CaseResult], float]
+
+
+def draw_over_attenuation(path: Path, evaluation: Evaluation) -> None:
+    """Draw Fig. 6: α̂, unmatched and correct fraction over α, at one depth.
+
+    The paper shows the unmatched fraction alone, of a "conventional stereo matching
+    framework" against its own. What is matched may be wrong, so the correct fraction
+    stands beside it.
+
+    Parameters
+    ----------
+    path : Path
+        PNG file to write.
+    evaluation : Evaluation
+        Everything measured.
+    """
+    depth = evaluation.plan.shown[1]
+    scenes = _by_scene(evaluation, lambda case: case.truth.depth == depth)
+    figure, grid = _panels(len(scenes), 3)
+    for row, (scene, cases) in zip(grid, scenes.items(), strict=True):
+        _draw_readings(row[0], cases, _attenuation, list(READING_STYLES))
+        _draw_lines(
+            row[1], cases, _attenuation, MATCH_STYLES, lambda c, name: 1.0 - c.matched[name])
+        _draw_lines(row[2], cases, _attenuation, MATCH_STYLES, lambda c, name: c.correct[name])
+        row[0].set_ylabel(f"{scene}\nestimate of α [1/m]")
+        row[1].set_ylabel("unmatched fraction")
+        row[2].set_ylabel(f"correct fraction (≤ {cases[0].tolerance:g} px)")
+    grid[0, 1].set_ylim(bottom=0.0)
+    grid[0, 2].set_ylim(top=1.0)
+    for axes in grid[-1]:
+        axes.set_xlabel(ATTENUATION_LABEL)
+    figure.suptitle(f"Decreasing visibility at z = {depth:g} m (as Fig. 6 of the paper)")
+    _legends(figure, grid, (0, 2))
+    save(figure, path)
+
+
+def draw_over_depth(path: Path, evaluation: Evaluation) -> None:
+    """Draw Fig. 7: α̂ and ΔE*ab to the scene in air over z, at one α.
+
+    Parameters
+    ----------
+    path : Path
+        PNG file to write.
+    evaluation : Evaluation
+        Everything measured.
+    """
+    attenuation = evaluation.plan.shown[0]
+    scenes = _by_scene(
+        evaluation, lambda case: bool(np.isclose(case.truth.mean_attenuation, attenuation)))
+    figure, grid = _panels(len(scenes), 2)
+    for row, (scene, cases) in zip(grid, scenes.items(), strict=True):
+        _draw_readings(row[0], cases, _depth, list(READING_STYLES))
+        _draw_lines(
+            row[1], cases, _depth, IMAGE_STYLES, lambda c, name: c.colour_difference[name])
+        row[0].set_ylabel(f"{scene}\nestimate of α [1/m]")
+        row[1].set_ylabel("ΔE*ab")
+    grid[0, 1].set_ylim(bottom=0.0)
+    for axes in grid[-1]:
+        axes.set_xlabel(DEPTH_LABEL)
+    figure.suptitle(
+        f"Increasing depth at α = {attenuation:.3g} 1/m (as Fig. 7 of the paper)")
+    _legends(figure, grid, (0, 1))
+    save(figure, path)
+
+
+def _by_scene(
+    evaluation: Evaluation, wanted: Callable[[CaseResult], bool]
+) -> dict[str, list[CaseResult]]:
+    scenes: dict[str, list[CaseResult]] = {}
+    for case in filter(wanted, evaluation.cases):
+        scenes.setdefault(case.scene, []).append(case)
+    return scenes
+
+
+def _attenuation(case: CaseResult) -> float:
+    return case.truth.mean_attenuation
+
+
+def _depth(case: CaseResult) -> float:
+    return case.truth.depth
+
+
+def _panels(rows: int, columns: int) -> tuple[Figure, Any]:
+    figure = Figure(figsize=(4.4 * columns + 0.6, ROW_HEIGHT * rows + 1.7), layout="constrained")
+    grid = figure.subplots(rows, columns, sharex=True, sharey="col", squeeze=False)
+    figure.get_layout_engine().set(w_pad=0.12)  # type: ignore[union-attr]
+    for axes in grid.flat:
+        axes.grid(alpha=0.25)
+    return figure, grid
+
+
+def _draw_readings(
+    axes: Any, cases: Sequence[CaseResult], abscissa: Abscissa, names: Sequence[str]
+) -> None:
+    """Draw α̂ by each way to it, that of the pipeline with its band of one σ."""
+    x = np.array([abscissa(case) for case in cases])
+    axes.plot(x, [case.truth.mean_attenuation for case in cases], **TRUTH_STYLE)
+    for name in names:
+        values = np.array([case.readings[name].mean_attenuation for case in cases])
+        axes.plot(x, values, **READING_STYLES[name])
+        if name == "pipeline":
+            sigma = np.array([case.readings[name].mean_attenuation_stddev for case in cases])
+            axes.fill_between(
+                x, values - sigma, values + sigma, color=OURS, alpha=0.15, linewidth=0.0,
+                label="± 1 σ of ours",
+            )
+
+
+def _draw_lines(
+    axes: Any,
+    cases: Sequence[CaseResult],
+    abscissa: Abscissa,
+    styles: Mapping[str, Style],
+    value: Callable[[CaseResult, str], float],
+) -> None:
+    x = [abscissa(case) for case in cases]
+    for name, style in styles.items():
+        axes.plot(x, [value(case, name) for case in cases], **style)
+
+
+def _legends(figure: Figure, grid: Any, columns: Sequence[int]) -> None:
+    """Name the lines below the panels, where the names hide no data."""
+    for column, place in zip(columns, ("outside lower left", "outside lower right"), strict=True):
+        figure.legend(
+            *grid[0, column].get_legend_handles_labels(), loc=place, ncols=2, frameon=False,
+            fontsize=8,
+        )

@@ -1,0 +1,46 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""All figures of an evaluation, named after those of the paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from uw_visibility.evaluation.experiments import Evaluation
+from uw_visibility.evaluation.figures.bins import draw_bins
+from uw_visibility.evaluation.figures.grid import draw_over_attenuation, draw_over_depth
+from uw_visibility.evaluation.figures.pictures import draw_pictures
+from uw_visibility.evaluation.figures.transect import draw_transect
+
+
+def write_figures(folder: Path, evaluation: Evaluation) -> list[Path]:
+    """Write ``fig3_<scene>.png``, ``fig6.png``, ``fig7.png``, ``fig9.png``, ``fig10.png``.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to.
+    evaluation : Evaluation
+        Everything measured; figures without data are left out.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
+    written: list[Path] = []
+
+    def file(name: str) -> Path:
+        written.append(folder / f"{name}.png")
+        return written[-1]
+
+    shown = [case for case in evaluation.cases if case.pictures is not None]
+    for case in shown:
+        draw_bins(file(f"fig3_{case.scene}"), case)
+    if evaluation.cases:
+        draw_over_attenuation(file("fig6"), evaluation)
+        draw_over_depth(file("fig7"), evaluation)
+        draw_pictures(file("fig9"), shown)
+    if evaluation.transect:
+        draw_transect(file("fig10"), evaluation.transect)
+    return written

@@ -1,0 +1,144 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is known of an image's colour beside its pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.images.noise import BLOCK, SMOOTHEST, noise_stddev
+from uw_visibility.images.pair import read_only
+from uw_visibility.images.sampling import CAMERA, Sampling
+
+
+@dataclass(frozen=True, eq=False)
+class Colour:
+    """An image's colour at the scale at which it is real.
+
+    Attributes
+    ----------
+    image : (h, w, 3) ndarray of uint8 or uint16, or None
+        RGB at that scale; None where that is the image itself.
+    sampling : Sampling
+        What its pixels are.
+    """
+
+    image: NDArray[Any] | None
+    sampling: Sampling
+
+    @property
+    def swapped(self) -> Colour:
+        """The same with red and blue exchanged."""
+        noise = self.sampling.hidden_noise
+        return Colour(
+            None if self.image is None else read_only(np.ascontiguousarray(self.image[..., ::-1])),
+            Sampling(self.sampling.scale, None if noise is None else noise[::-1].copy()),
+        )
+
+
+def mosaic_colour(image: NDArray[Any], pattern: str) -> Colour:
+    """Tell the noise of an image that was interpolated from a mosaic of colours.
+
+    Interpolation smooths noise, but leaves each pixel as it was in the channel that the
+    sensor has measured there. These are two pixels apart, over which texture looks like
+    noise; how much of it is noise is told by green, which has neighbours nearer by.
+
+    Parameters
+    ----------
+    image : (H, W, 3) ndarray of uint8 or uint16
+        The interpolated image, RGB.
+    pattern : str
+        Colours of the mosaic's first two pixels and of those below, such as ``"rggb"``.
+
+    Returns
+    -------
+    Colour
+    """
+    height, width = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
+    cells = np.empty((height // 2, width // 2, 3), image.dtype)
+    for channel, name in enumerate("rgb"):
+        row, column = divmod(pattern.index(name), 2)
+        cells[..., channel] = image[row:height:2, column:width:2, channel]
+    noise = _noise_share(image[:height, :width, 1], pattern) * noise_stddev(read_only(cells)) ** 2
+    hidden = noise - noise_stddev(read_only(image)) ** 2
+    return Colour(None, Sampling(1, np.sqrt(np.maximum(hidden, 0.0)) / _code(image)))
+
+
+def _noise_share(green: NDArray[Any], pattern: str) -> float:
+    """Return the part of green's variance over two pixels that is noise.
+
+    Texture adds as the fourth power of the distance that it is seen over, noise alike.
+    """
+    row, column = divmod(pattern.index("g"), 2)
+    one = green[row::2, column::2].astype(np.float32)
+    other = green[1 - row::2, 1 - column::2].astype(np.float32)
+    middle = one[1:-1, 1:-1]
+    far = middle - (one[:-2, 1:-1] + one[2:, 1:-1] + one[1:-1, :-2] + one[1:-1, 2:]) / 4
+    # The other green pixels of the cells above and left, or right, are as near.
+    shift = slice(2, None) if column else slice(None, -2)
+    near = middle - (
+        other[1:-1, 1:-1] + other[:-2, 1:-1] + other[1:-1, shift] + other[:-2, shift]
+    ) / 4
+    apart, close = _smoothest(far), _smoothest(near)
+    return float(np.clip((4 * close - apart) / (3 * apart), 0.0, 1.0)) if apart > 0 else 0.0
+
+
+def _smoothest(difference: NDArray[np.floating]) -> float:
+    """Return the variance of differences in the smoothest blocks; 0 where there is none."""
+    size = difference.shape[1] // BLOCK, difference.shape[0] // BLOCK
+    if min(size) < 1:
+        return 0.0
+    whole = difference[: size[1] * BLOCK, : size[0] * BLOCK]
+    variances = cv2.resize(whole * whole, size, interpolation=cv2.INTER_AREA)
+    alive = variances[variances > 0]
+    return float(np.quantile(alive, SMOOTHEST)) if alive.size else 0.0
+
+
+def _code(image: NDArray[Any]) -> float:
+    """Code values for one of 8 bits."""
+    return float((np.iinfo(image.dtype).max + 1) / 256)
+
+
+def sampled(
+    image: NDArray[Any],
+    range_map: NDArray[np.float32],
+    valid: NDArray[np.bool_] | None,
+    colour: Colour | None,
+) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_] | None, Sampling]:
+    """Return image, ranges and valid pixels at the scale at which colour is real.
+
+    Parameters
+    ----------
+    image : (H, W, 3) ndarray
+        RGB.
+    range_map : (H, W) float32 ndarray
+        m; NaN where unknown.
+    valid : (H, W) bool ndarray or None
+        Pixels that count; None for all.
+    colour : Colour or None
+        What is known of the image's colour; None where its pixels say all.
+
+    Returns
+    -------
+    tuple
+        The same at that scale, and its sampling. A pixel's range is the mean of its
+        pixels', unknown where one of them is, and valid where they all are.
+    """
+    if colour is None or colour.image is None:
+        return image, range_map, valid, CAMERA if colour is None else colour.sampling
+    scale = colour.sampling.scale
+    if scale == 1:
+        return colour.image, range_map, valid, colour.sampling
+    height, width = colour.image.shape[:2]
+    rows, columns = slice(height * scale), slice(width * scale)
+    small = cv2.resize(range_map[rows, columns], (width, height), interpolation=cv2.INTER_AREA)
+    if valid is not None:
+        squares = valid[rows, columns].reshape(height, scale, width, scale)
+        valid = np.asarray(squares.all(axis=(1, 3)))
+    sampling = replace(colour.sampling, most_noise=noise_stddev(image) / _code(image))
+    return colour.image, np.asarray(small), valid, sampling

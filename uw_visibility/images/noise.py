@@ -1,0 +1,93 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The noise of an image, from its smoothest parts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.jit import njit
+
+BLOCK = 8
+BLOCKS = 200
+# The smoothest blocks hold noise alone; the quantile is not lower still, since
+# the variance of so few pixels scatters.
+SMOOTHEST = 0.15
+ROUNDING_VARIANCE = 1.0 / 12.0
+
+
+def noise_stddev(image: NDArray[Any]) -> NDArray[np.float64]:
+    """Estimate the standard deviation of an image's noise.
+
+    Each pixel is compared with the mean of its four neighbours, in blocks
+    spread over the image; texture raises the difference, so the smoothest
+    blocks count.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8 or uint16 ndarray
+        Code values.
+
+    Returns
+    -------
+    (3,) float64 ndarray
+        In code values, without what rounding adds; 0 for an image smaller
+        than a block.
+    """
+    height, width = image.shape[:2]
+    if min(height, width) < BLOCK + 2:
+        return np.zeros(3)
+    stride = max(BLOCK, int(np.sqrt(height * width / BLOCKS)))
+    rows = (height - BLOCK - 2) // stride + 1
+    columns = (width - BLOCK - 2) // stride + 1
+    variances = np.zeros((rows * columns, 3))
+    _block_variances(image, stride, columns, variances)
+    # The mean of four neighbours adds a quarter of the variance; blocks of one
+    # value, as in padding, hold no noise to measure.
+    result = np.zeros(3)
+    for channel in range(3):
+        alive = variances[variances[:, channel] > 0, channel]
+        if len(alive):
+            variance = _smoothest(alive) / 1.25
+            result[channel] = np.sqrt(max(variance - ROUNDING_VARIANCE, 0.0))
+    return result
+
+
+def _smoothest(variances: NDArray[np.float64]) -> float:
+    """Return the quantile `SMOOTHEST`, as numpy's does but in a third of the time."""
+    ordered = np.sort(variances)
+    place = SMOOTHEST * (len(ordered) - 1)
+    below = int(place)
+    above = min(below + 1, len(ordered) - 1)
+    return float(ordered[below] + (place - below) * (ordered[above] - ordered[below]))
+
+
+@njit(nogil=True)
+def _block_variances(image: Any, stride: int, columns: int, variances: Any) -> None:
+    for block in range(len(variances)):
+        top = 1 + (block // columns) * stride
+        left = 1 + (block % columns) * stride
+        red = green = blue = np.int64(0)
+        for y in range(top, top + BLOCK):
+            for x in range(left, left + BLOCK):
+                red += _squared_difference(image, y, x, 0)
+                green += _squared_difference(image, y, x, 1)
+                blue += _squared_difference(image, y, x, 2)
+        # Differences are four times those from the mean of four.
+        pixels = 16.0 * BLOCK * BLOCK
+        variances[block, 0] = red / pixels
+        variances[block, 1] = green / pixels
+        variances[block, 2] = blue / pixels
+
+
+@njit(nogil=True)
+def _squared_difference(image: Any, y: int, x: int, channel: int) -> Any:
+    difference = (
+        (np.int64(image[y, x, channel]) << 2)
+        - np.int64(image[y - 1, x, channel]) - np.int64(image[y + 1, x, channel])
+        - np.int64(image[y, x - 1, channel]) - np.int64(image[y, x + 1, channel])
+    )
+    return difference * difference

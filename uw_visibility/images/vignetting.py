@@ -1,0 +1,187 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Even illumination: what lens and housing take from the image's margins is given back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.jit import njit
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import CameraConfig
+from uw_visibility.errors import InputError
+from uw_visibility.images.chroma import Colour
+from uw_visibility.images.files import read_image
+from uw_visibility.images.pair import read_only
+from uw_visibility.optics.transfer import encode_table, linear_table, to_linear
+
+# Where less of the light than this arrives, an image shows its margin's noise only.
+LEAST_ILLUMINATION = 0.05
+# Part of a flat field's pixels that may be brighter than full illumination: its noise.
+_OUTSIDE = 0.001
+
+
+class EvenIllumination:
+    """Corrects the images of a pair of cameras.
+
+    Parameters
+    ----------
+    config : CameraConfig
+        `flat_field` and `flat_field_right`, or `vignetting`.
+    centres : tuple of two tuples
+        Principal points (x, y) of the left and the right image, px.
+    workers : Workers
+        Threads.
+
+    Attributes
+    ----------
+    needed : bool
+        Whether there is anything to correct.
+
+    Raises
+    ------
+    InputError
+        If a flat field cannot be read.
+    """
+
+    def __init__(
+        self,
+        config: CameraConfig,
+        centres: tuple[tuple[float, float], tuple[float, float]],
+        workers: Workers,
+    ) -> None:
+        self._config = config
+        self._centres = centres
+        self._workers = workers
+        paths = (config.flat_field, config.flat_field_right or config.flat_field)
+        self._fields = tuple(_read_field(path, config.transfer) for path in paths)
+        self.needed = any(config.vignetting) or any(f is not None for f in self._fields)
+        self._gains: list[NDArray[np.float32]] = []
+
+    def correct(
+        self, left: NDArray[Any], right: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return the pair as it were under even illumination; the same arrays if it is.
+
+        Pixels at the largest code stay there, whatever their gain: how bright they
+        would have been is not known.
+
+        Raises
+        ------
+        InputError
+            If a flat field has another size than the images.
+        """
+        if not self.needed:
+            return left, right
+        if not self._gains or self._gains[0].shape[:2] != left.shape[:2]:
+            self._gains = [self._gain(side, left.shape[:2]) for side in range(2)]
+        first, second = (
+            self._apply(image, gain)
+            for image, gain in zip((left, right), self._gains, strict=True)
+        )
+        return first, second
+
+    def correct_colour(self, colour: Colour | None) -> Colour | None:
+        """Return the colour of the left image of the pair corrected last, as `correct` does."""
+        if colour is None or colour.image is None or not self.needed:
+            return colour
+        scale = colour.sampling.scale
+        height, width = colour.image.shape[:2]
+        whole = self._gains[0][: height * scale, : width * scale]
+        gain = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+        gain = gain.reshape(height, width, whole.shape[2])
+        return replace(colour, image=self._apply(colour.image, gain))
+
+    def _gain(self, side: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
+        field = self._fields[side]
+        if field is None:
+            field = illumination(self._config.vignetting, (shape[0], shape[1]), self._centres[side])
+            field = field[..., np.newaxis]
+        elif field.shape[:2] != shape:
+            raise InputError(
+                f"the flat field has {field.shape[1]}x{field.shape[0]} px and the image "
+                f"{shape[1]}x{shape[0]} px: give one of the (rectified) images' size"
+            )
+        gain = 1.0 / np.maximum(field, LEAST_ILLUMINATION)
+        return np.ascontiguousarray(np.broadcast_to(gain, (*shape, gain.shape[2])), np.float32)
+
+    def _apply(self, image: NDArray[Any], gain: NDArray[np.float32]) -> NDArray[Any]:
+        planes = image[..., np.newaxis] if image.ndim == 2 else image
+        if gain.shape[2] not in (1, planes.shape[2]):
+            gain = gain.mean(axis=2, keepdims=True)
+        corrected = np.empty_like(planes)
+        transfer = self._config.transfer
+        self._workers.rows(
+            _multiply, planes.shape[0], planes, gain, linear_table(transfer, image.dtype),
+            encode_table(transfer, image.dtype), corrected,
+        )
+        return read_only(corrected.reshape(image.shape))
+
+
+def illumination(
+    coefficients: tuple[float, float, float],
+    shape: tuple[int, int],
+    centre: tuple[float, float],
+) -> NDArray[np.float64]:
+    """Relative illumination by the radial polynomial 1 + a r² + b r⁴ + c r⁶.
+
+    Parameters
+    ----------
+    coefficients : tuple of float
+        a, b and c; a usual lens has a negative a.
+    shape : tuple of int
+        Height and width, px.
+    centre : tuple of float
+        Column and row of the optical axis, px.
+
+    Returns
+    -------
+    (H, W) float64 ndarray
+        1 at the centre; r is the distance from it over half of the image's
+        diagonal.
+    """
+    height, width = shape
+    x = np.arange(width) - centre[0]
+    y = np.arange(height)[:, np.newaxis] - centre[1]
+    squared = (x**2 + y**2) / (0.25 * (height**2 + width**2))
+    a, b, c = coefficients
+    return np.asarray(1.0 + squared * (a + squared * (b + squared * c)))
+
+
+def _read_field(path: str, transfer: str) -> NDArray[np.float64] | None:
+    """Return a flat field as (H, W, C) relative illumination, full at 1, or None."""
+    if not path:
+        return None
+    try:
+        image = read_image(path)
+    except InputError as error:
+        raise InputError(f"camera.flat_field: {error}") from error
+    planes = to_linear(image, transfer).astype(np.float64)
+    planes = planes[..., np.newaxis] if image.ndim == 2 else planes
+    # Each channel by its own: the colour of the light on the field is no matter.
+    full = np.quantile(planes, 1.0 - _OUTSIDE, axis=(0, 1))
+    if not (full > 0).all():
+        raise InputError(f"camera.flat_field: {path} has a channel without any light")
+    return np.asarray(np.minimum(planes / full, 1.0))
+
+
+@njit(nogil=True)
+def _multiply(
+    start: int, stop: int, image: Any, gain: Any, decode: Any, encode: Any, corrected: Any
+) -> None:
+    top = encode.size - 1
+    largest = decode.size - 1
+    half = np.float32(0.5)
+    own = gain.shape[2] > 1
+    for y in range(start, stop):
+        for x in range(image.shape[1]):
+            for c in range(image.shape[2]):
+                code = image[y, x, c]
+                light = decode[code] * gain[y, x, c if own else 0]
+                at = np.int64(min(light, np.float32(1.0)) * np.float32(top) + half)
+                corrected[y, x, c] = encode[at] if code < largest else code

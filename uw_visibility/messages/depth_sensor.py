@@ -1,0 +1,113 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of depth sensors as depths, for the classes of rclpy and of rosbags alike."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from uw_visibility.config.schema import PlausibilityConfig
+from uw_visibility.errors import InputError
+from uw_visibility.messages.images import stamp_to_nanoseconds
+from uw_visibility.plausibility.samples import DepthSample
+
+STANDARD_GRAVITY = 9.80665
+
+SENSOR_TYPES = {
+    "PoseWithCovarianceStamped": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "Odometry": "nav_msgs/msg/Odometry",
+    "FluidPressure": "sensor_msgs/msg/FluidPressure",
+    "PointStamped": "geometry_msgs/msg/PointStamped",
+    "Float64": "std_msgs/msg/Float64",
+}
+"""Type of message by ``plausibility.sensor_type``."""
+
+# Under water the pressure is at least that of the air; as millibar or hectopascal
+# it is a hundredth, and even at 200 m of depth a fifth of the air's in pascal.
+MILLIBAR_RATIO = 0.3
+
+# Where z is not measured drivers write variances as large as this.
+UNMEASURED_VARIANCE = 1e6
+Z_VARIANCE = 14
+
+
+def read_depth(message: Any, config: PlausibilityConfig, arrival: int) -> DepthSample:
+    """Read the depth of the camera from a sensor's message.
+
+    Parameters
+    ----------
+    message : object
+        Of the type that the configuration names.
+    config : PlausibilityConfig
+        Type, sign, offset, and what turns pressure into depth.
+    arrival : int
+        When the message came, ns; stands for the stamp where it has none.
+
+    Returns
+    -------
+    DepthSample
+
+    Raises
+    ------
+    InputError
+        If the value is not finite, or a pressure cannot be in Pa.
+    """
+    if config.sensor_type == "Float64":
+        stamp, value, variance = arrival, float(message.data), math.nan
+    else:
+        stamp = stamp_to_nanoseconds(message.header.stamp)
+        value, variance = _value(message, config)
+    if not math.isfinite(value):
+        raise InputError(f"depth_sensor says {value}: publish finite numbers only")
+    if not 0.0 < variance < UNMEASURED_VARIANCE:
+        variance = config.sensor_stddev**2
+    return DepthSample(stamp, _sign(config) * value + config.sensor_offset, variance)
+
+
+def depth_of_pressure(pressure: float, config: PlausibilityConfig) -> float:
+    """Return the depth at which water has a pressure.
+
+    Parameters
+    ----------
+    pressure : float
+        Pa.
+    config : PlausibilityConfig
+        Density of the water, and the pressure at the surface.
+
+    Returns
+    -------
+    float
+        m, positive down.
+
+    Raises
+    ------
+    InputError
+        If the magnitude says that it is not in Pa.
+    """
+    if 0.0 < pressure < MILLIBAR_RATIO * config.surface_pressure:
+        raise InputError(
+            f"depth_sensor says {pressure:g} Pa, less than the air above the water, which looks "
+            "like mbar: publish pascals, or set plausibility.surface_pressure to 0 for a gauge"
+        )
+    return (pressure - config.surface_pressure) / (config.density * STANDARD_GRAVITY)
+
+
+def _value(message: Any, config: PlausibilityConfig) -> tuple[float, float]:
+    """Return a message's number and its variance, NaN where it has none."""
+    kind = config.sensor_type
+    if kind == "FluidPressure":
+        scale = config.density * STANDARD_GRAVITY
+        depth = depth_of_pressure(float(message.fluid_pressure), config)
+        return depth, float(message.variance) / scale**2
+    if kind == "PointStamped":
+        return float(message.point.z), math.nan
+    return float(message.pose.pose.position.z), float(message.pose.covariance[Z_VARIANCE])
+
+
+def _sign(config: PlausibilityConfig) -> float:
+    if config.sensor_type == "FluidPressure":
+        return 1.0
+    if config.sensor_sign == "auto":
+        return 1.0 if config.sensor_type == "Float64" else -1.0
+    return 1.0 if config.sensor_sign == "down" else -1.0

@@ -1,0 +1,176 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""From the four messages of a stereo frame to a rectified pair and its rig."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.images.chroma import Colour
+from uw_visibility.images.pair import read_only
+from uw_visibility.messages.chroma import message_colour
+from uw_visibility.messages.compressed import read_compressed
+from uw_visibility.messages.images import output_encoding, read_image
+from uw_visibility.stereo.calibration import image_size
+from uw_visibility.stereo.rig import Rectifier, StereoRig
+
+
+class StereoFrame(NamedTuple):
+    """Messages of one instant: two images, and the CameraInfo that holds for each.
+
+    Images are of the type Image or CompressedImage.
+    """
+
+    left: Any
+    right: Any
+    left_info: Any
+    right_info: Any
+
+
+@dataclass(frozen=True, eq=False)
+class StereoPair:
+    """A rectified pair of images as the pipeline takes it.
+
+    Attributes
+    ----------
+    left, right : ndarray, (H, W) or (H, W, 3), uint8 or uint16
+        Grey or RGB.
+    rig : StereoRig
+        Geometry of the pair.
+    valid : ndarray, (H, W) bool, or None
+        Where a left image rectified here shows the raw one; None for all of it.
+    valid_window : tuple of int
+        (x, y, width, height) of the smallest window that holds all of `valid`.
+    encodings : tuple of str
+        How the enhanced left and right image are to be encoded.
+    colour : Colour or None
+        What is known of the left image's colour beside its pixels.
+    """
+
+    left: NDArray[Any]
+    right: NDArray[Any]
+    rig: StereoRig
+    valid: NDArray[np.bool_] | None
+    valid_window: tuple[int, int, int, int]
+    encodings: tuple[str, str]
+    colour: Colour | None = None
+
+
+class FrameReader:
+    """Reads frames; keeps the rig and the rectification as long as CameraInfo stays the same.
+
+    Parameters
+    ----------
+    rectify : bool
+        Whether the images are raw, to be rectified with K, D, R and P.
+
+    Attributes
+    ----------
+    calibrations : int
+        How often CameraInfo was new, so that the rig was made anew.
+    """
+
+    def __init__(self, rectify: bool) -> None:
+        self._rectify = rectify
+        self._key: tuple[Any, ...] = ()
+        self._rig: StereoRig | None = None
+        self._rectifier: Rectifier | None = None
+        self.calibrations = 0
+
+    @property
+    def rig(self) -> StereoRig | None:
+        """Geometry of the last frame; None before the first."""
+        return self._rig
+
+    def read(self, frame: StereoFrame) -> StereoPair:
+        """Read the images of a frame, rectified where that is asked for.
+
+        Parameters
+        ----------
+        frame : StereoFrame
+            Messages of rclpy or rosbags.
+
+        Returns
+        -------
+        StereoPair
+
+        Raises
+        ------
+        InputError
+            If an image or a calibration cannot be used, or they do not belong
+            together.
+        """
+        left, left_encoding = _read(frame.left, "left image")
+        right, right_encoding = _read(frame.right, "right image")
+        encodings = left_encoding, right_encoding
+        _check_size(left, frame.left_info, "left")
+        _check_size(right, frame.right_info, "right")
+        _check_pair(left, right, encodings)
+        rig = self._calibrate(frame)
+        colour = message_colour(frame.left, left)
+        if self._rectifier is None:
+            window = (0, 0, left.shape[1], left.shape[0])
+            return StereoPair(left, right, rig, None, window, encodings, colour)
+        left, right = self._rectifier.rectify(left, right)
+        if colour is not None and colour.image is not None:
+            image = self._rectifier.rectify_reduced(colour.image, colour.sampling.scale)
+            colour = Colour(read_only(image), colour.sampling)
+        valid, window = self._rectifier.valid, self._rectifier.valid_window
+        return StereoPair(left, right, rig, valid, window, encodings, colour)
+
+    def _calibrate(self, frame: StereoFrame) -> StereoRig:
+        key = _calibration_key(frame.left_info) + _calibration_key(frame.right_info)
+        if self._rig is None or key != self._key:
+            self._rig = None
+            if self._rectify:
+                self._rectifier = Rectifier(frame.left_info, frame.right_info)
+                self._rig = self._rectifier.rig
+            else:
+                self._rig = StereoRig.from_camera_info(frame.left_info, frame.right_info)
+            self._key = key
+            self.calibrations += 1
+        return self._rig
+
+
+def _read(message: Any, name: str) -> tuple[NDArray[Any], str]:
+    """Return the pixels of an image and how its enhanced image is to be encoded."""
+    if hasattr(message, "format"):
+        return read_compressed(message, name)
+    return read_image(message, name), output_encoding(message.encoding)
+
+
+def _check_size(image: NDArray[Any], info: Any, side: str) -> None:
+    width, height = image_size(info, side)
+    if image.shape[:2] != (height, width):
+        raise InputError(
+            f"{side} image has {image.shape[1]}x{image.shape[0]} pixels and its camera_info "
+            f"{width}x{height}: publish the camera_info of this image"
+        )
+
+
+def _check_pair(
+    left: NDArray[Any], right: NDArray[Any], encodings: tuple[str, str]
+) -> None:
+    if left.shape[:2] != right.shape[:2]:
+        raise InputError(
+            f"left image has {left.shape[1]}x{left.shape[0]} pixels and right image "
+            f"{right.shape[1]}x{right.shape[0]}: both cameras must send images of one size"
+        )
+    if left.shape != right.shape or left.dtype != right.dtype:
+        raise InputError(
+            f"left image is read as {encodings[0]} and right image as {encodings[1]}: "
+            "both cameras must send the same colours and depth"
+        )
+
+
+def _calibration_key(info: Any) -> tuple[Any, ...]:
+    names = "kdrp" if hasattr(info, "k") else "KDRP"
+    matrices = tuple(np.asarray(getattr(info, name), np.float64).tobytes() for name in names)
+    roi = info.roi
+    window = (roi.x_offset, roi.y_offset, roi.width, roi.height, info.binning_x, info.binning_y)
+    return (info.width, info.height, info.distortion_model, *matrices, *window)

@@ -1,0 +1,214 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The images of a frame's result as messages: enhanced, disparity, depth and points."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.config.schema import NodeConfig
+from uw_visibility.messages.frames import StereoFrame, StereoPair
+from uw_visibility.messages.images import MessageFactory, write_image
+from uw_visibility.messages.output_kernels import (
+    DISPARITY_STEP,
+    cloud_of,
+    depth_of,
+    published_disparity,
+)
+from uw_visibility.pipeline.result import FrameResult
+
+# sensor_msgs/PointField.FLOAT32.
+POINT_FLOAT32 = 7
+
+
+@dataclass(frozen=True)
+class Source:
+    """What messages are made from: the input, the result, and what makes messages."""
+
+    make: MessageFactory
+    frame: StereoFrame
+    pair: StereoPair
+    result: FrameResult
+    config: NodeConfig
+
+    @functools.cached_property
+    def left_header(self) -> Any:
+        """Stamp and frame of the left image."""
+        return self._header(self.frame.left)
+
+    @functools.cached_property
+    def right_header(self) -> Any:
+        """Stamp and frame of the right image."""
+        return self._header(self.frame.right)
+
+    @functools.cached_property
+    def left_info(self) -> Any:
+        """Calibration of the left image, as a message."""
+        return _camera_info(self, self.frame.left_info, self.left_header)
+
+    @functools.cached_property
+    def disparity(self) -> tuple[NDArray[np.float32], float, float]:
+        """What `corrected_disparity` returns."""
+        return corrected_disparity(self)
+
+    @functools.cached_property
+    def depth(self) -> NDArray[np.float32]:
+        """Z of the matched pixels, ``(H, W)`` float32, m; NaN elsewhere."""
+        disparity, low, _ = self.disparity
+        return depth_of(disparity, low, self.pair.rig.focal_length * self.pair.rig.baseline)
+
+    def header(self, stamp: Any, frame_id: str) -> Any:
+        """Make a header from a stamp of whatever library."""
+        time = self.make("builtin_interfaces/msg/Time", sec=stamp.sec, nanosec=stamp.nanosec)
+        return self.make("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
+
+    def _header(self, message: Any) -> Any:
+        return self.header(message.header.stamp, message.header.frame_id)
+
+
+def left_image(source: Source) -> Any:
+    """Make the enhanced left image."""
+    pixels = source.result.left_enhanced
+    return write_image(source.make, pixels, source.pair.encodings[0], source.left_header)
+
+
+def right_image(source: Source) -> Any:
+    """Make the enhanced right image."""
+    pixels = source.result.right_enhanced
+    return write_image(source.make, pixels, source.pair.encodings[1], source.right_header)
+
+
+def left_info(source: Source) -> Any:
+    """Pass the left calibration on."""
+    return source.left_info
+
+
+def right_info(source: Source) -> Any:
+    """Pass the right calibration on."""
+    return _camera_info(source, source.frame.right_info, source.right_header)
+
+
+def _camera_info(source: Source, info: Any, header: Any) -> Any:
+    """Pass the calibration on: P holds for the rectified image, as image_pipeline has it."""
+    upper = not hasattr(info, "k")
+    matrices = {
+        name: np.array(getattr(info, name.upper() if upper else name), np.float64)
+        for name in "dkrp"
+    }
+    roi = info.roi
+    return source.make(
+        "sensor_msgs/msg/CameraInfo",
+        header=header,
+        height=info.height,
+        width=info.width,
+        distortion_model=info.distortion_model,
+        binning_x=info.binning_x,
+        binning_y=info.binning_y,
+        roi=_region(
+            source, (roi.x_offset, roi.y_offset, roi.width, roi.height), bool(roi.do_rectify)
+        ),
+        **matrices,
+    )
+
+
+def disparity(source: Source) -> Any:
+    """Make the disparity image of the matched pixels."""
+    pixels, low, high = source.disparity
+    return source.make(
+        "stereo_msgs/msg/DisparityImage",
+        header=source.left_header,
+        image=write_image(source.make, pixels, "32FC1", source.left_header),
+        f=source.pair.rig.focal_length,
+        t=source.pair.rig.baseline,
+        valid_window=_region(source, _valid_window(source)),
+        min_disparity=low,
+        max_disparity=high,
+        delta_d=DISPARITY_STEP,
+    )
+
+
+def corrected_disparity(source: Source) -> tuple[NDArray[np.float32], float, float]:
+    """Return the matched disparity as ``stereo_msgs/DisparityImage`` defines it.
+
+    Parameters
+    ----------
+    source : Source
+        The pair and its result.
+
+    Returns
+    -------
+    disparity : ndarray, (H, W) float32
+        x_left - x_right - (cx_left - cx_right), px, so that Z = f t / disparity;
+        ``low - 1`` where nothing was matched.
+    low, high : float
+        The range of disparities searched, without what lies behind infinity.
+    """
+    result, rig = source.result, source.pair.rig
+    low = max(result.min_disparity - rig.offset, 0.0)
+    high = max(result.max_disparity - rig.offset, low)
+    pixels = published_disparity(result.disparity, source.pair.valid, rig.offset, low, high)
+    return pixels, low, high
+
+
+def depth_info(source: Source) -> Any:
+    """Pass the calibration of the depth image on: it lies in the left rectified image."""
+    return left_info(source)
+
+
+def depth_image(source: Source) -> Any:
+    """Make the depth image (REP 118): Z in m, NaN where nothing was matched."""
+    return write_image(source.make, source.depth, "32FC1", source.left_header)
+
+
+def points(source: Source) -> Any:
+    """Make the cloud of the matched pixels: one point per pixel, NaN where none was matched."""
+    rig, depth = source.pair.rig, source.depth
+    height, width = depth.shape
+    cx, cy = rig.principal_point
+    columns = (np.arange(width) - cx) / rig.focal_length
+    rows = (np.arange(height) - cy) / (rig.focal_length_y or rig.focal_length)
+    cloud = cloud_of(
+        depth, columns.astype(np.float32), rows.astype(np.float32), source.result.left_enhanced
+    )
+    fields = [
+        source.make(
+            "sensor_msgs/msg/PointField", name=name, offset=4 * index, datatype=POINT_FLOAT32,
+            count=1,
+        )
+        for index, name in enumerate(("x", "y", "z", "rgb"))
+    ]
+    return source.make(
+        "sensor_msgs/msg/PointCloud2",
+        header=source.left_header,
+        height=height,
+        width=width,
+        fields=fields,
+        is_bigendian=sys.byteorder == "big",
+        point_step=16,
+        row_step=16 * width,
+        data=cloud.reshape(-1).view(np.uint8),
+        is_dense=False,
+    )
+
+
+def _valid_window(source: Source) -> tuple[int, int, int, int]:
+    """Return the window that may hold disparities: the partner must lie in the right image."""
+    x, y, width, height = source.pair.valid_window
+    image_width = source.result.disparity.shape[1]
+    start = max(x, source.result.min_disparity)
+    stop = min(x + width, image_width + source.result.max_disparity)
+    return start, y, max(stop - start, 0), height
+
+
+def _region(source: Source, window: tuple[int, int, int, int], do_rectify: bool = False) -> Any:
+    x, y, width, height = window
+    return source.make(
+        "sensor_msgs/msg/RegionOfInterest",
+        x_offset=x, y_offset=y, height=height, width=width, do_rectify=do_rectify,
+    )

@@ -1,0 +1,173 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""From a stereo frame of messages to the outgoing messages: the path of node and replay."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import Any
+
+from uw_visibility.config.schema import NodeConfig, PipelineConfig
+from uw_visibility.messages.frames import FrameReader, StereoFrame, StereoPair
+from uw_visibility.messages.images import MessageFactory, stamp_to_nanoseconds
+from uw_visibility.messages.outputs import Source, each_message, enhanced_sides
+from uw_visibility.pipeline.pool import PipelinePool
+from uw_visibility.pipeline.result import FrameResult
+
+
+class FrameWork:
+    """The work on one frame: `assess` may overlap with other frames', what follows may not.
+
+    Parameters
+    ----------
+    frame : StereoFrame
+        Input messages.
+    pair : StereoPair
+        What they hold.
+    pool : PipelinePool
+        Pipelines for the pair.
+    make : MessageFactory
+        Makes the outgoing messages.
+    track : bool
+        Whether to filter over the frames before.
+    """
+
+    def __init__(
+        self,
+        frame: StereoFrame,
+        pair: StereoPair,
+        pool: PipelinePool,
+        make: MessageFactory,
+        track: bool,
+    ) -> None:
+        self._frame = frame
+        self._pair = pair
+        self._pool = pool
+        self._make = make
+        self._track = track
+
+    def assess(
+        self,
+        topics: Collection[str],
+        *,
+        match_original: bool = False,
+        confidence: bool = False,
+    ) -> FrameResult:
+        """Run the pipeline on the frame; for the parameters see `FrameProcessor.process`."""
+        pair = self._pair
+        with self._pool.pipeline() as pipeline:
+            return pipeline.process(
+                pair.left, pair.right, valid=pair.valid, match_original=match_original,
+                enhance=enhanced_sides(topics), confidence=confidence, colour=pair.colour,
+            )
+
+    def track(self, result: FrameResult) -> FrameResult:
+        """Filter what `assess` found over the frames before, where they are tracked."""
+        if not self._track:
+            return result
+        stamp = 1e-9 * stamp_to_nanoseconds(self._frame.left.header.stamp)
+        return self._pool.track(result, stamp)
+
+    def messages(
+        self, result: FrameResult, node_config: NodeConfig, topics: Collection[str]
+    ) -> Iterator[tuple[str, Any]]:
+        """Make the messages of a result, by topic; what is not assessable is absent."""
+        return each_message(
+            Source(self._make, self._frame, self._pair, result, node_config), topics
+        )
+
+
+class FrameProcessor:
+    """Reads frames, runs the pipeline on them and makes the messages of its results.
+
+    Pipelines are made anew when the calibration or their configuration changes.
+
+    Parameters
+    ----------
+    make : MessageFactory
+        Makes the outgoing messages.
+    rectify : bool
+        Whether the images are raw.
+    track : bool
+        Whether frames come one after the other, to be filtered over time as
+        `TrackingConfig` says; else each is taken for itself.
+
+    Attributes
+    ----------
+    reader : FrameReader
+        Knows how often the calibration changed.
+    """
+
+    def __init__(self, make: MessageFactory, rectify: bool, track: bool = False) -> None:
+        self._track = track
+        self.reader = FrameReader(rectify)
+        self._make = make
+        self._pool: PipelinePool | None = None
+
+    def begin(self, frame: StereoFrame, pipeline_config: PipelineConfig) -> FrameWork:
+        """Read a frame, and find the pipelines that it needs; one frame at a time.
+
+        Parameters
+        ----------
+        frame : StereoFrame
+            Input messages.
+        pipeline_config : PipelineConfig
+            Holds for this frame.
+
+        Returns
+        -------
+        FrameWork
+            What remains to be done.
+
+        Raises
+        ------
+        InputError
+            If the frame cannot be used.
+        """
+        pair = self.reader.read(frame)
+        wanted = (pair.rig, pipeline_config)
+        if self._pool is None or wanted != self._pool.made_for:
+            self._pool = PipelinePool(*wanted)
+        return FrameWork(frame, pair, self._pool, self._make, self._track)
+
+    def process(
+        self,
+        frame: StereoFrame,
+        pipeline_config: PipelineConfig,
+        node_config: NodeConfig,
+        topics: Collection[str],
+        *,
+        match_original: bool = False,
+        confidence: bool = False,
+    ) -> tuple[FrameResult, dict[str, Any]]:
+        """Process one frame, from `begin` to the messages.
+
+        Parameters
+        ----------
+        frame, pipeline_config
+            As for `begin`.
+        node_config : NodeConfig
+            Holds for this frame.
+        topics : collection of str
+            Outputs wanted, of `uw_visibility.messages.outputs.all_topics`.
+        match_original : bool
+            Whether to match the raw pair too, for comparison.
+        confidence : bool
+            Whether to rate the disparities; no message carries it.
+
+        Returns
+        -------
+        result : FrameResult
+            What the pipeline found.
+        messages : dict of str to object
+            Message by topic; what is not assessable is absent.
+
+        Raises
+        ------
+        InputError
+            If the frame cannot be used, or shows nothing that could be matched.
+        """
+        work = self.begin(frame, pipeline_config)
+        result = work.assess(topics, match_original=match_original, confidence=confidence)
+        result = work.track(result)
+        return result, dict(work.messages(result, node_config, topics))

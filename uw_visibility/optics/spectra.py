@@ -1,0 +1,334 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Optics of clear sea water and of the camera (eq. 3, 10, 13 and 14)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.optics import tables
+from uw_visibility.optics.transfer import encode_table, from_linear, linear_table, to_linear
+
+__all__ = [
+    "CameraResponse", "clear_water_attenuation", "clear_water_spectrum", "compose_attenuation",
+    "daylight_white", "encode_table", "from_linear", "linear_table", "load_response",
+    "response_names", "theoretical_chromaticity", "to_linear", "water_type_attenuation",
+    "water_type_diffuse_attenuation", "water_types",
+]
+
+# Eq. 10 integrates over these wavelengths, which are those of Smith and Baker's table.
+WAVELENGTH_MIN = 200.0
+WAVELENGTH_MAX = 800.0
+WAVELENGTH_STEP = 1.0
+
+# Part of what natural particles scatter that goes backwards: mean of Petzold's
+# measurements (1972), in C. D. Mobley, Light and Water, 1994, table 3.10.
+BACKSCATTERED = 0.0183
+
+
+@dataclass(frozen=True)
+class CameraResponse:
+    """Relative spectral response of a camera.
+
+    Attributes
+    ----------
+    name : str
+        Name of the shipped table, or path of the file.
+    wavelength : (N,) float64 ndarray
+        Wavelengths, nm, rising.
+    sensitivity : (N, 3) float64 ndarray
+        Response of R, G and B; the scale of each channel is free.
+    """
+
+    name: str
+    wavelength: NDArray[np.float64]
+    sensitivity: NDArray[np.float64]
+
+
+def load_response(name_or_path: str | Path) -> CameraResponse:
+    """Load a camera's spectral response.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name of a shipped table (see `response_names`), or path of a CSV file
+        with the columns ``wavelength_nm, red, green, blue``; lines that begin
+        with ``#`` are comments.
+
+    Returns
+    -------
+    CameraResponse
+
+    Raises
+    ------
+    InputError
+        If there is neither such a name nor such a file, or the file does not
+        hold a response: two rows or more, rising wavelengths that overlap
+        200-800 nm, no negative value, and light in every channel.
+    """
+    name = str(name_or_path)
+    known = response_names()
+    if name in known:
+        table = tables.read_shipped(f"camera_{name}.csv")
+    elif Path(name).is_file():
+        table = tables.read_file(Path(name))
+    else:
+        raise InputError(
+            f"no camera response {name!r}: give one of {', '.join(known)}, or the path of "
+            "a CSV file with the columns wavelength_nm, red, green, blue"
+        )
+    values = tables.numbers(table, ("wavelength_nm", "red", "green", "blue"), name)
+    response = CameraResponse(name, values[:, 0], values[:, 1:])
+    if (response.sensitivity < 0).any():
+        raise InputError(f"camera response {name} has a negative value: set it to 0")
+    if not (_on_grid(response).sum(axis=0) > 0).all():
+        raise InputError(
+            f"camera response {name} has a channel without any response between "
+            f"{WAVELENGTH_MIN:g} and {WAVELENGTH_MAX:g} nm: wavelengths are in nm"
+        )
+    return response
+
+
+def response_names() -> list[str]:
+    """Return the names of the camera responses that the package ships."""
+    return tables.shipped_names("camera_")
+
+
+@cache
+def clear_water_spectrum() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Diffuse attenuation K_w of the clearest sea water.
+
+    Returns
+    -------
+    wavelength : (N,) float64 ndarray
+        nm, 200 to 800.
+    attenuation : (N,) float64 ndarray
+        K_w = a_w + b_sw / 2, 1/m.
+
+    References
+    ----------
+    R. C. Smith and K. S. Baker, Optical properties of the clearest natural
+    waters (200-800 nm), Applied Optics 20(2), 1981, doi 10.1364/AO.20.000177.
+    """
+    values = tables.numbers(
+        tables.read_shipped("clear_sea_water.csv"),
+        ("wavelength_nm", "absorption_per_m", "scattering_per_m"),
+        "clear_sea_water.csv",
+    )
+    attenuation = values[:, 1] + 0.5 * values[:, 2]
+    return values[:, 0], attenuation
+
+
+def clear_water_attenuation(response: CameraResponse) -> NDArray[np.float64]:
+    """Attenuation κ of clear sea water as a camera sees it (eq. 10).
+
+    K_w(λ) weighted with the response, which is normalised to an integral of 1
+    in each channel.
+
+    Parameters
+    ----------
+    response : CameraResponse
+
+    Returns
+    -------
+    (3,) float64 ndarray
+        κ for R, G, B, 1/m.
+    """
+    weight = _on_grid(response)
+    wavelength, attenuation = clear_water_spectrum()
+    on_grid = np.interp(_grid(), wavelength, attenuation)
+    return np.asarray(on_grid @ weight / weight.sum(axis=0), dtype=np.float64)
+
+
+def compose_attenuation(
+    clear_water: ArrayLike,
+    particle_scattering: ArrayLike = 0.0,
+    particle_absorption: ArrayLike = 0.0,
+    dissolved_absorption: ArrayLike = 0.0,
+) -> NDArray[np.float64]:
+    """Total beam attenuation β = K_w + b_p + a_p + a_y (eq. 3, its lower bound).
+
+    Parameters
+    ----------
+    clear_water, particle_scattering, particle_absorption, dissolved_absorption : array_like
+        Coefficients, 1/m, per channel or per wavelength; shapes broadcast.
+
+    Returns
+    -------
+    float64 ndarray
+        β, 1/m.
+
+    Raises
+    ------
+    InputError
+        If a coefficient is negative.
+    """
+    terms = {
+        "clear water attenuation": clear_water,
+        "particle scattering": particle_scattering,
+        "particle absorption": particle_absorption,
+        "absorption of dissolved matter": dissolved_absorption,
+    }
+    total = np.zeros(())
+    for name, term in terms.items():
+        coefficient = np.asarray(term, dtype=np.float64)
+        if not (coefficient >= 0).all():
+            raise InputError(f"{name} is negative: give 1/m, 0 or more")
+        total = total + coefficient
+    return total
+
+
+def water_types() -> list[str]:
+    """Return the names of the Jerlov water types whose measured properties are shipped."""
+    _, rows = tables.read_shipped("jerlov_water_types.csv")
+    return list(dict.fromkeys(row[0] for row in rows))
+
+
+def water_type_attenuation(
+    water_type: str, response: CameraResponse
+) -> NDArray[np.float64]:
+    """Beam attenuation a + b of a Jerlov water type as a camera sees it.
+
+    Parameters
+    ----------
+    water_type : str
+        One of `water_types`.
+    response : CameraResponse
+
+    Returns
+    -------
+    (3,) float64 ndarray
+        β for R, G, B, 1/m. Beyond the measured wavelengths, the nearest
+        measured one counts.
+
+    Raises
+    ------
+    InputError
+        If the type is not known.
+
+    References
+    ----------
+    B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types,
+    Applied Optics 61(33), 2022, doi 10.1364/AO.470464.
+    """
+    return _water_type(water_type, response, 1.0)
+
+
+def water_type_diffuse_attenuation(
+    water_type: str, response: CameraResponse
+) -> NDArray[np.float64]:
+    """Diffuse attenuation K = a + b_b of a Jerlov water type as a camera sees it.
+
+    How daylight fades with depth: light scattered forwards is not lost to it, so
+    that only the part scattered back counts, as in clear water's K_w.
+
+    Parameters
+    ----------
+    water_type : str
+        One of `water_types`.
+    response : CameraResponse
+
+    Returns
+    -------
+    (3,) float64 ndarray
+        K for R, G, B, 1/m; see `water_type_attenuation` for its source.
+
+    Raises
+    ------
+    InputError
+        If the type is not known.
+    """
+    return _water_type(water_type, response, BACKSCATTERED)
+
+
+def daylight_white(response: CameraResponse, illuminant: str = "d55") -> NDArray[np.float64]:
+    """R, G, B of white at the surface for a camera without white balance.
+
+    Parameters
+    ----------
+    response : CameraResponse
+    illuminant : str
+        ``"d55"`` or ``"d65"``.
+
+    Returns
+    -------
+    (3,) float64 ndarray
+        Scaled so that green is 1; fit for `theoretical_chromaticity`.
+
+    Raises
+    ------
+    InputError
+        If the illuminant is not known.
+    """
+    known = tables.shipped_names("daylight_")
+    if illuminant not in known:
+        raise InputError(f"no daylight {illuminant!r}: give one of {', '.join(known)}")
+    name = f"daylight_{illuminant}.csv"
+    values = tables.numbers(
+        tables.read_shipped(name), ("wavelength_nm", "relative_power"), name
+    )
+    power = np.interp(_grid(), values[:, 0], values[:, 1], left=0.0, right=0.0)
+    white = power @ _on_grid(response)
+    return np.asarray(white / white[1], dtype=np.float64)
+
+
+def theoretical_chromaticity(
+    depth: ArrayLike, attenuation: ArrayLike, white_reference: ArrayLike = (1.0, 1.0, 1.0)
+) -> NDArray[np.float64]:
+    """Chromaticity of the ambient light over depth (eq. 13-14).
+
+    Parameters
+    ----------
+    depth : array_like
+        Depths z, m, of any shape.
+    attenuation : (3,) array_like
+        Attenuation of the water above, 1/m; κ for clear water.
+    white_reference : (3,) array_like
+        R, G, B of white at the surface; the scale is free.
+
+    Returns
+    -------
+    (..., 3) float64 ndarray
+        I∞^c / Σ I∞^c with I∞ = white · exp(-attenuation · z); sums to 1.
+    """
+    rate = np.asarray(attenuation, dtype=np.float64)
+    exponent = -np.multiply.outer(np.asarray(depth, dtype=np.float64), rate - rate.min())
+    light = np.asarray(white_reference, dtype=np.float64) * np.exp(exponent)
+    return np.asarray(light / light.sum(axis=-1, keepdims=True))
+
+
+def _grid() -> NDArray[np.float64]:
+    return np.arange(WAVELENGTH_MIN, WAVELENGTH_MAX + WAVELENGTH_STEP / 2, WAVELENGTH_STEP)
+
+
+def _on_grid(response: CameraResponse) -> NDArray[np.float64]:
+    channels = (
+        np.interp(_grid(), response.wavelength, response.sensitivity[:, c], left=0.0, right=0.0)
+        for c in range(3)
+    )
+    return np.stack(list(channels), axis=1)
+
+
+def _water_type(
+    water_type: str, response: CameraResponse, scattering: float
+) -> NDArray[np.float64]:
+    """Absorption, and a part of scattering, of a Jerlov type as a camera sees it, 1/m."""
+    head, rows = tables.read_shipped("jerlov_water_types.csv")
+    if water_type not in water_types():
+        raise InputError(
+            f"no water type {water_type!r}: give one of {', '.join(water_types())}"
+        )
+    mine = [row for row in rows if row[0] == water_type]
+    values = tables.numbers(
+        (head, mine), ("wavelength_nm", "a_per_m", "b_per_m"), "jerlov_water_types.csv"
+    )
+    attenuation = values[:, 1] + scattering * values[:, 2]
+    weight = _on_grid(response)
+    on_grid = np.interp(_grid(), values[:, 0], attenuation)
+    return np.asarray(on_grid @ weight / weight.sum(axis=0), dtype=np.float64)

@@ -1,0 +1,174 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Reading of recordings: ROS 2 (mcap, sqlite3) and ROS 1, in folders or files, split, packed."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from uw_visibility.errors import InputError
+from uw_visibility.replay.bags.decoder import Decoder
+from uw_visibility.replay.bags.indexed import SALVAGE, open_file
+from uw_visibility.replay.bags.layout import PACKED, UnreadableError, find_files, suffix
+from uw_visibility.replay.bags.packing import PackingError, unpack, unpack_file
+from uw_visibility.replay.bags.storage import Channel, Recorded, Storage
+
+__all__ = ["BagReader", "Recorded", "UnreadableError"]
+
+
+class BagReader:
+    """Reads a bag; to be used in a ``with`` statement.
+
+    What is damaged is read as far as it goes, and told in `damage`.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder of a ROS 2 bag, one of its files, or file of a ROS 1 bag.
+
+    Attributes
+    ----------
+    path : Path
+        As given.
+    files : list of Path
+        Files of the recording.
+    ros1 : bool
+        Whether it is one of ROS 1.
+    channels : dict of str to Channel
+        Topics by name, with the messages that the indexes of all files count.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read as a bag; `UnreadableError` where it is one.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._folder = tempfile.TemporaryDirectory(prefix="uw_visibility_")
+        self._storages: list[Storage] = []
+        try:
+            layout = find_files(self.path)
+            self.files, self._notes = layout.files, list(layout.notes)
+            self._packed_messages, self._expected = layout.packed_messages, layout.expected
+            self._open_files()
+        except BaseException:
+            self.close()
+            raise
+        self.ros1 = self.files[0].suffix == ".bag"
+        self.channels = self._merge_channels()
+        self.decoder = Decoder({c.type: c for c in self.channels.values()}, self.ros1)
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Type of message by topic."""
+        return {topic: channel.type for topic, channel in self.channels.items()}
+
+    @property
+    def span(self) -> tuple[int, int] | None:
+        """Times of the first and last message in ns, where indexes tell."""
+        spans = [s.span for s in self._storages if s.span is not None]
+        if not spans:
+            return None
+        return min(begin for begin, _ in spans), max(end for _, end in spans)
+
+    @property
+    def damage(self) -> list[str]:
+        """What could not be read so far, in sentences."""
+        return self._notes + [note for s in self._storages for note in s.damage]
+
+    def messages(
+        self,
+        topics: Collection[str] | None = None,
+        start: int | None = None,
+        stop: int | None = None,
+    ) -> Iterator[Recorded]:
+        """Yield the messages of some topics, or of all, in the order of time.
+
+        Parameters
+        ----------
+        topics : collection of str, optional
+            Which topics.
+        start, stop : int, optional
+            Times of reception in ns: from start up to, but without, stop.
+        """
+        for storage in self._storages:
+            for message in storage.messages(topics, start, stop):
+                if self._packed_messages:
+                    try:
+                        message = message._replace(data=unpack(message.data, "zstd"))
+                    except PackingError:
+                        self._notes.append(f"a message on {message.topic} cannot be unpacked")
+                        continue
+                yield message
+
+    def deserialize(self, message: Recorded) -> Any:
+        """Return a recorded message as an object of the bag's own types."""
+        return self.decoder.decode(message)
+
+    def close(self) -> None:
+        """Close all files."""
+        for storage in self._storages:
+            storage.close()
+        self._folder.cleanup()
+
+    def __enter__(self) -> BagReader:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _open_files(self) -> None:
+        errors = []
+        for file in self.files:
+            try:
+                self._storages.append(open_file(self._unpack(file)))
+            except InputError as error:
+                errors.append(error)
+        if not self._storages:
+            kind = UnreadableError if suffix(self.files[0]) in SALVAGE else InputError
+            raise kind(*errors[0].args) from errors[0]
+        self._notes += [str(error) for error in errors]
+
+    def _unpack(self, file: Path) -> Path:
+        if file.suffix != PACKED:
+            return file
+        unpacked = Path(self._folder.name) / file.stem
+        note = unpack_file(file, unpacked)
+        if note:
+            self._notes.append(note)
+        return unpacked
+
+    def _merge_channels(self) -> dict[str, Channel]:
+        merged: dict[str, Channel] = {}
+        for channel in (c for s in self._storages for c in s.channels):
+            first = merged.get(channel.topic)
+            if first is None:
+                merged[channel.topic] = channel
+            elif first.type == channel.type:
+                count = None
+                if first.count is not None and channel.count is not None:
+                    count = first.count + channel.count
+                best = first if first.format else channel
+                merged[channel.topic] = Channel(
+                    best.topic, best.type, best.format, best.definition, count
+                )
+            else:
+                self._notes.append(f"{channel.topic} has a second type, {channel.type}")
+        return {
+            topic: Channel(c.topic, c.type, c.format, c.definition, self._count(c))
+            for topic, c in merged.items()
+        }
+
+    def _count(self, channel: Channel) -> int | None:
+        """Return how many messages a topic should have: damage must not hide what is missing."""
+        return self._expected.get(channel.topic, channel.count)

@@ -1,0 +1,97 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a replay is told."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from uw_visibility.config.parameters import flatten
+from uw_visibility.config.schema import NodeConfig, PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.replay.inputs.topics import Wanted
+
+
+@dataclass(frozen=True)
+class ReplayOptions:
+    """How recordings are replayed.
+
+    Attributes
+    ----------
+    pipeline, node : PipelineConfig, NodeConfig
+        The node's parameters; `node.rectify` says whether images are raw.
+    wanted : Wanted
+        Topics that are given.
+    sensor_type : str or None
+        Type of the depth sensor, where it is given.
+    infos : tuple of two CameraInfo, or None
+        Calibration to use instead of the recording's.
+    start : float
+        Seconds of the recording that are left out.
+    duration : float
+        Seconds that are replayed.
+    every : int
+        One frame of so many is processed.
+    images : int
+        One frame of so many is written to ``images/``; 0 for none.
+    video : bool
+        Whether ``video.mp4`` is written.
+    geo : bool
+        Whether ``frames.geojson`` is written.
+    match_original : bool
+        Whether the raw pair is matched too, for comparison.
+    origin : tuple of float or None
+        Latitude and longitude, in degrees, of the origin of an Odometry.
+    """
+
+    pipeline: PipelineConfig = field(default_factory=PipelineConfig)
+    node: NodeConfig = field(default_factory=NodeConfig)
+    wanted: Wanted = field(default_factory=Wanted)
+    sensor_type: str | None = None
+    infos: tuple[Any, Any] | None = None
+    start: float = 0.0
+    duration: float = math.inf
+    every: int = 1
+    images: int = 0
+    video: bool = False
+    geo: bool = False
+    match_original: bool = False
+    origin: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be done."""
+        if not 0.0 <= self.start < math.inf:
+            raise InputError(f"--start is {self.start:g}: give the seconds to leave out")
+        if not self.duration > 0.0:
+            raise InputError(f"--duration is {self.duration:g}: give a number of seconds above 0")
+        if self.every < 1:
+            raise InputError(f"--every is {self.every}: give 1 or more")
+        if self.images < 0:
+            raise InputError(f"--images is {self.images}: give 1 or more")
+
+    def parameters(self) -> dict[str, Any]:
+        """Return everything that changes results, for provenance, as JSON has it."""
+        values = {
+            **{k: v for k, v in self.pipeline.to_parameters().items() if k != "threads"},
+            **flatten(self.node),
+            "replay.start": self.start,
+            "replay.duration": None if math.isinf(self.duration) else self.duration,
+            "replay.every": self.every,
+            "replay.calibration": None if self.infos is None else repr(self.infos),
+            "replay.match_original": self.match_original,
+            "replay.origin": self.origin,
+            **{f"replay.{name}": topic for name, topic in asdict(self.wanted).items()},
+        }
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
+
+    def extras(self) -> dict[str, Any]:
+        """Return what is made of a result beside the table and the messages, as JSON has it."""
+        return {"images": self.images, "video": self.video, "geo": self.geo}
+
+    def with_threads(self, threads: int) -> ReplayOptions:
+        """Return the options with so many threads for each frame, if none are given."""
+        if self.pipeline.threads:
+            return self
+        return replace(self, pipeline=replace(self.pipeline, threads=threads))

@@ -1,0 +1,154 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where the camera was: positions of a NavSatFix or Odometry, and their file for maps."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import deque
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from uw_visibility.messages.images import stamp_to_nanoseconds
+
+# Positions further apart than this are not neighbours, s.
+LONGEST_GAP = 10.0
+# Mean radius of the earth, m (IUGG), enough for the extent of a dive.
+EARTH_RADIUS = 6371008.8
+
+PROPERTIES = (
+    "status", "visibility_status", "depth_status", "reason",
+    "mean_attenuation", "mean_attenuation_stddev", "visibility_distance",
+    "visibility_distance_stddev", "depth", "depth_stddev", "sensor_depth", "plausibility",
+)
+
+
+class Position(NamedTuple):
+    """A position at a stamp (ns).
+
+    Attributes
+    ----------
+    stamp : int
+    geographic : bool
+        Whether the coordinates are longitude and latitude in degrees, or metres.
+    x, y, z : float
+        Longitude or x, latitude or y, and height.
+    """
+
+    stamp: int
+    geographic: bool
+    x: float
+    y: float
+    z: float
+
+
+def read_position(message: Any) -> Position | None:
+    """Read a NavSatFix or an Odometry; None where it has no fix."""
+    stamp = stamp_to_nanoseconds(message.header.stamp)
+    if hasattr(message, "latitude"):
+        if message.status.status < 0:
+            return None
+        values = (message.longitude, message.latitude, message.altitude)
+    else:
+        point = message.pose.pose.position
+        values = (point.x, point.y, point.z)
+    x, y, z = (float(v) for v in values)
+    if not (math.isfinite(x) and math.isfinite(y)):
+        return None
+    return Position(stamp, hasattr(message, "latitude"), x, y, z)
+
+
+class PositionTrack:
+    """Positions around the frames that wait for theirs."""
+
+    def __init__(self) -> None:
+        self._positions: deque[Position] = deque()
+
+    def add(self, position: Position) -> None:
+        """Take a position; a stamp that goes back begins anew."""
+        if self._positions and position.stamp < self._positions[-1].stamp:
+            self._positions.clear()
+        self._positions.append(position)
+
+    def reaches(self, stamp: int) -> bool:
+        """Tell whether positions go as far as a stamp."""
+        return bool(self._positions) and self._positions[-1].stamp >= stamp
+
+    def forget_before(self, stamp: int) -> None:
+        """Drop what is not needed for stamps from this one on."""
+        while len(self._positions) > 1 and self._positions[1].stamp <= stamp:
+            self._positions.popleft()
+
+    def at(self, stamp: int) -> Position | None:
+        """Return the position at a stamp, linear between its neighbours."""
+        before = None
+        for after in self._positions:
+            if after.stamp == stamp:
+                return after
+            if after.stamp > stamp:
+                break
+            before = after
+        else:
+            return None
+        if before is None or after.stamp - before.stamp > LONGEST_GAP * 1e9:
+            return None
+        share = (stamp - before.stamp) / (after.stamp - before.stamp)
+        x, y, z = (
+            a + share * (b - a) for a, b in zip(before[2:], after[2:], strict=True)
+        )
+        return Position(stamp, after.geographic, x, y, z)
+
+
+def geographic(x: float, y: float, origin: tuple[float, float]) -> tuple[float, float]:
+    """Return longitude and latitude of a point east and north (m) of an origin (lat, lon)."""
+    latitude, longitude = origin
+    north = math.degrees(y / EARTH_RADIUS)
+    east = math.degrees(x / (EARTH_RADIUS * math.cos(math.radians(latitude))))
+    return longitude + east, latitude + north
+
+
+def write_geojson(path: Path, rows: Iterator[Mapping[str, str]]) -> int:
+    """Write frames with a longitude and a latitude as points (RFC 7946).
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    rows : iterator of mapping
+        Rows of the table, as text; empty for what is not known.
+
+    Returns
+    -------
+    int
+        Number of points.
+    """
+    count = 0
+    with path.open("w", encoding="utf-8") as file:
+        file.write('{"type": "FeatureCollection", "features": [')
+        for row in rows:
+            if not row["longitude"]:
+                continue
+            feature = {
+                "type": "Feature",
+                "geometry": {
+                    "type": "Point",
+                    "coordinates": [float(row["longitude"]), float(row["latitude"])],
+                },
+                "properties": {
+                    "stamp": row["stamp"], "frame": int(row["frame"]),
+                    **{name: _value(row[name]) for name in PROPERTIES},
+                },
+            }
+            file.write(("," if count else "") + "\n" + json.dumps(feature, allow_nan=False))
+            count += 1
+        file.write("\n]}\n")
+    return count
+
+
+def _value(text: str) -> float | str | None:
+    try:
+        return float(text) if text else None
+    except ValueError:
+        return text

@@ -1,0 +1,275 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""A recording as a stream of stereo frames and sensor values, in the order of time."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from uw_visibility.config.schema import PlausibilityConfig
+from uw_visibility.errors import InputError
+from uw_visibility.messages.depth_sensor import read_depth
+from uw_visibility.messages.images import stamp_to_nanoseconds
+from uw_visibility.messages.synchronizer import Synchronizer
+from uw_visibility.plausibility.samples import DepthSample
+from uw_visibility.replay.bags.decoder import header_stamp
+from uw_visibility.replay.bags.reader import BagReader, Recorded
+from uw_visibility.replay.inputs.options import ReplayOptions
+from uw_visibility.replay.inputs.positions import Position, read_position
+from uw_visibility.replay.inputs.topics import Selection, find_topics
+from uw_visibility.stereo.calibration import CameraCalibration
+
+
+class RecordedFrame(NamedTuple):
+    """A stereo frame as it was recorded.
+
+    Attributes
+    ----------
+    number : int
+        Among all frames of the recording (from `start` on).
+    time : int
+        When the left image was received, ns.
+    stamp, right_stamp : int
+        Stamps of the images, ns.
+    left, right : Recorded
+        Images.
+    left_info, right_info : Recorded or object
+        CameraInfo: recorded, or as given.
+    """
+
+    number: int
+    time: int
+    stamp: int
+    right_stamp: int
+    left: Recorded
+    right: Recorded
+    left_info: Any
+    right_info: Any
+
+
+class SensorValue(NamedTuple):
+    """A value of the depth sensor, and when it was received (ns)."""
+
+    sample: DepthSample
+    time: int
+
+
+@dataclass(frozen=True)
+class Restart:
+    """The stamps of the images jumped back: a clock was set, or a recording begun again."""
+
+
+Event = RecordedFrame | SensorValue | Position | Restart
+
+
+class InputStream:
+    """Turns a recording into frames and sensor values.
+
+    Parameters
+    ----------
+    reader : BagReader
+        The recording.
+    options : ReplayOptions
+        What of it is wanted.
+
+    Attributes
+    ----------
+    selection : Selection
+        Topics used.
+    plausibility : PlausibilityConfig
+        The configuration, with the type of the sensor found.
+    synchronizer : Synchronizer
+        Knows what came in and what was dropped.
+    problems : Counter of str
+        Messages that could not be used, by reason.
+    frames : int
+        Frames so far, those left out too.
+
+    Raises
+    ------
+    InputError
+        If the recording has no pair of images or no calibration, or ends before
+        the part that is wanted.
+    """
+
+    def __init__(self, reader: BagReader, options: ReplayOptions) -> None:
+        self._reader = reader
+        self._options = options
+        self.selection: Selection = find_topics(
+            reader.channels, options.wanted, rectify=options.node.rectify,
+            calibrated=options.infos is not None, sensor_type=options.sensor_type,
+        )
+        self._check_start()
+        self.plausibility: PlausibilityConfig = replace(
+            options.node.plausibility, sensor_type=self.selection.sensor_type
+        )
+        self.synchronizer = Synchronizer(options.node.synchronization)
+        self.problems: Counter[str] = Counter()
+        self.frames = 0
+        self._checked: set[str] = set()
+
+    @property
+    def expected_frames(self) -> int | None:
+        """About how many frames will be processed, if the indexes tell."""
+        counts = [self._reader.channels[t].count for t in self.selection.images()]
+        span = self._reader.span
+        if None in counts or span is None:
+            return None
+        whole = (span[1] - span[0]) / 1e9
+        left = min(max(whole - self._options.start, 0.0), self._options.duration)
+        share = left / whole if whole > 0.0 else 1.0
+        return -(-round(min(c for c in counts if c is not None) * share) // self._options.every)
+
+    def events(self) -> Iterator[Event]:
+        """Yield frames and sensor values as they become complete."""
+        start, stop = self._interval()
+        self._take_calibration(start)
+        images, infos = self.selection.images(), self.selection.infos()
+        topics = {*images, *infos}
+        topics |= {t for t in (self.selection.depth, self.selection.position) if t is not None}
+        for message in self._reader.messages(topics, start, stop):
+            if message.topic in images:
+                yield from self._add(self.synchronizer.add_image, images[message.topic], message)
+            elif message.topic in infos:
+                self._check_rectified(message, infos[message.topic])
+                yield from self._add(self.synchronizer.add_info, infos[message.topic], message)
+            else:
+                yield from self._sensor(message)
+        yield from self._choose(self.synchronizer.finish())
+
+    def missing(self) -> list[str]:
+        """Return how many messages of each image topic the index names but nobody could read."""
+        if self._options.start > 0.0 or self._options.duration < np.inf:
+            return []
+        notes = []
+        for topic, side in self.selection.images().items():
+            expected, read = self._reader.channels[topic].count, self.synchronizer.received[side]
+            if expected is not None and read < expected:
+                notes.append(f"{expected - read} of {expected} messages on {topic} are missing")
+        return notes
+
+    def _check_start(self) -> None:
+        """Refuse a part of the recording that lies behind its end.
+
+        Raises
+        ------
+        InputError
+            Naming the length of the recording.
+        """
+        span = self._reader.span
+        if span is not None and self._options.start > (span[1] - span[0]) / 1e9:
+            raise InputError(
+                f"--start is {self._options.start:g}: {self._reader.path.name} ends after "
+                f"{(span[1] - span[0]) / 1e9:.1f} s"
+            )
+
+    def _interval(self) -> tuple[int | None, int | None]:
+        """Return the times between which messages are wanted, ns."""
+        options = self._options
+        if options.start == 0.0 and options.duration == np.inf:
+            return None, None
+        span = self._reader.span
+        if span is None:
+            first = next(self._reader.messages(self.selection.images()), None)
+            begin = 0 if first is None else first.time
+        else:
+            begin = span[0]
+        start = begin + round(options.start * 1e9)
+        stop = None if options.duration == np.inf else start + round(options.duration * 1e9)
+        return start, stop
+
+    def _take_calibration(self, start: int | None) -> None:
+        """Hand over the calibration that is given, or what was sent before the start."""
+        if self._options.infos is not None:
+            for side, info in zip(("left", "right"), self._options.infos, strict=True):
+                self.synchronizer.add_info(side, _stamped(0, 0, info))
+            return
+        infos = self.selection.infos()
+        if start is None or not self._is_latched(infos):
+            return
+        for message in self._reader.messages(infos, None, start):
+            list(self._add(self.synchronizer.add_info, infos[message.topic], message))
+
+    def _check_rectified(self, message: Recorded, side: str) -> None:
+        """Refuse raw images, by their name, that would have to be rectified.
+
+        Raises
+        ------
+        InputError
+            Naming the option that is missing.
+        """
+        if side in self._checked:
+            return
+        self._checked.add(side)
+        image = self.selection.left if side == "left" else self.selection.right
+        if self._options.node.rectify or not re.search("raw", image.rpartition("/")[2]):
+            return
+        try:
+            calibration = CameraCalibration.from_camera_info(
+                self._reader.deserialize(message), side
+            )
+        except InputError:
+            # Each frame will say why its calibration cannot be used.
+            return
+        if calibration.distortion.any() or not np.allclose(calibration.rotation, np.eye(3)):
+            raise InputError(
+                f"{image} is raw by its name and distorted by its camera_info: add --rectify, or "
+                "name rectified images with --left and --right"
+            )
+
+    def _is_latched(self, infos: dict[str, str]) -> bool:
+        """Tell whether there are fewer CameraInfo than images, so that one may be long ago."""
+        for info, image in zip(infos, self.selection.images(), strict=True):
+            counts = self._reader.channels[info].count, self._reader.channels[image].count
+            if counts[0] is None or counts[1] is None or counts[0] < 0.9 * counts[1]:
+                return True
+        return False
+
+    def _add(self, add: Any, side: str, message: Recorded) -> Iterator[RecordedFrame | Restart]:
+        try:
+            seconds, nanoseconds = header_stamp(message.data, self._reader.ros1)
+        except InputError as error:
+            self.problems[f"{message.topic}: {error}"] += 1
+            return
+        restarts = self.synchronizer.restarts
+        frames = add(side, _stamped(seconds, nanoseconds, message))
+        if self.synchronizer.restarts > restarts:
+            yield Restart()
+        yield from self._choose(frames)
+
+    def _choose(self, frames: list[Any]) -> Iterator[RecordedFrame]:
+        for frame in frames:
+            number = self.frames
+            self.frames += 1
+            if number % self._options.every == 0:
+                left, right, left_info, right_info = (m.content for m in frame)
+                stamps = [stamp_to_nanoseconds(m.header.stamp) for m in frame[:2]]
+                yield RecordedFrame(
+                    number, left.time, stamps[0], stamps[1], left, right, left_info, right_info
+                )
+
+    def _sensor(self, message: Recorded) -> Iterator[Event]:
+        try:
+            content = self._reader.deserialize(message)
+            if message.topic == self.selection.position:
+                position = read_position(content)
+                if position is not None:
+                    yield position
+            else:
+                sample = read_depth(content, self.plausibility, message.time)
+                yield SensorValue(sample, message.time)
+        except InputError as error:
+            self.problems[f"{message.topic}: {error}"] += 1
+
+
+def _stamped(seconds: int, nanoseconds: int, content: Any) -> SimpleNamespace:
+    """Return what the synchroniser looks at, with the message as it is."""
+    stamp = SimpleNamespace(sec=seconds, nanosec=nanoseconds)
+    return SimpleNamespace(header=SimpleNamespace(stamp=stamp), content=content)

@@ -1,0 +1,223 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which topics of a recording are the stereo pair, its calibration and its sensors."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from uw_visibility.errors import InputError
+from uw_visibility.messages.depth_sensor import SENSOR_TYPES
+from uw_visibility.replay.bags.storage import Channel
+
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+INFO = "sensor_msgs/msg/CameraInfo"
+POSITION_TYPES = ("sensor_msgs/msg/NavSatFix", "nav_msgs/msg/Odometry")
+
+# Parts of names under which something else than a camera's images or a sensor is.
+OTHER_IMAGES = re.compile(r"enhanced|disparity|ground_truth|depth|mask|compressedDepth|theora")
+OTHER_DEPTHS = re.compile(r"ground_truth|visibility|plausibility|image|camera")
+DEPTH_NAMES = re.compile(r"depth|pressure")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Topics that are given; None is found by type and name."""
+
+    left: str | None = None
+    right: str | None = None
+    left_info: str | None = None
+    right_info: str | None = None
+    depth: str | None = None
+    position: str | None = None
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Topics that are used.
+
+    Attributes
+    ----------
+    left, right : str
+        Images, raw or compressed.
+    left_info, right_info : str or None
+        CameraInfo; None where the calibration comes from files.
+    depth : str or None
+        Depth sensor.
+    sensor_type : str
+        Type of its messages, as ``plausibility.sensor_type`` names it.
+    position : str or None
+        NavSatFix or Odometry.
+    notes : list of str
+        What was chosen among others.
+    """
+
+    left: str
+    right: str
+    left_info: str | None
+    right_info: str | None
+    depth: str | None = None
+    sensor_type: str = "none"
+    position: str | None = None
+    notes: list[str] = field(default_factory=list)
+
+    def images(self) -> dict[str, str]:
+        """Return side by topic of the images."""
+        return {self.left: "left", self.right: "right"}
+
+    def infos(self) -> dict[str, str]:
+        """Return side by topic of the CameraInfo."""
+        sides = ((self.left_info, "left"), (self.right_info, "right"))
+        return {topic: side for topic, side in sides if topic is not None}
+
+
+def find_topics(
+    channels: Mapping[str, Channel],
+    wanted: Wanted,
+    *,
+    rectify: bool,
+    calibrated: bool = False,
+    sensor_type: str | None = None,
+) -> Selection:
+    """Choose the topics to use.
+
+    Parameters
+    ----------
+    channels : mapping of str to Channel
+        What the recording has.
+    wanted : Wanted
+        What is given.
+    rectify : bool
+        Whether raw images are looked for, rather than rectified ones.
+    calibrated : bool
+        Whether the calibration is known, so that no CameraInfo is needed.
+    sensor_type : str, optional
+        Type of the depth sensor, as ``plausibility.sensor_type`` has it; None finds one.
+
+    Returns
+    -------
+    Selection
+
+    Raises
+    ------
+    InputError
+        If there is no pair of images or no calibration for it, or if a topic
+        that is given is missing or of another type.
+    """
+    notes: list[str] = []
+    left, right = _find_pair(channels, wanted, rectify, notes)
+    infos: list[str | None] = [None, None]
+    if not calibrated:
+        infos = [
+            _find_info(channels, image, given)
+            for image, given in ((left, wanted.left_info), (right, wanted.right_info))
+        ]
+    depth, kind = _find_depth(channels, wanted.depth, sensor_type, notes)
+    position = wanted.position
+    if position is not None:
+        _check(channels, position, POSITION_TYPES)
+    return Selection(left, right, infos[0], infos[1], depth, kind, position, notes)
+
+
+def partner(topic: str) -> str | None:
+    """Return the name of the right image's topic for the left one's, if it is one."""
+    if not re.search("left", topic, re.IGNORECASE):
+        return None
+    for old, new in (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT")):
+        topic = topic.replace(old, new)
+    return topic
+
+
+def info_topic(image: str) -> str:
+    """Return where the CameraInfo of an image is: beside it."""
+    base = image.removesuffix("/compressed")
+    return f"{base.rpartition('/')[0]}/camera_info"
+
+
+def _find_pair(
+    channels: Mapping[str, Channel], wanted: Wanted, rectify: bool, notes: list[str]
+) -> tuple[str, str]:
+    if wanted.right is not None and wanted.left is None:
+        raise InputError("--right is given without --left: give both")
+    if wanted.left is not None:
+        right = wanted.right or partner(wanted.left)
+        if right is None or (wanted.right is None and right not in channels):
+            raise InputError(f"no right image belongs to {wanted.left} by its name: give --right")
+        for topic in (wanted.left, right):
+            _check(channels, topic, (IMAGE, COMPRESSED))
+        return wanted.left, right
+    candidates = [
+        (topic, other)
+        for topic, channel in channels.items()
+        if channel.type in (IMAGE, COMPRESSED) and not OTHER_IMAGES.search(topic)
+        and (other := partner(topic)) is not None
+        and other in channels and channels[other].type == channel.type
+    ]
+    if not candidates:
+        images = [t for t, c in channels.items() if c.type in (IMAGE, COMPRESSED)]
+        raise InputError(
+            "no pair of images, one with left and one with right in its name, among the topics: "
+            f"name them with --left and --right; images are {', '.join(sorted(images)) or 'none'}"
+        )
+    candidates.sort(key=lambda pair: _rank(channels, pair[0], rectify))
+    if len(candidates) > 1:
+        others = ", ".join(topic for topic, _ in candidates[1:])
+        notes.append(f"{candidates[0][0]} is taken rather than {others}")
+    return candidates[0]
+
+
+def _rank(channels: Mapping[str, Channel], topic: str, rectify: bool) -> tuple[object, ...]:
+    """Order candidates: rectified or raw as asked for, with calibration, colour, uncompressed."""
+    channel = channels[topic]
+    return (
+        channel.count == 0,
+        ("rect" in topic.rpartition("/left")[2]) == rectify,
+        info_topic(topic) not in channels,
+        "mono" in topic,
+        channel.type == COMPRESSED,
+        topic.count("/"),
+        topic,
+    )
+
+
+def _find_info(channels: Mapping[str, Channel], image: str, given: str | None) -> str:
+    topic = given or info_topic(image)
+    if given is None and topic not in channels:
+        raise InputError(
+            f"there is no {topic} beside {image}: name the topic with --left-info and "
+            "--right-info, or give --calibration"
+        )
+    _check(channels, topic, (INFO,))
+    return topic
+
+
+def _find_depth(
+    channels: Mapping[str, Channel], given: str | None, kind: str | None, notes: list[str]
+) -> tuple[str | None, str]:
+    names = {message: name for name, message in SENSOR_TYPES.items()}
+    if kind == "none":
+        return None, "none"
+    types = names if kind is None else {SENSOR_TYPES[kind]: kind}
+    if given is not None:
+        _check(channels, given, tuple(types))
+        return given, types[channels[given].type]
+    found = [
+        topic for topic, channel in channels.items()
+        if channel.type in types and DEPTH_NAMES.search(topic) and not OTHER_DEPTHS.search(topic)
+    ]
+    if not found:
+        return None, "none"
+    found.sort(key=lambda t: (not t.endswith("depth_sensor"), t.count("/"), t))
+    if len(found) > 1:
+        notes.append(f"depth sensor {found[0]} is taken rather than {', '.join(found[1:])}")
+    return found[0], types[channels[found[0]].type]
+
+
+def _check(channels: Mapping[str, Channel], topic: str, types: tuple[str, ...]) -> None:
+    if topic not in channels:
+        raise InputError(f"there is no topic {topic} in the recording: --list shows what there is")
+    if channels[topic].type not in types:
+        raise InputError(f"{topic} is a {channels[topic].type}: give one of {', '.join(types)}")

@@ -1,0 +1,201 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of replayed frames: raw, enhanced and disparity side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.images.files import write_png
+from uw_visibility.messages.compressed import read_compressed
+from uw_visibility.messages.images import read_image
+from uw_visibility.replay.bags.decoder import header_stamp
+from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.inputs.options import ReplayOptions
+from uw_visibility.replay.inputs.topics import Selection
+from uw_visibility.replay.report.colours import ColourScale
+from uw_visibility.replay.results.mcap import NAME
+from uw_visibility.replay.table import nanoseconds, read_columns, read_rows
+
+# Frames that the colours of all are chosen from.
+SCALE_FRAMES = 16
+LARGEST_VIDEO_WIDTH = 1920
+LEFT_TOPIC, DISPARITY_TOPIC = "/left/enhanced/image", "/disparity"
+
+
+class Picture(NamedTuple):
+    """A frame's images, RGB uint8 (H, W, 3) each, and its row of the table.
+
+    Attributes
+    ----------
+    row : dict of str to str
+    raw, enhanced, disparity : (H, W, 3) uint8 ndarray
+    """
+
+    row: dict[str, str]
+    raw: NDArray[np.uint8]
+    enhanced: NDArray[np.uint8]
+    disparity: NDArray[np.uint8]
+
+    def side_by_side(self) -> NDArray[np.uint8]:
+        """Return the three in a row."""
+        height = self.enhanced.shape[0]
+        scale = height / self.raw.shape[0]
+        raw = self.raw
+        if scale != 1.0:
+            raw = _fit(raw, round(raw.shape[1] * scale))
+        return np.concatenate((raw, self.enhanced, self.disparity), axis=1)
+
+
+def colour_scale(folder: Path) -> ColourScale | None:
+    """Return the colours of disparities for all pictures of a result.
+
+    They are chosen from evenly spaced frames, so they do not depend on which
+    pictures are wanted.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the result.
+
+    Returns
+    -------
+    ColourScale or None
+        None where nothing matched in any of these frames.
+    """
+    rows = [
+        (nanoseconds(row["time"]), nanoseconds(row["stamp"]))
+        for row in read_rows(folder / "frames.csv") if not row["reason"]
+    ]
+    chosen = {
+        round(index) for index in np.linspace(0, len(rows) - 1, min(SCALE_FRAMES, len(rows)))
+    }
+    with BagReader(folder / NAME) as results:
+        found = (_at(results, DISPARITY_TOPIC, *rows[index]) for index in sorted(chosen))
+        return ColourScale.of(message for message in found if message is not None)
+
+
+def pictures(
+    folder: Path,
+    reader: BagReader,
+    selection: Selection,
+    scale: ColourScale | None,
+    frames: Collection[str] | None = None,
+) -> Iterator[Picture]:
+    """Yield pictures of frames, in order, from the result and the recording.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the result.
+    reader : BagReader
+        The recording.
+    selection : Selection
+        Topics used.
+    scale : ColourScale or None
+        Of the disparities; without one, all are black.
+    frames : collection of str, optional
+        Numbers of the frames; all. Those without result are left out.
+    """
+    with BagReader(folder / NAME) as results:
+        for row in read_rows(folder / "frames.csv"):
+            if row["reason"] or (frames is not None and row["frame"] not in frames):
+                continue
+            time = nanoseconds(row["time"])
+            enhanced = _at(results, LEFT_TOPIC, time, nanoseconds(row["stamp"]))
+            disparity = _at(results, DISPARITY_TOPIC, time, nanoseconds(row["stamp"]))
+            raw = _at(reader, selection.left, time, nanoseconds(row["stamp"]))
+            if enhanced is None or disparity is None or raw is None:
+                continue
+            shown = _shown(_pixels(enhanced))
+            drawn = np.zeros_like(shown) if scale is None else scale.draw(disparity)
+            yield Picture(row, _shown(_pixels(raw)), shown, drawn)
+
+
+def write_pictures(
+    folder: Path,
+    reader: BagReader,
+    selection: Selection,
+    scale: ColourScale | None,
+    options: ReplayOptions,
+) -> None:
+    """Write ``images/`` and ``video.mp4``, where they are wanted.
+
+    Raises
+    ------
+    InputError
+        If the video cannot be written.
+    """
+    if options.images:
+        chosen = [r["frame"] for r in read_rows(folder / "frames.csv")][:: options.images]
+        (folder / "images").mkdir(exist_ok=True)
+        for picture in pictures(folder, reader, selection, scale, set(chosen)):
+            name = f"frame_{int(picture.row['frame']):06d}.png"
+            write_png(folder / "images" / name, picture.side_by_side())
+    if options.video:
+        _write_video(folder, pictures(folder, reader, selection, scale))
+
+
+def _write_video(folder: Path, shown: Iterator[Picture]) -> None:
+    stamps = read_columns(folder / "frames.csv", ["stamp"])["stamp"]
+    steps = np.diff(stamps)
+    steps = steps[steps > 0.0]
+    rate = float(np.clip(1.0 / np.median(steps), 0.5, 60.0)) if steps.size else 5.0
+    writer: Any = None
+    size = (0, 0)
+    for picture in shown:
+        image = picture.side_by_side()
+        if writer is None:
+            width = min(image.shape[1], LARGEST_VIDEO_WIDTH) // 2 * 2
+            size = (width, round(image.shape[0] * width / image.shape[1]) // 2 * 2)
+            code = cv2.VideoWriter.fourcc(*"mp4v")
+            writer = cv2.VideoWriter(str(folder / "video.mp4"), code, rate, size)
+            if not writer.isOpened():
+                raise InputError("this OpenCV cannot write mp4: leave out --video")
+        writer.write(cv2.cvtColor(cv2.resize(image, size), cv2.COLOR_RGB2BGR))
+    if writer is not None:
+        writer.release()
+
+
+def _at(reader: BagReader, topic: str, time: int, stamp: int) -> Any:
+    """Return the message of a topic that was received at a time and has a stamp."""
+    for message in reader.messages([topic], time, time + 1):
+        seconds, nanosec = header_stamp(message.data, reader.ros1)
+        if seconds * 1_000_000_000 + nanosec == stamp:
+            return reader.deserialize(message)
+    return None
+
+
+def _pixels(message: Any) -> NDArray[Any]:
+    if hasattr(message, "format"):
+        return read_compressed(message)[0]
+    return read_image(message)
+
+
+def _shown(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return an image as 8 bit RGB."""
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) if image.ndim == 2 else image
+
+
+def _fit(image: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    height = round(image.shape[0] * width / image.shape[1])
+    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA))
+
+
+def preview(image: NDArray[np.uint8], width: int) -> bytes:
+    """Return an image as PNG, at most so wide."""
+    if image.shape[1] > width:
+        image = _fit(image, width)
+    _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    return bytes(content.tobytes())
+
+

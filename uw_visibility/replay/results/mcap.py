@@ -1,0 +1,124 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of a replay as one file, results.mcap, and what an earlier part of it holds."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from uw_visibility.replay.bags.reader import BagReader, UnreadableError
+from uw_visibility.replay.bags.writer import BagWriter
+from uw_visibility.replay.filtering import EstimateLog
+from uw_visibility.replay.table import nanoseconds, read_rows
+from uw_visibility.replay.work import FrameAnswer
+
+NAME = "results.mcap"
+NIS_TOPIC = "/depth_plausibility/nis"
+NIS_TYPE = "std_msgs/msg/Float64"
+
+
+class ResultWriter:
+    """Writes results.mcap.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to.
+    topics : mapping of str to str
+        Type of message by topic, without that of the plausibility test.
+    """
+
+    def __init__(self, folder: Path, topics: Mapping[str, str]) -> None:
+        self._folder = folder
+        absolute = {f"/{topic}": name for topic, name in topics.items()}
+        self._bag = BagWriter(folder / "results", {**absolute, NIS_TOPIC: NIS_TYPE})
+
+    def write_messages(self, messages: list[tuple[str, bytes]], time: int) -> None:
+        """Write serialised messages at a time (ns)."""
+        for topic, data in messages:
+            self._bag.write_serialised(f"/{topic}", data, time)
+
+    def write_nis(self, row: Mapping[str, str]) -> None:
+        """Write the NIS of a row, where it has one."""
+        if row.get("nis"):
+            message = self._bag.make(NIS_TYPE, data=float(row["nis"]))
+            self._bag.write(NIS_TOPIC, message, nanoseconds(row["time"]))
+
+    def close(self, provenance: Mapping[str, Any]) -> None:
+        """Complete the file."""
+        for key, value in provenance.items():
+            text = value if isinstance(value, str) else json.dumps(value)
+            self._bag.annotate(f"uw_visibility.{key}", text)
+        self._bag.close()
+        (self._folder / "results" / NAME).rename(self._folder / NAME)
+        shutil.rmtree(self._folder / "results")
+
+
+class EarlierPart:
+    """What an interrupted replay left: its frames, to be taken over.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the partial result.
+    topics : collection of str
+        Those that a frame alone fills; others are made anew.
+
+    Attributes
+    ----------
+    timings : dict of str to dict
+        Rows of timings.csv by frame.
+    """
+
+    def __init__(self, folder: Path, topics: Collection[str]) -> None:
+        self._folder = folder
+        self._topics = {f"/{topic}" for topic in topics}
+        self.timings: dict[str, dict[str, str]] = {}
+        if (folder / "timings.csv").is_file():
+            self.timings = {r["frame"]: r for r in read_rows(folder / "timings.csv")}
+
+    def answers(self) -> Iterator[FrameAnswer]:
+        """Yield the frames whose row and messages are all there, in order."""
+        if not (self._folder / "frames.csv").is_file():
+            return
+        groups, estimates = self._groups(), EstimateLog.read(self._folder)
+        for row in read_rows(self._folder / "frames.csv"):
+            time = nanoseconds(row["time"])
+            if row["reason"]:
+                yield FrameAnswer(time, row)
+                continue
+            group = next(groups, None)
+            number, estimate = next(estimates, ("", None))
+            if group is None or group[0] != time or number != row["frame"]:
+                return
+            yield FrameAnswer(time, row, group[1], estimate)
+
+    def _groups(self) -> Iterator[tuple[int, list[tuple[str, bytes]]]]:
+        """Yield time and messages of the frames that have some."""
+        path = self._folder / NAME
+        whole = path.is_file()
+        if not whole:
+            # After a crash the file is where it was written, without an end.
+            path = self._folder / "results" / NAME
+        try:
+            reader = BagReader(path)
+        except (UnreadableError, OSError):
+            return
+        with reader:
+            time, group = 0, dict[str, bytes]()
+            for message in reader.messages():
+                if message.topic not in self._topics:
+                    continue
+                topic = message.topic.removeprefix("/")
+                # Each topic comes once with a frame, at the frame's time, or not at all.
+                if group and (message.time != time or topic in group):
+                    yield time, list(group.items())
+                    group = {}
+                time = message.time
+                group[topic] = message.data
+            if group and whole:
+                yield time, list(group.items())

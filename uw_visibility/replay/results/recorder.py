@@ -1,0 +1,90 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The files that a replay under way writes frame by frame: table, messages, timings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from uw_visibility.messages.outputs import all_topics
+from uw_visibility.replay.filtering import EstimateLog, FilterStage
+from uw_visibility.replay.inputs.options import ReplayOptions
+from uw_visibility.replay.results.mcap import ResultWriter
+from uw_visibility.replay.table import COLUMNS, TableWriter
+from uw_visibility.replay.work import FrameAnswer
+
+Row = dict[str, str]
+
+
+class FrameRecorder:
+    """Writes what becomes of frames, with the filter over them.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to.
+    options : ReplayOptions
+        Parameters.
+    earlier : mapping of str to dict
+        Timings of the frames that an earlier part had worked on.
+
+    Attributes
+    ----------
+    resumed : int
+        Frames of the earlier part so far.
+    """
+
+    def __init__(
+        self, folder: Path, options: ReplayOptions, earlier: Mapping[str, Row]
+    ) -> None:
+        self.resumed = 0
+        self._folder = folder
+        self._earlier = earlier
+        self._table = TableWriter(folder / "frames.csv", COLUMNS)
+        self._timings: TableWriter | None = None
+        self._results = ResultWriter(folder, all_topics(options.node))
+        self._filter = FilterStage(options.pipeline, options.node)
+        self._estimates = EstimateLog(folder)
+
+    def write_frame(self, answer: FrameAnswer) -> Row:
+        """Write the messages of a frame, filtered ones too; returns its row of the table."""
+        self._results.write_messages(answer.messages, answer.time)
+        self._write_timing(answer)
+        row = dict(answer.row)
+        if answer.estimate is not None:
+            messages, columns = self._filter.add(answer.estimate)
+            self._results.write_messages(messages, answer.time)
+            self._estimates.write(row["frame"], answer.estimate)
+            row |= columns
+        return row
+
+    def write_row(self, row: Row) -> None:
+        """Write a row that is complete, and the comparison with the sensor in it."""
+        self._table.write(row)
+        self._results.write_nis(row)
+
+    def close(self, provenance: Mapping[str, Any]) -> None:
+        """Complete all files."""
+        self._table.close()
+        self._estimates.close()
+        if self._timings is not None:
+            self._timings.close()
+        self._results.close(provenance)
+
+    def forget_estimates(self) -> None:
+        """Remove what only going on from here would need."""
+        self._estimates.remove()
+
+    def _write_timing(self, answer: FrameAnswer) -> None:
+        number = answer.row["frame"]
+        row = {"frame": number, **{k: f"{v:.3f}" for k, v in answer.timing_ms.items()}}
+        if not answer.timing_ms:
+            row = self._earlier.get(number, row)
+            self.resumed += number in self._earlier
+        if len(row) == 1:
+            return
+        if self._timings is None:
+            self._timings = TableWriter(self._folder / "timings.csv", list(row))
+        self._timings.write({k: v for k, v in row.items() if k in self._timings.columns})

@@ -1,0 +1,133 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What was not assessable in which frames of a replay, and why."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from uw_visibility.plausibility.verdict import Verdict
+from uw_visibility.replay.table import FAILED
+from uw_visibility.status import Status
+
+WHOLE_FRAME = "the whole frame"
+DISTANCE, OTHER_CHANNELS = "visibility distance", "visibility distance of all channels"
+PLAUSIBILITY = "plausibility of the depth sensor"
+# Of a frame with a result: what the columns of the table say yes or no to.
+STATUS_COLUMNS = {"water": "status", DISTANCE: "visibility_status",
+                  "depth by colour": "depth_status"}
+# Verdicts that say something of the sensor, good or bad.
+JUDGED = {"", str(Verdict.OK), str(Verdict.WARN), str(Verdict.ERROR)}
+# Reasons may carry numbers of the input, and a recording may be long.
+MOST_RUNS, MOST_REASONS = 8, 50
+FURTHER = "further reasons"
+
+
+@dataclass
+class Refusal:
+    """Quantities that were not assessable in the same frames for the same reason.
+
+    Attributes
+    ----------
+    what, why : str
+        Quantities and reason.
+    count : int
+        Frames.
+    runs : list of list of str
+        First and last frame of each run of neighbours in the table; the first runs.
+    shown, last_row, mark : int
+        Frames in `runs`, row of the last frame, and what tells sets of frames apart.
+    """
+
+    what: str
+    why: str
+    count: int = 0
+    runs: list[list[str]] = field(default_factory=list)
+    shown: int = 0
+    last_row: int = -2
+    mark: int = 0
+
+    def add(self, row: int, frame: str) -> None:
+        """Count a frame, which is so many rows into the table."""
+        follows = self.last_row == row - 1 and self.shown == self.count
+        self.count += 1
+        self.last_row = row
+        self.mark = zlib.crc32(frame.encode(), self.mark)
+        if follows:
+            self.runs[-1][1] = frame
+        elif len(self.runs) < MOST_RUNS and self.shown == self.count - 1:
+            self.runs.append([frame, frame])
+        else:
+            return
+        self.shown += 1
+
+    @property
+    def frames(self) -> str:
+        """Which frames, as numbers; not all, where they are many."""
+        text = ", ".join(first if first == last else f"{first}-{last}" for first, last in self.runs)
+        more = self.count - self.shown
+        return f"{text} and {more} more" if more else text
+
+
+class Refusals:
+    """Counts what was not assessable, frame by frame; its size has a bound."""
+
+    def __init__(self) -> None:
+        self._refusals: dict[tuple[str, str], Refusal] = {}
+        self._rows = 0
+
+    def count(self, row: Mapping[str, str]) -> None:
+        """Count a row of the table."""
+        for what, why in _refused(row):
+            reasons = sum(quantity == what for quantity, _ in self._refusals)
+            if (what, why) not in self._refusals and reasons >= MOST_REASONS:
+                why = FURTHER
+            refusal = self._refusals.setdefault((what, why), Refusal(what, why))
+            refusal.add(self._rows, row["frame"])
+        self._rows += 1
+
+    def has(self, what: str) -> bool:
+        """Tell whether a quantity was not assessable in some frame."""
+        return any(quantity == what for quantity, _ in self._refusals)
+
+    def together(self) -> list[Refusal]:
+        """Return the refusals; of quantities that always fail together one for all."""
+        groups: dict[tuple[str, int, int], list[Refusal]] = {}
+        for refusal in self._refusals.values():
+            key = (refusal.why, refusal.count, refusal.mark)
+            groups.setdefault(key, []).append(refusal)
+        return [
+            Refusal(**{**asdict(group[0]), "what": ", ".join(r.what for r in group)})
+            for group in groups.values()
+        ]
+
+    def state(self) -> list[dict[str, Any]]:
+        """Return them as JSON has it."""
+        return [asdict(refusal) for refusal in self._refusals.values()]
+
+    @classmethod
+    def of_state(cls, state: list[dict[str, Any]]) -> Refusals:
+        """Return what `state` returned."""
+        refusals = cls()
+        for values in state:
+            refusals._refusals[values["what"], values["why"]] = Refusal(**values)
+        return refusals
+
+
+def _refused(row: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """Yield quantity and reason of what a row lacks."""
+    if row["status"] == FAILED:
+        yield WHOLE_FRAME, row["reason"]
+        return
+    for what, column in STATUS_COLUMNS.items():
+        if row[column] != Status.OK:
+            named = OTHER_CHANNELS if what == DISTANCE and row["visibility_distance"] else what
+            yield named, row[column]
+    if row.get("plausibility", "") not in JUDGED:
+        # Frames with the same reason differ in its numbers.
+        reason = re.sub(r"\d+(\.\d+)?", "…", row.get("plausibility_reason", ""))
+        yield PLAUSIBILITY, reason or row["plausibility"]

@@ -1,0 +1,123 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a replay did, for the terminal, the report and replay.json."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from uw_visibility.plausibility.monitor import Report
+from uw_visibility.replay.results.provenance import Origin
+from uw_visibility.replay.results.refusals import Refusals
+from uw_visibility.replay.table import FAILED
+
+
+@dataclass
+class Summary:
+    """What a replay did.
+
+    Attributes
+    ----------
+    bag, output : str
+        Recording and folder of the result.
+    complete : bool
+        Whether the recording was replayed to its end.
+    frames, resumed : int
+        Rows of the table, and those of an earlier part among them.
+    status, visibility_status, depth_status, reasons : Counter of str
+        Frames by status, by that of the visibility distance and that of the depth,
+        and those without result by reason.
+    refusals : Refusals
+        What was not assessable in which frames.
+    dropped : Counter of str
+        Images that became part of no frame, by reason.
+    damage : list of str
+        What could not be read.
+    error : str
+        Why there is no result, where that holds up no other recording.
+    notes : list of str
+        Choices made for the user.
+    topics : dict of str to str
+        Topics used, by purpose.
+    seconds : float
+        Duration of the replay.
+    provenance : dict
+        Version, parameters and hash of the input.
+    plausibility : Report or None
+        Of the depth sensor.
+    verdicts : Counter of str
+        Frames by verdict of the plausibility test.
+    """
+
+    bag: str
+    output: str
+    complete: bool = False
+    frames: int = 0
+    resumed: int = 0
+    status: Counter[str] = field(default_factory=Counter)
+    visibility_status: Counter[str] = field(default_factory=Counter)
+    depth_status: Counter[str] = field(default_factory=Counter)
+    reasons: Counter[str] = field(default_factory=Counter)
+    refusals: Refusals = field(default_factory=Refusals)
+    dropped: Counter[str] = field(default_factory=Counter)
+    damage: list[str] = field(default_factory=list)
+    error: str = ""
+    notes: list[str] = field(default_factory=list)
+    topics: dict[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
+    provenance: dict[str, Any] = field(default_factory=dict)
+    plausibility: Report | None = None
+    verdicts: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def assessed(self) -> int:
+        """Frames whose water was assessed."""
+        return self.status["ok"]
+
+    @property
+    def failed(self) -> int:
+        """Frames without a result."""
+        return self.status[FAILED]
+
+    def count(self, row: dict[str, str]) -> None:
+        """Count a frame."""
+        self.frames += 1
+        self.refusals.count(row)
+        self.status[row["status"]] += 1
+        if row["status"] == FAILED:
+            self.reasons[row["reason"]] += 1
+        else:
+            self.visibility_status[row["visibility_status"]] += 1
+            self.depth_status[row["depth_status"]] += 1
+
+    def state(self, origin: Origin) -> dict[str, Any]:
+        """Return it as JSON has it, with what it was made from."""
+        return {
+            "complete": self.complete, "version": origin.version, "bag": origin.bag,
+            "input_sha256": self.provenance.get("input_sha256"),
+            "fingerprint": origin.fingerprint, "topics": self.topics, "frames": self.frames,
+            "status": dict(self.status), "visibility_status": dict(self.visibility_status),
+            "depth_status": dict(self.depth_status),
+            "unusable": dict(self.reasons), "not_assessable": self.refusals.state(),
+            "dropped": dict(self.dropped),
+            "damage": self.damage, "plausibility": dict(self.verdicts),
+            "seconds": round(self.seconds, 3), "python": sys.version.split()[0],
+            "parameters": origin.parameters,
+        }
+
+    @classmethod
+    def of_finished(cls, bag: str, output: str, state: Mapping[str, Any]) -> Summary:
+        """Return that of a result that was there already."""
+        return cls(
+            bag, output, complete=True, frames=state["frames"], resumed=state["frames"],
+            status=Counter(state["status"]),
+            visibility_status=Counter(state.get("visibility_status")),
+            depth_status=Counter(state["depth_status"]), reasons=Counter(state["unusable"]),
+            refusals=Refusals.of_state(state.get("not_assessable", [])),
+            dropped=Counter(state["dropped"]),
+            damage=list(state["damage"]), topics=state["topics"],
+        )

@@ -1,0 +1,85 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Publishes recorded messages as if they were taken now."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Mapping
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from uw_visibility.ros.transport.factory import message_type
+
+# A serialised message begins with four bytes that tell the byte order; a
+# message with a header goes on with its stamp.
+STAMP = slice(4, 12)
+
+
+class Player:
+    """Publishes serialised messages.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Publishers are made on it.
+    topics : mapping of str to str
+        Type of message by topic. Every type begins with a header.
+    reliability : ReliabilityPolicy
+        By default reliable, so that an image of many packets arrives whole.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topics: Mapping[str, str],
+        reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE,
+    ) -> None:
+        self._node = node
+        # Deep enough to hold both images while a slow machine sends them.
+        qos = QoSProfile(depth=10, reliability=reliability)
+        self._publishers = {
+            topic: node.create_publisher(message_type(name), topic, qos)
+            for topic, name in topics.items()
+        }
+
+    def unheard(self) -> list[str]:
+        """Return the topics that nobody subscribes to yet."""
+        return [t for t, p in self._publishers.items() if p.get_subscription_count() == 0]
+
+    def publish(self, messages: Mapping[str, bytes]) -> int:
+        """Publish messages of one instant, stamped with the present time.
+
+        Parameters
+        ----------
+        messages : mapping of str to bytes
+            Serialised message by topic.
+
+        Returns
+        -------
+        int
+            The stamp in ns, the same for all.
+        """
+        stamp = time.time_ns()
+        for topic, data in messages.items():
+            self._publishers[topic].publish(restamp(data, stamp))
+        return stamp
+
+
+def restamp(data: bytes, stamp: int) -> bytes:
+    """Return a serialised message with another stamp (ns) in its header."""
+    changed = bytearray(data)
+    changed[STAMP] = struct.pack(_byte_order(data) + "iI", *divmod(stamp, 1_000_000_000))
+    return bytes(changed)
+
+
+def read_stamp(data: bytes) -> int:
+    """Return the stamp (ns) in the header of a serialised message."""
+    seconds, nanoseconds = struct.unpack(_byte_order(data) + "iI", data[STAMP])
+    return int(seconds * 1_000_000_000 + nanoseconds)
+
+
+def _byte_order(data: bytes) -> str:
+    return "<" if data[1] & 1 else ">"

@@ -1,0 +1,128 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""A subscription that is as reliable as the publishers of its topic allow."""
+
+from __future__ import annotations
+
+import functools
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import ReliabilityPolicy
+
+from uw_visibility.messages.images import stamp_to_nanoseconds
+from uw_visibility.ros.transport.qos import INPUT_DEPTH, reliability_is_open, subscribe_to
+
+# Stamps that are remembered, to know what two subscriptions have both received.
+REMEMBERED = 20
+
+
+class FittedSubscription:
+    """Reliable while all publishers of the topic are, best effort otherwise.
+
+    Middleware cuts images into fragments, and a best-effort subscription loses the
+    whole image with any of them; a reliable one does not hear best-effort publishers
+    at all. When the publishers change, another subscription is made beside the present
+    one and takes over with the first message that it receives, so that there is no gap
+    between the two and no message is delivered by both. Where ``qos_overrides`` names a
+    reliability, that one stays.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Subscriptions are made on it.
+    kind : type
+        Class of the messages, which have a header.
+    topic : str
+        Its name, to be resolved by the node.
+    callback : callable
+        Takes each message.
+    depth : int
+        How many messages wait to be taken.
+
+    Raises
+    ------
+    InputError
+        If a parameter under ``qos_overrides`` cannot be used.
+    """
+
+    def __init__(
+        self, node: Node, kind: type, topic: str, callback: Callable[[Any], None],
+        depth: int = INPUT_DEPTH,
+    ) -> None:
+        self._node = node
+        self._kind = kind
+        self._topic = topic
+        self._callback = callback
+        self._depth = depth
+        self._made = 0
+        # Number of the subscription and stamp of each message delivered lately.
+        self._delivered: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
+        # Subscriptions by their number: the present one, then the one to take over.
+        self._subscriptions: dict[int, Any] = {}
+        self._subscribe(ReliabilityPolicy.BEST_EFFORT)
+        self._fitted = reliability_is_open(node, self._present)
+
+    @property
+    def topic_name(self) -> str:
+        """The resolved name of the topic."""
+        return str(self._present.topic_name)
+
+    @property
+    def reliability(self) -> str:
+        """Reliability of the present subscription, in words."""
+        return str(self._present.qos_profile.reliability.name).lower().replace("_", " ")
+
+    def fit(self) -> None:
+        """Ask for the reliability that the publishers offer; called from time to time."""
+        if not self._fitted:
+            return
+        offered = {
+            info.qos_profile.reliability
+            for info in self._node.get_publishers_info_by_topic(self._topic)
+        }
+        best = ReliabilityPolicy.BEST_EFFORT
+        if offered == {ReliabilityPolicy.RELIABLE}:
+            best = ReliabilityPolicy.RELIABLE
+        newest = max(self._subscriptions)
+        if self._subscriptions[newest].qos_profile.reliability is not best:
+            self._subscribe(best)
+        elif not offered or self._subscriptions[newest].get_publisher_count() > 0:
+            # It had the time since the last call, and messages may be rare.
+            self._take_over(newest)
+
+    def destroy(self) -> None:
+        """Destroy what was subscribed."""
+        while self._subscriptions:
+            self._node.destroy_subscription(self._subscriptions.popitem()[1])
+
+    @property
+    def _present(self) -> Any:
+        return self._subscriptions[min(self._subscriptions)]
+
+    def _subscribe(self, reliability: ReliabilityPolicy) -> None:
+        # One that has not taken over yet is not wanted any more.
+        while len(self._subscriptions) > 1:
+            self._node.destroy_subscription(self._subscriptions.popitem()[1])
+        self._made += 1
+        self._subscriptions[self._made] = subscribe_to(
+            self._node, self._kind, self._topic,
+            functools.partial(self._deliver, self._made), reliability, self._depth,
+        )
+
+    def _take_over(self, number: int) -> None:
+        for other in [other for other in self._subscriptions if other < number]:
+            self._node.destroy_subscription(self._subscriptions.pop(other))
+
+    def _deliver(self, number: int, message: Any) -> None:
+        if number not in self._subscriptions:
+            # It was destroyed while it had a message ready.
+            return
+        self._take_over(number)
+        stamp = stamp_to_nanoseconds(message.header.stamp)
+        if any(s == stamp and n != number for n, s in self._delivered):
+            return
+        self._delivered.append((number, stamp))
+        self._callback(message)

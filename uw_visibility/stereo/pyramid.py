@@ -1,0 +1,205 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Images made smaller for matching, and their disparity brought back to full size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.jit import njit
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import StereoConfig
+from uw_visibility.images.pair import MIN_HEIGHT, MIN_WIDTH, read_only
+from uw_visibility.stereo.rig import StereoRig
+
+
+class Reduction:
+    """Takes a pair to a fraction of its size and disparities back.
+
+    A pixel of the small images is the mean of a square of pixels. What does not fill
+    a square at the right and lower border is left out of them, and its disparity is
+    that of its neighbours.
+
+    Parameters
+    ----------
+    factor : int
+        Side of the squares, px; 1 leaves everything as it is.
+    workers : Workers
+        Threads.
+    """
+
+    def __init__(self, factor: int, workers: Workers) -> None:
+        self._factor = factor
+        self._workers = workers
+
+    def factor(self, shape: tuple[int, ...]) -> int:
+        """Return the factor for a size of image: 1 where the small one would be too small."""
+        height, width = shape[0] // self._factor, shape[1] // self._factor
+        return self._factor if height >= MIN_HEIGHT and width >= MIN_WIDTH else 1
+
+    def shape(self, shape: tuple[int, ...]) -> tuple[int, int]:
+        """Return height and width of the small images, px."""
+        factor = self.factor(shape)
+        return shape[0] // factor, shape[1] // factor
+
+    def image(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Return the small image, of the same type."""
+        factor = self.factor(image.shape)
+        if factor == 1:
+            return image
+        height, width = self.shape(image.shape)
+        whole = image[: height * factor, : width * factor]
+        return read_only(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
+
+    def mask(self, mask: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+        """Return which of the small pixels have all of theirs in a mask."""
+        if mask is None or self.factor(mask.shape) == 1:
+            return mask
+        factor = self.factor(mask.shape)
+        height, width = self.shape(mask.shape)
+        squares = mask[: height * factor, : width * factor]
+        return np.asarray(squares.reshape(height, factor, width, factor).all(axis=(1, 3)))
+
+    def whole_mask(
+        self, mask: NDArray[np.bool_] | None, shape: tuple[int, ...]
+    ) -> NDArray[np.bool_] | None:
+        """Return which pixels of the full size have their small one in a mask."""
+        factor = self.factor(shape)
+        if mask is None or factor == 1:
+            return mask
+        whole = np.zeros(shape[:2], bool)
+        height, width = mask.shape[0] * factor, mask.shape[1] * factor
+        whole[:height, :width] = mask.repeat(factor, axis=0).repeat(factor, axis=1)
+        return whole
+
+    def rig(self, rig: StereoRig, shape: tuple[int, ...]) -> StereoRig:
+        """Return the geometry of the small images of a pair of a size."""
+        factor = self.factor(shape)
+
+        def moved(point: tuple[float, float]) -> tuple[float, float]:
+            # Pixel centres are whole numbers in both images.
+            return (point[0] + 0.5) / factor - 0.5, (point[1] + 0.5) / factor - 0.5
+
+        right, vertical = rig.principal_point_right, rig.focal_length_y
+        return StereoRig(
+            rig.focal_length / factor, rig.baseline, moved(rig.principal_point),
+            None if right is None else moved(right),
+            None if vertical is None else vertical / factor,
+        )
+
+    def settings(self, config: StereoConfig, shape: tuple[int, ...]) -> StereoConfig:
+        """Return the matcher's parameters for the small images of a pair of a size."""
+        factor = self.factor(shape)
+        return replace(
+            config,
+            min_disparity=-(-config.min_disparity // factor),
+            max_disparity=config.max_disparity // factor,
+        )
+
+    def points(
+        self, points: NDArray[np.float32], shape: tuple[int, ...]
+    ) -> NDArray[np.float32]:
+        """Return points ``(N, 3)`` of a size, column, row and disparity, px of the small one."""
+        return _scaled(points, 1.0 / self.factor(shape))
+
+    def whole_points(
+        self, points: NDArray[np.float32], shape: tuple[int, ...]
+    ) -> NDArray[np.float32]:
+        """Return points ``(N, 3)`` of the small images, column, row and disparity, px of a size."""
+        return _scaled(points, self.factor(shape))
+
+    def disparity(
+        self, small: NDArray[np.float32], shape: tuple[int, ...]
+    ) -> NDArray[np.float32]:
+        """Bring a disparity map to full size, in pixels of the full size.
+
+        On a surface it is interpolated; across edges and beside unmatched pixels each
+        pixel takes its square's.
+
+        Parameters
+        ----------
+        small : ndarray
+            ``(h, w)`` float32, px of the small images; NaN where unmatched.
+        shape : tuple of int
+            Height and width of the full images, px.
+
+        Returns
+        -------
+        ndarray
+            ``(H, W)`` float32, px; NaN where unmatched.
+        """
+        factor = self.factor(shape)
+        if factor == 1:
+            return small
+        full = np.empty(shape[:2], np.float32)
+        self._workers.rows(_enlarge, shape[0], small, factor, full)
+        return full
+
+    def confidence(
+        self, small: NDArray[np.float32], disparity: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Bring confidences to the full size of the disparities made from the same pixels."""
+        height, width = disparity.shape
+        full = cv2.resize(small, (width, height), interpolation=cv2.INTER_NEAREST)
+        full[np.isnan(disparity)] = 0
+        return np.asarray(full, np.float32)
+
+
+def _scaled(points: NDArray[np.float32], scale: float) -> NDArray[np.float32]:
+    # Pixel centres are whole numbers before and after.
+    shift = np.array([0.5, 0.5, 0.0])
+    return ((points + shift) * scale - shift).astype(np.float32)
+
+
+@njit(nogil=True, error_model="numpy")
+def _enlarge(start: int, stop: int, small: Any, factor: int, full: Any) -> None:
+    height, width = small.shape
+    columns = full.shape[1]
+    # Of each column of the full size: the small ones before and after its centre, how
+    # far it lies between them, and the one that it was averaged into.
+    before, after, own = np.empty((3, columns), np.uint32)
+    part = np.empty(columns, np.float32)
+    for x in range(columns):
+        before[x], after[x], part[x] = _between(x, factor, width)
+        own[x] = min(x // factor, width - 1)
+    for y in range(start, stop):
+        above, below, down = _between(y, factor, height)
+        _enlarge_row(
+            small[above], small[below], small[min(y // factor, height - 1)], down, before,
+            after, part, own, np.float32(factor), full[y],
+        )
+
+
+@njit(nogil=True, error_model="numpy")
+def _between(at: int, factor: int, size: int) -> Any:
+    """Return the small pixels on both sides of a pixel's centre, and the part of the way."""
+    place = (np.float32(at) + np.float32(0.5)) / np.float32(factor) - np.float32(0.5)
+    before = min(max(int(np.floor(place)), 0), size - 1)
+    part = min(max(place - np.float32(before), np.float32(0)), np.float32(1))
+    return before, min(before + 1, size - 1), part
+
+
+@njit(nogil=True, error_model="numpy")
+def _enlarge_row(
+    upper: Any, lower: Any, middle: Any, down: Any, before: Any, after: Any, part: Any, own: Any,
+    scale: Any, full: Any,
+) -> None:
+    # Neighbours that differ by more, in small pixels, are two surfaces.
+    edge = np.float32(1)
+    for x in range(full.size):
+        a, b = upper[before[x]], upper[after[x]]
+        c, d = lower[before[x]], lower[after[x]]
+        # False where one of them is not a number.
+        if max(max(a, b), max(c, d)) - min(min(a, b), min(c, d)) <= edge and (
+            a == a and b == b and c == c and d == d
+        ):
+            mean = a + part[x] * (b - a)
+            value = mean + down * (c + part[x] * (d - c) - mean)
+        else:
+            value = middle[own[x]]
+        full[x] = scale * value

@@ -1,0 +1,100 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Things that are no part of the scene: a diver's hand or an animal close to the lens.
+
+They are too near to be matched and out of focus, so that their blurred outline lets
+the scene shine through, at the scene's range and in wrong colours. The darkest and
+brightest pixels of the scene, which the water's estimate rests on, would be those.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.optics.transfer import linear_table
+
+# The search looks at cells of this side, px.
+_CELL = 4
+# Lengths as parts of the image's width: from this far off any support point an area
+# is void of them; as far as this a thing's outline blurs into its surroundings.
+_VOID = 0.04
+_OUTLINE = 0.1
+# Part of the scene's cells beyond its range of irradiance.
+_OUTSIDE = 0.005
+# How far beyond that range a foreign thing is, of its ends and of the largest irradiance.
+_BEYOND = 0.1
+_BEYOND_LEAST = 0.015
+# Open water may be brighter than all of the scene, but is never redder than what is far.
+_FAR = 0.1
+_REDDER = 0.06
+# Part of the image that a foreign thing covers at least.
+_LEAST_AREA = 0.003
+
+
+def foreign_pixels(
+    image: NDArray[Any], points: NDArray[np.float32], transfer: str
+) -> NDArray[np.bool_] | None:
+    """Find large areas without matches that are darker or brighter than the scene.
+
+    Parameters
+    ----------
+    image : ndarray
+        ``(H, W, 3)``, uint8 or uint16.
+    points : ndarray
+        ``(N, 3)`` float32: column, row and disparity of the support points, px.
+    transfer : str
+        ``"linear"`` or ``"srgb"``.
+
+    Returns
+    -------
+    ndarray or None
+        ``(H, W)`` bool, such areas with what their outline may reach; None where
+        there are none.
+    """
+    height, width = image.shape[:2]
+    rows, columns = height // _CELL, width // _CELL
+    codes = cv2.resize(
+        image[:rows * _CELL, :columns * _CELL], (columns, rows), interpolation=cv2.INTER_AREA
+    )
+    cells = linear_table(transfer, image.dtype)[codes]
+    at = points[:, [1, 0]].astype(np.int64) // _CELL
+    inside = (at[:, 0] < rows) & (at[:, 1] < columns)
+    at, disparity = at[inside], points[inside, 2]
+    matched = np.zeros((rows, columns), np.uint8)
+    matched[at[:, 0], at[:, 1]] = 1
+    void = _distance(matched) > _VOID * width
+    if np.count_nonzero(void) < _LEAST_AREA * void.size:
+        return None
+    # What is matched beside a void may be its outline.
+    scene = (matched > 0) & (_distance(void) > _OUTLINE * width)
+    if np.count_nonzero(scene) < _LEAST_AREA * void.size:
+        return None
+    low, high = np.quantile(cells[scene], (_OUTSIDE, 1.0 - _OUTSIDE), axis=0)
+    far = disparity <= np.quantile(disparity, _FAR)
+    red = np.median(_red(cells[at[far, 0], at[far, 1]]))
+    least = _BEYOND_LEAST * high.max()
+    darker = (cells < (1.0 - _BEYOND) * low - least).any(axis=2)
+    brighter = (cells > (1.0 + _BEYOND) * high + least).any(axis=2)
+    brighter &= _red(cells) > red + _REDDER
+    foreign = void & (darker | brighter)
+    if np.count_nonzero(foreign) < _LEAST_AREA * foreign.size:
+        return None
+    reached = (_distance(foreign) <= _OUTLINE * width).astype(np.uint8)
+    return cv2.resize(reached, (width, height), interpolation=cv2.INTER_NEAREST) > 0
+
+
+def _distance(mask: NDArray[Any]) -> NDArray[np.float32]:
+    """Distance of each cell from the nearest one of the mask, px."""
+    if not mask.any():
+        return np.full(mask.shape, np.inf, np.float32)
+    outside = (mask == 0).astype(np.uint8)
+    return np.float32(_CELL) * cv2.distanceTransform(outside, cv2.DIST_L2, cv2.DIST_MASK_5)
+
+
+def _red(light: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Part of red in the light of each cell."""
+    return np.asarray(light[..., 0] / np.maximum(light.sum(axis=-1), 1e-6))
