@@ -56,8 +56,9 @@ def run(arguments: argparse.Namespace) -> None:
     config = PipelineConfig.from_parameters(read_params_file(arguments.params_file))
     begin = time.monotonic()
     # Compiled modules load slowly; what is refused before needs none of them.
-    from uw_visibility import Pipeline, StereoRig, output_kernels
+    from uw_visibility import Pipeline, StereoRig
     from uw_visibility.compute.jit import counts, writable_folder
+    from uw_visibility.messages import output_kernels
 
     width, height = arguments.size
     pipeline = Pipeline(StereoRig(500.0, 0.1, ((width - 1) / 2, (height - 1) / 2)), config)
