@@ -196,3 +196,32 @@ def test_a_grey_surface_stays_grey_beyond_the_limit_of_red() -> None:
     assert abs(green - 0.3) < 0.01
     assert abs(blue - 0.3) < 0.01
     assert abs(red - green) < 0.15
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_veil_and_light_apart_are_inverted_within_quantisation(dtype: type) -> None:
+    radiance, distance = scene(5)
+    veil, light = np.array([0.1, 0.25, 0.3]), np.array([0.5, 0.7, 0.8])
+    transmission = np.exp(-WATER.attenuation * distance[..., np.newaxis])
+    irradiance = light * radiance * transmission + veil * (1 - transmission)
+    image = from_linear(irradiance.astype(np.float32), "linear", dtype)
+    water = SimpleNamespace(
+        attenuation=WATER.attenuation, ambient_light=veil, scene_light=light
+    )
+    enhanced, _ = Restorer(ANY_NOISE).restore(image, distance, water)
+    top = np.iinfo(dtype).max
+    error = np.abs(enhanced / top - radiance)
+    assert np.all(error <= (0.5 / (light * transmission) + 0.75) / top)
+    exact = recover_radiance(image, distance, water)
+    assert np.all(np.abs(exact - radiance) <= 0.51 / (light * transmission) / top)
+
+
+def test_open_water_keeps_the_colour_of_the_veil() -> None:
+    veil, light = np.array([0.1, 0.25, 0.3]), np.array([0.5, 0.7, 0.8])
+    water = SimpleNamespace(
+        attenuation=WATER.attenuation, ambient_light=veil, scene_light=light
+    )
+    image = from_linear(np.broadcast_to(veil, (4, 5, 3)), "linear", np.uint16)
+    enhanced, _ = Restorer().restore(image, np.full((4, 5), 30, np.float32), water)
+    expected = np.broadcast_to(veil / light, (4, 5, 3))
+    np.testing.assert_allclose(enhanced / 65535, expected, atol=2e-3)

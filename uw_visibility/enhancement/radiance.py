@@ -15,7 +15,7 @@ from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement import radiance_kernels as kernels
 from uw_visibility.errors import InputError
 from uw_visibility.images.noise import ROUNDING_VARIANCE, noise_stddev
-from uw_visibility.optics.light_model import Water
+from uw_visibility.optics.light_model import Water, scene_light_of
 from uw_visibility.optics.transfer import encode_table, linear_table, to_linear
 
 # Attenuation, 1/m, below which no range brings a channel to its limit.
@@ -32,8 +32,10 @@ class Channels:
     ----------
     attenuation : (C,) float32 ndarray
         1/m; 0 where the channel is not assessable.
-    ambient : (C,) float32 ndarray
-        Ambient light; 1 where the channel is not assessable.
+    veil : (C,) float32 ndarray
+        Veil B, what the water adds at infinity; 1 where the channel is not assessable.
+    light : (C,) float32 ndarray
+        Light W on the scene, likewise; the paper's model is W = B.
     limits : (C,) float32 ndarray
         Largest optical thickness βd; 0 where the channel is not assessable,
         which leaves it as it is.
@@ -42,13 +44,14 @@ class Channels:
     """
 
     attenuation: NDArray[np.float32]
-    ambient: NDArray[np.float32]
+    veil: NDArray[np.float32]
+    light: NDArray[np.float32]
     limits: NDArray[np.float32]
     assessable: NDArray[np.bool_]
 
     def limited_by_noise(self, noise: NDArray[np.float64], largest: float) -> Channels:
-        """Lower the limits so that restored noise, σ exp(βd) / I∞, stays below ``largest``."""
-        gain = largest * self.ambient / np.maximum(noise, 1e-9)
+        """Lower the limits so that restored noise, σ exp(βd) / W, stays below ``largest``."""
+        gain = largest * self.light / np.maximum(noise, 1e-9)
         thickness = np.log(np.maximum(gain, math.exp(_LEAST_THICKNESS)))
         limits = np.where(self.assessable, np.minimum(self.limits, thickness), 0.0)
         return replace(self, limits=limits.astype(np.float32))
@@ -91,8 +94,8 @@ class Restorer:
     ) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
         """Recover the scene's radiance as an image (eq. 8).
 
-        Radiance is relative to the ambient light: 1, a white patch or open
-        water, becomes the largest pixel value. Where the range is unknown
+        Radiance is relative to the light on the scene: 1, a white patch, becomes the
+        largest pixel value, and open water B / W of it. Where the range is unknown
         (NaN, inf or negative), the pixel is taken as far: it gets the largest
         gain. A channel that is not assessable is handed on as it is.
 
@@ -102,9 +105,9 @@ class Restorer:
             Pixel values.
         range_map : (H, W) float32 ndarray
             Range along the line of sight, m.
-        water : WaterEstimate
-            `attenuation` and `ambient_light`, three values for a colour image
-            and one for a grey one.
+        water : Water
+            `attenuation`, `ambient_light` (the veil B) and, where it is another one,
+            `scene_light` (W); three values for a colour image and one for a grey one.
 
         Returns
         -------
@@ -124,14 +127,14 @@ class Restorer:
         decode = linear_table(self._transfer, image.dtype)
         channels = prepare(water, planes.shape[2], self._max_gain)
         channels = channels.limited_by_noise(
-            irradiance_noise(planes, decode, channels.ambient), self._max_noise
+            irradiance_noise(planes, decode, channels.veil), self._max_noise
         )
         enhanced = np.empty(planes.shape, image.dtype)
         limited = np.empty(range_map.shape, np.bool_)
         self._workers.rows(
             kernels.restore, planes.shape[0], planes, range_map,
             decode, encode_table(self._transfer, image.dtype), channels.attenuation,
-            channels.ambient, channels.limits, channels.farthest(), enhanced, limited,
+            channels.veil, channels.light, channels.limits, channels.farthest(), enhanced, limited,
         )
         if not channels.assessable.any():
             limited[:] = False
@@ -147,6 +150,8 @@ def recover_radiance(
 ) -> NDArray[np.float32]:
     """Recover the scene's radiance as numbers, neither clipped nor quantised (eq. 8).
 
+    ρ = B/W + (E - B)/W e^(βd), which is eq. 8 where W = B.
+
     For evaluation; `Restorer` is the fast form.
 
     Parameters
@@ -155,8 +160,8 @@ def recover_radiance(
         Pixel values; float32 is irradiance 0..1.
     range_map : (H, W) float32 ndarray
         Range, m.
-    water : WaterEstimate
-        One attenuation and ambient light for each channel.
+    water : Water
+        One attenuation and ambient light for each channel; see `Restorer.restore`.
     transfer : str
         ``"linear"`` or ``"srgb"``.
     max_gain : float
@@ -170,7 +175,8 @@ def recover_radiance(
     irradiance = to_linear(image, transfer).astype(np.float64)
     distance = range_map.reshape(range_map.shape + (1,) * (image.ndim - 2))
     gain = np.minimum(np.exp(_values(water.attenuation, image) * distance), max_gain)
-    radiance = 1.0 + (irradiance / _values(water.ambient_light, image) - 1.0) * gain
+    veil, light = (_values(v, image) for v in (water.ambient_light, scene_light_of(water)))
+    radiance = veil / light + (irradiance / light - veil / light) * gain
     return np.asarray(radiance, dtype=np.float32)
 
 
@@ -183,25 +189,27 @@ def prepare(water: Water, count: int, max_gain: float) -> Channels:
         If the water has another number of channels than the image.
     """
     attenuation = np.atleast_1d(np.asarray(water.attenuation, dtype=np.float64))
-    ambient = np.atleast_1d(np.asarray(water.ambient_light, dtype=np.float64))
-    if attenuation.shape != (count,) or ambient.shape != (count,):
+    veil = np.atleast_1d(np.asarray(water.ambient_light, dtype=np.float64))
+    light = np.atleast_1d(scene_light_of(water))
+    if {attenuation.shape, veil.shape, light.shape} != {(count,)}:
         raise InputError(
             f"water with {attenuation.size} channels does not fit an image with {count}: "
             "give an attenuation and an ambient light for each channel"
         )
-    assessable = np.isfinite(attenuation) & np.isfinite(ambient) & (ambient > 0)
+    assessable = np.isfinite(attenuation) & (veil > 0) & (light > 0)
     return Channels(
         attenuation=np.where(assessable, np.maximum(attenuation, 0.0), 0.0).astype(np.float32),
-        ambient=np.where(assessable, ambient, 1.0).astype(np.float32),
+        veil=np.where(assessable, veil, 1.0).astype(np.float32),
+        light=np.where(assessable, light, 1.0).astype(np.float32),
         limits=np.where(assessable, max(math.log(max_gain), 1e-6), 0.0).astype(np.float32),
         assessable=assessable,
     )
 
 
 def irradiance_noise(
-    planes: NDArray[np.generic], decode: NDArray[np.float32], ambient: NDArray[np.float32]
+    planes: NDArray[np.generic], decode: NDArray[np.float32], veil: NDArray[np.float32]
 ) -> NDArray[np.float64]:
-    """Standard deviation of the irradiance near the ambient light, where gains are large.
+    """Standard deviation of the irradiance near the veil, where gains are large.
 
     Rounding counts as noise: amplified, its steps show as bands of false colour.
 
@@ -211,8 +219,8 @@ def irradiance_noise(
         Pixel values.
     decode : float32 ndarray
         Irradiance of each code value.
-    ambient : (C,) float32 ndarray
-        Ambient light of each channel.
+    veil : (C,) float32 ndarray
+        Veil of each channel.
 
     Returns
     -------
@@ -221,7 +229,7 @@ def irradiance_noise(
     count = planes.shape[2]
     noise = noise_stddev(planes if count == 3 else np.repeat(planes, 3, axis=2))[:count]
     codes = np.sqrt(noise**2 + ROUNDING_VARIANCE)
-    at = np.clip(np.searchsorted(decode, ambient), 1, decode.size - 1)
+    at = np.clip(np.searchsorted(decode, veil), 1, decode.size - 1)
     return np.asarray(codes * (decode[at] - decode[at - 1]), np.float64)
 
 

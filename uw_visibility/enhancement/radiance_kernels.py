@@ -65,13 +65,13 @@ def _exponential(p, middle, row):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, error_model="numpy")
 def restore(  # type: ignore[no-untyped-def]
-    start, stop, image, distance, decode, encode, attenuation, ambient, limits, farthest, enhanced,
-    limited,
+    start, stop, image, distance, decode, encode, attenuation, veil, light, limits, farthest,
+    enhanced, limited,
 ):
-    """Restore a band of rows: ρ = 1 + (E / I∞ - 1) exp(βd), with βd and ρ limited.
+    """Restore a band of rows: ρ = B/W + (E/W - B/W) exp(βd), with βd and ρ limited.
 
     A channel whose gain is limited keeps only a part of its deviation from
-    white. What the least limited channel has more is taken from the mean
+    open water's B/W. What the least limited channel has more is taken from the mean
     deviation, each channel counting as far as its own gain goes: else the
     channel that water takes first would turn all that is far into its colour.
     """
@@ -98,10 +98,11 @@ def restore(  # type: ignore[no-untyped-def]
             _exponential(p, middle, row)
             _kept(distance[y], attenuation[c], limits[c], kept[c])
             plane = deviation[c]
-            inverse = one / ambient[c]
+            inverse = one / light[c]
+            water = veil[c] / light[c]
             counts = one if limits[c] > 0 else zero
             for x in range(width):
-                plane[x] = (plane[x] * inverse - one) * row[x]
+                plane[x] = (plane[x] * inverse - water) * row[x]
                 total[x] += counts * kept[c, x]
                 mean[x] += counts * kept[c, x] * plane[x]
         best[:] = 0
@@ -113,10 +114,11 @@ def restore(  # type: ignore[no-untyped-def]
             mean[x] /= total[x]
         for c in range(count):
             plane = deviation[c]
+            water = veil[c] / light[c]
             for x in range(width):
                 lost = best[x] - kept[c, x]
                 lost = lost if lost > zero else zero
-                radiance = one + plane[x] + lost * mean[x]
+                radiance = water + plane[x] + lost * mean[x]
                 radiance = radiance if radiance > zero else zero
                 radiance = radiance if radiance < one else one
                 plane[x] = radiance * top + half

@@ -20,6 +20,12 @@ class Water(Protocol):
     def ambient_light(self) -> NDArray[np.float64]: ...
 
 
+def scene_light_of(water: Water) -> NDArray[np.float64]:
+    """Light W on the scene, of each channel; the ambient light where it is not told apart."""
+    light = getattr(water, "scene_light", None)
+    return np.asarray(water.ambient_light if light is None else light, dtype=np.float64)
+
+
 class UncertainWater(Water, Protocol):
     """The same with the covariance of both, ``(C, 2, 2)``."""
 

@@ -1,0 +1,75 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The camera's white stays white, and the water's colour is still undone where it is none."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from uw_visibility.config.schema import EnhancementConfig
+from uw_visibility.enhancement.radiance import Restorer
+from uw_visibility.enhancement.white_balance import keep_camera_white
+from uw_visibility.optics.light_model import attenuate
+from uw_visibility.optics.transfer import from_linear
+
+ATTENUATION = np.array([0.35, 0.2, 0.16])
+LIGHT = np.array([0.55, 0.8, 0.9])
+SHAPE = (120, 160)
+BOARD = np.s_[30:80, 40:120]
+
+
+def picture(balance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A white board 0.6 m off before a coloured ground, as a camera with gains sees it."""
+    random = np.random.default_rng(3)
+    radiance = (0.1 + 0.5 * random.random((*SHAPE, 3)) * [0.9, 0.8, 0.6]).astype(np.float32)
+    distance = np.linspace(2.5, 0.8, SHAPE[0], dtype=np.float32)[:, None].repeat(SHAPE[1], 1)
+    radiance[BOARD], distance[BOARD] = 0.9, 0.6
+    light = attenuate(radiance, distance, ATTENUATION, LIGHT) * balance
+    return from_linear(light.astype(np.float32), "linear", np.uint8), distance
+
+
+def board_of(image: np.ndarray, distance: np.ndarray, water: object) -> np.ndarray:
+    enhanced, _ = Restorer(EnhancementConfig(max_noise=10.0)).restore(image, distance, water)
+    return np.median(enhanced[BOARD].reshape(-1, 3), axis=0)
+
+
+def test_a_board_that_the_camera_has_balanced_stays_white() -> None:
+    near = attenuate(np.full((1, 1, 3), 0.9, np.float32), np.full((1, 1), 0.6, np.float32),
+                     ATTENUATION, LIGHT)[0, 0]
+    image, distance = picture(0.85 * near.mean() / near)
+    # An estimate whose light is off in its colour, as without a view of open water.
+    wrong = SimpleNamespace(attenuation=ATTENUATION, ambient_light=LIGHT * [1.0, 1.1, 1.25])
+    before = board_of(image, distance, wrong)
+    assert before.max() - before.min() > 15
+    water = keep_camera_white(image, distance, wrong, "linear")
+    after = board_of(image, distance, water)
+    assert after.max() - after.min() <= 3
+    assert after.mean() == pytest.approx(before.mean(), abs=8)
+    assert water.balanced == 1.0
+
+
+def test_a_picture_that_the_water_has_coloured_is_restored_as_before() -> None:
+    image, distance = picture(np.ones(3))
+    true = SimpleNamespace(attenuation=ATTENUATION, ambient_light=LIGHT)
+    water = keep_camera_white(image, distance, true, "linear")
+    np.testing.assert_array_equal(water.scene_light, LIGHT)
+    assert water.balanced == 0.0
+
+
+@pytest.mark.parametrize("missing", [0, 2])
+def test_without_an_estimate_of_a_channel_nothing_is_changed(missing: int) -> None:
+    image, distance = picture(np.ones(3))
+    attenuation = ATTENUATION.copy()
+    attenuation[missing] = np.nan
+    water = keep_camera_white(
+        image, distance, SimpleNamespace(attenuation=attenuation, ambient_light=LIGHT), "linear"
+    )
+    np.testing.assert_array_equal(water.scene_light, LIGHT)
+
+
+def test_saturated_pixels_are_no_white() -> None:
+    image, distance = picture(np.ones(3))
+    image[:10] = 255
+    true = SimpleNamespace(attenuation=ATTENUATION, ambient_light=LIGHT)
+    assert keep_camera_white(image, distance, true, "linear").balanced == 0.0

@@ -1,0 +1,115 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""White balance of the restored image: the white that the camera has balanced stays white.
+
+Restoration divides by the light W on the scene. Where a camera has balanced its white
+under water, patches that are white already would take on the colour that the estimate of
+W is off by; so their colour in the image, not that of W, says what white is.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.optics.light_model import Water, scene_light_of
+from uw_visibility.optics.transfer import linear_table
+
+# White is looked for in the brightest pixels, this part of those that have a range and are
+# not saturated; these are so many samples at the most.
+_BRIGHTEST = 0.01
+_SAMPLES = 40_000
+_FEWEST = 20
+# Saturation (max - min) / max of their pixel values up to which they are white for certain,
+# and from which on they are not.
+_NEUTRAL = (0.06, 0.12)
+
+
+class RestorationWater(NamedTuple):
+    """A water's state as restoration takes it, one value a channel.
+
+    Attributes
+    ----------
+    attenuation, ambient_light, scene_light : (C,) float64 ndarray
+        β, 1/m; the veil B; the light W on the scene.
+    balanced : float
+        How far W was taken from the camera's own white: 0 not at all, 1 wholly.
+    """
+
+    attenuation: NDArray[np.float64]
+    ambient_light: NDArray[np.float64]
+    scene_light: NDArray[np.float64]
+    balanced: float = 0.0
+
+
+def keep_camera_white(
+    image: NDArray[np.generic],
+    range_map: NDArray[np.float32],
+    water: Water,
+    transfer: str,
+) -> RestorationWater:
+    """Correct the scene light so that patches which the camera shows as white stay so.
+
+    The brightest unsaturated pixels are taken for white where their colour in the image is
+    neutral: of light that is not balanced, water would have taken the red. W is then scaled
+    in each channel so that their restored colour is the one they had; their brightness is
+    that of the restoration.
+
+    Parameters
+    ----------
+    image : (H, W, 3) or (H, W) ndarray of uint8 or uint16
+        Pixel values.
+    range_map : (H, W) float32 ndarray
+        Range along the line of sight, m.
+    water : Water
+        State to restore with; NaN where not assessable.
+    transfer : str
+        ``"linear"`` or ``"srgb"``.
+
+    Returns
+    -------
+    RestorationWater
+        The same with W corrected; as it was where no white is seen.
+    """
+    attenuation = np.array(water.attenuation, np.float64, ndmin=1)
+    veil = np.array(water.ambient_light, np.float64, ndmin=1)
+    light = np.array(scene_light_of(water), ndmin=1)
+    unchanged = RestorationWater(attenuation, veil, light)
+    if image.ndim == 2 or not np.isfinite(attenuation + veil + light).all():
+        return unchanged
+    codes, distance = _brightest(image, range_map)
+    if len(codes) < _FEWEST:
+        return unchanged
+    seen = np.median(codes.astype(np.float64), axis=0)
+    saturation = 1.0 - seen.min() / max(seen.max(), 1.0)
+    certain, not_at_all = _NEUTRAL
+    weight = float(np.clip((not_at_all - saturation) / (not_at_all - certain), 0.0, 1.0))
+    if weight == 0.0:
+        return unchanged
+    irradiance = linear_table(transfer, image.dtype)[codes].astype(np.float64)
+    gain = np.exp(attenuation * distance[:, np.newaxis])
+    restored = np.median(veil / light + (irradiance - veil) / light * gain, axis=0)
+    shown = np.median(irradiance, axis=0)
+    if restored.min() <= 0.0:
+        return unchanged
+    factor = (restored / restored.mean()) / (shown / shown.mean())
+    return RestorationWater(attenuation, veil, light * factor**weight, weight)
+
+
+def _brightest(
+    image: NDArray[np.generic], range_map: NDArray[np.float32]
+) -> tuple[NDArray[np.generic], NDArray[np.float64]]:
+    """Pixel values, (N, 3), and ranges, (N,), of the brightest unsaturated pixels with a range."""
+    stride = max(1, int(np.sqrt(range_map.size / _SAMPLES)))
+    distance = range_map[::stride, ::stride].ravel()
+    codes = image[::stride, ::stride].reshape(-1, 3)
+    usable = np.isfinite(distance) & (distance > 0)
+    usable &= (codes < np.iinfo(image.dtype).max).all(axis=1)
+    codes, distance = codes[usable], distance[usable]
+    if not len(codes):
+        return codes, distance.astype(np.float64)
+    brightness = codes.sum(axis=1, dtype=np.uint32)
+    bright = brightness >= np.quantile(brightness, 1.0 - _BRIGHTEST)
+    return codes[bright], distance[bright].astype(np.float64)
