@@ -9,7 +9,7 @@ W is off by; so their colour in the image, not that of W, says what white is.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,7 @@ class RestorationWater(NamedTuple):
 
 
 def keep_camera_white(
-    image: NDArray[np.generic],
+    image: NDArray[Any],
     range_map: NDArray[np.float32],
     water: Water,
     transfer: str,
@@ -99,8 +99,8 @@ def keep_camera_white(
 
 
 def _brightest(
-    image: NDArray[np.generic], range_map: NDArray[np.float32]
-) -> tuple[NDArray[np.generic], NDArray[np.float64]]:
+    image: NDArray[Any], range_map: NDArray[np.float32]
+) -> tuple[NDArray[Any], NDArray[np.float64]]:
     """Pixel values, (N, 3), and ranges, (N,), of the brightest unsaturated pixels with a range."""
     stride = max(1, int(np.sqrt(range_map.size / _SAMPLES)))
     distance = range_map[::stride, ::stride].ravel()
