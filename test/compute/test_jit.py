@@ -308,7 +308,7 @@ def test_every_kernel_has_this_cache_and_a_fingerprint_of_its_own() -> None:
     [
         # An intrinsic's code, which is run at compilation only, and two calls away.
         ("stereo/elas/absolute_difference.py", "uw_visibility.stereo.elas.dense._try_candidates"),
-        ("water/darkness.py", "uw_visibility.water.lower_envelope._minimise"),
+        ("water/envelope_loss.py", "uw_visibility.water.lower_envelope._minimise"),
     ],
 )
 def test_the_packages_kernels_know_what_they_are_made_from(

@@ -20,7 +20,7 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.replay.work import Recording
 from uw_visibility.water.depth import diffuse_attenuation
-from uw_visibility.water.expectations import NOTHING_EXPECTED
+from uw_visibility.water.priors import NOTHING_EXPECTED
 
 RESPONSE = load_response("nikon_d5100")
 WHITE = np.array([1.0, 0.7, 0.6])

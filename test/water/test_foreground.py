@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.optics.transfer import from_linear
-from uw_visibility.water.foreground import foreign_pixels
+from uw_visibility.water.foreground import foreground_mask
 
 SHAPE = (240, 320)
 WATER = np.array([0.2, 0.6, 0.8])
@@ -38,44 +38,44 @@ def view(thing=None, transfer="linear", dtype=np.uint8, seed=0):
 @pytest.mark.parametrize("thing", [(0.0, 0.0, 0.0), (0.95, 0.8, 0.7), (0.02, 0.3, 0.3)])
 def test_a_thing_is_found_with_its_outline(thing, transfer, dtype):
     image, points = view(thing, transfer, dtype)
-    foreign = foreign_pixels(image, points, transfer)
-    assert foreign.shape == SHAPE
+    mask = foreground_mask(image, points, transfer)
+    assert mask.shape == SHAPE
     y, x = np.indices(SHAPE)
     distance = np.hypot(x - 200, y - 160)
-    assert foreign[distance < 45 + 10].all()
-    assert not foreign[distance > 45 + 45].any()
+    assert mask[distance < 45 + 10].all()
+    assert not mask[distance > 45 + 45].any()
 
 
 @pytest.mark.parametrize("transfer", ["linear", "srgb"])
 def test_open_water_is_no_thing(transfer):
     image, points = view(transfer=transfer)
-    assert foreign_pixels(image, points, transfer) is None
+    assert foreground_mask(image, points, transfer) is None
 
 
 def test_open_water_brighter_than_all_that_is_near_is_no_thing():
     """As in clear water over a dark floor."""
     image, points = view()
     image[80:] //= 3
-    assert foreign_pixels(image, points, "linear") is None
+    assert foreground_mask(image, points, "linear") is None
 
 
 def test_a_dark_rock_at_the_edge_of_what_is_matched_is_scene():
     image, points = view()
     image[84:100, 100:220] = 0
-    assert foreign_pixels(image, points, "linear") is None
+    assert foreground_mask(image, points, "linear") is None
 
 
 def test_a_plain_thing_within_the_scene_s_light_is_no_matter():
     image, points = view((0.3, 0.5, 0.6))
-    assert foreign_pixels(image, points, "linear") is None
+    assert foreground_mask(image, points, "linear") is None
 
 
 def test_what_is_matched_is_scene_however_dark():
     image, _ = view((0.0, 0.0, 0.0))
     _, points = view()
-    assert foreign_pixels(image, points, "linear") is None
+    assert foreground_mask(image, points, "linear") is None
 
 
 def test_where_nothing_is_matched_nothing_is_known():
     image, points = view((0.0, 0.0, 0.0))
-    assert foreign_pixels(image, points[:0], "linear") is None
+    assert foreground_mask(image, points[:0], "linear") is None

@@ -36,7 +36,7 @@ from uw_visibility.stereo.pyramid import Reduction
 from uw_visibility.stereo.radiometry import right_gain
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
-from uw_visibility.water.foreground import foreign_pixels
+from uw_visibility.water.foreground import foreground_mask
 
 # Images are halved as long as their small copy keeps this width, px,
 _LEAST_WIDTH = 300
@@ -194,7 +194,7 @@ class FirstStep:
         """Leave a diver's hand and the like out of the pixels that tell the water."""
         if image.ndim == 2:
             return valid
-        found = foreign_pixels(image, support.points, self._transfer)
+        found = foreground_mask(image, support.points, self._transfer)
         foreign = self._reduction.whole_mask(found, shape)
         if foreign is None:
             return valid

@@ -15,7 +15,7 @@ from uw_visibility.optics.spectra import (
     theoretical_chromaticity,
     water_type_diffuse_attenuation,
 )
-from uw_visibility.water.expectations import Daylight
+from uw_visibility.water.priors import Daylight
 
 GRID_STEP = 0.1
 REFINEMENTS = 8

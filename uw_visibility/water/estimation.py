@@ -14,18 +14,18 @@ from uw_visibility.config.schema import WaterConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.sampling import CAMERA, Sampling
 from uw_visibility.status import Status
-from uw_visibility.water.expectations import Daylight, reconcile
 from uw_visibility.water.fit import Fit, fit_plain
-from uw_visibility.water.judgement import (
+from uw_visibility.water.lower_envelope import fit_lower_envelope
+from uw_visibility.water.observations import Envelopes, observe
+from uw_visibility.water.priors import Daylight, fuse
+from uw_visibility.water.validation import (
     black_attenuation,
     brightest_patch,
-    judge,
     least_ambient_light,
     refuse_channel,
     refuse_frame,
+    validate_fit,
 )
-from uw_visibility.water.lower_envelope import fit_lower_envelope
-from uw_visibility.water.observations import Envelopes, observe
 
 # Dark envelope: its quantile, and the pixels below it at least. The paper takes
 # 1 % (eq. 4). The darkest 5 pixels are a patch rather than a speck; where ranges
@@ -181,10 +181,10 @@ class WaterEstimator:
             return WaterEstimate.not_assessable(status[0], envelope)
         fit = self._fit(envelope, active, start, range_error, self._clear_water)
         for channel in np.flatnonzero(active):
-            status[channel] = judge(fit, envelope, int(channel))
+            status[channel] = validate_fit(fit, envelope, int(channel))
         if self._config.method != "paper" and all(reason is Status.OK for reason in status):
             ambient_min = np.array([least_ambient_light(envelope, c) for c in range(3)])
-            fit = reconcile(
+            fit = fuse(
                 fit, self._clear_water, ambient_min, self._daylight,
                 self._config.daylight_tolerance)
         return _assemble(fit, envelope, status)
@@ -231,7 +231,7 @@ class WaterEstimator:
             return None
         alone = np.array([True, False, False])
         fit = self._fit(envelope, alone, None, range_error, np.full(3, self._clear_water.min()))
-        if judge(fit, envelope, 0) is not Status.OK:
+        if validate_fit(fit, envelope, 0) is not Status.OK:
             return None
         attenuation, ambient_light = fit.parameters[0]
         return float(attenuation), float(ambient_light)

@@ -1,10 +1,11 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Things that are no part of the scene: a diver's hand or an animal close to the lens.
+"""Foreground mask: unmatched close objects that would bias the envelopes.
 
-They are too near to be matched and out of focus, so that their blurred outline lets
-the scene shine through, at the scene's range and in wrong colours. The darkest and
-brightest pixels of the scene, which the water's estimate rests on, would be those.
+A diver's hand or an animal close to the lens is too near to be matched and out of
+focus, so that its blurred outline lets the scene shine through, at the scene's range
+and in wrong colours. The darkest and brightest pixels of the scene, which the water's
+estimate rests on, would be those.
 """
 
 from __future__ import annotations
@@ -25,20 +26,23 @@ _VOID = 0.04
 _OUTLINE = 0.1
 # Part of the scene's cells beyond its range of irradiance.
 _OUTSIDE = 0.005
-# How far beyond that range a foreign thing is, of its ends and of the largest irradiance.
+# How far beyond that range a foreground object is, of its ends and of the largest
+# irradiance.
 _BEYOND = 0.1
 _BEYOND_LEAST = 0.015
 # Open water may be brighter than all of the scene, but is never redder than what is far.
 _FAR = 0.1
 _REDDER = 0.06
-# Part of the image that a foreign thing covers at least.
+# Part of the image that a foreground object covers at least.
 _LEAST_AREA = 0.003
 
 
-def foreign_pixels(
+def foreground_mask(
     image: NDArray[Any], points: NDArray[np.float32], transfer: str
 ) -> NDArray[np.bool_] | None:
-    """Find large areas without matches that are darker or brighter than the scene.
+    """Find unmatched close objects that would bias the envelopes.
+
+    Those are large areas without matches that are darker or brighter than the scene.
 
     Parameters
     ----------
@@ -80,10 +84,10 @@ def foreign_pixels(
     darker = (cells < (1.0 - _BEYOND) * low - least).any(axis=2)
     brighter = (cells > (1.0 + _BEYOND) * high + least).any(axis=2)
     brighter &= _red(cells) > red + _REDDER
-    foreign = void & (darker | brighter)
-    if np.count_nonzero(foreign) < _LEAST_AREA * foreign.size:
+    found = void & (darker | brighter)
+    if np.count_nonzero(found) < _LEAST_AREA * found.size:
         return None
-    reached = (_distance(foreign) <= _OUTLINE * width).astype(np.uint8)
+    reached = (_distance(found) <= _OUTLINE * width).astype(np.uint8)
     return cv2.resize(reached, (width, height), interpolation=cv2.INTER_NEAREST) > 0
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.linear_algebra import apply, product, solve
-from uw_visibility.water.darkness import (
+from uw_visibility.water.envelope_loss import (
     EXPECTED_DARKNESS,
     SCALES,
     add_normal_equations,
@@ -23,6 +23,7 @@ from uw_visibility.water.darkness import (
     typical_darkness,
 )
 from uw_visibility.water.fit import AMBIENT_LIGHT_MAX, ATTENUATION_BOUNDS, Fit, blank
+from uw_visibility.water.priors import add_weak_priors, weak_channel_tolerance
 
 MAX_ITERATIONS = 60
 # After so many iterations the scales are held, so that the cost can only fall.
@@ -32,15 +33,6 @@ ADAPTIVE_ITERATIONS = 30
 BLACK_ITERATIONS = 6
 # Bins whose darkest patches belong to one object, and so deviate together.
 NEIGHBOURING_BINS = 3.0
-# Attenuation is at least that of clear water (eq. 3), which is known to about a
-# tenth for a camera whose response is.
-CLEAR_WATER_TOLERANCE = 0.1
-# The brightest patch is seldom darker than the ambient light by much more.
-BRIGHT_PATCH_TOLERANCE = 0.5
-# What particles and dissolved matter add differs between the channels by this
-# fraction of its mean, and this much at least, 1/m.
-CHANNEL_TOLERANCE = 0.5
-CHANNEL_TOLERANCE_MIN = 0.05
 
 
 def fit_lower_envelope(
@@ -57,7 +49,7 @@ def fit_lower_envelope(
     """Fit the lower envelope of the dark patches, all channels together.
 
     The loss is asymmetric: a bin above the curve holds nothing black, a bin
-    below it contradicts the curve; see `uw_visibility.water.darkness`. Three
+    below it contradicts the curve; see `uw_visibility.water.envelope_loss`. Three
     weak priors act where the data say little: β ≥ κ (eq. 3), I∞ near the
     brightest patch, and an attenuation by particles that is similar in the
     three channels.
@@ -131,11 +123,12 @@ def _minimise(
         if iterations <= ADAPTIVE_ITERATIONS:
             darkness = EXPECTED_DARKNESS if iterations > BLACK_ITERATIONS else 0.0
             set_scales(p, distance, dark, deviation, known, range_error, darkness, scale)
-            tolerance = _channel_tolerance(p, active, clear_water)
+            tolerance = weak_channel_tolerance(p, active, clear_water)
         hessian[:] = 0.0
         slope[:] = 0.0
         cost = add_normal_equations(p, distance, dark, known, scale, hessian, slope)
-        cost += _add_prior(p, active, clear_water, lower[1::2], tolerance, True, hessian, slope)
+        cost += add_weak_priors(
+            p, active, clear_water, lower[1::2], tolerance, True, hessian, slope)
         while True:
             trial = _step(p, hessian, slope, damping, lower, upper, active)
             move = np.max(np.abs(trial - p) / (1e-3 + np.abs(p)))
@@ -145,7 +138,7 @@ def _minimise(
             trial_cost = add_normal_equations(
                 trial, distance, dark, known, scale, scratch, scratch_slope
             )
-            trial_cost += _add_prior(
+            trial_cost += add_weak_priors(
                 trial, active, clear_water, lower[1::2], tolerance, True, scratch, scratch_slope
             )
             if trial_cost <= cost:
@@ -157,57 +150,6 @@ def _minimise(
     set_scales(p, distance, dark, deviation, known, range_error, EXPECTED_DARKNESS, scale)
     covariance = _covariance(p, distance, dark, known, active, clear_water, lower, bright, scale)
     return p, covariance, iterations, converged
-
-
-@njit(nogil=True)
-def _channel_tolerance(p: Any, active: Any, clear_water: Any) -> float:
-    mean = 0.0
-    number = 0
-    for c in range(3):
-        if active[c]:
-            mean += max(p[2 * c] - clear_water[c], 0.0)
-            number += 1
-    return CHANNEL_TOLERANCE_MIN + CHANNEL_TOLERANCE * mean / max(number, 1)
-
-
-@njit(nogil=True)
-def _add_prior(
-    p: Any, active: Any, clear_water: Any, ambient_min: Any, tolerance: float, bounded: bool,
-    hessian: Any, slope: Any,
-) -> float:
-    """Add the priors' curvature and descent direction; return their cost."""
-    cost = 0.0
-    mean = 0.0
-    number = 0
-    for c in range(3):
-        if not active[c]:
-            continue
-        mean += p[2 * c] - clear_water[c]
-        number += 1
-        sigma = CLEAR_WATER_TOLERANCE * clear_water[c]
-        missing = min(p[2 * c] - clear_water[c], 0.0) / sigma
-        cost += missing * missing
-        if missing < 0 and bounded:
-            hessian[2 * c, 2 * c] += 1 / (sigma * sigma)
-            slope[2 * c] -= missing / sigma
-        sigma = BRIGHT_PATCH_TOLERANCE * ambient_min[c]
-        excess = (p[2 * c + 1] - ambient_min[c]) / sigma
-        cost += excess * excess
-        hessian[2 * c + 1, 2 * c + 1] += 1 / (sigma * sigma)
-        slope[2 * c + 1] -= excess / sigma
-    mean /= max(number, 1)
-    weight = 1 / (tolerance * tolerance)
-    for c in range(3):
-        if not active[c]:
-            continue
-        deviation = p[2 * c] - clear_water[c] - mean
-        cost += weight * deviation * deviation
-        slope[2 * c] -= weight * deviation
-        for other in range(3):
-            if active[other]:
-                same = 1.0 if other == c else 0.0
-                hessian[2 * c, 2 * other] += weight * (same - 1.0 / number)
-    return cost
 
 
 @njit(nogil=True)
@@ -240,9 +182,9 @@ def _covariance(
     """Sandwich covariance, and the effect of darkest patches that are not black."""
     curvature = np.zeros((6, 6))
     slope = np.zeros(6)
-    tolerance = _channel_tolerance(p, active, clear_water)
+    tolerance = weak_channel_tolerance(p, active, clear_water)
     # A bound that holds attenuation up says nothing about how far it may be above.
-    _add_prior(p, active, clear_water, lower[1::2], tolerance, False, curvature, slope)
+    add_weak_priors(p, active, clear_water, lower[1::2], tolerance, False, curvature, slope)
     # A prior's score varies as much as its curvature says; a bin's as much as
     # its residual shows.
     spread = curvature.copy()

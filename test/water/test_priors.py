@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uw_visibility.water.expectations import NOTHING_EXPECTED, Daylight, reconcile
 from uw_visibility.water.fit import Fit
+from uw_visibility.water.priors import NOTHING_EXPECTED, Daylight, fuse
 
 KAPPA = np.array([0.22776, 0.06641, 0.02455])
 WHITE = np.ones(3)
@@ -21,7 +21,7 @@ def fit_of(beta, ambient, beta_stddev, ambient_stddev):
 
 
 def combined(fit, bright, daylight=None, tolerance=0.15):
-    return reconcile(fit, KAPPA, np.asarray(bright), daylight, tolerance)
+    return fuse(fit, KAPPA, np.asarray(bright), daylight, tolerance)
 
 
 @given(st.floats(0.0, 0.5), st.floats(0.5, 10.0), st.floats(0.2, 1.0))

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""How dark the darkest patches are: the loss of the lower envelope.
+"""Asymmetric robust loss of the lower envelope (Geman-McClure below, Cauchy above).
 
 A bin holds a patch of radiance ρ ≥ 0 as its darkest, mostly near black. Below the
 curve of black there is nothing but noise, rounding, wrong ranges; above it,
@@ -46,7 +46,7 @@ def set_scales(
     p: Any, distance: Any, dark: Any, deviation: Any, known: Any, range_error: float,
     darkness: float, scale: Any,
 ) -> None:
-    """Set what residuals are measured by, for parameters `p`.
+    """Set the scales of residuals for parameters `p`.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def typical_darkness(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -
 
 @njit(nogil=True)
 def residual(p: Any, distance: Any, dark: Any, scale: Any, c: int, i: int) -> float:
-    """Irradiance of a bin above the curve of the darkest patches."""
+    """Residual of a bin: its irradiance above the curve of the darkest patches."""
     transmission = np.exp(-p[2 * c] * distance[c, i])
     return float(
         dark[c, i] - p[2 * c + 1] * (1.0 - transmission * (1.0 - scale[EXPECTED, c, i])))
@@ -107,10 +107,7 @@ def residual(p: Any, distance: Any, dark: Any, scale: Any, c: int, i: int) -> fl
 
 @njit(nogil=True)
 def loss(r: float, scale: Any, c: int, i: int) -> tuple[float, float]:
-    """Cost of a residual, and its weight in least squares.
-
-    Below the curve that is the loss of Geman and McClure, above it Cauchy's.
-    """
+    """Geman-McClure (below the curve) or Cauchy (above) cost of a residual, and its weight."""
     if r < 0:
         sigma = scale[BELOW, c, i]
         limit = LIMIT_BELOW * sigma

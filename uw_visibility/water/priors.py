@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is expected of any water, brought together with what an image shows of it.
+"""Gaussian priors on attenuation and ambient light, in the fit and fused with its outcome.
 
 In clear water the image alone tells neither how bright the ambient light is nor its
 colour: there is little of it between the camera and the scene. Three things are known
@@ -24,12 +24,20 @@ from uw_visibility.compute.linear_algebra import apply, product, solve
 from uw_visibility.water.fit import ATTENUATION_BOUNDS, Fit
 
 # What particles and dissolved matter add differs between the channels by this part
-# of its mean, and this much at least, 1/m.
+# of its mean, and this much at least, 1/m: when priors are fused with the fit, and
+# as the wider, weak prior that only guides the fit itself.
 CHANNEL_TOLERANCE = 0.3
 CHANNEL_TOLERANCE_MIN = 0.02
-# How far the ambient light is above the brightest patch, as a logarithm.
+WEAK_CHANNEL_TOLERANCE = 0.5
+WEAK_CHANNEL_TOLERANCE_MIN = 0.05
+# How far the ambient light is above the brightest patch, as a logarithm; in the fit,
+# the brightest patch is seldom darker than the ambient light by much more than a part.
 BRIGHT_EXCESS = 0.05
 BRIGHT_TOLERANCE = 0.25
+WEAK_BRIGHT_TOLERANCE = 0.5
+# Attenuation is at least that of clear water (eq. 3), which is known to about a
+# tenth for a camera whose response is.
+CLEAR_WATER_TOLERANCE = 0.1
 # An expectation that what the image shows contradicts by more than so many
 # deviations gives way: water and light of that kind are not what was expected.
 LIMIT = 2.0
@@ -42,7 +50,7 @@ ROWS = 7
 
 @dataclass(frozen=True)
 class Daylight:
-    """What the ambient light is made of (eq. 2): I∞ ∝ white · exp(−K z) at some depth z.
+    """Daylight prior of the ambient light (eq. 2): I∞ ∝ white · exp(−K z) at some depth z.
 
     Attributes
     ----------
@@ -56,14 +64,14 @@ class Daylight:
     diffuse_attenuation: NDArray[np.float64] | None
 
 
-def reconcile(
+def fuse(
     fit: Fit,
     clear_water: NDArray[np.float64],
     ambient_min: NDArray[np.float64],
     daylight: Daylight | None,
     daylight_tolerance: float,
 ) -> Fit:
-    """Bring a fit of all three channels together with what is expected.
+    """Fuse the fit of all three channels with Gaussian priors.
 
     Each expectation is a measurement of the parameters with a standard deviation of
     its own; their best combination with the fit is linear in the covariances. One
@@ -153,3 +161,71 @@ def _combine(
         p[2 * c + 1] = np.exp(p[2 * c + 1])
         scale[2 * c + 1] = p[2 * c + 1]
     return p, spread * np.outer(scale, scale)
+
+
+@njit(nogil=True)
+def weak_channel_tolerance(p: Any, active: Any, clear_water: Any) -> float:
+    """Standard deviation of a channel's attenuation by particles about their mean, 1/m."""
+    mean = 0.0
+    number = 0
+    for c in range(3):
+        if active[c]:
+            mean += max(p[2 * c] - clear_water[c], 0.0)
+            number += 1
+    return WEAK_CHANNEL_TOLERANCE_MIN + WEAK_CHANNEL_TOLERANCE * mean / max(number, 1)
+
+
+@njit(nogil=True)
+def add_weak_priors(
+    p: Any, active: Any, clear_water: Any, ambient_min: Any, tolerance: float, bounded: bool,
+    hessian: Any, slope: Any,
+) -> float:
+    """Add the weak priors' curvature and descent direction; return their cost.
+
+    Parameters
+    ----------
+    p : (6,) float64 ndarray
+        β_R, I∞_R, β_G, I∞_G, β_B, I∞_B.
+    active : (3,) bool ndarray
+        Channels that are fitted.
+    clear_water, ambient_min : (3,) float64 ndarray
+        κ, 1/m, and the bright envelope.
+    tolerance : float
+        That of `weak_channel_tolerance`, 1/m.
+    bounded : bool
+        Whether β ≥ κ adds curvature.
+    hessian, slope : (6, 6), (6,) float64 ndarray
+        Added to.
+    """
+    cost = 0.0
+    mean = 0.0
+    number = 0
+    for c in range(3):
+        if not active[c]:
+            continue
+        mean += p[2 * c] - clear_water[c]
+        number += 1
+        sigma = CLEAR_WATER_TOLERANCE * clear_water[c]
+        missing = min(p[2 * c] - clear_water[c], 0.0) / sigma
+        cost += missing * missing
+        if missing < 0 and bounded:
+            hessian[2 * c, 2 * c] += 1 / (sigma * sigma)
+            slope[2 * c] -= missing / sigma
+        sigma = WEAK_BRIGHT_TOLERANCE * ambient_min[c]
+        excess = (p[2 * c + 1] - ambient_min[c]) / sigma
+        cost += excess * excess
+        hessian[2 * c + 1, 2 * c + 1] += 1 / (sigma * sigma)
+        slope[2 * c + 1] -= excess / sigma
+    mean /= max(number, 1)
+    weight = 1 / (tolerance * tolerance)
+    for c in range(3):
+        if not active[c]:
+            continue
+        deviation = p[2 * c] - clear_water[c] - mean
+        cost += weight * deviation * deviation
+        slope[2 * c] -= weight * deviation
+        for other in range(3):
+            if active[other]:
+                same = 1.0 if other == c else 0.0
+                hessian[2 * c, 2 * other] += weight * (same - 1.0 / number)
+    return cost

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether observations can be fitted, and whether a fit holds."""
+"""Validation of observations before a fit, and of the fit of each channel."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MIN_OPTICAL_THICKNESS = 4.0
 def refuse_frame(
     envelope: Envelopes, codes: NDArray[Any], min_pixels: int, min_range_ratio: float
 ) -> Status:
-    """Say why no channel is assessable, if so.
+    """Validate a frame's observations: OK, or why no channel is assessable.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def refuse_frame(
 
 
 def refuse_channel(envelope: Envelopes, channel: int) -> Status:
-    """Say why a channel cannot be fitted, if so."""
+    """Validate a channel's observations: OK, or why it cannot be fitted."""
     if envelope.saturated[channel] > MAX_CLIPPED_FRACTION:
         return Status.SATURATED
     known = np.isfinite(envelope.dark[channel])
@@ -73,8 +73,8 @@ def refuse_channel(envelope: Envelopes, channel: int) -> Status:
     return Status.OK
 
 
-def judge(fit: Fit, envelope: Envelopes, channel: int) -> Status:
-    """Say whether the fit of a channel holds."""
+def validate_fit(fit: Fit, envelope: Envelopes, channel: int) -> Status:
+    """Validate the fit of a channel: OK, or the first reason why it does not hold."""
     attenuation, ambient = fit.parameters[channel]
     variance = np.diag(fit.covariance)[2 * channel:2 * channel + 2]
     if not fit.converged or not np.isfinite(variance).all() or (variance < 0).any():
@@ -94,7 +94,7 @@ def judge(fit: Fit, envelope: Envelopes, channel: int) -> Status:
 
 
 def least_ambient_light(envelope: Envelopes, channel: int) -> float:
-    """Irradiance that ambient light has at least: the bright envelope (eq. 7)."""
+    """Lower bound of ambient light: the bright envelope (eq. 7)."""
     bright = envelope.bright[channel]
     ordered = np.sort(bright[np.isfinite(bright)])
     return float(ordered[-min(BRIGHT_BINS, len(ordered))])
