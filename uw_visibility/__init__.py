@@ -9,17 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from uw_visibility.config.schema import PipelineConfig
+    from uw_visibility.pipeline.estimate_water import estimate_water
     from uw_visibility.pipeline.pipeline import Pipeline
     from uw_visibility.pipeline.result import FrameResult
     from uw_visibility.stereo.rig import StereoRig
 
-__all__ = ["FrameResult", "Pipeline", "PipelineConfig", "StereoRig"]
+__all__ = ["FrameResult", "Pipeline", "PipelineConfig", "StereoRig", "estimate_water"]
 
 _HOMES = {
     "FrameResult": "pipeline.result",
     "Pipeline": "pipeline.pipeline",
     "PipelineConfig": "config.schema",
     "StereoRig": "stereo.rig",
+    "estimate_water": "pipeline.estimate_water",
 }
 
 

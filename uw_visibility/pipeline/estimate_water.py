@@ -1,0 +1,131 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Attenuation, visibility and depth from one image and disparities of one's own."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.images.pair import read_only
+from uw_visibility.images.vignetting import EvenIllumination
+from uw_visibility.optics.spectra import load_response
+from uw_visibility.status import Status
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.assessment import Assessor, Visibility
+from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
+
+DISPARITY_STDDEV = 0.3
+"""Standard deviation of a matched disparity, px."""
+
+
+@dataclass(frozen=True)
+class WaterResult:
+    """What `FrameResult` holds of the water, from one image and its ranges.
+
+    Attributes
+    ----------
+    status : Status
+        Whether the water could be assessed (that of `water`).
+    water : WaterEstimate
+        Attenuation, veil and scene light with their covariance.
+    visibility : Visibility
+        Mean attenuation, visibility distance and depth with standard deviations.
+    clear_water_attenuation : ndarray
+        ``(3,)`` float64, 1/m, RGB.
+    range : ndarray
+        ``(H, W)`` float32, m, along the line of sight; NaN where unknown.
+    """
+
+    status: Status
+    water: WaterEstimate
+    visibility: Visibility
+    clear_water_attenuation: NDArray[np.float64]
+    range: NDArray[np.float32]
+
+    @property
+    def reasons(self) -> dict[str, str]:
+        """Why a quantity is not assessed, by its name; empty where all are."""
+        named = {
+            "attenuation": self.water.status,
+            "visibility": self.visibility.status,
+            "depth": self.visibility.depth_status,
+        }
+        return {name: str(reason) for name, reason in named.items() if reason is not Status.OK}
+
+
+def estimate_water(
+    image: NDArray[Any],
+    disparity: NDArray[np.floating],
+    rig: StereoRig,
+    config: PipelineConfig | None = None,
+    *,
+    valid: NDArray[np.bool_] | None = None,
+    disparity_stddev: float = DISPARITY_STDDEV,
+) -> WaterResult:
+    """Estimate attenuation, visibility and depth from an image and its disparities.
+
+    For whoever has ranges of their own: another matcher, structure from motion
+    (disparity = focal length × baseline / Z), a depth camera.
+
+    Parameters
+    ----------
+    image : ndarray
+        ``(H, W, 3)`` RGB, uint8 or uint16.
+    disparity : ndarray
+        ``(H, W)``, px; NaN where unknown. Open water is left unknown, and found
+        in the image.
+    rig : StereoRig
+        Geometry of the pair.
+    config : PipelineConfig, optional
+        The parameters of `Pipeline`.
+    valid : ndarray, optional
+        ``(H, W)`` bool, the pixels that show the scene.
+    disparity_stddev : float
+        Standard deviation of the disparities, px; 0 for exact ones.
+
+    Returns
+    -------
+    WaterResult
+
+    Raises
+    ------
+    InputError
+        If shapes or types do not fit.
+    """
+    image, disparity = np.asarray(image), np.asarray(disparity)
+    if image.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"the image has type {image.dtype}: give uint8 or uint16")
+    if disparity.shape != image.shape[:2] or disparity.dtype.kind != "f":
+        raise InputError(
+            f"the disparities are {disparity.dtype} of shape {disparity.shape}, the image has "
+            f"the shape {image.shape}: give one floating-point number per pixel, px, NaN where "
+            "unknown"
+        )
+    if not (math.isfinite(disparity_stddev) and disparity_stddev >= 0):
+        raise InputError(
+            f"disparity_stddev is {disparity_stddev:g} px: give 0 or a positive, finite number")
+    config = config or PipelineConfig()
+    camera = config.camera
+    image = read_only(np.ascontiguousarray(image))
+    centres = (rig.principal_point, rig.principal_point_right or rig.principal_point)
+    illumination = EvenIllumination(camera, centres, Workers(1))
+    if illumination.needed:
+        image, _ = illumination.correct(image, image)
+    assessor = Assessor(config.assessment, load_response(camera.response), camera.white_reference)
+    estimator = WaterEstimator(
+        config.water, assessor.clear_water_attenuation, camera.transfer, assessor.daylight)
+    range_map = rig.range_from_disparity(disparity.astype(np.float32))
+    water = estimator.estimate(
+        image, range_map, valid,
+        range_error=disparity_stddev / (rig.focal_length * rig.baseline),
+    )
+    return WaterResult(
+        water.status, water, assessor.assess(water), assessor.clear_water_attenuation, range_map)
