@@ -7,10 +7,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
+from uw_visibility.compute.jit import njit
+from uw_visibility.optics.light_model import (
+    ambient_light_at_depth,
+    attenuate,
+    contrast_gain,
+    irradiance_of,
+    radiance_of,
+    transmission,
+    veil_of,
+    veil_thickness,
+)
 
 BETA = np.array([0.5, 0.3, 0.2])
 AMBIENT = np.array([0.2, 0.6, 0.8])
+unit = st.floats(0, 1)
 
 
 def image(value):
@@ -48,8 +59,40 @@ def test_eight_recovers_what_one_degraded():
     np.testing.assert_allclose(recovered, rho, atol=2e-5)
 
 
+@given(st.floats(0.02, 2), st.floats(0.1, 3), st.floats(0.1, 1), st.floats(0.1, 1), unit)
+def test_what_the_water_added_and_took_is_undone(beta, distance, veil, light, rho):
+    """Veil B and light W apart: E = W ρ e^(−βd) + B (1 − e^(−βd))."""
+    left = transmission(beta, distance)
+    assert left == pytest.approx(np.exp(-beta * distance))
+    seen = irradiance_of(rho, left, veil, light)
+    assert seen == pytest.approx(light * rho * left + veil * (1 - left))
+    gain = contrast_gain(beta, distance)
+    assert radiance_of(seen, gain, veil, light) == pytest.approx(rho, abs=1e-9)
+    black = veil_of(veil, left)
+    assert irradiance_of(0.0, left, veil, light) == pytest.approx(black)
+    assert veil_thickness(black, veil) == pytest.approx(beta * distance)
+
+
+def test_an_image_may_have_another_light_than_veil():
+    seen = attenuate(image(0.5), ranges(2), BETA, AMBIENT, scene_light=[0.9, 0.8, 0.7])
+    left = np.exp(-2 * BETA)
+    np.testing.assert_allclose(
+        seen[0, 0], 0.5 * np.array([0.9, 0.8, 0.7]) * left + AMBIENT * (1 - left), rtol=1e-6)
+
+
+def test_kernels_call_the_same_formulas():
+    @njit(cache=False)
+    def in_kernel(beta, distance, veil, light, rho):
+        left = transmission(beta, distance)
+        seen = irradiance_of(rho, left, veil, light)
+        back = radiance_of(seen, contrast_gain(beta, distance), veil, light)
+        return left, seen, back, veil_thickness(veil_of(veil, left), veil)
+
+    assert in_kernel(0.3, 2.0, 0.5, 0.9, 0.4) == in_kernel.py_func(0.3, 2.0, 0.5, 0.9, 0.4)
+
+
 def test_ambient_light_falls_exponentially():
     np.testing.assert_allclose(
-        ambient_light_at_depth(BETA, 4.0, surface_light=2.0, transmission=0.9),
+        ambient_light_at_depth(BETA, 4.0, surface_light=2.0, surface_transmission=0.9),
         1.8 * np.exp(-4 * BETA))
     assert ambient_light_at_depth(BETA, 0.0) == pytest.approx([1, 1, 1])

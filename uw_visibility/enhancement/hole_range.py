@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.optics.light_model import Water
+from uw_visibility.optics.light_model import Water, veil_thickness
 from uw_visibility.optics.transfer import linear_table
 
 # Neighbourhoods, px: of the least bound, which speckle of noise does not raise, and of
@@ -61,8 +61,8 @@ def bound_by_veil(
     for channel in range(planes.shape[2]):
         if not (attenuation[channel] > 0 and veil[channel] > 0):
             continue
-        direct = np.maximum(1.0 - irradiance / veil[channel], _LEAST_TRANSMISSION)
-        table = (-np.log(direct) / attenuation[channel]).astype(np.float32)
+        share = np.minimum(irradiance / veil[channel], 1.0 - _LEAST_TRANSMISSION)
+        table = (veil_thickness(share, 1.0) / attenuation[channel]).astype(np.float32)
         farthest = table[planes[:, :, channel]]
         bound = farthest if bound is None else np.minimum(bound, farthest)
     if bound is None:

@@ -15,7 +15,7 @@ from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement import radiance_kernels as kernels
 from uw_visibility.errors import InputError
 from uw_visibility.images.noise import ROUNDING_VARIANCE, noise_stddev
-from uw_visibility.optics.light_model import Water, scene_light_of
+from uw_visibility.optics.light_model import Water, contrast_gain, radiance_of, scene_light_of
 from uw_visibility.optics.transfer import encode_table, linear_table, to_linear
 
 # Attenuation, 1/m, below which no range brings a channel to its limit.
@@ -174,10 +174,9 @@ def recover_radiance(
     """
     irradiance = to_linear(image, transfer).astype(np.float64)
     distance = range_map.reshape(range_map.shape + (1,) * (image.ndim - 2))
-    gain = np.minimum(np.exp(_values(water.attenuation, image) * distance), max_gain)
+    gain = np.minimum(contrast_gain(_values(water.attenuation, image), distance), max_gain)
     veil, light = (_values(v, image) for v in (water.ambient_light, scene_light_of(water)))
-    radiance = veil / light + (irradiance / light - veil / light) * gain
-    return np.asarray(radiance, dtype=np.float32)
+    return np.asarray(radiance_of(irradiance, gain, veil, light), dtype=np.float32)
 
 
 def prepare(water: Water, count: int, max_gain: float) -> Channels:

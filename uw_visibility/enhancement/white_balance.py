@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.optics.light_model import Water, scene_light_of
+from uw_visibility.optics.light_model import Water, contrast_gain, radiance_of, scene_light_of
 from uw_visibility.optics.transfer import linear_table
 
 # White is looked for in the brightest pixels, this part of those that have a range and are
@@ -89,8 +89,8 @@ def keep_camera_white(
     if weight == 0.0:
         return unchanged
     irradiance = linear_table(transfer, image.dtype)[codes].astype(np.float64)
-    gain = np.exp(attenuation * distance[:, np.newaxis])
-    restored = np.median(veil / light + (irradiance - veil) / light * gain, axis=0)
+    gain = contrast_gain(attenuation, distance[:, np.newaxis])
+    restored = np.median(radiance_of(irradiance, gain, veil, light), axis=0)
     shown = np.median(irradiance, axis=0)
     if restored.min() <= 0.0:
         return unchanged

@@ -1,13 +1,70 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The underwater light model, forward (eq. 1 and 2)."""
+"""The underwater light model, forward and inverse (eq. 1, 2, 6, 8).
+
+E = W ρ e^(−βd) + B (1 − e^(−βd)), with the light W on the scene and the veil B, which is
+what the water itself shows at infinity (Akkaynak and Treibitz, doi
+10.1109/CVPR.2018.00703). The paper's model is B = W = I∞.
+
+Each formula is written here once, for one channel, and takes floats or arrays that
+broadcast; compiled kernels call the same functions with floats.
+"""
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
+
+
+@register_jitable
+def transmission(attenuation: Any, distance: Any) -> Any:
+    """Transmission e^(−βd): the part of light, or of contrast, that is left after a range."""
+    return np.exp(-attenuation * distance)
+
+
+@register_jitable
+def contrast_gain(attenuation: Any, distance: Any) -> Any:
+    """Gain e^(βd) that makes up for the transmission."""
+    return np.exp(attenuation * distance)
+
+
+@register_jitable
+def veil_of(veil: Any, transmitted: Any) -> Any:
+    """Veil B (1 − e^(−βd)) in front of a scene: the irradiance of a black patch (eq. 6).
+
+    Parameters
+    ----------
+    veil : float or ndarray
+        Veil B at infinity.
+    transmitted : float or ndarray
+        Transmission, or the part of it that a patch which is not black leaves to the veil.
+    """
+    return veil * (1.0 - transmitted)
+
+
+@register_jitable
+def irradiance_of(radiance: Any, transmitted: Any, veil: Any, light: Any) -> Any:
+    """Irradiance E of a patch of radiance ρ (eq. 1): W ρ e^(−βd) + B (1 − e^(−βd))."""
+    return light * (veil / light + (radiance - veil / light) * transmitted)
+
+
+@register_jitable
+def radiance_of(irradiance: Any, gain: Any, veil: Any, light: Any) -> Any:
+    """Radiance ρ of a patch of irradiance E (eq. 8), with the gain e^(βd) or less of it."""
+    return veil / light + (irradiance / light - veil / light) * gain
+
+
+@register_jitable
+def veil_thickness(irradiance: Any, veil: Any) -> Any:
+    """Optical thickness βd at which the veil alone is as bright: −ln(1 − E/B).
+
+    A patch of this irradiance cannot be farther than this over β, and β not larger than
+    this over its range (eq. 6): its radiance would be negative.
+    """
+    return -np.log1p(-irradiance / veil)
 
 
 class Water(Protocol):
@@ -41,8 +98,9 @@ def attenuate(
     range_map: NDArray[np.floating],
     attenuation: ArrayLike,
     ambient_light: ArrayLike,
+    scene_light: ArrayLike | None = None,
 ) -> NDArray[np.float32]:
-    """Irradiance that reaches the camera through the water (eq. 1).
+    """Image of a scene through the water, as irradiance (eq. 1).
 
     Parameters
     ----------
@@ -53,27 +111,29 @@ def attenuate(
     attenuation : (3,) array_like
         β for R, G, B, 1/m.
     ambient_light : (3,) array_like
-        I∞ for R, G, B.
+        I∞ for R, G, B, the veil B.
+    scene_light : (3,) array_like, optional
+        Light W on the scene, greater than 0; I∞ by default.
 
     Returns
     -------
     (H, W, 3) float32 ndarray
-        E = I∞ρ e^(−βd) + I∞(1 − e^(−βd)). NaN where the range is NaN.
+        E = W ρ e^(−βd) + B (1 − e^(−βd)). NaN where the range is NaN.
     """
-    rate = np.asarray(attenuation, dtype=np.float32)
-    ambient = np.asarray(ambient_light, dtype=np.float32)
     # Water that does not attenuate, seen to infinity, still ends in ambient light.
-    path = np.maximum(rate, np.float32(1e-12)) * range_map[..., np.newaxis].astype(np.float32)
-    transmission = np.exp(-path)
+    rate = np.maximum(np.asarray(attenuation, np.float32), np.float32(1e-12))
+    transmitted = transmission(rate, range_map[..., np.newaxis].astype(np.float32))
+    ambient = np.asarray(ambient_light, np.float32)
+    light = ambient if scene_light is None else np.asarray(scene_light, np.float32)
     scene = radiance.astype(np.float32, copy=False)
-    return np.asarray(ambient * (1.0 + (scene - 1.0) * transmission), dtype=np.float32)
+    return np.asarray(irradiance_of(scene, transmitted, ambient, light), np.float32)
 
 
 def ambient_light_at_depth(
     attenuation: ArrayLike,
     depth: float,
     surface_light: ArrayLike = 1.0,
-    transmission: float = 1.0,
+    surface_transmission: float = 1.0,
 ) -> NDArray[np.float64]:
     """Ambient light below the surface (eq. 2).
 
@@ -85,7 +145,7 @@ def ambient_light_at_depth(
         Depth z, m.
     surface_light : array_like
         Light I0 above the surface, one value or one per channel.
-    transmission : float
+    surface_transmission : float
         Transmission T through the surface, 0..1.
 
     Returns
@@ -95,4 +155,4 @@ def ambient_light_at_depth(
     """
     rate = np.asarray(attenuation, dtype=np.float64)
     light = np.asarray(surface_light, dtype=np.float64)
-    return np.asarray(transmission * light * np.exp(-rate * depth))
+    return np.asarray(surface_transmission * light * transmission(rate, depth))

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.errors import InputError
 from uw_visibility.optics import tables
+from uw_visibility.optics.light_model import transmission
 from uw_visibility.optics.transfer import encode_table, from_linear, linear_table, to_linear
 
 __all__ = [
@@ -298,8 +299,9 @@ def theoretical_chromaticity(
         I∞^c / Σ I∞^c with I∞ = white · exp(-attenuation · z); sums to 1.
     """
     rate = np.asarray(attenuation, dtype=np.float64)
-    exponent = -np.multiply.outer(np.asarray(depth, dtype=np.float64), rate - rate.min())
-    light = np.asarray(white_reference, dtype=np.float64) * np.exp(exponent)
+    below = np.asarray(depth, dtype=np.float64)[..., np.newaxis]
+    # Of the chromaticity, what all channels lose alike is no part.
+    light = np.asarray(white_reference, np.float64) * transmission(rate - rate.min(), below)
     return np.asarray(light / light.sum(axis=-1, keepdims=True))
 
 

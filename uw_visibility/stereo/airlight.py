@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.noise import noise_stddev
-from uw_visibility.optics.light_model import UncertainWater
+from uw_visibility.optics.light_model import UncertainWater, veil_thickness
 from uw_visibility.optics.transfer import linear_table
 from uw_visibility.stereo.rig import StereoRig
 
@@ -172,7 +172,7 @@ def _range_table(
         kept = 1.0 - light / ambient
         bounded = kept > 0.0
         kept, here = kept[bounded], light[bounded]
-        farthest = -np.log(kept) / attenuation
+        farthest = veil_thickness(here, ambient) / attenuation
         by_attenuation = -farthest / attenuation
         by_light = 1.0 / (ambient * kept * attenuation)
         by_ambient = -here / ambient * by_light

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.optics.light_model import transmission
 
 # ITU-R BT.601 luma.
 _LUMA = (0.299, 0.587, 0.114)
@@ -104,11 +105,11 @@ class EvenContrast:
         sample = range_map[::4, ::4]
         sample = sample[np.isfinite(sample)]
         typical, farthest = np.percentile(sample, (50, 100)) if sample.size else (1.0, 1.0)
-        weights = ambient_light * np.exp(-attenuation * typical)
+        weights = ambient_light * transmission(attenuation, typical)
         weights /= weights.sum()
         self._mix(image, tuple(weights), workers)
         ranges = np.linspace(0.0, farthest, _TABLE)[:, None]
-        contrast = np.sum(weights * ambient_light * np.exp(-attenuation * ranges), axis=1)
+        contrast = np.sum(weights * ambient_light * transmission(attenuation, ranges), axis=1)
         # Far enough away nothing is left of it, not even in 64 bits.
         contrast = np.maximum(contrast, _FULL_CONTRAST / (255.0 * _MAX_GAIN))
         gain = np.minimum(_FULL_CONTRAST / (255.0 * contrast), _MAX_GAIN) / _FINE

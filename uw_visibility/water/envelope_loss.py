@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.optics.light_model import transmission, veil_of
 
 # The scales of the loss, as `set_scales` fills them in.
 BELOW, ABOVE, LIMIT, NOISE, EXPECTED = range(5)
@@ -67,7 +68,7 @@ def set_scales(
     for c in range(3):
         for i in range(distance.shape[1]):
             d = distance[c, i]
-            direct = p[2 * c + 1] * np.exp(-p[2 * c] * d)
+            direct = p[2 * c + 1] * transmission(p[2 * c], d)
             displacement = range_error * d * d * p[2 * c] * direct
             variance = deviation[c, i] ** 2 + displacement * displacement
             scale[NOISE, c, i] = np.sqrt(variance)
@@ -88,7 +89,7 @@ def typical_darkness(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -
     for c in range(3):
         number = 0
         for i in range(dark.shape[1]):
-            direct = p[2 * c + 1] * np.exp(-p[2 * c] * distance[c, i])
+            direct = p[2 * c + 1] * transmission(p[2 * c], distance[c, i])
             if known[c, i] and direct > INFORMATIVE * scale[NOISE, c, i]:
                 excess = dark[c, i] - p[2 * c + 1] + direct
                 radiance[number] = min(max(excess / direct, 0.0), 1.0)
@@ -100,9 +101,8 @@ def typical_darkness(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -
 @njit(nogil=True)
 def residual(p: Any, distance: Any, dark: Any, scale: Any, c: int, i: int) -> float:
     """Residual of a bin: its irradiance above the curve of the darkest patches."""
-    transmission = np.exp(-p[2 * c] * distance[c, i])
-    return float(
-        dark[c, i] - p[2 * c + 1] * (1.0 - transmission * (1.0 - scale[EXPECTED, c, i])))
+    left = transmission(p[2 * c], distance[c, i]) * (1.0 - scale[EXPECTED, c, i])
+    return float(dark[c, i] - veil_of(p[2 * c + 1], left))
 
 
 @njit(nogil=True)
@@ -143,7 +143,7 @@ def add_normal_equations(
 @njit(nogil=True)
 def differentiate(p: Any, distance: Any, scale: Any, c: int, i: int, derivative: Any) -> None:
     """Derivatives of the curve by attenuation and ambient light."""
-    fading = np.exp(-p[2 * c] * distance[c, i]) * (1.0 - scale[EXPECTED, c, i])
+    fading = transmission(p[2 * c], distance[c, i]) * (1.0 - scale[EXPECTED, c, i])
     derivative[0] = p[2 * c + 1] * distance[c, i] * fading
     derivative[1] = 1.0 - fading
 

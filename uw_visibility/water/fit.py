@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.optics.light_model import transmission, veil_of
+
 ATTENUATION_BOUNDS = (1e-4, 10.0)
 # Above the largest code: open water may be overexposed.
 AMBIENT_LIGHT_MAX = 2.0
@@ -101,14 +103,14 @@ def fit_plain(
 def _residual(
     parameters: NDArray[np.float64], distance: NDArray[np.float64], observed: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    return np.asarray(parameters[1] * -np.expm1(-parameters[0] * distance) - observed)
+    return np.asarray(veil_of(parameters[1], transmission(parameters[0], distance)) - observed)
 
 
 def _jacobian(
     parameters: NDArray[np.float64], distance: NDArray[np.float64], observed: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    transmission = np.exp(-parameters[0] * distance)
-    return np.stack((parameters[1] * distance * transmission, 1 - transmission), axis=1)
+    transmitted = transmission(parameters[0], distance)
+    return np.stack((parameters[1] * distance * transmitted, 1 - transmitted), axis=1)
 
 
 def blank(

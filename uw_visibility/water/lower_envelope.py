@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.linear_algebra import apply, product, solve
+from uw_visibility.optics.light_model import contrast_gain, radiance_of, transmission
 from uw_visibility.water.envelope_loss import (
     EXPECTED_DARKNESS,
     SCALES,
@@ -200,7 +201,7 @@ def _covariance(
             r = residual(p, distance, dark, scale, c, i)
             _, weight = loss(r, scale, c, i)
             differentiate(p, distance, scale, c, i, derivative)
-            direct = p[2 * c + 1] * np.exp(-p[2 * c] * distance[c, i])
+            direct = p[2 * c + 1] * transmission(p[2 * c], distance[c, i])
             for j in range(2):
                 common[2 * c + j] += weight * derivative[j] * darkness * direct
                 for k in range(2):
@@ -221,5 +222,5 @@ def _radiance(p: Any, patch: Any, c: int) -> float:
     """Radiance of a patch, given its irradiance and range (eq. 8); at most 1."""
     if not np.isfinite(patch[0]):
         return 1.0
-    light = (patch[0] / p[2 * c + 1] - 1.0) * np.exp(p[2 * c] * patch[1])
-    return min(1.0 + light, 1.0)
+    gain = contrast_gain(p[2 * c], patch[1])
+    return min(radiance_of(patch[0], gain, p[2 * c + 1], p[2 * c + 1]), 1.0)

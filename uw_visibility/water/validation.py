@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.optics.light_model import transmission, veil_thickness
 from uw_visibility.status import Status
 from uw_visibility.water.fit import ATTENUATION_BOUNDS, Fit
 from uw_visibility.water.observations import Envelopes
@@ -82,7 +83,7 @@ def validate_fit(fit: Fit, envelope: Envelopes, channel: int) -> Status:
     if attenuation >= ATTENUATION_BOUNDS[1]:
         return Status.FIT_FAILED
     near = near_bins(envelope)
-    direct = ambient * np.exp(-attenuation * envelope.range[near])
+    direct = ambient * transmission(attenuation, envelope.range[near])
     bright, dark = envelope.bright[channel, near], envelope.dark[channel, near]
     radiance = np.max(np.nan_to_num((bright - dark) / direct))
     thickness = attenuation * envelope.range[-1]
@@ -118,4 +119,4 @@ def black_attenuation(
     """Attenuation for which each bin's dark envelope would be black, 1/m; the truth is below."""
     known = np.isfinite(envelope.dark[channel])
     share = np.clip(envelope.dark[channel, known] / ambient_light, 0.0, 0.98)
-    return np.asarray(-np.log1p(-share) / envelope.dark_range[channel, known])
+    return np.asarray(veil_thickness(share, 1.0) / envelope.dark_range[channel, known])

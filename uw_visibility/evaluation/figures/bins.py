@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from uw_visibility.evaluation.cases import CaseResult, Pictures
 from uw_visibility.evaluation.figures.style import CHANNEL_COLOURS, save
 from uw_visibility.evaluation.readings import CHANNELS, Truth
+from uw_visibility.optics.light_model import transmission, veil_of
 
 # Pixels that are drawn of each channel; more would be one dark area.
 POINTS = 4000
@@ -141,7 +142,7 @@ def _legend() -> list[Line2D]:
 
 def _black(distance: NDArray[np.float64], beta: float, ambient: float) -> NDArray[np.float64]:
     """Irradiance of something black (eq. 6)."""
-    return np.asarray(ambient * (1.0 - np.exp(-beta * distance)))
+    return np.asarray(veil_of(ambient, transmission(beta, distance)))
 
 
 def _title(name: str, channel: int, case: CaseResult) -> str:
