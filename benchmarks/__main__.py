@@ -28,8 +28,9 @@ from uw_visibility.evaluation.baselines import sgbm
 from uw_visibility.evaluation.degrade import load_scene
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.simulation.camera import Pose, StereoCamera
-from uw_visibility.simulation.frame import Renderer, Water
+from uw_visibility.simulation.frame import Renderer
 from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.water import Water
 from uw_visibility.stereo.contrast import EvenContrast
 from uw_visibility.stereo.elas import Matcher
 

@@ -9,8 +9,9 @@ import pytest
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.errors import InputError
 from uw_visibility.simulation.camera import Pose, StereoCamera
-from uw_visibility.simulation.frame import RenderedFrame, Renderer, Water
+from uw_visibility.simulation.frame import RenderedFrame, Renderer
 from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.water import Water
 from uw_visibility.stereo.pyramid import Reduction
 
 CAMERA = StereoCamera(644, 362, 600.0, 0.12)

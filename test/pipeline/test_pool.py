@@ -11,8 +11,9 @@ import pytest
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.pipeline.pool import PipelinePool
 from uw_visibility.simulation.camera import Pose, StereoCamera
-from uw_visibility.simulation.frame import RenderedFrame, Renderer, Water
+from uw_visibility.simulation.frame import RenderedFrame, Renderer
 from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.water import Water
 
 CAMERA = StereoCamera(200, 150, 200.0, 0.12)
 RIG = StereoRig(CAMERA.focal_length, CAMERA.baseline, (99.5, 74.5))

@@ -12,8 +12,9 @@ from uw_visibility import FrameResult, Pipeline, PipelineConfig, StereoRig
 from uw_visibility.images.vignetting import illumination
 from uw_visibility.optics.transfer import from_linear, to_linear
 from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
-from uw_visibility.simulation.frame import Effects, Renderer, Water
+from uw_visibility.simulation.frame import Effects, Renderer
 from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.water import Water
 from uw_visibility.status import Status
 
 CAMERA = StereoCamera(320, 240, 300.0, 0.12)

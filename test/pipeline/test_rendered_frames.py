@@ -17,8 +17,9 @@ from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.images import ENCODINGS
 from uw_visibility.messages.processor import FrameProcessor
 from uw_visibility.simulation.camera import Pose, StereoCamera
-from uw_visibility.simulation.frame import RenderedFrame, Renderer, Water
+from uw_visibility.simulation.frame import RenderedFrame, Renderer
 from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.water import Water
 
 CAMERA = StereoCamera()
 TILES = {"rggb": "rg/gb", "bggr": "bg/gr", "gbrg": "gb/rg", "grbg": "gr/bg"}

@@ -14,8 +14,9 @@ import pytest
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
 from uw_visibility.simulation.camera import NOISELESS, Pose, StereoCamera
-from uw_visibility.simulation.frame import Effects, RenderedFrame, Renderer, Water
+from uw_visibility.simulation.frame import Effects, RenderedFrame, Renderer
 from uw_visibility.simulation.scene import Scene, flat_floor, reef
+from uw_visibility.simulation.water import Water
 from uw_visibility.stereo.rig import StereoRig
 
 CAMERA = StereoCamera(160, 120, 150.0, 0.12)

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from uw_visibility.compute.threads import Workers
 from uw_visibility.evaluation.degrade import Scene
 from uw_visibility.simulation.camera import NOISELESS, Pose, StereoCamera
-from uw_visibility.simulation.frame import Renderer, Water
+from uw_visibility.simulation.frame import Renderer
 from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.water import Water
 
 # A view down onto the reef, without open water that no recorded scene has either.
 ALTITUDE = 1.6

@@ -17,8 +17,9 @@ from uw_visibility.evaluation.readings import Reading, Truth, flat
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.simulation.frame import RESPONSE, Effects, RenderedFrame
+from uw_visibility.simulation.frame import Effects, RenderedFrame
 from uw_visibility.simulation.transect import Transect
+from uw_visibility.simulation.water import RESPONSE
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.estimation import WaterEstimator

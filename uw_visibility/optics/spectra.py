@@ -18,9 +18,10 @@ from uw_visibility.optics.transfer import encode_table, from_linear, linear_tabl
 
 __all__ = [
     "CameraResponse", "clear_water_attenuation", "clear_water_spectrum", "compose_attenuation",
-    "daylight_white", "encode_table", "from_linear", "linear_table", "load_response",
-    "response_names", "theoretical_chromaticity", "to_linear", "water_type_attenuation",
-    "water_type_diffuse_attenuation", "water_types",
+    "daylight_spectrum", "daylight_white", "encode_table", "from_linear", "linear_table",
+    "load_response", "response_names", "theoretical_chromaticity", "to_linear",
+    "water_type_attenuation", "water_type_diffuse_attenuation", "water_type_spectrum",
+    "water_types",
 ]
 
 # Eq. 10 integrates over these wavelengths, which are those of Smith and Baker's table.
@@ -191,6 +192,45 @@ def water_types() -> list[str]:
     return list(dict.fromkeys(row[0] for row in rows))
 
 
+def water_type_spectrum(
+    water_type: str,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Measured absorption and scattering of a Jerlov water type.
+
+    Parameters
+    ----------
+    water_type : str
+        One of `water_types`.
+
+    Returns
+    -------
+    wavelength : (N,) float64 ndarray
+        nm, rising.
+    absorption, scattering : (N,) float64 ndarray
+        a and b, 1/m.
+
+    Raises
+    ------
+    InputError
+        If the type is not known.
+
+    References
+    ----------
+    B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types,
+    Applied Optics 61(33), 2022, doi 10.1364/AO.470464.
+    """
+    head, rows = tables.read_shipped("jerlov_water_types.csv")
+    if water_type not in water_types():
+        raise InputError(
+            f"no water type {water_type!r}: give one of {', '.join(water_types())}"
+        )
+    mine = [row for row in rows if row[0] == water_type]
+    values = tables.numbers(
+        (head, mine), ("wavelength_nm", "a_per_m", "b_per_m"), "jerlov_water_types.csv"
+    )
+    return values[:, 0], values[:, 1], values[:, 2]
+
+
 def water_type_attenuation(
     water_type: str, response: CameraResponse
 ) -> NDArray[np.float64]:
@@ -267,6 +307,34 @@ def daylight_white(response: CameraResponse, illuminant: str = "d55") -> NDArray
     InputError
         If the illuminant is not known.
     """
+    wavelength, relative_power = daylight_spectrum(illuminant)
+    power = np.interp(_grid(), wavelength, relative_power, left=0.0, right=0.0)
+    white = power @ _on_grid(response)
+    return np.asarray(white / white[1], dtype=np.float64)
+
+
+def daylight_spectrum(
+    illuminant: str = "d55",
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Relative spectral power of a CIE standard daylight.
+
+    Parameters
+    ----------
+    illuminant : str
+        ``"d55"`` or ``"d65"``.
+
+    Returns
+    -------
+    wavelength : (N,) float64 ndarray
+        nm, rising.
+    power : (N,) float64 ndarray
+        Relative; the scale is free.
+
+    Raises
+    ------
+    InputError
+        If the illuminant is not known.
+    """
     known = tables.shipped_names("daylight_")
     if illuminant not in known:
         raise InputError(f"no daylight {illuminant!r}: give one of {', '.join(known)}")
@@ -274,9 +342,7 @@ def daylight_white(response: CameraResponse, illuminant: str = "d55") -> NDArray
     values = tables.numbers(
         tables.read_shipped(name), ("wavelength_nm", "relative_power"), name
     )
-    power = np.interp(_grid(), values[:, 0], values[:, 1], left=0.0, right=0.0)
-    white = power @ _on_grid(response)
-    return np.asarray(white / white[1], dtype=np.float64)
+    return values[:, 0], values[:, 1]
 
 
 def theoretical_chromaticity(
@@ -321,16 +387,7 @@ def _water_type(
     water_type: str, response: CameraResponse, scattering: float
 ) -> NDArray[np.float64]:
     """Absorption, and a part of scattering, of a Jerlov type as a camera sees it, 1/m."""
-    head, rows = tables.read_shipped("jerlov_water_types.csv")
-    if water_type not in water_types():
-        raise InputError(
-            f"no water type {water_type!r}: give one of {', '.join(water_types())}"
-        )
-    mine = [row for row in rows if row[0] == water_type]
-    values = tables.numbers(
-        (head, mine), ("wavelength_nm", "a_per_m", "b_per_m"), "jerlov_water_types.csv"
-    )
-    attenuation = values[:, 1] + scattering * values[:, 2]
+    wavelength, absorbed, scattered = water_type_spectrum(water_type)
     weight = _on_grid(response)
-    on_grid = np.interp(_grid(), values[:, 0], attenuation)
+    on_grid = np.interp(_grid(), wavelength, absorbed + scattering * scattered)
     return np.asarray(on_grid @ weight / weight.sum(axis=0), dtype=np.float64)

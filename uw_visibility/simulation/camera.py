@@ -112,6 +112,23 @@ class Sensor:
         -------
         ndarray, shape (H, W, 3), uint8
         """
+        return np.clip(np.rint(self.read(irradiance, random)), 0, 255).astype(np.uint8)
+
+    def read(
+        self, irradiance: NDArray[np.float32], random: np.random.Generator
+    ) -> NDArray[np.float32]:
+        """Turn irradiance into code values, not yet rounded, with shot and read noise.
+
+        Parameters
+        ----------
+        irradiance, random
+            See `expose`.
+
+        Returns
+        -------
+        ndarray, shape (H, W, 3), float32
+            255 for an irradiance of 1.
+        """
         grey = irradiance * np.float32(255.0)
         if math.isfinite(self.full_well):
             # Counts are large enough for the normal law to stand in for Poisson's.
@@ -119,7 +136,21 @@ class Sensor:
             variance += (self.read_noise / self.full_well) ** 2
             noise = random.standard_normal(irradiance.shape, dtype=np.float32)
             grey = grey + np.float32(255.0) * np.sqrt(variance).astype(np.float32) * noise
-        return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+        return np.asarray(grey, dtype=np.float32)
+
+    @classmethod
+    def gaussian(cls, codes: float) -> Sensor:
+        """Return a sensor whose noise is the same at any light.
+
+        Parameters
+        ----------
+        codes : float
+            Standard deviation in codes of 255; 0 for none.
+        """
+        if codes == 0.0:
+            return NOISELESS
+        # So large a well that its shot noise does not count.
+        return cls(full_well=1e12, read_noise=codes / 255.0 * 1e12)
 
 
 NOISELESS = Sensor(full_well=math.inf, read_noise=0.0)

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,65 +11,18 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
-from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
+from uw_visibility.simulation.camera_effects import CameraEffects
 from uw_visibility.simulation.effects import add_caustics, marine_snow
+from uw_visibility.simulation.formation import Geometry, effective_attenuation, form_image
 from uw_visibility.simulation.scene import Scene
 from uw_visibility.simulation.view import View, look
+from uw_visibility.simulation.water import RESPONSE, Water
 
 Map = NDArray[np.float32]
 Image = NDArray[np.uint8]
 Vector = NDArray[np.float64]
-
-RESPONSE = "nikon_d5100"
-"""The simulated camera's spectral response: the package's default."""
-
-EXPOSED = 0.8
-"""Irradiance of open water in the strongest channel with automatic exposure."""
-
-
-@dataclass(frozen=True)
-class Water:
-    """Water that differs from clear sea water by grey particles.
-
-    Attributes
-    ----------
-    mean_attenuation : float
-        α in 1/m, the same in all channels.
-    depth : float
-        Depth of the camera in m.
-    exposure : float or None
-        Gain from light to irradiance, where white at the surface is 1; None
-        exposes so that open water comes to 0.8 in the strongest channel.
-    """
-
-    mean_attenuation: float
-    depth: float
-    exposure: float | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse what is not water."""
-        if not 0.0 <= self.mean_attenuation < math.inf:
-            raise InputError(
-                f"mean attenuation is {self.mean_attenuation:g} 1/m: give zero or more"
-            )
-        if not 0.0 <= self.depth < math.inf:
-            raise InputError(f"depth is {self.depth:g} m: give zero or more, positive down")
-        if self.exposure is not None and not 0.0 < self.exposure < math.inf:
-            raise InputError(f"exposure is {self.exposure:g}: give a number greater than zero")
-
-    def attenuation(self) -> Vector:
-        """Return β in 1/m, RGB: clear water's and the particles'."""
-        clear = clear_water_attenuation(load_response(RESPONSE))
-        return np.asarray(clear + self.mean_attenuation)
-
-    def ambient_light(self) -> Vector:
-        """Return I∞ at the camera's depth, as irradiance in the image, RGB."""
-        light = ambient_light_at_depth(self.attenuation(), self.depth)
-        gain = EXPOSED / light.max() if self.exposure is None else self.exposure
-        return np.asarray(gain * light)
-
 
 @dataclass(frozen=True)
 class Effects:
@@ -82,10 +34,13 @@ class Effects:
         Share of the pixels that drifting particles cover, 0 .. 0.5.
     caustics : float
         Relative change of light by waves at the surface, 0 .. 1.
+    snow_brightness : float
+        Radiance of the particles, where open water's is 1.
     """
 
     marine_snow: float = 0.0
     caustics: float = 0.0
+    snow_brightness: float = 1.0
 
     def __post_init__(self) -> None:
         """Refuse shares that are none."""
@@ -97,6 +52,11 @@ class Effects:
             raise InputError(
                 f"strength of caustics is {self.caustics:g}: give a number between 0 and 1"
             )
+        if not 0.0 <= self.snow_brightness <= 20.0:
+            raise InputError(
+                f"brightness of marine snow is {self.snow_brightness:g}: "
+                "give a number between 0 and 20"
+            )
 
 
 @dataclass(frozen=True)
@@ -106,19 +66,24 @@ class RenderedFrame:
     Attributes
     ----------
     left, right : ndarray, shape (H, W, 3), uint8
-        The images, RGB, linear.
+        The images, RGB; linear unless the camera's effects say otherwise.
     range_left, range_right : ndarray, shape (H, W), float32
         Distance along the line of sight in m; inf = open water.
     disparity_left, disparity_right : ndarray, shape (H, W), float32
         Disparity in px, positive in both; NaN = open water.
     radiance_left, radiance_right : ndarray, shape (H, W, 3), float32
         Normalised radiance of the scene; 1 for open water.
-    attenuation, ambient_light : ndarray, shape (3,), float64
-        β in 1/m and I∞ as irradiance in the image, RGB.
+    attenuation : ndarray, shape (3,), float64
+        β in 1/m, RGB; effective over the left image's ranges where the water has a
+        spectrum, a layer or a plume, see `effective_attenuation`.
+    ambient_light : ndarray, shape (3,), float64
+        I∞ as irradiance in the image, RGB: the veil B.
     mean_attenuation : float
-        α in 1/m.
+        α in 1/m, eq. 9.
     depth : float
         Depth of the camera in m, positive down.
+    scene_light : ndarray, shape (3,), float64
+        W, which lights the scene, as irradiance in the image, RGB; I∞ in the paper's water.
     """
 
     left: Image
@@ -133,6 +98,7 @@ class RenderedFrame:
     ambient_light: Vector
     mean_attenuation: float
     depth: float
+    scene_light: Vector
 
 
 @dataclass(frozen=True)
@@ -149,12 +115,15 @@ class Renderer:
         What disturbs the light model.
     workers : Workers
         Threads that do the work; their number changes nothing in the result.
+    camera_effects : CameraEffects
+        What the cameras do beside.
     """
 
     camera: StereoCamera = StereoCamera()
     sensor: Sensor = Sensor()
     effects: Effects = Effects()
     workers: Workers = field(default_factory=Workers)
+    camera_effects: CameraEffects = CameraEffects()
 
     def render(
         self, scene: Scene, pose: Pose, water: Water, *, seed: int = 0, time: float = 0.0
@@ -188,19 +157,29 @@ class Renderer:
         snow = marine_snow(
             self.camera, self.effects.marine_snow, np.random.default_rng([seed, 2])
         )
+        geometry = Geometry.of_rays(rays, rotation[2], pose.position[2])
+        light = [
+            self._light(view, geometry, water, cover)
+            for view, cover in zip(views, snow, strict=True)
+        ]
+        gains = self.camera_effects.gains(light[0])
         images = [
-            self._expose(view, water, cover, np.random.default_rng([seed, side]))
-            for side, (view, cover) in enumerate(zip(views, snow, strict=True))
+            self.camera_effects.record(
+                irradiance, self.sensor, np.random.default_rng([seed, side]), gains,
+                right=side == 1,
+            )
+            for side, irradiance in enumerate(light)
         ]
         disparities = [self._disparity(view.range, rays) for view in views]
         radiances = [
             np.where(np.isfinite(v.range)[..., np.newaxis], v.radiance, np.float32(1.0))
             for v in views
         ]
+        attenuation = effective_attenuation(views[0].range, geometry, water)
         return RenderedFrame(
             images[0], images[1], views[0].range, views[1].range, disparities[0], disparities[1],
-            radiances[0], radiances[1], water.attenuation(), water.ambient_light(),
-            water.mean_attenuation, water.depth,
+            radiances[0], radiances[1], attenuation, gains * water.ambient_light(),
+            mean_attenuation(attenuation, water), water.depth, gains * water.scene_light(),
         )
 
     def _rays(self) -> Vector:
@@ -228,14 +207,17 @@ class Renderer:
                 radiance.reshape(-1, 3), where.reshape(-1, 3), scene.lattice, amplitude, time
             )
 
-    def _expose(
-        self, view: View, water: Water, snow: Map, random: np.random.Generator
-    ) -> Image:
-        attenuation, ambient_light = water.attenuation(), water.ambient_light()
-        irradiance = attenuate(view.radiance, view.range, attenuation, ambient_light)
-        # A pixel at an edge is the mean of what its quarters see through the water.
-        quarters = attenuate(view.edge_radiance, view.edge_range, attenuation, ambient_light)
-        irradiance[view.edges] = quarters.mean(axis=1)
-        particles = ambient_light.astype(np.float32)
+    def _light(self, view: View, geometry: Geometry, water: Water, snow: Map) -> Map:
+        irradiance = form_image(view, geometry, water)
+        particles = (self.effects.snow_brightness * water.ambient_light()).astype(np.float32)
         irradiance += snow[..., np.newaxis] * (particles - irradiance)
-        return self.sensor.expose(irradiance, random)
+        return irradiance
+
+
+def mean_attenuation(attenuation: Vector, water: Water) -> float:
+    """Return α (eq. 9) of an effective attenuation; of the paper's water as it was given."""
+    grey = water.effects.water_type is None and not any(water.effects.channel_attenuation)
+    if grey and np.array_equal(attenuation, water.attenuation()):
+        return water.mean_attenuation
+    clear = clear_water_attenuation(load_response(RESPONSE))
+    return float(np.mean(attenuation - clear))

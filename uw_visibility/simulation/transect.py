@@ -12,8 +12,10 @@ from typing import NamedTuple
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
 from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
-from uw_visibility.simulation.frame import Effects, RenderedFrame, Renderer, Water
+from uw_visibility.simulation.camera_effects import CameraEffects
+from uw_visibility.simulation.frame import Effects, RenderedFrame, Renderer
 from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.water import Water, WaterEffects
 
 
 @dataclass(frozen=True)
@@ -41,8 +43,10 @@ class Transect:
         Seed of reef, noise and particles.
     exposure : float or None
         See `Water`.
-    camera, sensor, effects
+    camera, sensor, effects, camera_effects
         See `Renderer`.
+    water_effects : WaterEffects
+        See `Water`.
     """
 
     frames: int = 20
@@ -58,6 +62,8 @@ class Transect:
     sensor: Sensor = Sensor()
     effects: Effects = Effects()
     workers: Workers = field(default_factory=Workers)
+    camera_effects: CameraEffects = CameraEffects()
+    water_effects: WaterEffects = WaterEffects()
 
     def __post_init__(self) -> None:
         """Refuse what cannot be swum."""
@@ -80,7 +86,8 @@ class Transect:
     def render(self) -> Iterator[TransectFrame]:
         """Swim the transect and yield its frames in turn."""
         scene = reef(self.seed, self.length)
-        renderer = Renderer(self.camera, self.sensor, self.effects, self.workers)
+        renderer = Renderer(
+            self.camera, self.sensor, self.effects, self.workers, self.camera_effects)
         for index in range(self.frames):
             time = index / self.rate
             progress = index / max(self.frames - 1, 1)
@@ -93,7 +100,8 @@ class Transect:
     def _water(self, progress: float) -> Water:
         """Return the water after a share of the transect; it changes smoothly."""
         depth = _ease(self.depth, progress)
-        return Water(_ease(self.attenuation, progress), depth, self.exposure)
+        alpha = _ease(self.attenuation, progress)
+        return Water(alpha, depth, self.exposure, self.water_effects)
 
     def _pose(self, time: float) -> Pose:
         """Return the camera's pose: a straight way, with a vehicle's sway."""

@@ -51,6 +51,15 @@ class View:
     edge_range: Map
     edge_radiance: Map
 
+    @classmethod
+    def of_pixels(cls, radiance: Map, ranges: Map) -> View:
+        """Take an image in air and its ranges, each pixel a sample of one surface."""
+        none = np.zeros(0, np.int64)
+        return cls(
+            ranges, radiance, (none, none), np.zeros((0, 4), np.float32),
+            np.zeros((0, 4, 3), np.float32),
+        )
+
 
 def look(
     scene: Scene, camera: StereoCamera, eye: Array, rotation: Array, workers: Workers

@@ -10,8 +10,9 @@ from uw_visibility.config.schema import StereoConfig
 from uw_visibility.evaluation.baselines import semi_global_matching
 from uw_visibility.evaluation.degrade import load_scene
 from uw_visibility.simulation.camera import Pose, StereoCamera
-from uw_visibility.simulation.frame import Renderer, Water
+from uw_visibility.simulation.frame import Renderer
 from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.water import Water
 from uw_visibility.stereo.elas import Matcher
 
 

@@ -1,0 +1,144 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a camera makes of light beside its noise: lens, colour filters, balance, curve, codec."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.optics.transfer import from_linear
+from uw_visibility.simulation.camera import Sensor
+
+Map = NDArray[np.float32]
+Image = NDArray[np.uint8]
+Vector = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+LARGEST_GAIN = 4.0
+"""Largest gain of automatic white balance."""
+
+
+@dataclass(frozen=True)
+class CameraEffects:
+    """How a camera departs from a linear one; the defaults change nothing.
+
+    Attributes
+    ----------
+    transfer : str
+        ``linear``, or ``srgb``: pixels are gamma-encoded.
+    white_balance : tuple of float
+        Gains of R, G and B.
+    automatic_white_balance : bool
+        Whether each frame's channels are made equal on average (grey world), on top.
+    vignetting : float
+        Part of the light that is lost in the corners, falling with the square of the radius.
+    exposure_difference : float
+        Relative difference of the right image's exposure from the left one's.
+    bayer : bool
+        Whether each pixel senses one colour (RGGB) and the others are interpolated.
+    jpeg : int
+        Quality of JPEG compression, 1 .. 100; 0 leaves it out.
+    """
+
+    transfer: str = "linear"
+    white_balance: Triple = (1.0, 1.0, 1.0)
+    automatic_white_balance: bool = False
+    vignetting: float = 0.0
+    exposure_difference: float = 0.0
+    bayer: bool = False
+    jpeg: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse what no camera does."""
+        if self.transfer not in ("linear", "srgb"):
+            raise InputError(f"transfer is {self.transfer!r}: give linear or srgb")
+        if not all(0.0 < gain <= 10.0 for gain in self.white_balance):
+            gains = ", ".join(f"{gain:g}" for gain in self.white_balance)
+            raise InputError(f"white balance is {gains}: give gains above 0, up to 10")
+        if not 0.0 <= self.vignetting < 1.0:
+            raise InputError(
+                f"vignetting is {self.vignetting:g}: give a number from 0 to below 1"
+            )
+        if not -0.9 <= self.exposure_difference <= 9.0:
+            raise InputError(
+                f"exposure difference is {self.exposure_difference:g}: "
+                "give a number between -0.9 and 9"
+            )
+        if not 0 <= self.jpeg <= 100:
+            raise InputError(f"JPEG quality is {self.jpeg}: give 1 to 100, or 0 for none")
+
+    def gains(self, irradiance: Map) -> Vector:
+        """Return the gains of white balance for a frame, by its left image, RGB."""
+        fixed = np.array(self.white_balance)
+        if not self.automatic_white_balance:
+            return fixed
+        means = np.clip(irradiance, 0.0, 1.0).mean(axis=(0, 1), dtype=np.float64) * fixed
+        automatic = means[1] / np.maximum(means, 1e-6)
+        return np.asarray(fixed * np.minimum(automatic, LARGEST_GAIN))
+
+    def record(
+        self, irradiance: Map, sensor: Sensor, random: np.random.Generator, gains: Vector,
+        *, right: bool = False,
+    ) -> Image:
+        """Turn irradiance into pixels: lens, exposure, sensor, colours, curve, codec.
+
+        Parameters
+        ----------
+        irradiance : ndarray, shape (H, W, 3), float32
+            Irradiance, 0 .. 1; what is above saturates.
+        sensor : Sensor
+            Its noise.
+        random : numpy.random.Generator
+            Where the noise comes from.
+        gains : ndarray, shape (3,), float64
+            From `gains`, of the left image.
+        right : bool
+            Whether this is the right image.
+
+        Returns
+        -------
+        ndarray, shape (H, W, 3), uint8
+        """
+        if self.vignetting > 0.0:
+            irradiance = irradiance * lens_falloff(irradiance.shape[:2], self.vignetting)
+        if right and self.exposure_difference != 0.0:
+            irradiance = irradiance * np.float32(1.0 + self.exposure_difference)
+        codes = sensor.read(irradiance, random)
+        if self.bayer:
+            codes = interpolate_mosaic(codes)
+        if (gains != 1.0).any():
+            codes = np.minimum(codes, 255.0) * gains.astype(np.float32)
+        if self.transfer == "linear":
+            image = np.clip(np.rint(codes), 0, 255).astype(np.uint8)
+        else:
+            image = np.asarray(from_linear(codes / 255.0, self.transfer, np.uint8), np.uint8)
+        return _compress(image, self.jpeg) if self.jpeg else image
+
+
+def lens_falloff(shape: tuple[int, ...], loss: float) -> Map:
+    """Return 1 − loss · (r / r_corner)², shape (H, W, 1)."""
+    rows, columns = ((np.arange(n) - (n - 1) / 2) / ((n - 1) / 2) for n in shape)
+    aspect = (shape[0] - 1) / (shape[1] - 1)
+    squared = (rows[:, np.newaxis] * aspect) ** 2 + columns**2
+    return (1.0 - loss * squared / (1.0 + aspect**2)).astype(np.float32)[..., np.newaxis]
+
+
+def interpolate_mosaic(codes: Map) -> Map:
+    """Keep one colour of each pixel (RGGB) and interpolate the others bilinearly."""
+    raw = codes[..., 1].copy()
+    raw[0::2, 0::2] = codes[0::2, 0::2, 0]
+    raw[1::2, 1::2] = codes[1::2, 1::2, 2]
+    sensed = np.clip(raw * 256.0 + 0.5, 0, 65535).astype(np.uint16)
+    # OpenCV names a pattern by its second row and column.
+    return cv2.cvtColor(sensed, cv2.COLOR_BayerBG2RGB).astype(np.float32) / np.float32(256.0)
+
+
+def _compress(image: Image, quality: int) -> Image:
+    _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    return np.asarray(decoded[..., ::-1], dtype=np.uint8, order="C")

@@ -1,0 +1,187 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Simulated water: that of the paper, and how real water departs from it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.optics.light_model import ambient_light_at_depth
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility.simulation.spectrum import BandAverages, band_averages, spectral_types
+
+RESPONSE = "nikon_d5100"
+"""The simulated camera's spectral response: the package's default."""
+
+EXPOSED = 0.8
+"""Irradiance of white in the strongest channel with automatic exposure."""
+
+Vector = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class WaterEffects:
+    """How water departs from the paper's; the defaults change nothing.
+
+    Attributes
+    ----------
+    veil : tuple of float
+        Ratio B/W of what the water adds at infinity to what lights the scene, RGB.
+    channel_attenuation : tuple of float
+        Attenuation beyond clear water's and that of grey particles, RGB, 1/m.
+    water_type : str or None
+        ``clear``, or a Jerlov type from IB to 5C: integrates over wavelength, see
+        `band_averages`. None takes one coefficient per channel.
+    particle_slope : float
+        Exponent of the particles' spectrum, (550 nm / λ)^γ; with a water type.
+    cdom : float
+        Absorption by dissolved organic matter at 440 nm in 1/m; with a water type.
+    blur : float
+        Forward scattering: standard deviation of a point's image in px per m of range.
+    layer : float
+        Attenuation that grey particles add below ``layer_height`` in 1/m.
+    layer_height : float
+        Height of the layer's top above the mean sea floor in m.
+    plume : float
+        Attenuation that grey particles add in a part of the view in 1/m.
+    plume_share : float
+        Width of that part, at the right, as a share of the image's, 0 .. 1.
+    veil_gradient : float
+        Relative change of the veil from the bottom of the image to its top.
+    light_gradient : float
+        Relative change of the light on the scene from left to right.
+    """
+
+    veil: Triple = (1.0, 1.0, 1.0)
+    channel_attenuation: Triple = (0.0, 0.0, 0.0)
+    water_type: str | None = None
+    particle_slope: float = 0.0
+    cdom: float = 0.0
+    blur: float = 0.0
+    layer: float = 0.0
+    layer_height: float = 1.0
+    plume: float = 0.0
+    plume_share: float = 0.5
+    veil_gradient: float = 0.0
+    light_gradient: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what no water does."""
+        for name, largest, unit in (
+            ("particle_slope", 4.0, ""), ("cdom", 10.0, " 1/m"), ("blur", 20.0, " px/m"),
+            ("layer", 10.0, " 1/m"), ("plume", 10.0, " 1/m"), ("plume_share", 1.0, ""),
+        ):
+            value = getattr(self, name)
+            if not 0.0 <= value <= largest:
+                raise InputError(
+                    f"{name.replace('_', ' ')} is {value:g}{unit}: "
+                    f"give a number between 0 and {largest:g}"
+                )
+        for name in ("veil_gradient", "light_gradient"):
+            value = getattr(self, name)
+            if not -1.9 <= value <= 1.9:
+                raise InputError(
+                    f"{name.replace('_', ' ')} is {value:g}: give a number between -1.9 and 1.9"
+                )
+        if not math.isfinite(self.layer_height):
+            raise InputError(f"layer height is {self.layer_height:g} m: give a finite number")
+        if not all(0.0 < ratio <= 10.0 for ratio in self.veil):
+            raise InputError(f"veil is {_listed(self.veil)}: give ratios above 0, up to 10")
+        if not all(0.0 <= value <= 10.0 for value in self.channel_attenuation):
+            raise InputError(
+                f"channel attenuation is {_listed(self.channel_attenuation)} 1/m: "
+                "give numbers between 0 and 10"
+            )
+        if self.water_type is not None and self.water_type not in spectral_types():
+            raise InputError(
+                f"no water type {self.water_type!r}: give one of {', '.join(spectral_types())}"
+            )
+        if self.water_type is None and (self.cdom > 0.0 or self.particle_slope != 0.0):
+            raise InputError(
+                "dissolved matter and coloured particles have a spectrum: name a water type too, "
+                "clear or a Jerlov type"
+            )
+        if self.water_type is not None and any(self.channel_attenuation):
+            raise InputError(
+                "a water type has a spectrum: leave out the attenuation by channel, or the type"
+            )
+
+
+@dataclass(frozen=True)
+class Water:
+    """Water that differs from clear sea water by grey particles, and by its effects.
+
+    Attributes
+    ----------
+    mean_attenuation : float
+        Attenuation by grey particles α in 1/m, the same in all channels.
+    depth : float
+        Depth of the camera in m.
+    exposure : float or None
+        Gain from light to irradiance, where white at the surface is 1; None
+        exposes so that the brighter of white and open water comes to 0.8 in the
+        strongest channel.
+    effects : WaterEffects
+        How it departs from the paper's.
+    """
+
+    mean_attenuation: float
+    depth: float
+    exposure: float | None = None
+    effects: WaterEffects = WaterEffects()
+
+    def __post_init__(self) -> None:
+        """Refuse what is not water."""
+        if not 0.0 <= self.mean_attenuation < math.inf:
+            raise InputError(
+                f"mean attenuation is {self.mean_attenuation:g} 1/m: give zero or more"
+            )
+        if not 0.0 <= self.depth < math.inf:
+            raise InputError(f"depth is {self.depth:g} m: give zero or more, positive down")
+        if self.exposure is not None and not 0.0 < self.exposure < math.inf:
+            raise InputError(f"exposure is {self.exposure:g}: give a number greater than zero")
+
+    def attenuation(self) -> Vector:
+        """Return β in 1/m, RGB, without layer and plume; of a spectrum, that at range zero."""
+        bands = self.bands()
+        if bands is not None:
+            return np.asarray(-bands.log_transmission[1] / bands.path[1])
+        clear = clear_water_attenuation(load_response(RESPONSE))
+        return np.asarray(clear + self.mean_attenuation + self.effects.channel_attenuation)
+
+    def scene_light(self) -> Vector:
+        """Return W, which lights the scene at the camera's depth, as irradiance in the image."""
+        light = self._light()
+        brightest = (light * np.maximum(self.effects.veil, 1.0)).max()
+        gain = EXPOSED / brightest if self.exposure is None else self.exposure
+        return np.asarray(gain * light)
+
+    def ambient_light(self) -> Vector:
+        """Return the veil B at infinity, which open water is seen as; the paper's I∞."""
+        return np.asarray(self.scene_light() * self.effects.veil)
+
+    def bands(self) -> BandAverages | None:
+        """Return the spectrum as the camera's channels see it, where there is one."""
+        effects = self.effects
+        if effects.water_type is None:
+            return None
+        return band_averages(
+            effects.water_type, self.depth, self.mean_attenuation, effects.particle_slope,
+            effects.cdom, RESPONSE,
+        )
+
+    def _light(self) -> Vector:
+        bands = self.bands()
+        if bands is not None:
+            return bands.light
+        return ambient_light_at_depth(self.attenuation(), self.depth)
+
+
+def _listed(values: Triple) -> str:
+    return ", ".join(f"{value:g}" for value in values)
