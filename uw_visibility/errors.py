@@ -1,6 +1,40 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The one error class that bad input raises, with a sentence for its user."""
+"""The one error class that bad input raises, and text from outside as it may be shown."""
+
+# A sentence that names what is wrong and what to do has room in this; a hostile file's has not.
+LONGEST_MESSAGE = 1000
+LONGEST_NAME = 200
+
+
+def printable(text: object, length: int = LONGEST_NAME) -> str:
+    """Return text from outside without control characters and cut to a length.
+
+    Names of topics, frames, encodings, files and keys come from whoever made the
+    file or the message. Escape sequences in them would steer a terminal, line
+    breaks would forge lines of a log, and their length has no bound.
+
+    Parameters
+    ----------
+    text : object
+        Anything that has a text.
+    length : int
+        Characters kept; of more, the middle is left out.
+
+    Returns
+    -------
+    str
+        One line of printable characters.
+    """
+    whole = str(text)
+    if len(whole) > length:
+        # Both ends tell most: of a path the file, of a message what to do.
+        tail = length // 3
+        whole = f"{whole[: length - tail - 1]}…{whole[-tail:]}"
+    return "".join(
+        c if c.isprintable() else " " if c.isspace() else "\N{REPLACEMENT CHARACTER}"
+        for c in whole
+    )
 
 
 class InputError(ValueError):
@@ -8,4 +42,12 @@ class InputError(ValueError):
 
     The command prints the message and exits with code 2; the node counts and
     reports a dropped frame, or refuses the parameter.
+
+    Parameters
+    ----------
+    message : str
+        May hold text from outside: it is shown as `printable` has it.
     """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message, LONGEST_MESSAGE))

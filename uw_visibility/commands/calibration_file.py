@@ -4,15 +4,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import yaml
 
+from uw_visibility.config.documents import read_document
 from uw_visibility.errors import InputError
 from uw_visibility.stereo.rig import StereoRig
 
@@ -150,14 +149,7 @@ def _camera_info(path: Path) -> Any:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        text = path.read_text(encoding="utf-8")
-        content = json.loads(text) if path.suffix.lower() == ".json" else yaml.safe_load(text)
-    except OSError as error:
-        raise InputError(f"cannot read calibration {path}: {error.strerror}") from error
-    except (ValueError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"calibration {path} is neither JSON nor YAML: {reason}") from error
+    content = read_document(path, "calibration")
     if not isinstance(content, dict):
         raise InputError(
             f"calibration {path} holds no named values: give a JSON with P1 and P2, "

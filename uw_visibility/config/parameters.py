@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from uw_visibility.config.documents import read_document
 from uw_visibility.errors import InputError
 
 # How the names begin of parameters that every ROS 2 node has, and that a dump of ours holds too.
@@ -210,15 +211,25 @@ def check_names(given: Mapping[str, Any], known: Iterable[str]) -> None:
 
 
 def flatten(values: Any, prefix: str = "") -> dict[str, Any]:
-    """Return a dataclass, or nested mappings, as one mapping by dotted name."""
+    """Return a dataclass, or nested mappings, as one mapping by dotted name.
+
+    Raises
+    ------
+    InputError
+        If a name comes twice, once nested and once with dots.
+    """
     if dataclasses.is_dataclass(values):
         values = {f.name: getattr(values, f.name) for f in dataclasses.fields(values)}
     flat: dict[str, Any] = {}
     for name, value in values.items():
         if dataclasses.is_dataclass(value) or isinstance(value, Mapping):
-            flat.update(flatten(value, f"{prefix}{name}."))
+            inside = flatten(value, f"{prefix}{name}.")
         else:
-            flat[f"{prefix}{name}"] = value
+            inside = {f"{prefix}{name}": value}
+        twice = sorted(inside.keys() & flat.keys())
+        if twice:
+            raise InputError(f"parameter {twice[0]} is given twice: leave one of them")
+        flat.update(inside)
     return flat
 
 
@@ -242,16 +253,7 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
     InputError
         If the file cannot be read or has another form.
     """
-    import yaml
-
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-        content = yaml.safe_load(text)
-    except OSError as error:
-        raise InputError(f"cannot read parameter file {path}: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"parameter file {path} is not YAML: {reason}") from error
+    content = read_document(path, "parameter file")
     values: dict[str, Any] = {}
     blocks = content.values() if isinstance(content, dict) else [None]
     for block in blocks:
@@ -260,7 +262,10 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
                 f"parameter file {path} has no 'ros__parameters' under a node's name: "
                 "see config/uw_visibility.yaml for the form"
             )
-        values.update(flatten(block["ros__parameters"]))
+        try:
+            values.update(flatten(block["ros__parameters"]))
+        except InputError as error:
+            raise InputError(f"parameter file {path}: {error}") from error
     return {k: v for k, v in values.items() if not k.startswith(ROS_PARAMETERS)}
 
 

@@ -6,12 +6,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.errors import InputError
+from uw_visibility.images.files import read_image
 from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
 
 # Middlebury 2005 and 2006 (Scharstein and Pal, doi 10.1109/CVPR.2007.383191):
@@ -226,19 +228,21 @@ def _read_image(folder: Path, name: str) -> NDArray[np.uint8]:
     for suffix in IMAGE_SUFFIXES:
         path = folder / f"{name}{suffix}"
         if path.is_file():
-            image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-            if image is None:
-                raise InputError(f"cannot read image {path}")
-            return np.asarray(image[:, :, ::-1], dtype=np.uint8, order="C")
+            return np.ascontiguousarray(_to_8_bit(read_image(path), cv2.COLOR_GRAY2RGB, 2))
     raise InputError(
         f"scene {folder} has no {name}{IMAGE_SUFFIXES[0]} (or {', '.join(IMAGE_SUFFIXES[1:])})"
     )
 
 
+def _to_8_bit(image: NDArray[Any], conversion: int, dimensions: int) -> NDArray[np.uint8]:
+    """Return an image in 8 bit, converted if it has so many dimensions."""
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    return np.asarray(cv2.cvtColor(image, conversion) if image.ndim == dimensions else image)
+
+
 def _read_disparity(path: Path, scale: int) -> NDArray[np.float32]:
-    values = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
-    if values is None:
-        raise InputError(f"cannot read disparity map {path}")
-    disparity = values.astype(np.float32) / scale
+    values = _to_8_bit(read_image(path), cv2.COLOR_RGB2GRAY, 3)
+    disparity = values.astype(np.float32) / np.float32(scale)
     disparity[values == 0] = np.nan
     return disparity

@@ -11,10 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.config.files import read_regular, write_whole
 from uw_visibility.errors import InputError
-
-# How files of a format begin, and what stands at their end.
-ENDS = ((b"\x89PNG\r\n\x1a\n", b"IEND"), (b"\xff\xd8\xff", b"\xff\xd9"))
+from uw_visibility.images.encoded import MOST_BYTES, decode
 
 
 def read_image(path: str | Path) -> NDArray[Any]:
@@ -23,7 +22,7 @@ def read_image(path: str | Path) -> NDArray[Any]:
     Parameters
     ----------
     path : str or Path
-        A file of any format that OpenCV reads.
+        A PNG, JPEG, TIFF or binary PNM.
 
     Returns
     -------
@@ -33,20 +32,16 @@ def read_image(path: str | Path) -> NDArray[Any]:
     Raises
     ------
     InputError
-        If the file cannot be read, is not an image, or has neither 8 nor 16
-        bit per channel.
+        If the file cannot be read, is not a complete image of `MOST_PIXELS` or
+        less, or has neither 8 nor 16 bit per channel.
     """
+    content = read_regular(path, MOST_BYTES, "image")
     try:
-        content = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot read image {path}: {error.strerror}") from error
-    image = None
-    if content and not _is_cut_off(content):
-        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise InputError(f"{path} is not a readable image: give a complete PNG, JPEG or TIFF file")
-    if image.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"image {path} holds {image.dtype}: give 8 or 16 bit per channel")
+        image = decode(content)
+    except InputError as error:
+        raise InputError(
+            f"{path} is not a readable image, {error}: give a complete PNG, JPEG or TIFF file"
+        ) from error
     if image.ndim == 3:
         image = image[:, :, 2::-1]
     return np.ascontiguousarray(image)
@@ -69,7 +64,7 @@ def write_png(path: str | Path, image: NDArray[Any]) -> None:
     """
     stored = image if image.ndim == 2 else image[:, :, ::-1]
     _, content = cv2.imencode(".png", np.ascontiguousarray(stored))
-    _write(path, content.tobytes())
+    write_whole(path, content.tobytes())
 
 
 def write_pfm(path: str | Path, values: NDArray[np.float32]) -> None:
@@ -89,16 +84,6 @@ def write_pfm(path: str | Path, values: NDArray[np.float32]) -> None:
     """
     height, width = values.shape
     header = f"Pf\n{width} {height}\n-1.0\n".encode("ascii")
-    _write(path, header + values[::-1].astype("<f4").tobytes())
+    write_whole(path, header + values[::-1].astype("<f4").tobytes())
 
 
-def _is_cut_off(content: bytes) -> bool:
-    """Tell a PNG or JPEG without its end, of which OpenCV may make up the missing rows."""
-    return any(content.startswith(start) and end not in content for start, end in ENDS)
-
-
-def _write(path: str | Path, content: bytes) -> None:
-    try:
-        Path(path).write_bytes(content)
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}") from error

@@ -9,9 +9,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from uw_visibility.config.files import read_regular
 from uw_visibility.images.chroma import Colour, mosaic_colour
-
-JPEG = b"\xff\xd8\xff"
+from uw_visibility.images.encoded import JPEG, MOST_BYTES
 
 
 def read_format(kind: str) -> tuple[str, bool]:
@@ -65,7 +65,9 @@ def message_colour(message: Any, pixels: NDArray[Any]) -> Colour | None:
 
 def file_colour(path: str | Path, pixels: NDArray[Any]) -> Colour | None:
     """Tell what is known of the colour of a file that pixels were read from; see above."""
-    return None if pixels.ndim == 2 else _jpeg_colour(memoryview(Path(path).read_bytes()))
+    if pixels.ndim == 2:
+        return None
+    return _jpeg_colour(memoryview(read_regular(path, MOST_BYTES, "image")))
 
 
 def _jpeg_colour(data: memoryview) -> Colour | None:

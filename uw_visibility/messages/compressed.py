@@ -17,12 +17,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.errors import InputError
-from uw_visibility.messages.chroma import JPEG, read_format
+from uw_visibility.errors import InputError, printable
+from uw_visibility.images.encoded import JPEG, PNG, TruncatedError, decode, read_header
+from uw_visibility.messages.chroma import read_format
 from uw_visibility.messages.images import ENCODINGS
-
-PNG = b"\x89PNG\r\n\x1a\n"
-JPEG_SCAN, JPEG_END, PNG_END = b"\xff\xda", b"\xff\xd9", b"IEND\xae\x42\x60\x82"
 
 
 def read_compressed(message: Any, name: str = "image") -> tuple[NDArray[Any], str]:
@@ -49,14 +47,11 @@ def read_compressed(message: Any, name: str = "image") -> tuple[NDArray[Any], st
         If the format is another one, or the data are damaged.
     """
     original, swapped = read_format(str(message.format))
-    data = np.frombuffer(message.data, np.uint8)
-    _check_complete(data.tobytes(), message.format, name)
-    stored = _decode(data)
-    if stored is None or stored.dtype not in (np.uint8, np.uint16):
-        raise InputError(
-            f"{name} has the format {message.format!r} but cannot be decompressed: "
-            "the message is damaged"
-        )
+    data = _encoded(message, name)
+    try:
+        stored = decode(data)
+    except InputError as error:
+        raise _unusable(message, name, error) from error
     bits = 8 * stored.dtype.itemsize
     if stored.ndim == 2:
         encoding = f"{original.removesuffix('16').removesuffix('8')}{bits}"
@@ -70,26 +65,55 @@ def read_compressed(message: Any, name: str = "image") -> tuple[NDArray[Any], st
     return cv2.cvtColor(stored, conversion), f"{order}{bits}"
 
 
-def _check_complete(data: bytes, kind: str, name: str) -> None:
-    """Refuse what is neither a whole JPEG nor a whole PNG: decoders fill the rest with grey."""
-    if "compressedDepth" in kind or not data.startswith((JPEG, PNG)):
-        raise InputError(
-            f"{name} has the format {kind!r} and {len(data)} bytes that are neither JPEG nor PNG: "
-            "publish it with compressed_image_transport as jpeg or png"
-        )
-    # Drivers pad the end, so it is looked for.
-    complete = (
-        data.rfind(JPEG_END) > data.rfind(JPEG_SCAN) >= 0
-        if data.startswith(JPEG) else data.rfind(PNG_END) > 0
-    )
-    if not complete:
-        raise InputError(f"{name} has {len(data)} bytes of data without an end: it is truncated")
+def read_size(message: Any, name: str = "image") -> tuple[int, int]:
+    """Read the size of a compressed image, without decompressing it.
 
+    Parameters
+    ----------
+    message : object
+        A ``sensor_msgs/CompressedImage`` of rclpy or rosbags, JPEG or PNG.
+    name : str
+        What errors call the image.
 
-def _decode(data: NDArray[np.uint8]) -> NDArray[Any] | None:
+    Returns
+    -------
+    width, height : int
+        Pixels.
+
+    Raises
+    ------
+    InputError
+        As `read_compressed`.
+    """
     try:
-        image: NDArray[Any] | None = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        # Raised for sizes beyond reason only; what is damaged otherwise is None.
-        return None
-    return image
+        header = read_header(_encoded(message, name))
+    except InputError as error:
+        raise _unusable(message, name, error) from error
+    return header.width, header.height
+
+
+def _encoded(message: Any, name: str) -> bytes:
+    """Return the data of a message, if they are a JPEG or a PNG.
+
+    Raises
+    ------
+    InputError
+        If they are neither.
+    """
+    data = bytes(message.data)
+    if "compressedDepth" in message.format or not data.startswith((JPEG, PNG)):
+        raise InputError(
+            f"{name} has the format {printable(message.format)!r} and {len(data)} bytes that are "
+            "neither JPEG nor PNG: publish it with compressed_image_transport as jpeg or png"
+        )
+    return data
+
+
+def _unusable(message: Any, name: str, error: InputError) -> InputError:
+    if isinstance(error, TruncatedError):
+        return InputError(
+            f"{name} has {len(message.data)} bytes of data without an end: it is truncated"
+        )
+    return InputError(
+        f"{name} has the format {printable(message.format)!r} but cannot be decompressed: {error}"
+    )

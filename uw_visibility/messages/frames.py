@@ -14,8 +14,8 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.chroma import Colour
 from uw_visibility.images.pair import read_only
 from uw_visibility.messages.chroma import message_colour
-from uw_visibility.messages.compressed import read_compressed
-from uw_visibility.messages.images import output_encoding, read_image
+from uw_visibility.messages.compressed import read_compressed, read_size
+from uw_visibility.messages.images import image_view, output_encoding, read_image
 from uw_visibility.stereo.calibration import image_size
 from uw_visibility.stereo.rig import Rectifier, StereoRig
 
@@ -105,11 +105,12 @@ class FrameReader:
             If an image or a calibration cannot be used, or they do not belong
             together.
         """
+        # Before anything is decompressed: what a message claims may be any size.
+        _check_size(frame.left, frame.left_info, "left")
+        _check_size(frame.right, frame.right_info, "right")
         left, left_encoding = _read(frame.left, "left image")
         right, right_encoding = _read(frame.right, "right image")
         encodings = left_encoding, right_encoding
-        _check_size(left, frame.left_info, "left")
-        _check_size(right, frame.right_info, "right")
         _check_pair(left, right, encodings)
         rig = self._calibrate(frame)
         colour = message_colour(frame.left, left)
@@ -144,11 +145,15 @@ def _read(message: Any, name: str) -> tuple[NDArray[Any], str]:
     return read_image(message, name), output_encoding(message.encoding)
 
 
-def _check_size(image: NDArray[Any], info: Any, side: str) -> None:
+def _check_size(message: Any, info: Any, side: str) -> None:
     width, height = image_size(info, side)
-    if image.shape[:2] != (height, width):
+    if hasattr(message, "format"):
+        columns, rows = read_size(message, f"{side} image")
+    else:
+        columns, rows = image_view(message, f"{side} image").shape[1::-1]
+    if (columns, rows) != (width, height):
         raise InputError(
-            f"{side} image has {image.shape[1]}x{image.shape[0]} pixels and its camera_info "
+            f"{side} image has {columns}x{rows} pixels and its camera_info "
             f"{width}x{height}: publish the camera_info of this image"
         )
 

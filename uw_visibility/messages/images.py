@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, printable
 
 
 class Encoding(NamedTuple):
@@ -198,6 +198,7 @@ def _encoding(message: Any, name: str) -> Encoding:
     encoding = ENCODINGS.get(message.encoding)
     if encoding is None:
         raise InputError(
-            f"{name} has the encoding {message.encoding!r}: publish one of {', '.join(ENCODINGS)}"
+            f"{name} has the encoding {printable(message.encoding)!r}: "
+            f"publish one of {', '.join(ENCODINGS)}"
         )
     return encoding

@@ -12,7 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.config.files import read_regular
 from uw_visibility.errors import InputError
+
+# A spectrum of every tenth of a nanometre has a megabyte.
+MOST_BYTES = 4 << 20
 
 
 def read_shipped(name: str) -> tuple[list[str], list[list[str]]]:
@@ -50,9 +54,7 @@ def read_file(path: Path) -> tuple[list[str], list[list[str]]]:
         If the file cannot be read as text.
     """
     try:
-        return parse(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise InputError(f"cannot read table {path}: {error.strerror}") from error
+        return parse(read_regular(path, MOST_BYTES, "table").decode("utf-8-sig"))
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"table {path} is not a CSV text file: {error}") from error
 

@@ -22,6 +22,10 @@ from uw_visibility.stereo.calibration import (
     read_projection,
 )
 
+# No camera's lengths, px or m, are beyond this, nor below its inverse. Messages hold them in
+# 32 bit, and products of them must be finite.
+LARGEST = 1e6
+
 
 @dataclass(frozen=True)
 class StereoRig:
@@ -43,7 +47,7 @@ class StereoRig:
     Raises
     ------
     InputError
-        If a length is not positive and finite, or a principal point not finite.
+        If a length is not positive, or a number is beyond what any camera has.
     """
 
     focal_length: float
@@ -287,14 +291,18 @@ class Rectifier:
 
 
 def _check_positive(name: str, value: float, unit: str) -> None:
-    if not (math.isfinite(value) and value > 0.0):
-        raise InputError(f"{name} is {value:g} {unit}: give a positive, finite number")
+    if not 1.0 / LARGEST <= value <= LARGEST:
+        raise InputError(
+            f"{name} is {value:g} {unit}: give a positive number, up to {LARGEST:g}"
+        )
 
 
 def _set_point(rig: StereoRig, field: str, name: str) -> None:
     point = tuple(float(v) for v in getattr(rig, field))
-    if len(point) != 2 or not all(math.isfinite(v) for v in point):
-        raise InputError(f"{name} is {point}: give two finite numbers, cx and cy in px")
+    if len(point) != 2 or not all(abs(v) <= LARGEST for v in point):
+        raise InputError(
+            f"{name} is {point}: give two numbers of up to {LARGEST:g}, cx and cy in px"
+        )
     object.__setattr__(rig, field, point)
 
 

@@ -1,0 +1,111 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Files that are no files, and results that are whole or not there."""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from uw_visibility.config.files import read_regular, sole_writer, write_whole
+from uw_visibility.errors import InputError
+
+
+def test_a_pipe_and_a_device_are_refused_at_once(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for path in (pipe, Path("/dev/zero"), tmp_path, tmp_path / "absent", Path("null\0byte"),
+                 tmp_path / ("n" * 300)):
+        with pytest.raises(InputError, match="table"):
+            read_regular(path, 1000, "table")
+
+
+def test_a_file_beyond_the_limit_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(bytes(100))
+    assert read_regular(path, 100) == bytes(100)
+    with pytest.raises(InputError, match="larger than 99 bytes"):
+        read_regular(path, 99)
+    # A file of /proc states a size of nothing.
+    assert b"python" in read_regular("/proc/self/cmdline", 1 << 20)
+
+
+@pytest.fixture
+def small_disk() -> object:
+    """Files of a kilobyte at most; what is written beyond fails as on a full disk."""
+    import signal
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+def test_what_cannot_be_written_whole_leaves_the_older_file(
+    tmp_path: Path, small_disk: object
+) -> None:
+    path = tmp_path / "result"
+    write_whole(path, "older")
+    with pytest.raises(InputError, match=f"cannot write {path}"):
+        write_whole(path, bytes(10_000))
+    assert path.read_text() == "older"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["result"]
+
+
+def test_a_link_is_followed_and_a_device_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to("target")
+    write_whole(tmp_path / "link", "content")
+    assert (tmp_path / "target").read_text() == "content"
+    assert (tmp_path / "link").is_symlink()
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="no regular file"):
+        write_whole(tmp_path / "pipe", "content")
+
+
+def test_a_second_writer_is_told(tmp_path: Path) -> None:
+    target = tmp_path / "new" / "out"
+    code = (
+        "import sys; from pathlib import Path; from uw_visibility.config.files import sole_writer\n"
+        "with sole_writer(Path(sys.argv[1])): pass"
+    )
+    with sole_writer(target):
+        other = subprocess.run(
+            [sys.executable, "-c", code, str(target)], capture_output=True, text=True
+        )
+        assert other.returncode != 0 and f"another run writes {target}" in other.stderr
+        with pytest.raises(InputError), sole_writer(target):
+            pass
+    assert subprocess.run([sys.executable, "-c", code, str(target)]).returncode == 0
+    assert not list(target.parent.iterdir())
+
+
+def test_of_many_writers_one_at_a_time_is_inside(tmp_path: Path) -> None:
+    inside = most = done = 0
+
+    def work() -> None:
+        nonlocal inside, most, done
+        while True:
+            try:
+                with sole_writer(tmp_path / "out"):
+                    inside += 1
+                    most = max(most, inside)
+                    inside -= 1
+                    done += 1
+                    return
+            except InputError:
+                continue
+
+    threads = [threading.Thread(target=work) for _ in range(16)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (done, most) == (16, 1)

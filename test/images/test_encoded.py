@@ -1,0 +1,104 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Sizes that a few bytes claim, and images of which a part is missing."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+
+from uw_visibility.errors import InputError
+from uw_visibility.images.encoded import TruncatedError, decode, read_header
+
+PIXELS = np.random.default_rng(1).integers(0, 255, (40, 56, 3), np.uint8)
+CODECS = (".png", ".jpg", ".tiff", ".ppm")
+
+
+def encoded(codec: str, pixels: np.ndarray = PIXELS, *options: int) -> bytes:
+    return cv2.imencode(codec, pixels, list(options))[1].tobytes()
+
+
+def with_size(codec: str, width: int, height: int) -> bytes:
+    """Return an image of a few kilobytes that claims a size."""
+    data = bytearray(encoded(codec))
+    if codec == ".png":
+        struct.pack_into(">II", data, 16, width, height)
+        struct.pack_into(">I", data, 29, zlib.crc32(data[12:29]))
+    elif codec == ".jpg":
+        struct.pack_into(">HH", data, data.index(b"\xff\xc0") + 5, height, width)
+    elif codec == ".ppm":
+        return data.replace(b"56 40", f"{width} {height}".encode())
+    else:
+        order = "<" if data[:2] == b"II" else ">"
+        (at,) = struct.unpack_from(f"{order}I", data, 4)
+        for entry in range(struct.unpack_from(f"{order}H", data, at)[0]):
+            place = at + 2 + 12 * entry
+            (tag,) = struct.unpack_from(f"{order}H", data, place)
+            if tag in (256, 257):
+                value = width if tag == 256 else height
+                struct.pack_into(f"{order}HII", data, place + 2, 4, 1, value)
+    return bytes(data)
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_size_is_that_of_the_pixels(codec: str) -> None:
+    data = encoded(codec)
+    assert read_header(data) == (56, 40)
+    assert decode(data).shape == (40, 56, 3)
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_an_absurd_size_is_refused_before_it_takes_memory(codec: str) -> None:
+    for size in ((30_000, 30_000), (65_000, 2000), (0, 40)):
+        with pytest.raises(InputError, match=f"{size[0]}x{size[1]}"):
+            decode(with_size(codec, *size))
+
+
+@pytest.mark.parametrize("options", [
+    (), (cv2.IMWRITE_JPEG_PROGRESSIVE, 1), (cv2.IMWRITE_JPEG_RST_INTERVAL, 2),
+])
+def test_a_jpeg_that_is_cut_off_is_refused_though_its_preview_is_whole(
+    options: tuple[int, ...]
+) -> None:
+    data = encoded(".jpg", PIXELS, *options)
+    preview = encoded(".jpg", PIXELS[:16, :16].copy())
+    # As cameras store it: in a segment before the image (Exif).
+    segment = b"\xff\xe1" + struct.pack(">H", 8 + len(preview)) + b"Exif\0\0" + preview
+    whole = data[:2] + segment + data[2:]
+    np.testing.assert_array_equal(decode(whole), decode(data))
+    # Drivers pad the end.
+    np.testing.assert_array_equal(decode(whole + bytes(100)), decode(data))
+    for share in (0.3, 0.5, 0.9, 0.999):
+        with pytest.raises(TruncatedError):
+            decode(whole[: int(share * len(whole))])
+
+
+def test_a_png_with_a_wrong_byte_is_refused() -> None:
+    data = encoded(".png")
+    for place in (20, len(data) // 2, len(data) - 6):
+        damaged = bytearray(data)
+        damaged[place] ^= 16
+        with pytest.raises(InputError):
+            decode(bytes(damaged))
+    with pytest.raises(TruncatedError):
+        decode(data[:-12])
+
+
+def test_a_jpeg_of_endless_scans_is_refused() -> None:
+    data = encoded(".jpg", PIXELS, cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
+    last = data.rindex(b"\xff\xda")
+    with pytest.raises(InputError, match="scans"):
+        decode(data[:last] + 200 * data[last:-2] + data[-2:])
+
+
+@pytest.mark.parametrize("data", [
+    b"", b"\xff\xd8\xff", b"\xff\xd8\xff\xff" * 100, b"\x89PNG\r\n\x1a\n", b"II*\0",
+    b"II*\0\xff\xff\xff\xff", b"P6 3 2 255\n", b"GIF89a" + bytes(100), bytes(100),
+])
+def test_what_is_no_image_is_refused(data: bytes) -> None:
+    with pytest.raises(InputError):
+        decode(data)

@@ -1,0 +1,190 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""YAML and JSON from outside: read within limits, and refused where they are ambiguous."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from uw_visibility.config.files import read_regular
+from uw_visibility.errors import InputError
+
+# Calibrations and parameters have some kilobytes; metadata of a bag has some for each topic.
+MOST_BYTES = 4 << 20
+DEEPEST = 32
+# A number beyond this is none that a parameter, a size or a count could be.
+LARGEST_INTEGER = 2**63
+LONGEST_NUMBER = 100
+
+
+def read_document(path: str | Path, what: str) -> Any:
+    """Read a file of JSON, by its suffix, or else of YAML.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    what : str
+        What errors call it.
+
+    Returns
+    -------
+    object
+        Dicts, lists and scalars.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read as `parse_yaml` or `parse_json` does; names the file.
+    """
+    content = read_regular(path, MOST_BYTES, what)
+    is_json = Path(path).suffix.lower() == ".json"
+    try:
+        text = content.decode("utf-8-sig")
+        return parse_json(text) if is_json else parse_yaml(text)
+    except ValueError as error:
+        raise InputError(
+            f"{what} {path} is not {'JSON' if is_json else 'YAML'} that can be used: {error}"
+        ) from error
+
+
+def parse_yaml(text: str) -> Any:
+    """Parse YAML, with what ROS 2's own parser takes: no aliases, no tags of programs.
+
+    Parameters
+    ----------
+    text : str
+        One document.
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    InputError
+        If it is not YAML, is nested deeper than `DEEPEST`, repeats a key, refers to
+        another part of itself, or holds an integer beyond 64 bit.
+    """
+    # Imported here, since --help needs none of it.
+    import yaml
+
+    parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    try:
+        # A pass without recursion first: what comes after it follows the nesting.
+        _check_events(yaml, yaml.parse(text, Loader=parser))
+        return yaml.load(text, Loader=_loader(yaml, parser))
+    except InputError:
+        raise
+    except yaml.YAMLError as error:
+        raise InputError(" ".join(str(error).split())) from error
+    except Exception as error:
+        # Scalars that their tag does not fit fail in many ways.
+        raise InputError(f"a value does not fit its type ({type(error).__name__})") from error
+
+
+def _check_events(yaml: Any, events: Any) -> None:
+    depth = 0
+    for event in events:
+        if isinstance(event, yaml.AliasEvent):
+            raise InputError(
+                f"line {event.start_mark.line + 1} refers to another part (*{event.anchor}): "
+                "write the values out"
+            )
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST:
+            raise InputError(f"it is nested deeper than {DEEPEST} levels")
+
+
+def _loader(yaml: Any, parser: Any) -> Any:
+    """Return a loader that takes no key twice and no absurd number."""
+
+    class Loader(parser):  # type: ignore[misc]
+        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+            seen = set()
+            for key, _ in node.value:
+                if isinstance(key, yaml.ScalarNode):
+                    if key.value in seen:
+                        raise InputError(
+                            f"line {key.start_mark.line + 1} gives {key.value!r} a second time: "
+                            "leave one of them"
+                        )
+                    seen.add(key.value)
+            return super().construct_mapping(node, deep)
+
+        def construct_yaml_int(self, node: Any) -> int:
+            self._check_length(node)
+            value = int(super().construct_yaml_int(node))
+            _check_integer(value)
+            return value
+
+        def construct_yaml_float(self, node: Any) -> float:
+            self._check_length(node)
+            return float(super().construct_yaml_float(node))
+
+        def _check_length(self, node: Any) -> None:
+            if len(node.value) > LONGEST_NUMBER:
+                raise InputError(
+                    f"line {node.start_mark.line + 1} has a number of {len(node.value)} characters"
+                )
+
+    Loader.add_constructor("tag:yaml.org,2002:int", Loader.construct_yaml_int)
+    Loader.add_constructor("tag:yaml.org,2002:float", Loader.construct_yaml_float)
+    return Loader
+
+
+def parse_json(text: str) -> Any:
+    """Parse JSON.
+
+    Parameters
+    ----------
+    text : str
+        One value.
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    InputError
+        If it is not JSON (NaN and Infinity are not), is nested too deep, repeats a
+        key, or holds an integer beyond 64 bit.
+    """
+    try:
+        return json.loads(
+            text, object_pairs_hook=_unique, parse_int=_integer, parse_constant=_refuse
+        )
+    except RecursionError as error:
+        raise InputError("it is nested too deep") from error
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in content:
+            raise InputError(f"it gives {name!r} twice: leave one of them")
+        content[name] = value
+    return content
+
+
+def _integer(text: str) -> int:
+    if len(text) > LONGEST_NUMBER:
+        raise InputError(f"it has a number of {len(text)} characters")
+    value = int(text)
+    _check_integer(value)
+    return value
+
+
+def _check_integer(value: int) -> None:
+    if not -LARGEST_INTEGER <= value < LARGEST_INTEGER:
+        raise InputError(f"it has the integer {value}: give one of 64 bit")
+
+
+def _refuse(word: str) -> None:
+    raise InputError(f"it has {word}, which is no number of JSON")

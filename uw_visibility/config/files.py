@@ -1,0 +1,179 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Files of a user: regular ones of a size are read, and results appear whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import stat
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from uw_visibility.errors import InputError
+
+PARTIAL = ".partial"
+# File systems allow 255 bytes to a name.
+LONGEST_STEM = 60
+
+
+def read_regular(path: str | Path, most: int, what: str = "file") -> bytes:
+    """Read a regular file.
+
+    A pipe or a device would make the reader wait for ever, or never end.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    most : int
+        Bytes that are read at most.
+    what : str
+        What errors call the file.
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is no regular file, or is larger; names the file.
+    """
+    try:
+        check_regular(path, what)
+        # Between the look and the opening a pipe may have come into its place.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        with os.fdopen(descriptor, "rb") as file:
+            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                raise InputError(f"{what} {path} is no regular file: give one")
+            # Not its size: some files, as those of /proc, state none.
+            content = file.read(most + 1)
+    except OSError as error:
+        raise InputError(f"cannot read {what} {path}: {error.strerror or error}") from error
+    if len(content) > most:
+        raise InputError(f"{what} {path} is larger than {most} bytes: give a smaller one")
+    return content
+
+
+def check_regular(path: str | Path, what: str = "file") -> None:
+    """Refuse what is no regular file, without opening it.
+
+    Raises
+    ------
+    InputError
+        If it is missing, or a folder, a pipe, a socket or a device.
+    """
+    try:
+        mode = Path(path).stat().st_mode
+    except (OSError, ValueError) as error:
+        # ValueError: names that hold a null character.
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot read {what} {path}: {reason}") from error
+    if stat.S_ISDIR(mode):
+        raise InputError(f"cannot read {what} {path}: {os.strerror(errno.EISDIR)}")
+    if not stat.S_ISREG(mode):
+        raise InputError(f"{what} {path} is no regular file: give one")
+
+
+def write_whole(path: str | Path, content: bytes | str) -> None:
+    """Write a file that appears under its name when all of it is on the disk.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; an older one is replaced.
+    content : bytes or str
+        Text is encoded as UTF-8.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written, as on a full disk; an older file is left as it was.
+    """
+    target = Path(path)
+    aside: Path | None = None
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    try:
+        # A link is kept, and what it leads to is replaced.
+        target = Path(os.path.realpath(target))
+        if target.exists() and not target.is_file():
+            raise InputError(f"cannot write {path}: it is no regular file")
+        aside = aside_of(target)
+        with aside.open("xb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        aside.replace(target)
+    except (OSError, ValueError) as error:
+        if aside is not None:
+            with suppress(OSError):
+                aside.unlink()
+        if isinstance(error, InputError):
+            raise
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot write {path}: {reason}") from error
+
+
+def aside_of(target: Path) -> Path:
+    """Return a new name beside a file or folder, hidden, to write it under."""
+    return target.with_name(f".{target.name[:LONGEST_STEM]}.{uuid.uuid4().hex[:12]}{PARTIAL}")
+
+
+@contextmanager
+def sole_writer(target: Path) -> Iterator[None]:
+    """Keep a folder or file of results to this process; its parent is made where missing.
+
+    Parameters
+    ----------
+    target : Path
+        What is written.
+
+    Raises
+    ------
+    InputError
+        If another process writes it, or the place cannot be written to.
+    """
+    lock = target.with_name(f".{target.name[:LONGEST_STEM]}.lock")
+    try:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = _locked(lock)
+    except BlockingIOError as error:
+        raise InputError(
+            f"another run writes {target}: wait for its end, or give another name"
+        ) from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot write to folder {lock.parent}: {reason}") from error
+    try:
+        yield
+    finally:
+        # While it is held: whoever opened it meanwhile sees that it is gone, and tries again.
+        with suppress(OSError):
+            lock.unlink()
+        os.close(descriptor)
+
+
+def _locked(lock: Path) -> int:
+    while True:
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.fstat(descriptor).st_ino == lock.stat().st_ino:
+                return descriptor
+        except FileNotFoundError:
+            # The run before ended between the two calls.
+            pass
+        except BlockingIOError:
+            os.close(descriptor)
+            raise
+        except OSError as error:
+            if error.errno in (errno.ENOTSUP, errno.ENOLCK, errno.ENOSYS):
+                # Some network file systems know no locks: work goes on without one.
+                return descriptor
+            os.close(descriptor)
+            raise
+        os.close(descriptor)
