@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from uw_visibility.images.chroma import Colour
-from uw_visibility.images.jpeg import jpeg_colour
+from uw_visibility.images.chroma import ChromaImage
+from uw_visibility.images.jpeg import jpeg_chroma
 
 # Pillow's names of the resolution of colour: whole, half across, half both ways.
 LAYOUTS = {"4:4:4": 0, "4:2:2": 1, "4:2:0": 2}
@@ -50,12 +50,12 @@ def halved(pixels: np.ndarray) -> np.ndarray:
     return np.asarray(squares.reshape(height, 2, width, 2, 3).mean(axis=(1, 3)))
 
 
-def as_read(colour: Colour) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
+def as_read(colour: ChromaImage) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
     """Return colour in 8-bit codes, and what brings an image to its scale."""
-    assert colour.image is not None
-    if colour.sampling.scale == 1:
-        return colour.image.astype(float), lambda pixels: pixels.astype(float)
-    return colour.image / 257, halved
+    assert colour.pixels is not None
+    if colour.scale == 1:
+        return colour.pixels.astype(float), lambda pixels: pixels.astype(float)
+    return colour.pixels / 257, halved
 
 
 def deviation(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -70,9 +70,9 @@ def test_red_is_nearer_to_the_scene_than_as_decoded(
 ) -> None:
     pixels = under_water()
     data = compress(pixels, quality, layout, progressive=progressive)
-    colour = jpeg_colour(data)
+    colour = jpeg_chroma(data)
     assert colour is not None
-    assert colour.sampling.scale == (1 if layout == "4:4:4" else 2)
+    assert colour.scale == (1 if layout == "4:4:4" else 2)
     image, scaled = as_read(colour)
     decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
     plain = deviation(scaled(decoded), scaled(pixels))
@@ -80,20 +80,20 @@ def test_red_is_nearer_to_the_scene_than_as_decoded(
     assert found[0] < 0.7 * plain[0]
     assert (found < 1.1 * plain).all()
     # What is left is known.
-    assert colour.sampling.hidden_noise is not None
-    ratio = colour.sampling.hidden_noise / found
+    assert colour.hidden_noise is not None
+    ratio = colour.hidden_noise / found
     assert (ratio > 0.5).all() and (ratio < 2.0).all()
 
 
 def test_nothing_contradicts_the_file() -> None:
     data = compress(under_water(), 80)
-    colour = jpeg_colour(data)
-    assert colour is not None and colour.image is not None
+    colour = jpeg_chroma(data)
+    assert colour is not None and colour.pixels is not None
     file = Image.open(io.BytesIO(data))
     steps = np.array(file.quantization[1]).reshape(8, 8)
     file.draft("YCbCr", (120, 80))
     stored = np.asarray(file).astype(float)
-    red, green, blue = np.moveaxis(colour.image / 257, 2, 0)
+    red, green, blue = np.moveaxis(colour.pixels / 257, 2, 0)
     light = 0.299 * red + 0.587 * green + 0.114 * blue
     moved = 0.0
     for plane, found in ((1, (blue - light) / 1.772), (2, (red - light) / 1.402)):
@@ -112,9 +112,9 @@ def test_a_finer_quality_leaves_less_noise() -> None:
     pixels = under_water()
     noises = []
     for quality in (60, 80, 95, 100):
-        colour = jpeg_colour(compress(pixels, quality))
-        assert colour is not None and colour.sampling.hidden_noise is not None
-        noises.append(colour.sampling.hidden_noise)
+        colour = jpeg_chroma(compress(pixels, quality))
+        assert colour is not None and colour.hidden_noise is not None
+        noises.append(colour.hidden_noise)
     assert (np.diff(noises, axis=0) < 0).all()
 
 
@@ -122,13 +122,13 @@ def test_a_finer_quality_leaves_less_noise() -> None:
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_sizes_that_fill_no_block(shape: tuple[int, int], layout: str) -> None:
     pixels = np.full((*shape, 3), (40, 120, 160), np.uint8)
-    colour = jpeg_colour(compress(pixels, 95, layout))
-    assert colour is not None and colour.image is not None
-    scale = colour.sampling.scale
-    assert colour.image.shape == (shape[0] // scale, shape[1] // scale, 3)
+    colour = jpeg_chroma(compress(pixels, 95, layout))
+    assert colour is not None and colour.pixels is not None
+    scale = colour.scale
+    assert colour.pixels.shape == (shape[0] // scale, shape[1] // scale, 3)
     image, _ = as_read(colour)
     np.testing.assert_allclose(image, np.broadcast_to(pixels[0, 0], image.shape), atol=2)
-    assert not colour.image.flags.writeable
+    assert not colour.pixels.flags.writeable
 
 
 def test_what_holds_no_colour_of_that_kind_is_left_to_its_pixels() -> None:
@@ -143,7 +143,7 @@ def test_what_holds_no_colour_of_that_kind_is_left_to_its_pixels() -> None:
     for data in (
         grey.getvalue(), four.getvalue(), rgb.getvalue(), row, cut, b"\xff\xd8\xff\xe0", b"",
     ):
-        assert jpeg_colour(data) is None
+        assert jpeg_chroma(data) is None
 
 
 def test_an_image_beyond_the_limit_of_pillow_is_left_to_its_pixels(
@@ -151,7 +151,7 @@ def test_an_image_beyond_the_limit_of_pillow_is_left_to_its_pixels(
 ) -> None:
     data = compress(under_water())
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)
-    assert jpeg_colour(data) is None
+    assert jpeg_chroma(data) is None
 
 
 WARM = """
@@ -160,7 +160,7 @@ import sys
 import numpy as np
 
 sys.path.insert(0, {folder!r})
-from test_jpeg import LAYOUTS, compress, jpeg_colour, under_water
+from test_jpeg import LAYOUTS, compress, jpeg_chroma, under_water
 
 from uw_visibility import Pipeline, StereoRig
 from uw_visibility.compute.jit import counts
@@ -170,7 +170,7 @@ pipeline.warm_up((160, 240), compressed=True)
 before = counts.compiled + counts.loaded
 pixels = under_water()
 for layout in LAYOUTS:
-    colour = jpeg_colour(compress(pixels, 95, layout))
+    colour = jpeg_chroma(compress(pixels, 95, layout))
     pipeline.process(pixels, np.roll(pixels, -8, axis=1), colour=colour)
 print(counts.compiled + counts.loaded - before)
 """

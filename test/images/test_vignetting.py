@@ -8,9 +8,8 @@ import pytest
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import CameraConfig
 from uw_visibility.errors import InputError
-from uw_visibility.images.chroma import Colour
+from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.files import write_png
-from uw_visibility.images.sampling import Sampling
 from uw_visibility.images.vignetting import EvenIllumination, illumination
 from uw_visibility.optics.transfer import from_linear, to_linear
 
@@ -129,11 +128,11 @@ def test_colour_at_half_of_the_resolution_is_corrected_as_its_image():
     field = illumination(COEFFICIENTS, SHAPE, CENTRES[0])
     left = seen(light, field)
     half = left.reshape(45, 2, 60, 2, 3).mean(axis=(1, 3))
-    colour = Colour((half + 0.5).astype(np.uint16), Sampling(2))
+    colour = ChromaImage((half + 0.5).astype(np.uint16), 2)
     even = corrector(vignetting=COEFFICIENTS)
     even.correct(left, left)
-    corrected = even.correct_colour(colour)
-    np.testing.assert_allclose(corrected.image / 65535, light[::2, ::2], atol=1e-3)
-    assert corrected.sampling is colour.sampling
-    assert even.correct_colour(None) is None
-    assert corrector().correct_colour(colour) is colour
+    corrected = even.correct_chroma(colour)
+    np.testing.assert_allclose(corrected.pixels / 65535, light[::2, ::2], atol=1e-3)
+    assert corrected.scale == 2
+    assert even.correct_chroma(None) is None
+    assert corrector().correct_chroma(colour) is colour

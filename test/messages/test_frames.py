@@ -88,20 +88,20 @@ def test_colour_of_a_jpeg_is_read_and_rectified_with_its_image() -> None:
     colour = np.dstack([40 + 4 * x, 200 - 5 * y, 60 + 2 * x])
     image = compressed(colour, ".jpg")
     turned = {"r": [-1, 0, 0, 0, -1, 0, 0, 0, 1]}
-    raw = FrameReader(rectify=False).read(frame(left=image, right=image)).colour
+    raw = FrameReader(rectify=False).read(frame(left=image, right=image)).chroma
     pair = FrameReader(rectify=True).read(frame(
         left=image, right=image, left_info=info(0.0, **turned), right_info=info(-5.0, **turned)
     ))
-    assert raw is not None and raw.image is not None
-    assert pair.colour is not None and pair.colour.image is not None
-    np.testing.assert_array_equal(pair.colour.image, raw.image[::-1, ::-1])
-    assert pair.colour.sampling.scale == raw.sampling.scale == 2
+    assert raw is not None and raw.pixels is not None
+    assert pair.chroma is not None and pair.chroma.pixels is not None
+    np.testing.assert_array_equal(pair.chroma.pixels, raw.pixels[::-1, ::-1])
+    assert pair.chroma.scale == raw.scale == 2
     means = pair.left.reshape(12, 2, 16, 2, 3).mean(axis=(1, 3))
-    np.testing.assert_allclose(pair.colour.image / 257, means, atol=4)
+    np.testing.assert_allclose(pair.chroma.pixels / 257, means, atol=4)
 
 
 def test_raw_images_have_no_more_than_their_pixels() -> None:
-    assert FrameReader(rectify=False).read(frame()).colour is None
+    assert FrameReader(rectify=False).read(frame()).chroma is None
 
 
 def test_calibration_is_read_again_only_when_it_changes() -> None:

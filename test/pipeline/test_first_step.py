@@ -72,9 +72,9 @@ def test_a_hand_is_left_out_at_the_size_of_the_images(frame: RenderedFrame) -> N
         for image, at in ((frame.left, 420), (frame.right, 200))
     )
     look = pipeline().first_look(left, right)
-    assert look.valid is not None and look.valid.shape == (362, 644)
-    assert not look.valid[140:260, 370:470].any()
-    assert look.valid[:, :250].all()
+    assert look.view.valid is not None and look.view.valid.shape == (362, 644)
+    assert not look.view.valid[140:260, 370:470].any()
+    assert look.view.valid[:, :250].all()
 
 
 def test_a_mask_stays_where_nothing_is_in_the_way(frame: RenderedFrame) -> None:

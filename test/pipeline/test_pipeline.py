@@ -178,14 +178,14 @@ def test_an_image_is_restored_with_step_1_where_step_2_is_refused(monkeypatch):
     """The estimate stays refused; the image is not handed back as it came."""
     left, right = warm_up_pair((160, 240), np.dtype(np.uint8))
     pipeline = Pipeline(RIG, PipelineConfig.from_parameters({"stereo.max_disparity": 40}))
-    estimate = WaterEstimator.estimate
+    estimate = WaterEstimator.estimate_view
 
-    def only_once(self, image, range_map, valid=None, start=None, *others, **named):
+    def only_once(self, view, range_map, *, start=None, **named):
         if start is not None:
             return WaterEstimate.not_assessable(Status.FIT_FAILED)
-        return estimate(self, image, range_map, valid, start, *others, **named)
+        return estimate(self, view, range_map, start=start, **named)
 
-    monkeypatch.setattr(WaterEstimator, "estimate", only_once)
+    monkeypatch.setattr(WaterEstimator, "estimate_view", only_once)
     refused = pipeline.process(left, right)
     assert refused.status is Status.FIT_FAILED
     assert refused.step1.status is Status.OK

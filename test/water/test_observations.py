@@ -5,15 +5,20 @@
 import numpy as np
 import pytest
 
+from uw_visibility.images.view import View
 from uw_visibility.water.histogram import PIXELS_READ_WHOLE
 from uw_visibility.water.levels import levels
-from uw_visibility.water.observations import observe
+from uw_visibility.water.observations import observe as observe_samples
 
 SETTINGS = {
     "transfer": "linear", "bins": 10, "min_pixels": 20, "edge_tolerance": 10.0,
     "dark_quantile": 0.1, "fewest_dark": 0.5, "bright_quantile": 0.9,
     "plain": True,
 }
+
+
+def observe(image, distance, mask, *, transfer, **settings):
+    return observe_samples(View.of(image, transfer).colour, distance, mask, **settings)
 
 
 def view(dtype=np.uint8, size=(100, 120), seed=0):

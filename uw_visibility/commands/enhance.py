@@ -161,18 +161,18 @@ def _process(
     rig: StereoRig, config: PipelineConfig, left: NDArray[Any], right: NDArray[Any], path: Path
 ) -> FrameResult:
     # Compiled modules load slowly; what is refused before needs none of them.
+    from uw_visibility.images.jpeg import file_chroma
     from uw_visibility.images.pair import check_pair
-    from uw_visibility.messages.chroma import file_colour
     from uw_visibility.pipeline.pipeline import Pipeline
 
     check_pair(left, right)
     if sys.stderr.isatty():
         print("preparing; the first run compiles, for about a minute", file=sys.stderr)
     pipeline = Pipeline(rig, config)
-    colour = file_colour(path, left)
+    chroma = file_chroma(path, left)
     # Without this the report's times would be those of the compiler.
-    pipeline.warm_up((left.shape[0], left.shape[1]), left.dtype, compressed=colour is not None)
-    return pipeline.process(left, right, match_original=True, colour=colour)
+    pipeline.warm_up((left.shape[0], left.shape[1]), left.dtype, compressed=chroma is not None)
+    return pipeline.process(left, right, match_original=True, colour=chroma)
 
 
 def _prepare_folder(folder: Path) -> None:

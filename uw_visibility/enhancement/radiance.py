@@ -90,7 +90,11 @@ class Restorer:
         self._workers = workers or Workers(1)
 
     def restore(
-        self, image: NDArray[np.generic], range_map: NDArray[np.float32], water: Water
+        self,
+        image: NDArray[np.generic],
+        range_map: NDArray[np.float32],
+        water: Water,
+        noise: NDArray[np.float64] | None = None,
     ) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
         """Recover the scene's radiance as an image (eq. 8).
 
@@ -108,6 +112,8 @@ class Restorer:
         water : Water
             `attenuation`, `ambient_light` (the veil B) and, where it is another one,
             `scene_light` (W); three values for a colour image and one for a grey one.
+        noise : (3,) or (1,) float64 ndarray, optional
+            Standard deviation of the image's noise in code values; measured by default.
 
         Returns
         -------
@@ -126,8 +132,9 @@ class Restorer:
         planes = as_channels(image, range_map)
         decode = linear_table(self._transfer, image.dtype)
         channels = prepare(water, planes.shape[2], self._max_gain)
+        noise = noise_stddev(image) if noise is None else noise
         channels = channels.limited_by_noise(
-            irradiance_noise(planes, decode, channels.veil), self._max_noise
+            irradiance_noise(noise, decode, channels.veil), self._max_noise
         )
         enhanced = np.empty(planes.shape, image.dtype)
         limited = np.empty(range_map.shape, np.bool_)
@@ -206,7 +213,7 @@ def prepare(water: Water, count: int, max_gain: float) -> Channels:
 
 
 def irradiance_noise(
-    planes: NDArray[np.generic], decode: NDArray[np.float32], veil: NDArray[np.float32]
+    noise: NDArray[np.float64], decode: NDArray[np.float32], veil: NDArray[np.float32]
 ) -> NDArray[np.float64]:
     """Standard deviation of the irradiance near the veil, where gains are large.
 
@@ -214,8 +221,8 @@ def irradiance_noise(
 
     Parameters
     ----------
-    planes : (H, W, C) ndarray of uint8 or uint16
-        Pixel values.
+    noise : (C,) float64 ndarray
+        Standard deviation in code values.
     decode : float32 ndarray
         Irradiance of each code value.
     veil : (C,) float32 ndarray
@@ -225,8 +232,6 @@ def irradiance_noise(
     -------
     (C,) float64 ndarray
     """
-    count = planes.shape[2]
-    noise = noise_stddev(planes if count == 3 else np.repeat(planes, 3, axis=2))[:count]
     codes = np.sqrt(noise**2 + ROUNDING_VARIANCE)
     at = np.clip(np.searchsorted(decode, veil), 1, decode.size - 1)
     return np.asarray(codes * (decode[at] - decode[at - 1]), np.float64)

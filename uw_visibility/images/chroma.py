@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of an image's colour beside its pixels."""
+"""Colour as codecs and mosaics leave it: at its own resolution, with noise that pixels hide."""
 
 from __future__ import annotations
 
@@ -13,35 +13,40 @@ from numpy.typing import NDArray
 
 from uw_visibility.images.noise import BLOCK, SMOOTHEST, noise_stddev
 from uw_visibility.images.pair import read_only
-from uw_visibility.images.sampling import CAMERA, Sampling
 
 
 @dataclass(frozen=True, eq=False)
-class Colour:
-    """An image's colour at the scale at which it is real.
+class ChromaImage:
+    """Colour at its native (subsampled) resolution, with the codec's noise.
 
     Attributes
     ----------
-    image : (h, w, 3) ndarray of uint8 or uint16, or None
-        RGB at that scale; None where that is the image itself.
-    sampling : Sampling
-        What its pixels are.
+    pixels : (h, w, 3) ndarray of uint8 or uint16, or None
+        RGB at that resolution; None where that is the image itself.
+    scale : int
+        A pixel is the mean of so many times so many of the camera's.
+    hidden_noise : (3,) float64 ndarray or None
+        Standard deviation of R, G, B in 8-bit code values that the smoothest parts of
+        the image do not show: what a codec rounds where there is texture, and what
+        interpolation smooths. None where there is none.
     """
 
-    image: NDArray[Any] | None
-    sampling: Sampling
+    pixels: NDArray[Any] | None
+    scale: int = 1
+    hidden_noise: NDArray[np.float64] | None = None
 
     @property
-    def swapped(self) -> Colour:
+    def swapped(self) -> ChromaImage:
         """The same with red and blue exchanged."""
-        noise = self.sampling.hidden_noise
-        return Colour(
-            None if self.image is None else read_only(np.ascontiguousarray(self.image[..., ::-1])),
-            Sampling(self.sampling.scale, None if noise is None else noise[::-1].copy()),
+        pixels, noise = self.pixels, self.hidden_noise
+        return replace(
+            self,
+            pixels=None if pixels is None else read_only(np.ascontiguousarray(pixels[..., ::-1])),
+            hidden_noise=None if noise is None else noise[::-1].copy(),
         )
 
 
-def mosaic_colour(image: NDArray[Any], pattern: str) -> Colour:
+def mosaic_chroma(image: NDArray[Any], pattern: str) -> ChromaImage:
     """Tell the noise of an image that was interpolated from a mosaic of colours.
 
     Interpolation smooths noise, but leaves each pixel as it was in the channel that the
@@ -57,7 +62,7 @@ def mosaic_colour(image: NDArray[Any], pattern: str) -> Colour:
 
     Returns
     -------
-    Colour
+    ChromaImage
     """
     height, width = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
     cells = np.empty((height // 2, width // 2, 3), image.dtype)
@@ -66,7 +71,7 @@ def mosaic_colour(image: NDArray[Any], pattern: str) -> Colour:
         cells[..., channel] = image[row:height:2, column:width:2, channel]
     noise = _noise_share(image[:height, :width, 1], pattern) * noise_stddev(read_only(cells)) ** 2
     hidden = noise - noise_stddev(read_only(image)) ** 2
-    return Colour(None, Sampling(1, np.sqrt(np.maximum(hidden, 0.0)) / _code(image)))
+    return ChromaImage(None, 1, np.sqrt(np.maximum(hidden, 0.0)) / _code(image))
 
 
 def _noise_share(green: NDArray[Any], pattern: str) -> float:
@@ -102,43 +107,3 @@ def _smoothest(difference: NDArray[np.floating]) -> float:
 def _code(image: NDArray[Any]) -> float:
     """Code values for one of 8 bits."""
     return float((np.iinfo(image.dtype).max + 1) / 256)
-
-
-def sampled(
-    image: NDArray[Any],
-    range_map: NDArray[np.float32],
-    valid: NDArray[np.bool_] | None,
-    colour: Colour | None,
-) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_] | None, Sampling]:
-    """Return image, ranges and valid pixels at the scale at which colour is real.
-
-    Parameters
-    ----------
-    image : (H, W, 3) ndarray
-        RGB.
-    range_map : (H, W) float32 ndarray
-        m; NaN where unknown.
-    valid : (H, W) bool ndarray or None
-        Pixels that count; None for all.
-    colour : Colour or None
-        What is known of the image's colour; None where its pixels say all.
-
-    Returns
-    -------
-    tuple
-        The same at that scale, and its sampling. A pixel's range is the mean of its
-        pixels', unknown where one of them is, and valid where they all are.
-    """
-    if colour is None or colour.image is None:
-        return image, range_map, valid, CAMERA if colour is None else colour.sampling
-    scale = colour.sampling.scale
-    if scale == 1:
-        return colour.image, range_map, valid, colour.sampling
-    height, width = colour.image.shape[:2]
-    rows, columns = slice(height * scale), slice(width * scale)
-    small = cv2.resize(range_map[rows, columns], (width, height), interpolation=cv2.INTER_AREA)
-    if valid is not None:
-        squares = valid[rows, columns].reshape(height, scale, width, scale)
-        valid = np.asarray(squares.all(axis=(1, 3)))
-    sampling = replace(colour.sampling, most_noise=noise_stddev(image) / _code(image))
-    return colour.image, np.asarray(small), valid, sampling

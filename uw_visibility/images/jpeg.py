@@ -10,13 +10,16 @@ from __future__ import annotations
 import io
 import math
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.images.chroma import Colour
+from uw_visibility.config.files import read_regular
+from uw_visibility.images.chroma import ChromaImage
+from uw_visibility.images.encoded import JPEG, MOST_BYTES
 from uw_visibility.images.jpeg_kernels import (
     BLUE_OF_CB,
     GREEN_OF_CB,
@@ -27,7 +30,6 @@ from uw_visibility.images.jpeg_kernels import (
     rounding_variance,
 )
 from uw_visibility.images.pair import read_only
-from uw_visibility.images.sampling import Sampling
 
 _BLOCK = 8
 
@@ -54,7 +56,7 @@ class _File(NamedTuple):
     steps: list[NDArray[np.float64]]  # (8, 8) of Y, Cb, Cr
 
 
-def jpeg_colour(data: bytes) -> Colour | None:
+def jpeg_chroma(data: bytes) -> ChromaImage | None:
     """Read the colour of a JPEG at the resolution that it is stored with.
 
     Parameters
@@ -64,7 +66,7 @@ def jpeg_colour(data: bytes) -> Colour | None:
 
     Returns
     -------
-    Colour or None
+    ChromaImage or None
         Of half of the image's resolution in 16 bit, or of all of it in 8 bit. None
         where the file holds no colour, or holds it in a form that is not known: what
         its pixels say has to do.
@@ -88,19 +90,45 @@ def jpeg_colour(data: bytes) -> Colour | None:
     )
     variances = [rounding_variance(missed[c], beyond[c], steps[c], True) for c in range(2)]
     noise = _noise(_light_variance(file), variances, slope)
-    return Colour(read_only(colour), Sampling(scale, noise))
+    return ChromaImage(read_only(colour), scale, noise)
 
 
-def warm_up_colour(image: NDArray[np.uint8]) -> Colour | None:
+def file_chroma(path: str | Path, pixels: NDArray[Any]) -> ChromaImage | None:
+    """Read the colour of the file that an image was read from.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of any format.
+    pixels : ndarray
+        ``(H, W, 3)`` or ``(H, W)``, what was read of it.
+
+    Returns
+    -------
+    ChromaImage or None
+        None where the pixels say all that there is.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    if pixels.ndim == 2:
+        return None
+    data = read_regular(path, MOST_BYTES, "image")
+    return jpeg_chroma(data) if data.startswith(JPEG) else None
+
+
+def warm_up_chroma(image: NDArray[np.uint8]) -> ChromaImage | None:
     """Compile what is not compiled yet, and return an image's colour as a JPEG of it has it."""
     from PIL import Image
 
-    colour = None
+    chroma = None
     for sampling in _LAYOUTS:
         file = io.BytesIO()
         Image.fromarray(image).save(file, "JPEG", quality=95, subsampling=sampling)
-        colour = jpeg_colour(file.getvalue())
-    return colour
+        chroma = jpeg_chroma(file.getvalue())
+    return chroma
 
 
 def _read(data: bytes) -> _File | None:

@@ -28,27 +28,28 @@ def noise_stddev(image: NDArray[Any]) -> NDArray[np.float64]:
 
     Parameters
     ----------
-    image : (H, W, 3) uint8 or uint16 ndarray
+    image : (H, W, 3) or (H, W) ndarray of uint8 or uint16
         Code values.
 
     Returns
     -------
-    (3,) float64 ndarray
-        In code values, without what rounding adds; 0 for an image smaller
+    (3,) or (1,) float64 ndarray
+        Of each channel in code values, without what rounding adds; 0 for an image smaller
         than a block.
     """
-    height, width = image.shape[:2]
+    planes = image[..., np.newaxis] if image.ndim == 2 else image
+    height, width, channels = planes.shape
+    result = np.zeros(channels)
     if min(height, width) < BLOCK + 2:
-        return np.zeros(3)
+        return result
     stride = max(BLOCK, int(np.sqrt(height * width / BLOCKS)))
     rows = (height - BLOCK - 2) // stride + 1
     columns = (width - BLOCK - 2) // stride + 1
-    variances = np.zeros((rows * columns, 3))
-    _block_variances(image, stride, columns, variances)
+    variances = np.zeros((rows * columns, channels))
+    _block_variances(planes, stride, columns, variances)
     # The mean of four neighbours adds a quarter of the variance; blocks of one
     # value, as in padding, hold no noise to measure.
-    result = np.zeros(3)
-    for channel in range(3):
+    for channel in range(channels):
         alive = variances[variances[:, channel] > 0, channel]
         if len(alive):
             variance = _smoothest(alive) / 1.25
@@ -70,17 +71,13 @@ def _block_variances(image: Any, stride: int, columns: int, variances: Any) -> N
     for block in range(len(variances)):
         top = 1 + (block // columns) * stride
         left = 1 + (block % columns) * stride
-        red = green = blue = np.int64(0)
-        for y in range(top, top + BLOCK):
-            for x in range(left, left + BLOCK):
-                red += _squared_difference(image, y, x, 0)
-                green += _squared_difference(image, y, x, 1)
-                blue += _squared_difference(image, y, x, 2)
-        # Differences are four times those from the mean of four.
-        pixels = 16.0 * BLOCK * BLOCK
-        variances[block, 0] = red / pixels
-        variances[block, 1] = green / pixels
-        variances[block, 2] = blue / pixels
+        for channel in range(image.shape[2]):
+            total = np.int64(0)
+            for y in range(top, top + BLOCK):
+                for x in range(left, left + BLOCK):
+                    total += _squared_difference(image, y, x, channel)
+            # Differences are four times those from the mean of four.
+            variances[block, channel] = total / (16.0 * BLOCK * BLOCK)
 
 
 @njit(nogil=True)

@@ -15,7 +15,7 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import CameraConfig
 from uw_visibility.errors import InputError
-from uw_visibility.images.chroma import Colour
+from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.files import read_image
 from uw_visibility.images.pair import read_only
 from uw_visibility.optics.transfer import encode_table, linear_table, to_linear
@@ -86,16 +86,16 @@ class EvenIllumination:
         )
         return first, second
 
-    def correct_colour(self, colour: Colour | None) -> Colour | None:
+    def correct_chroma(self, chroma: ChromaImage | None) -> ChromaImage | None:
         """Return the colour of the left image of the pair corrected last, as `correct` does."""
-        if colour is None or colour.image is None or not self.needed:
-            return colour
-        scale = colour.sampling.scale
-        height, width = colour.image.shape[:2]
+        if chroma is None or chroma.pixels is None or not self.needed:
+            return chroma
+        scale = chroma.scale
+        height, width = chroma.pixels.shape[:2]
         whole = self._gains[0][: height * scale, : width * scale]
         gain = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
         gain = gain.reshape(height, width, whole.shape[2])
-        return replace(colour, image=self._apply(colour.image, gain))
+        return replace(chroma, pixels=self._apply(chroma.pixels, gain))
 
     def _gain(self, side: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
         field = self._fields[side]

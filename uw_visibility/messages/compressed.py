@@ -18,9 +18,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError, printable
+from uw_visibility.images.chroma import ChromaImage, mosaic_chroma
 from uw_visibility.images.encoded import JPEG, PNG, TruncatedError, decode, read_header
-from uw_visibility.messages.chroma import read_format
+from uw_visibility.images.jpeg import jpeg_chroma
 from uw_visibility.messages.images import ENCODINGS
+
+
+def read_format(kind: str) -> tuple[str, bool]:
+    """Read the format of a ``sensor_msgs/CompressedImage``.
+
+    Parameters
+    ----------
+    kind : str
+        Such as ``rgb8; jpeg compressed bgr8``.
+
+    Returns
+    -------
+    original : str
+        Encoding of the image that was compressed, or the codec where that is all.
+    swapped : bool
+        Whether the codec, which takes its input for BGR, was handed RGB, as by old
+        publishers.
+    """
+    original, _, compression = (part.strip() for part in kind.partition(";"))
+    return original, "compressed rgb" in compression
 
 
 def read_compressed(message: Any, name: str = "image") -> tuple[NDArray[Any], str]:
@@ -63,6 +84,35 @@ def read_compressed(message: Any, name: str = "image") -> tuple[NDArray[Any], st
         return np.ascontiguousarray(stored[..., :3]), f"{order}{bits}"
     conversion = cv2.COLOR_BGR2RGB if stored.shape[2] == 3 else cv2.COLOR_BGRA2RGB
     return cv2.cvtColor(stored, conversion), f"{order}{bits}"
+
+
+def message_chroma(message: Any, pixels: NDArray[Any]) -> ChromaImage | None:
+    """Read an image's colour as its codec or mosaic left it.
+
+    Parameters
+    ----------
+    message : object
+        A ``sensor_msgs/Image`` or ``CompressedImage`` of rclpy or rosbags.
+    pixels : ndarray
+        What was read of it.
+
+    Returns
+    -------
+    ChromaImage or None
+        None where the pixels say all that there is.
+    """
+    if pixels.ndim == 2:
+        return None
+    kind = str(getattr(message, "format", ""))
+    original, swapped = read_format(kind)
+    if kind and bytes(message.data[: len(JPEG)]) == JPEG:
+        chroma = jpeg_chroma(bytes(message.data))
+        if chroma is not None:
+            return chroma.swapped if swapped else chroma
+    encoding = original or str(getattr(message, "encoding", ""))
+    if encoding.startswith("bayer_"):
+        return mosaic_chroma(pixels, encoding.removeprefix("bayer_")[:4])
+    return None
 
 
 def read_size(message: Any, name: str = "image") -> tuple[int, int]:

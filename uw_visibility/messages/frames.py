@@ -4,17 +4,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
-from uw_visibility.images.chroma import Colour
+from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import read_only
-from uw_visibility.messages.chroma import message_colour
-from uw_visibility.messages.compressed import read_compressed, read_size
+from uw_visibility.messages.compressed import message_chroma, read_compressed, read_size
 from uw_visibility.messages.images import image_view, output_encoding, read_image
 from uw_visibility.stereo.calibration import image_size
 from uw_visibility.stereo.rig import Rectifier, StereoRig
@@ -48,8 +47,8 @@ class StereoPair:
         (x, y, width, height) of the smallest window that holds all of `valid`.
     encodings : tuple of str
         How the enhanced left and right image are to be encoded.
-    colour : Colour or None
-        What is known of the left image's colour beside its pixels.
+    chroma : ChromaImage or None
+        Colour of the left image as its codec left it; None where its pixels say all.
     """
 
     left: NDArray[Any]
@@ -58,7 +57,7 @@ class StereoPair:
     valid: NDArray[np.bool_] | None
     valid_window: tuple[int, int, int, int]
     encodings: tuple[str, str]
-    colour: Colour | None = None
+    chroma: ChromaImage | None = None
 
 
 class FrameReader:
@@ -113,16 +112,16 @@ class FrameReader:
         encodings = left_encoding, right_encoding
         _check_pair(left, right, encodings)
         rig = self._calibrate(frame)
-        colour = message_colour(frame.left, left)
+        chroma = message_chroma(frame.left, left)
         if self._rectifier is None:
             window = (0, 0, left.shape[1], left.shape[0])
-            return StereoPair(left, right, rig, None, window, encodings, colour)
+            return StereoPair(left, right, rig, None, window, encodings, chroma)
         left, right = self._rectifier.rectify(left, right)
-        if colour is not None and colour.image is not None:
-            image = self._rectifier.rectify_reduced(colour.image, colour.sampling.scale)
-            colour = Colour(read_only(image), colour.sampling)
+        if chroma is not None and chroma.pixels is not None:
+            pixels = self._rectifier.rectify_reduced(chroma.pixels, chroma.scale)
+            chroma = replace(chroma, pixels=read_only(pixels))
         valid, window = self._rectifier.valid, self._rectifier.valid_window
-        return StereoPair(left, right, rig, valid, window, encodings, colour)
+        return StereoPair(left, right, rig, valid, window, encodings, chroma)
 
     def _calibrate(self, frame: StereoFrame) -> StereoRig:
         key = _calibration_key(frame.left_info) + _calibration_key(frame.right_info)

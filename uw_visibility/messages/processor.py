@@ -58,7 +58,7 @@ class FrameWork:
         with self._pool.pipeline() as pipeline:
             return pipeline.process(
                 pair.left, pair.right, valid=pair.valid, match_original=match_original,
-                enhance=enhanced_sides(topics), confidence=confidence, colour=pair.colour,
+                enhance=enhanced_sides(topics), confidence=confidence, colour=pair.chroma,
             )
 
     def track(self, result: FrameResult) -> FrameResult:

@@ -19,8 +19,8 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.matting import Matting
 from uw_visibility.errors import InputError
-from uw_visibility.images.chroma import Colour, sampled
 from uw_visibility.images.pair import blindness
+from uw_visibility.images.view import View
 from uw_visibility.pipeline.second_step import (
     FEWEST_SUPPORT_POINTS,
     describe_raw,
@@ -62,8 +62,8 @@ class FirstLook:
         ``(h, w)`` float32, dense, px of the small copies.
     rig : StereoRig
         Geometry of the small copies.
-    valid : ndarray or None
-        ``(H, W)`` bool, the pixels that may tell of the water; None for all.
+    view : View
+        The left view, with the pixels that may tell of the water as its valid ones.
     right_gain : ndarray
         ``(3,)`` or ``(1,)`` float64, irradiance in the right image over that in the left.
     coverage : float
@@ -74,7 +74,7 @@ class FirstLook:
     points: NDArray[np.float32]
     disparity: NDArray[np.float32]
     rig: StereoRig
-    valid: NDArray[np.bool_] | None
+    view: View
     right_gain: NDArray[np.float64]
     coverage: float
 
@@ -111,32 +111,25 @@ class FirstStep:
         self._matcher = Matcher(small, limits, stereo, workers)
         self._contrast = (EvenContrast(small), EvenContrast(small))
         self._matting = Matting(config.enhancement, workers)
-        self._transfer = config.camera.transfer
         self._workers = workers
 
     def look(
         self,
-        left: NDArray[Any],
-        right: NDArray[Any],
-        valid: NDArray[np.bool_] | None,
+        left: View,
+        right: View,
         estimator: WaterEstimator,
         clock: StageClock,
-        colour: Colour | None = None,
     ) -> FirstLook:
         """Take a first look at a pair.
 
         Parameters
         ----------
-        left, right : ndarray
-            ``(H, W, 3)`` RGB or ``(H, W)`` grey; uint8 or uint16.
-        valid : ndarray or None
-            ``(H, W)`` bool, the pixels of the left image that show the scene.
+        left, right : View
+            The pair.
         estimator : WaterEstimator
             What reads the water.
         clock : StageClock
             Times the stages.
-        colour : Colour or None
-            What is known of the left image's colour beside its pixels.
 
         Returns
         -------
@@ -147,19 +140,19 @@ class FirstStep:
         InputError
             If the images are dark, saturated or of one colour, or exchanged.
         """
-        shape = left.shape[:2]
         with clock("support points"):
             small = self._workers.together(
-                lambda: self._reduction.image(left), lambda: self._reduction.image(right)
+                lambda: self._reduction.image(left.pixels),
+                lambda: self._reduction.image(right.pixels),
             )
             describe_raw(self._matcher, self._contrast, small, self._workers)
             support = self._matcher.support_points()
             self._refuse_useless_pair(*small, support)
 
-        def unlike_the_scene() -> tuple[NDArray[np.float64], NDArray[np.bool_] | None]:
+        def unlike_the_scene() -> tuple[NDArray[np.float64], View]:
             with clock("gain and foreign things"):
-                gain = right_gain(*small, support.points, self._transfer)
-                return gain, self._without_foreign(valid, small[0], support, shape)
+                gain = right_gain(*small, support.points, left.transfer)
+                return gain, self._without_foreground(left, small[0], support)
 
         def draw_mesh() -> NDArray[np.float32]:
             with clock("coarse disparity"):
@@ -175,46 +168,36 @@ class FirstStep:
 
         def estimate() -> WaterEstimate:
             with clock("visibility estimation 1"):
-                return self._estimate(left, colour, mesh, counted, support, estimator)
+                return self._estimate(counted, mesh, support, estimator)
 
         disparity, water = self._workers.together(refine, estimate)
         return FirstLook(
-            water, self._reduction.whole_points(support.points, shape), disparity,
+            water, self._reduction.whole_points(support.points, left.shape), disparity,
             self._small_rig, counted, gain,
             float(np.count_nonzero(np.isfinite(mesh)) / mesh.size),
         )
 
-    def _without_foreign(
-        self,
-        valid: NDArray[np.bool_] | None,
-        image: NDArray[Any],
-        support: SupportPoints,
-        shape: tuple[int, ...],
-    ) -> NDArray[np.bool_] | None:
+    def _without_foreground(
+        self, view: View, small: NDArray[Any], support: SupportPoints
+    ) -> View:
         """Leave a diver's hand and the like out of the pixels that tell the water."""
-        if image.ndim == 2:
-            return valid
-        found = foreground_mask(image, support.points, self._transfer)
-        foreign = self._reduction.whole_mask(found, shape)
-        if foreign is None:
-            return valid
-        return ~foreign if valid is None else valid & ~foreign
+        if small.ndim == 2:
+            return view
+        found = foreground_mask(small, support.points, view.transfer)
+        return view.without(self._reduction.whole_mask(found, view.shape))
 
     def _estimate(
         self,
-        image: NDArray[Any],
-        colour: Colour | None,
+        view: View,
         mesh: NDArray[np.float32],
-        valid: NDArray[np.bool_] | None,
         support: SupportPoints,
         estimator: WaterEstimator,
     ) -> WaterEstimate:
         if len(support) < FEWEST_SUPPORT_POINTS:
             return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
-        ranges = self._rig.range_from_disparity(self._reduction.disparity(mesh, image.shape[:2]))
-        pixels, ranges, valid, sampling = sampled(image, ranges, valid, colour)
-        return estimator.estimate(
-            pixels, ranges, valid, None, range_error(self._rig, _MESH_DEVIATION), True, sampling,
+        ranges = self._rig.range_from_disparity(self._reduction.disparity(mesh, view.shape))
+        return estimator.estimate_view(
+            view, ranges, range_error=range_error(self._rig, _MESH_DEVIATION), coarse=True,
         )
 
     def _refuse_useless_pair(

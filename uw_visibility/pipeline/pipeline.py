@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.radiance import Restorer
-from uw_visibility.images.chroma import Colour, sampled
+from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import check_pair
+from uw_visibility.images.view import View
 from uw_visibility.images.vignetting import EvenIllumination
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.pipeline.first_step import FirstLook, FirstStep
@@ -114,7 +115,7 @@ class Pipeline:
         enhance: Collection[str] = SIDES,
         stamp: float | None = None,
         confidence: bool = True,
-        colour: Colour | None = None,
+        colour: ChromaImage | None = None,
     ) -> FrameResult:
         """Assess and enhance one rectified pair.
 
@@ -135,9 +136,9 @@ class Pipeline:
             pair neither uses nor changes what earlier ones left.
         confidence : bool
             Whether to rate the disparities.
-        colour : Colour, optional
-            What is known of the left image's colour beside its pixels, which the water
-            is then read from: of a JPEG or a mosaic, see `uw_visibility.images.chroma`.
+        colour : ChromaImage, optional
+            Colour of the left image as its codec left it, which the water is then read
+            from: of a JPEG or a mosaic, see `uw_visibility.images.chroma`.
 
         Returns
         -------
@@ -209,7 +210,9 @@ class Pipeline:
             if self._illumination.needed:
                 left, right = self._illumination.correct(left, right)
             first_step, _ = self._steps_for(left.shape[:2])
-            return first_step.look(left, right, None, self._estimator, StageClock())
+            transfer = self.config.camera.transfer
+            views = View.of(left, transfer), View.of(right, transfer)
+            return first_step.look(*views, self._estimator, StageClock())
 
     def reset_tracking(self) -> None:
         """Forget what earlier frames told of the water."""
@@ -243,9 +246,9 @@ class Pipeline:
             self._process(left, right, None, True, SIDES, True, None)
             if compressed:
                 # Imported here, since images without loss need none of it.
-                from uw_visibility.images.jpeg import warm_up_colour
+                from uw_visibility.images.jpeg import warm_up_chroma
 
-                self._process(left, right, None, False, (), False, warm_up_colour(left))
+                self._process(left, right, None, False, (), False, warm_up_chroma(left))
 
     def _process(
         self,
@@ -255,23 +258,23 @@ class Pipeline:
         match_original: bool,
         enhance: Collection[str],
         confidence: bool,
-        colour: Colour | None,
+        colour: ChromaImage | None,
     ) -> FrameResult:
         first_step, stages = self._steps_for(left.shape[:2])
         clock = StageClock()
         if self._illumination.needed:
             with clock("even illumination"):
                 left, right = self._illumination.correct(left, right)
-                colour = self._illumination.correct_colour(colour)
-        whole_left, whole_right = left, right
+                colour = self._illumination.correct_chroma(colour)
+        transfer = self.config.camera.transfer
+        left_view = View.of(left, transfer, valid, colour)
+        right_view = View.of(right, transfer)
         reduced = self._reduction.factor(left.shape) > 1
         if reduced:
             with clock("reduction"):
                 left, right = self._reduction.image(left), self._reduction.image(right)
 
-        first = first_step.look(
-            whole_left, whole_right, valid, self._estimator, clock, colour
-        )
+        first = first_step.look(left_view, right_view, self._estimator, clock)
         step1, gain = first.water, first.right_gain
         original = None
         if match_original:
@@ -279,14 +282,15 @@ class Pipeline:
                 original = stages.match_raw(left, right)
         with clock("image enhancement 1"):
             stages.describe_restored(left, right, first.disparity, first.rig, step1, gain)
-            points = self._reduction.points(first.points, whole_left.shape)
-            airlight = stages.airlight_prior(left, step1, points)
+            points = self._reduction.points(first.points, left_view.shape)
+            noise = None if reduced else left_view.noise
+            airlight = stages.airlight_prior(left, step1, points, noise)
 
         # Step 2: the restored pair is matched densely, and the water seen again.
         with clock("improved disparity"):
             support = stages.matcher.support_points(airlight, points)
             improved = stages.matcher.dense_disparity(support, airlight, confidence=confidence)
-        size = whole_left.shape
+        size = left_view.shape
         disparity, rated = improved.disparity, improved.confidence
         if reduced:
             with clock("full size"):
@@ -307,22 +311,22 @@ class Pipeline:
             with clock("visibility estimation 2"):
                 if len(support) < FEWEST_SUPPORT_POINTS:
                     return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
-                return self._estimate(whole_left, colour, disparity, first)
+                return self._estimate(disparity, first)
 
         filled, water = self._workers.together(fill, estimate)
         with clock("image enhancement 2"):
             if left.ndim == 2:
-                shown = self._estimate_grey(whole_left, disparity, valid)
+                shown = self._estimate_grey(left_view, disparity)
             else:
                 shown = _first_known(water, step1)
             (range_left, left_enhanced, limited), right_enhanced = self._workers.together(
-                lambda: self._restore_left(whole_left, filled, shown, enhance),
-                lambda: self._restore_right(whole_right, filled, shown, gain, enhance),
+                lambda: self._restore_left(left_view, filled, shown, enhance),
+                lambda: self._restore_right(right_view, filled, shown, gain, enhance),
             )
 
         with clock("assessment"):
             visibility = self._assessor.assess(water)
-        low, high = disparity_limits(self.config, whole_left.shape[1])
+        low, high = disparity_limits(self.config, size[1])
         return FrameResult(
             status=water.status,
             step1=step1,
@@ -359,38 +363,24 @@ class Pipeline:
             self._whole_size = size
         return self._first_step, self._stages
 
-    def _estimate(
-        self,
-        image: NDArray[Any],
-        colour: Colour | None,
-        disparity: NDArray[np.float32],
-        first: FirstLook,
-    ) -> WaterEstimate:
-        pixels, ranges, valid, sampling = sampled(
-            image, self.rig.range_from_disparity(disparity), first.valid, colour
-        )
-        return self._estimator.estimate(
-            pixels, ranges, valid, first.water, range_error(self.rig, _DISPARITY_DEVIATION),
-            sampling=sampling,
+    def _estimate(self, disparity: NDArray[np.float32], first: FirstLook) -> WaterEstimate:
+        return self._estimator.estimate_view(
+            first.view, self.rig.range_from_disparity(disparity), start=first.water,
+            range_error=range_error(self.rig, _DISPARITY_DEVIATION),
         )
 
-    def _estimate_grey(
-        self,
-        image: NDArray[Any],
-        disparity: NDArray[np.float32],
-        valid: NDArray[np.bool_] | None,
-    ) -> _Water:
+    def _estimate_grey(self, view: View, disparity: NDArray[np.float32]) -> _Water:
         """What restores a grey image's contrast: it has no colour to be assessed."""
-        found = self._estimator.estimate_grey(
-            image, self.rig.range_from_disparity(disparity), valid,
-            range_error(self.rig, _DISPARITY_DEVIATION),
+        found = self._estimator.estimate_grey_view(
+            view, self.rig.range_from_disparity(disparity),
+            range_error=range_error(self.rig, _DISPARITY_DEVIATION),
         )
         attenuation, ambient_light = found or (np.nan, np.nan)
         return _Water(np.array([attenuation]), np.array([ambient_light]))
 
     def _restore_left(
         self,
-        image: NDArray[Any],
+        view: View,
         filled: NDArray[np.float32],
         water: _Water,
         enhance: Collection[str],
@@ -399,11 +389,11 @@ class Pipeline:
         range_map = self._range(filled)
         if "left" not in enhance:
             return range_map, _NOT_WANTED, _NOT_WANTED.astype(bool)
-        return range_map, *self._restorer.restore(image, range_map, water)
+        return range_map, *self._restorer.restore(view.pixels, range_map, water, view.noise)
 
     def _restore_right(
         self,
-        image: NDArray[Any],
+        view: View,
         filled: NDArray[np.float32],
         water: _Water,
         gain: NDArray[np.float64],
@@ -413,7 +403,7 @@ class Pipeline:
             return _NOT_WANTED
         range_map = self._range(in_right_view(filled, self._workers))
         brighter = _Water(water.attenuation, gain * water.ambient_light)
-        restored, _ = self._restorer.restore(image, range_map, brighter)
+        restored, _ = self._restorer.restore(view.pixels, range_map, brighter, view.noise)
         return restored
 
     def _range(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -114,12 +114,16 @@ class Stages:
         self._workers.together(lambda: describe(0, left), lambda: describe(1, right))
 
     def airlight_prior(
-        self, left: NDArray[Any], water: WaterEstimate, points: NDArray[np.float32]
+        self,
+        left: NDArray[Any],
+        water: WaterEstimate,
+        points: NDArray[np.float32],
+        noise: NDArray[np.float64] | None = None,
     ) -> AirlightPrior | None:
         """Bound ranges by the light that the water adds, as far as matches ``(N, 3)`` agree."""
         if left.ndim == 2 or not self._airlight_used:
             return None
-        return self._airlight.prior(left, water, points)
+        return self._airlight.prior(left, water, points, noise)
 
     def fill(self, match: DenseMatch) -> NDArray[np.float32]:
         """Fill gaps of the left view's disparity, then large areas."""

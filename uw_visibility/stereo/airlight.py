@@ -103,7 +103,11 @@ class Airlight:
         self._farthest = np.empty(shape, np.float32)
 
     def prior(
-        self, image: NDArray[Any], water: UncertainWater, points: NDArray[np.float32]
+        self,
+        image: NDArray[Any],
+        water: UncertainWater,
+        points: NDArray[np.float32],
+        noise: NDArray[np.float64] | None = None,
     ) -> AirlightPrior | None:
         """Bound the range of each pixel.
 
@@ -116,6 +120,9 @@ class Airlight:
         points : ndarray
             ``(N, 3)`` float32: column, row and disparity, px, of matches that the
             bound is scaled to hold for, narrowly.
+        noise : ndarray, optional
+            ``(3,)`` float64, standard deviation of the image's noise in code values;
+            measured by default.
 
         Returns
         -------
@@ -123,7 +130,8 @@ class Airlight:
             Until the next call. None where the water is unknown, or explains the
             matches too badly.
         """
-        table = _range_table(image, water, self._transfer)
+        noise = noise_stddev(image) if noise is None else noise
+        table = _range_table(image.dtype, noise, water, self._transfer)
         bounding = np.isfinite(table).any(axis=1)
         if not bounding.any():
             return None
@@ -153,15 +161,15 @@ class Airlight:
 
 
 def _range_table(
-    image: NDArray[Any], water: UncertainWater, transfer: str
+    dtype: np.dtype[Any], noise: NDArray[np.float64], water: UncertainWater, transfer: str
 ) -> NDArray[np.float64]:
     """Farthest range of each code value, ``(3, N)``, m; inf without bound."""
-    decode = linear_table(transfer, image.dtype).astype(np.float64)
+    decode = linear_table(transfer, dtype).astype(np.float64)
     step = max(decode.size // _TABLE, 1)
     # The brightest of the codes that share an entry bounds the least.
     light = decode[step - 1 :: step]
     slope = np.gradient(light) / step
-    noise = np.hypot(noise_stddev(image), _ROUNDING)
+    noise = np.hypot(noise, _ROUNDING)
     table = np.full((3, light.size), np.inf)
     for channel in range(3):
         attenuation, ambient = water.attenuation[channel], water.ambient_light[channel]

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.config.schema import WaterConfig
 from uw_visibility.errors import InputError
-from uw_visibility.images.sampling import CAMERA, Sampling
+from uw_visibility.images.view import ColourSamples, View
 from uw_visibility.status import Status
 from uw_visibility.water.fit import Fit, fit_plain
 from uw_visibility.water.lower_envelope import fit_lower_envelope
@@ -132,9 +132,8 @@ class WaterEstimator:
         start: WaterEstimate | None = None,
         range_error: float = 0.0,
         coarse: bool = False,
-        sampling: Sampling = CAMERA,
     ) -> WaterEstimate:
-        """Estimate attenuation and ambient light.
+        """Estimate attenuation and ambient light from plain arrays.
 
         Parameters
         ----------
@@ -153,8 +152,6 @@ class WaterEstimator:
             ranges, which hold up to the edges of things.
         coarse : bool
             Whether ranges are interpolated between points, as in a mesh.
-        sampling : Sampling
-            What the image's pixels are.
 
         Returns
         -------
@@ -165,12 +162,36 @@ class WaterEstimator:
         InputError
             If shapes or types do not fit.
         """
-        _check(image, range_map, valid)
-        if image.ndim == 2 or image.shape[2] == 1:
+        view = self._as_view(image, range_map, valid)
+        return self.estimate_view(
+            view, range_map, start=start, range_error=range_error, coarse=coarse)
+
+    def estimate_view(
+        self,
+        view: View,
+        range_map: NDArray[np.floating],
+        *,
+        start: WaterEstimate | None = None,
+        range_error: float = 0.0,
+        coarse: bool = False,
+    ) -> WaterEstimate:
+        """Estimate attenuation and ambient light from a view, whose noise is known.
+
+        Parameters
+        ----------
+        view : View
+            A grey one has no colour and is not assessable.
+        range_map, start, range_error, coarse
+            See `estimate`.
+
+        Returns
+        -------
+        WaterEstimate
+        """
+        if view.colour is None:
             return WaterEstimate.not_assessable(Status.NO_COLOUR)
-        codes, envelope = self._observe(
-            image, range_map, valid, range_error, coarse, sampling)
-        reason = self._refuse_frame(codes, envelope, sampling)
+        envelope = self._observe(view.colour, range_map, view.valid, range_error, coarse)
+        reason = self._refuse_frame(view.colour, envelope)
         if reason is Status.OK and envelope.grey:
             reason = Status.NO_COLOUR
         if reason is not Status.OK:
@@ -222,10 +243,22 @@ class WaterEstimator:
         InputError
             If shapes or types do not fit.
         """
-        _check(image, range_map, valid)
-        codes, envelope = self._observe(
-            np.dstack((image,) * 3), range_map, valid, range_error, coarse, CAMERA)
-        if self._refuse_frame(codes, envelope, CAMERA) is not Status.OK:
+        view = self._as_view(image, range_map, valid)
+        return self.estimate_grey_view(view, range_map, range_error=range_error, coarse=coarse)
+
+    def estimate_grey_view(
+        self,
+        view: View,
+        range_map: NDArray[np.floating],
+        *,
+        range_error: float = 0.0,
+        coarse: bool = False,
+    ) -> tuple[float, float] | None:
+        """Estimate attenuation and ambient light of a grey view; see `estimate_grey`."""
+        samples = ColourSamples(
+            np.dstack((view.pixels,) * 3), view.transfer, np.repeat(view.noise, 3))
+        envelope = self._observe(samples, range_map, view.valid, range_error, coarse)
+        if self._refuse_frame(samples, envelope) is not Status.OK:
             return None
         if refuse_channel(envelope, 0) is not Status.OK:
             return None
@@ -236,41 +269,46 @@ class WaterEstimator:
         attenuation, ambient_light = fit.parameters[0]
         return float(attenuation), float(ambient_light)
 
-    def _observe(
+    def _as_view(
         self,
         image: NDArray[Any],
         range_map: NDArray[np.floating],
         valid: NDArray[np.bool_] | None,
+    ) -> View:
+        _check(image, range_map, valid)
+        image = image[..., 0] if image.shape[2:] == (1,) else image
+        codes, transfer = _codes(image, self._transfer)
+        return View.of(codes, transfer, valid)
+
+    def _observe(
+        self,
+        samples: ColourSamples,
+        range_map: NDArray[np.floating],
+        valid: NDArray[np.bool_] | None,
         range_error: float,
         coarse: bool,
-        sampling: Sampling,
-    ) -> tuple[NDArray[Any], Envelopes]:
+    ) -> Envelopes:
         config = self._config
-        codes, transfer = _codes(image, self._transfer)
         plain = config.method == "paper"
         dark_quantile, fewest_dark = PLAIN_DARK if plain else COARSE_DARK if coarse else DARK
-        envelope = observe(
-            codes,
-            np.ascontiguousarray(range_map, dtype=np.float32),
+        ranges, valid = samples.reduce(np.asarray(range_map, dtype=np.float32), valid)
+        return observe(
+            samples,
+            np.ascontiguousarray(ranges),
             None if valid is None else np.ascontiguousarray(valid),
-            transfer=transfer,
             bins=config.bins,
-            min_pixels=int(sampling.pixels(config.min_bin_pixels)),
+            min_pixels=int(samples.count(config.min_bin_pixels)),
             edge_tolerance=config.edge_tolerance,
             dark_quantile=dark_quantile,
-            fewest_dark=sampling.pixels(fewest_dark),
+            fewest_dark=samples.count(fewest_dark),
             bright_quantile=BRIGHT_QUANTILE,
             range_error=range_error,
             plain=plain,
-            sampling=sampling,
         )
-        return codes, envelope
 
-    def _refuse_frame(
-        self, codes: NDArray[Any], envelope: Envelopes, sampling: Sampling
-    ) -> Status:
-        fewest = int(sampling.pixels(self._config.min_bin_pixels))
-        return refuse_frame(envelope, codes, fewest, self._config.min_range_ratio)
+    def _refuse_frame(self, samples: ColourSamples, envelope: Envelopes) -> Status:
+        fewest = int(samples.count(self._config.min_bin_pixels))
+        return refuse_frame(envelope, samples.pixels, fewest, self._config.min_range_ratio)
 
     def _fit(
         self,

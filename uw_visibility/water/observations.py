@@ -6,15 +6,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.quantiles import normal_quantile
-from uw_visibility.images.noise import noise_stddev
-from uw_visibility.images.sampling import CAMERA, Sampling
+from uw_visibility.images.view import ColourSamples
 from uw_visibility.water.histogram import CELL_BITS, CELLS, accumulate, take_quantiles
 from uw_visibility.water.levels import LEVELS_16_BIT, LEVELS_OF_MEANS, levels
 
@@ -91,11 +89,10 @@ class Envelopes:
 
 
 def observe(
-    image: NDArray[Any],
+    samples: ColourSamples,
     range_map: NDArray[np.float32],
     valid: NDArray[np.bool_] | None,
     *,
-    transfer: str,
     bins: int,
     min_pixels: int,
     edge_tolerance: float,
@@ -104,20 +101,17 @@ def observe(
     bright_quantile: float,
     range_error: float = 0.0,
     plain: bool = False,
-    sampling: Sampling = CAMERA,
 ) -> Envelopes:
     """Bin pixels by range and take the quantiles of each bin and channel (eq. 4-5).
 
     Parameters
     ----------
-    image : (H, W, 3) uint8 or uint16 ndarray
-        RGB code values.
+    samples : ColourSamples
+        The pixels, their transfer and noise.
     range_map : (H, W) float32 ndarray
         Range, m; NaN (or anything not above 0) where unknown.
     valid : (H, W) bool ndarray or None
         Pixels that may count; None for all.
-    transfer : str
-        ``"linear"`` or ``"srgb"``.
     bins : int
         Range bins, of equal ratio.
     min_pixels : int
@@ -134,8 +128,6 @@ def observe(
     plain : bool
         Whether to do as the paper does: equally wide bins of all pixels,
         without regard to edges and noise.
-    sampling : Sampling
-        What the pixels are.
 
     Returns
     -------
@@ -143,14 +135,9 @@ def observe(
         Perhaps without any bin. Padded pixels (0 in all channels) do not
         count, nor do saturated channels.
     """
-    means = sampling.scale > 1
-    table = levels(transfer, image.dtype, LEVELS_OF_MEANS if means else LEVELS_16_BIT)
+    image, noise, means = samples.pixels, samples.noise, samples.scale > 1
+    table = levels(samples.transfer, image.dtype, LEVELS_OF_MEANS if means else LEVELS_16_BIT)
     code_8_bit = len(table.of_code) // 256
-    noise = noise_stddev(image)
-    if sampling.most_noise is not None:
-        noise = np.minimum(noise, code_8_bit * sampling.most_noise)
-    if sampling.hidden_noise is not None:
-        noise = np.hypot(noise, code_8_bit * sampling.hidden_noise)
     left = np.zeros((3, 1)) if plain else noise[:, np.newaxis]
     worst = noise.max() / code_8_bit
     filtered = not plain and worst > NOISY[0]
@@ -169,7 +156,7 @@ def observe(
         image, range_map, _inverse(range_map), mask, valid is not None, table.of_code,
         np.float32(low), np.float32(1 / metres_per_cell), _bins_of_cells(low, high, bins, plain),
         np.float32(np.inf if plain else edge_tolerance), np.float32(range_error),
-        (0, 0) if plain else _margins(range_error, filtered, sampling), histogram,
+        (0, 0) if plain else _margins(range_error, filtered, samples), histogram,
     )
     counts = histogram >> CELL_BITS
     count = counts[:, 0].sum(axis=1)
@@ -232,10 +219,10 @@ def _noise_shift(
     return np.asarray(outer * noise * steepness)
 
 
-def _margins(range_error: float, filtered: bool, sampling: Sampling) -> tuple[int, int]:
+def _margins(range_error: float, filtered: bool, samples: ColourSamples) -> tuple[int, int]:
     margins = MARGINS_FILTERED if filtered else MARGINS_EXACT
     near, far = MARGINS_MEASURED if range_error > 0 else margins
-    return sampling.margin(near), sampling.margin(far)
+    return samples.margin(near), samples.margin(far)
 
 
 def _inverse(range_map: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -1,0 +1,25 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Names for the arrays of one frame, by what they hold."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image: TypeAlias = NDArray[Any]
+"""``(H, W, 3)`` RGB or ``(H, W)`` grey; uint8 or uint16 code values."""
+
+Mask: TypeAlias = NDArray[np.bool_]
+"""``(H, W)`` bool."""
+
+RangeMap: TypeAlias = NDArray[np.float32]
+"""``(H, W)`` float32, Euclidean distance along the line of sight, m; NaN where unknown."""
+
+DisparityMap: TypeAlias = NDArray[np.float32]
+"""``(H, W)`` float32, left-referenced, px; NaN where unmatched."""
+
+PerChannel: TypeAlias = NDArray[np.float64]
+"""``(3,)`` float64 for R, G, B, or ``(1,)`` for grey."""

@@ -1,0 +1,153 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""One image of a frame, with what belongs to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from uw_visibility.images.arrays import Image, Mask, PerChannel, RangeMap
+from uw_visibility.images.chroma import ChromaImage
+from uw_visibility.images.noise import noise_stddev
+
+
+@dataclass(frozen=True, eq=False)
+class ColourSamples:
+    """Pixels at the resolution at which their colour was measured, with their noise.
+
+    Attributes
+    ----------
+    pixels : (h, w, 3) ndarray of uint8 or uint16
+        RGB code values.
+    transfer : str
+        How they follow light: ``"linear"`` or ``"srgb"``.
+    noise : (3,) float64 ndarray
+        Standard deviation of R, G, B in code values, with what a codec or the
+        interpolation of a mosaic hides.
+    scale : int
+        A sample is the mean of so many times so many of the camera's pixels.
+    """
+
+    pixels: Image
+    transfer: str
+    noise: PerChannel
+    scale: int = 1
+
+    def count(self, pixels: float) -> float:
+        """Return how many samples show as much as a number of the camera's pixels; at least 1."""
+        return max(pixels / self.scale**2, 1.0)
+
+    def margin(self, pixels: int) -> int:
+        """Return a distance in the camera's pixels as one in samples, rounded up."""
+        return -(-pixels // self.scale)
+
+    def reduce(self, range_map: RangeMap, valid: Mask | None) -> tuple[RangeMap, Mask | None]:
+        """Return the range of each sample, and which of them count.
+
+        Parameters
+        ----------
+        range_map : (H, W) float32 ndarray
+            Of the camera's pixels, m; NaN where unknown.
+        valid : (H, W) bool ndarray or None
+            Pixels that count; None for all.
+
+        Returns
+        -------
+        tuple
+            A sample's range is the mean of its pixels', unknown where one of them is; it
+            counts where they all do.
+        """
+        if self.scale == 1:
+            return range_map, valid
+        scale = self.scale
+        height, width = self.pixels.shape[:2]
+        rows, columns = slice(height * scale), slice(width * scale)
+        small = cv2.resize(range_map[rows, columns], (width, height), interpolation=cv2.INTER_AREA)
+        if valid is not None:
+            squares = valid[rows, columns].reshape(height, scale, width, scale)
+            valid = np.asarray(squares.all(axis=(1, 3)))
+        return np.asarray(small), valid
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One image with its valid pixels, transfer, noise and colour; see `View.of`.
+
+    Attributes
+    ----------
+    pixels : (H, W, 3) or (H, W) ndarray of uint8 or uint16
+        RGB or grey code values.
+    transfer : str
+        How they follow light: ``"linear"`` or ``"srgb"``.
+    valid : (H, W) bool ndarray or None
+        Pixels that show the scene; None for all.
+    noise : (3,) or (1,) float64 ndarray
+        Standard deviation of the noise that the pixels show, in code values.
+    colour : ColourSamples or None
+        What the water is read from; None for a grey image.
+    """
+
+    pixels: Image
+    transfer: str
+    valid: Mask | None
+    noise: PerChannel
+    colour: ColourSamples | None
+
+    @classmethod
+    def of(
+        cls,
+        pixels: Image,
+        transfer: str = "linear",
+        valid: Mask | None = None,
+        chroma: ChromaImage | None = None,
+    ) -> View:
+        """Measure an image's noise, once, and find where its colour is to be read.
+
+        Parameters
+        ----------
+        pixels, transfer, valid
+            See above.
+        chroma : ChromaImage, optional
+            Colour as the codec left it; the pixels say all by default.
+        """
+        noise = noise_stddev(pixels)
+        colour = None if pixels.ndim == 2 else _samples(pixels, transfer, noise, chroma)
+        return cls(pixels, transfer, valid, noise, colour)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width, px."""
+        return self.pixels.shape[0], self.pixels.shape[1]
+
+    def without(self, mask: Mask | None) -> View:
+        """Return the view whose valid pixels are those outside of a mask; None is an empty one."""
+        if mask is None:
+            return self
+        return replace(self, valid=~mask if self.valid is None else self.valid & ~mask)
+
+
+def _samples(
+    pixels: Image, transfer: str, noise: PerChannel, chroma: ChromaImage | None
+) -> ColourSamples:
+    if chroma is None:
+        return ColourSamples(pixels, transfer, noise)
+    samples = pixels
+    if chroma.pixels is not None:
+        samples = chroma.pixels
+        shown = noise_stddev(samples)
+        if chroma.scale > 1:
+            # A mean has no more noise than the camera's pixels, but its neighbours are
+            # farther away, so that texture looks more like it.
+            shown = np.minimum(shown, _code(samples) * (noise / _code(pixels)))
+        noise = shown
+    if chroma.hidden_noise is not None:
+        noise = np.hypot(noise, _code(samples) * chroma.hidden_noise)
+    return ColourSamples(samples, transfer, noise, chroma.scale)
+
+
+def _code(pixels: Image) -> float:
+    """Code values for one of 8 bits."""
+    return float((np.iinfo(pixels.dtype).max + 1) / 256)
