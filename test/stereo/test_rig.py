@@ -59,6 +59,16 @@ def test_pixels_that_are_not_square_have_rays_of_their_own() -> None:
     assert rig.ray_lengths((48, 64))[0, 0] == pytest.approx(expected, rel=1e-6)
 
 
+def test_directions_of_rays_are_those_of_their_pixels() -> None:
+    rig = StereoRig(FOCAL, BASELINE, CENTRE, focal_length_y=200.0)
+    rays = rig.ray_directions((48, 64))
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=2), 1.0)
+    np.testing.assert_allclose(1 / rays[..., 2], rig.ray_lengths((48, 64)), rtol=1e-6)
+    right, down, forward = rays[5, 60]
+    assert (right / forward, down / forward) == pytest.approx(
+        ((60 - CENTRE[0]) / FOCAL, (5 - CENTRE[1]) / 200.0))
+
+
 @given(
     st.floats(1.0, 500.0), st.floats(-50.0, 50.0), st.integers(0, 47), st.integers(0, 63),
 )

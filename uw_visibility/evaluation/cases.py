@@ -30,7 +30,6 @@ from uw_visibility.evaluation.scenes import SceneSource, search_limit, tolerance
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
-from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
 from uw_visibility.water.observations import Envelopes
@@ -246,7 +245,7 @@ class _Bench:
             self.disparities = search_limit(scene)
         stereo = replace(config.stereo, max_disparity=self.disparities - 1)
         self.config = replace(config, stereo=stereo)
-        self.rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+        self.rig = scene.rig
         self.pipeline = Pipeline(self.rig, self.config)
         self.exact_range = scene.range_of(scene.disparity_left)
         camera = config.camera

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from uw_visibility.errors import InputError
 from uw_visibility.images.files import read_image
 from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
+from uw_visibility.stereo.rig import StereoRig
 
 # Middlebury 2005 and 2006 (Scharstein and Pal, doi 10.1109/CVPR.2007.383191):
 # https://vision.middlebury.edu/stereo/data/scenes2006
@@ -57,17 +58,14 @@ class Scene:
         """(H, W) bool: pixels of the left view whose disparity is known."""
         return np.isfinite(self.disparity_left)
 
+    @property
+    def rig(self) -> StereoRig:
+        """Geometry of the pair."""
+        return StereoRig(self.focal_length, self.baseline, self.principal_point)
+
     def range_of(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
         """Range along the line of sight, m, of a filled disparity map of either view."""
-        z = self.focal_length * self.baseline / disparity
-        return np.asarray(z * self.ray_lengths(), dtype=np.float32)
-
-    def ray_lengths(self) -> NDArray[np.float32]:
-        """(H, W) float32: length of each pixel's ray where Z is 1."""
-        height, width = self.disparity_left.shape
-        x = (np.arange(width) - self.principal_point[0]) / self.focal_length
-        y = (np.arange(height) - self.principal_point[1]) / self.focal_length
-        return np.sqrt(1.0 + x**2 + y[:, np.newaxis] ** 2).astype(np.float32)
+        return self.rig.range_from_disparity(disparity)
 
     def degraded(
         self, mean_attenuation: float, depth: float, clear_water_attenuation: ArrayLike

@@ -20,7 +20,6 @@ from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.frame import Effects, RenderedFrame
 from uw_visibility.simulation.transect import Transect
 from uw_visibility.simulation.water import RESPONSE
-from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.estimation import WaterEstimator
 
@@ -115,7 +114,7 @@ def evaluate_transect(plan: TransectPlan, config: PipelineConfig) -> list[Transe
     """
     transect = plan.transect(config.threads)
     camera = transect.camera
-    rig = StereoRig(camera.focal_length, camera.baseline, camera.principal_point)
+    rig = camera.rig
     pipeline = Pipeline(rig, config)
     kappa = clear_water_attenuation(load_response(RESPONSE))
     assessor = Assessor(

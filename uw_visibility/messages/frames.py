@@ -15,7 +15,7 @@ from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import read_only
 from uw_visibility.messages.compressed import message_chroma, read_compressed, read_size
 from uw_visibility.messages.images import image_view, output_encoding, read_image
-from uw_visibility.stereo.calibration import image_size
+from uw_visibility.stereo.calibration import image_size, matrix_of
 from uw_visibility.stereo.rig import Rectifier, StereoRig
 
 
@@ -173,8 +173,7 @@ def _check_pair(
 
 
 def _calibration_key(info: Any) -> tuple[Any, ...]:
-    names = "kdrp" if hasattr(info, "k") else "KDRP"
-    matrices = tuple(np.asarray(getattr(info, name), np.float64).tobytes() for name in names)
+    matrices = tuple(matrix_of(info, name).tobytes() for name in "kdrp")
     roi = info.roi
     window = (roi.x_offset, roi.y_offset, roi.width, roi.height, info.binning_x, info.binning_y)
     return (info.width, info.height, info.distortion_model, *matrices, *window)

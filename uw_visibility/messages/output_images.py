@@ -22,6 +22,7 @@ from uw_visibility.messages.output_kernels import (
     published_disparity,
 )
 from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.stereo.calibration import matrix_of
 
 # sensor_msgs/PointField.FLOAT32.
 POINT_FLOAT32 = 7
@@ -96,11 +97,6 @@ def right_info(source: Source) -> Any:
 
 def _camera_info(source: Source, info: Any, header: Any) -> Any:
     """Pass the calibration on: P holds for the rectified image, as image_pipeline has it."""
-    upper = not hasattr(info, "k")
-    matrices = {
-        name: np.array(getattr(info, name.upper() if upper else name), np.float64)
-        for name in "dkrp"
-    }
     roi = info.roi
     return source.make(
         "sensor_msgs/msg/CameraInfo",
@@ -113,7 +109,7 @@ def _camera_info(source: Source, info: Any, header: Any) -> Any:
         roi=_region(
             source, (roi.x_offset, roi.y_offset, roi.width, roi.height), bool(roi.do_rectify)
         ),
-        **matrices,
+        **{name: matrix_of(info, name) for name in "dkrp"},
     )
 
 

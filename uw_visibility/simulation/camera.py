@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
+from uw_visibility.stereo.rig import StereoRig
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,11 @@ class StereoCamera:
     def principal_point(self) -> tuple[float, float]:
         """Column and row of the optical axis in px, in both images."""
         return (self.width - 1) / 2, (self.height - 1) / 2
+
+    @property
+    def rig(self) -> StereoRig:
+        """Geometry of the pair, as the pipeline takes it."""
+        return StereoRig(self.focal_length, self.baseline, self.principal_point)
 
 
 @dataclass(frozen=True)

@@ -149,7 +149,8 @@ class Renderer:
         """
         rotation = pose.rotation()
         eyes = [np.array(pose.position) + k * self.camera.baseline * rotation[:, 0] for k in (0, 1)]
-        rays = self._rays()
+        rig = self.camera.rig
+        rays = rig.ray_directions((self.camera.height, self.camera.width))
         views = [look(scene, self.camera, eye, rotation, self.workers) for eye in eyes]
         if self.effects.caustics > 0.0:
             for view, eye in zip(views, eyes, strict=True):
@@ -170,7 +171,10 @@ class Renderer:
             )
             for side, irradiance in enumerate(light)
         ]
-        disparities = [self._disparity(view.range, rays) for view in views]
+        disparities = [
+            rig.disparity_from_range(np.where(np.isfinite(view.range), view.range, np.nan))
+            for view in views
+        ]
         radiances = [
             np.where(np.isfinite(v.range)[..., np.newaxis], v.radiance, np.float32(1.0))
             for v in views
@@ -181,19 +185,6 @@ class Renderer:
             radiances[0], radiances[1], attenuation, gains * water.ambient_light(),
             mean_attenuation(attenuation, water), water.depth, gains * water.scene_light(),
         )
-
-    def _rays(self) -> Vector:
-        """Return the unit directions of the pixels' rays in the optical frame."""
-        centre_x, centre_y = self.camera.principal_point
-        x = (np.arange(self.camera.width) - centre_x) / self.camera.focal_length
-        y = (np.arange(self.camera.height) - centre_y) / self.camera.focal_length
-        rays = np.ones((self.camera.height, self.camera.width, 3))
-        rays[..., 0], rays[..., 1] = x, y[:, np.newaxis]
-        return np.asarray(rays / np.linalg.norm(rays, axis=2, keepdims=True))
-
-    def _disparity(self, ranges: Map, rays: Vector) -> Map:
-        disparity = self.camera.focal_length * self.camera.baseline / (ranges * rays[..., 2])
-        return np.where(np.isfinite(ranges), disparity, np.nan).astype(np.float32)
 
     def _shine(
         self, view: View, scene: Scene, eye: Vector, rays: Vector, time: float

@@ -94,7 +94,7 @@ class CameraCalibration:
         return cls(
             size=image_size(info, side),
             camera_matrix=to_image @ camera_matrix,
-            distortion=np.array(_field(info, "d"), np.float64).ravel(),
+            distortion=matrix_of(info, "d"),
             distortion_model=str(info.distortion_model),
             rotation=rotation,
             projection=to_image @ projection,
@@ -242,13 +242,27 @@ def _window(info: Any) -> tuple[int, int, int, int]:
     )
 
 
-def _field(info: Any, name: str) -> Any:
-    # ROS 1 wrote the matrices in capitals.
-    return getattr(info, name) if hasattr(info, name) else getattr(info, name.upper())
+def matrix_of(info: Any, name: str) -> NDArray[np.float64]:
+    """Return D, K, R or P of a CameraInfo of ROS 2, or of ROS 1, which has capitals.
+
+    Parameters
+    ----------
+    info : object
+        CameraInfo.
+    name : str
+        ``"d"``, ``"k"``, ``"r"`` or ``"p"``.
+
+    Returns
+    -------
+    (n,) float64 ndarray
+        Row by row.
+    """
+    values = getattr(info, name) if hasattr(info, name) else getattr(info, name.upper())
+    return np.array(values, np.float64).ravel()
 
 
 def _matrix(info: Any, name: str, side: str) -> NDArray[np.float64]:
-    values = np.asarray(_field(info, name), np.float64).ravel()
+    values = matrix_of(info, name)
     if not np.isfinite(values).all():
         raise InputError(
             f"{side} camera_info has {name.upper()} with values that are not finite: "

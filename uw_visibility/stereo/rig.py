@@ -137,10 +137,30 @@ class StereoRig:
         ndarray, (H, W) float32
             Read-only, and the same array for the same shape.
         """
-        return _ray_lengths(
-            self.focal_length, self.focal_length_y or self.focal_length,
-            self.principal_point, (shape[0], shape[1]),
-        )
+        return _ray_lengths(self, (shape[0], shape[1]))
+
+    def ray_directions(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
+        """Unit direction of each left pixel's ray: right, down, forward.
+
+        Parameters
+        ----------
+        shape : tuple of int
+            Height and width of the image.
+
+        Returns
+        -------
+        ndarray, (H, W, 3) float64
+        """
+        x, y = self._pinhole(shape)
+        rays = np.stack(np.broadcast_arrays(x, y, 1.0), axis=2)
+        return np.asarray(rays / np.sqrt(1.0 + x**2 + y**2)[..., np.newaxis])
+
+    def _pinhole(self, shape: tuple[int, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """X of each column, (W,), and Y of each row, (H, 1), at unit depth."""
+        x = (np.arange(shape[1], dtype=np.float64) - self.principal_point[0]) / self.focal_length
+        focal_length_y = self.focal_length_y or self.focal_length
+        y = (np.arange(shape[0], dtype=np.float64) - self.principal_point[1]) / focal_length_y
+        return x, y[:, np.newaxis]
 
     def range_from_disparity(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
         """Range along the line of sight, from x_left - x_right.
@@ -307,12 +327,9 @@ def _set_point(rig: StereoRig, field: str, name: str) -> None:
 
 
 @functools.lru_cache(maxsize=8)
-def _ray_lengths(
-    focal_length: float, focal_length_y: float, centre: tuple[float, float], shape: tuple[int, int]
-) -> NDArray[np.float32]:
-    x = (np.arange(shape[1]) - centre[0]) / focal_length
-    y = (np.arange(shape[0]) - centre[1]) / focal_length_y
-    lengths = np.sqrt(1.0 + x**2 + y[:, None] ** 2).astype(np.float32)
+def _ray_lengths(rig: StereoRig, shape: tuple[int, int]) -> NDArray[np.float32]:
+    x, y = rig._pinhole(shape)
+    lengths = np.sqrt(1.0 + x**2 + y**2).astype(np.float32)
     lengths.flags.writeable = False
     return lengths
 

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping
 from typing import Any
 
@@ -82,34 +81,3 @@ def _types(channel: Channel) -> dict[str, Any]:
         text = part.split("\n", 1)[1] if part.startswith("IDL: ") else part
         types.update(get_types_from_idl(text))
     return types
-
-
-def header_stamp(data: bytes, ros1: bool) -> tuple[int, int]:
-    """Read the stamp of a message that begins with a header, without decoding the rest.
-
-    Parameters
-    ----------
-    data : bytes
-        The serialised message.
-    ros1 : bool
-        Whether it is serialised as in ROS 1, where a header begins with a counter.
-
-    Returns
-    -------
-    seconds, nanoseconds : int
-
-    Raises
-    ------
-    InputError
-        If the message ends before.
-    """
-    try:
-        if ros1:
-            _, seconds, nanoseconds = struct.unpack_from("<III", data)
-        else:
-            # The second byte of the encapsulation names the byte order.
-            order = "<" if data[1] & 1 else ">"
-            seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, 4)
-    except (struct.error, IndexError) as error:
-        raise InputError("a message ends before its stamp") from error
-    return seconds, nanoseconds

@@ -17,9 +17,9 @@ from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.errors import InputError
 from uw_visibility.messages.depth_sensor import read_depth
 from uw_visibility.messages.images import stamp_to_nanoseconds
+from uw_visibility.messages.stamps import SECOND, header_stamp
 from uw_visibility.messages.synchronizer import Synchronizer
 from uw_visibility.plausibility.samples import DepthSample
-from uw_visibility.replay.bags.decoder import header_stamp
 from uw_visibility.replay.bags.reader import BagReader, Recorded
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.positions import Position, read_position
@@ -234,12 +234,12 @@ class InputStream:
 
     def _add(self, add: Any, side: str, message: Recorded) -> Iterator[RecordedFrame | Restart]:
         try:
-            seconds, nanoseconds = header_stamp(message.data, self._reader.ros1)
+            stamp = header_stamp(message.data, ros1=self._reader.ros1)
         except InputError as error:
             self.problems[f"{message.topic}: {error}"] += 1
             return
         restarts = self.synchronizer.restarts
-        frames = add(side, _stamped(seconds, nanoseconds, message))
+        frames = add(side, _stamped(*divmod(stamp, SECOND), message))
         if self.synchronizer.restarts > restarts:
             yield Restart()
         yield from self._choose(frames)

@@ -16,7 +16,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.files import write_png
 from uw_visibility.messages.compressed import read_compressed
 from uw_visibility.messages.images import read_image
-from uw_visibility.replay.bags.decoder import header_stamp
+from uw_visibility.messages.stamps import header_stamp
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.topics import Selection
@@ -167,8 +167,7 @@ def _write_video(folder: Path, shown: Iterator[Picture]) -> None:
 def _at(reader: BagReader, topic: str, time: int, stamp: int) -> Any:
     """Return the message of a topic that was received at a time and has a stamp."""
     for message in reader.messages([topic], time, time + 1):
-        seconds, nanosec = header_stamp(message.data, reader.ros1)
-        if seconds * 1_000_000_000 + nanosec == stamp:
+        if header_stamp(message.data, ros1=reader.ros1) == stamp:
             return reader.deserialize(message)
     return None
 

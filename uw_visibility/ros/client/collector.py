@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-from uw_visibility.ros.client.player import read_stamp
+from uw_visibility.messages.stamps import header_stamp
 from uw_visibility.ros.transport.factory import message_type
 
 UNSTAMPED = ("std_msgs/msg/Float64",)
@@ -72,7 +72,7 @@ class Collector:
             In s.
         """
         def arrived() -> bool:
-            return any(read_stamp(a.data) >= stamp for a in self._arrivals[topic])
+            return any(header_stamp(a.data) >= stamp for a in self._arrivals[topic])
 
         with self._news:
             return self._news.wait_for(arrived, timeout)
@@ -89,7 +89,7 @@ class Collector:
         unstamped = [t for t, name in self._topics.items() if name in UNSTAMPED]
         for topic in self._topics.keys() - set(unstamped):
             for arrival in arrivals[topic]:
-                frames.setdefault(read_stamp(arrival.data), {})[topic] = arrival
+                frames.setdefault(header_stamp(arrival.data), {})[topic] = arrival
         moments = [(a.time, stamp) for stamp, frame in frames.items() for a in frame.values()]
         for topic in unstamped:
             for arrival in arrivals[topic]:

@@ -4,18 +4,14 @@
 
 from __future__ import annotations
 
-import struct
 import time
 from collections.abc import Mapping
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
+from uw_visibility.messages.stamps import with_stamp
 from uw_visibility.ros.transport.factory import message_type
-
-# A serialised message begins with four bytes that tell the byte order; a
-# message with a header goes on with its stamp.
-STAMP = slice(4, 12)
 
 
 class Player:
@@ -64,22 +60,5 @@ class Player:
         """
         stamp = time.time_ns()
         for topic, data in messages.items():
-            self._publishers[topic].publish(restamp(data, stamp))
+            self._publishers[topic].publish(with_stamp(data, stamp))
         return stamp
-
-
-def restamp(data: bytes, stamp: int) -> bytes:
-    """Return a serialised message with another stamp (ns) in its header."""
-    changed = bytearray(data)
-    changed[STAMP] = struct.pack(_byte_order(data) + "iI", *divmod(stamp, 1_000_000_000))
-    return bytes(changed)
-
-
-def read_stamp(data: bytes) -> int:
-    """Return the stamp (ns) in the header of a serialised message."""
-    seconds, nanoseconds = struct.unpack(_byte_order(data) + "iI", data[STAMP])
-    return int(seconds * 1_000_000_000 + nanoseconds)
-
-
-def _byte_order(data: bytes) -> str:
-    return "<" if data[1] & 1 else ">"

@@ -1,0 +1,58 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Header stamps of serialised messages, without decoding the rest."""
+
+from __future__ import annotations
+
+import struct
+
+from uw_visibility.errors import InputError
+
+SECOND = 1_000_000_000
+"""ns"""
+
+# CDR begins with four bytes, of which the second names the byte order; a message with a
+# header goes on with its stamp.
+_CDR_STAMP = 4
+
+
+def header_stamp(data: bytes, *, ros1: bool = False) -> int:
+    """Read the header stamp of a serialised message.
+
+    Parameters
+    ----------
+    data : bytes
+        A message whose type begins with a header.
+    ros1 : bool
+        Whether it is serialised as in ROS 1, where a header begins with a counter, and not
+        as CDR.
+
+    Returns
+    -------
+    int
+        ns.
+
+    Raises
+    ------
+    InputError
+        If the message ends before.
+    """
+    try:
+        if ros1:
+            _, seconds, nanoseconds = struct.unpack_from("<III", data)
+        else:
+            seconds, nanoseconds = struct.unpack_from(_stamp_format(data), data, _CDR_STAMP)
+    except (struct.error, IndexError) as error:
+        raise InputError("a message ends before its stamp") from error
+    return int(seconds * SECOND + nanoseconds)
+
+
+def with_stamp(data: bytes, stamp: int) -> bytes:
+    """Return a message in CDR with another header stamp, ns."""
+    changed = bytearray(data)
+    struct.pack_into(_stamp_format(data), changed, _CDR_STAMP, *divmod(stamp, SECOND))
+    return bytes(changed)
+
+
+def _stamp_format(data: bytes) -> str:
+    return ("<" if data[1] & 1 else ">") + "iI"
