@@ -7,6 +7,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from uw_visibility.config.schema import AssessmentConfig, TrackingConfig
 from uw_visibility.errors import InputError
@@ -122,6 +124,16 @@ def test_a_fixed_exposure_takes_such_a_jump_for_an_outlier():
     assert tracker.event is TrackingEvent.OUTLIER
 
 
+def test_frames_that_say_the_same_twice_leave_the_state_where_it_is():
+    frame = drawn(np.random.default_rng(3))
+    tracker = WaterTracker()
+    for k in range(5):
+        out = tracker.update(frame, k * PERIOD)
+        np.testing.assert_allclose(out.attenuation, frame.attenuation, rtol=1e-9)
+        np.testing.assert_allclose(out.ambient_light, frame.ambient_light, rtol=1e-9)
+    assert tracker.event is TrackingEvent.UPDATED
+
+
 def test_one_outlier_changes_nothing():
     rng = np.random.default_rng(3)
     tracker, stamp = settled(rng)
@@ -134,14 +146,62 @@ def test_one_outlier_changes_nothing():
     assert tracker.event is TrackingEvent.UPDATED
 
 
-def test_outliers_that_contradict_one_another_never_become_the_state():
+def test_a_run_of_outliers_is_followed_even_where_they_contradict_one_another():
+    """Else a ramp, no two frames of which agree, would freeze the filter."""
     rng = np.random.default_rng(4)
     tracker, stamp = settled(rng)
+    events, distances = [], []
     for k in range(8):
         wild = drawn(rng, attenuation=BETA + (0.5 if k % 2 else 1.5))
-        tracker.update(wild, stamp + (k + 1) * PERIOD)
-        assert tracker.event is TrackingEvent.OUTLIER
+        out = tracker.update(wild, stamp + (k + 1) * PERIOD)
+        events.append(tracker.event)
+        distances.append(np.abs((out.attenuation - wild.attenuation) / wild.attenuation_stddev))
+    assert events[:3] == [TrackingEvent.OUTLIER] * 2 + [TrackingEvent.RESTARTED]
+    assert TrackingEvent.OUTLIER not in events[3:]
+    assert np.max(distances[2:]) < 2.0
+
+
+def test_outliers_between_good_frames_never_become_the_state():
+    rng = np.random.default_rng(4)
+    tracker, stamp = settled(rng)
+    for k in range(16):
+        wild = k % 2 == 0
+        frame = drawn(rng, attenuation=BETA + 0.5 * wild)
+        tracker.update(frame, stamp + (k + 1) * PERIOD)
+        assert (tracker.event is TrackingEvent.OUTLIER) == wild
     assert abs(alpha(tracker.estimate) - 0.15) < 0.02
+    assert (tracker.assessed, tracker.rejected) == (46, 8)
+
+
+def test_counts_of_frames_outlive_a_reset():
+    rng = np.random.default_rng(4)
+    tracker, stamp = settled(rng, frames=5)
+    tracker.update(WaterEstimate.not_assessable(Status.TOO_DARK), stamp + PERIOD)
+    for k in (2, 3):
+        tracker.update(drawn(rng, attenuation=BETA + 0.6), stamp + k * PERIOD)
+        assert (tracker.assessed, tracker.rejected_in_a_row) == (4 + k, k - 1)
+    tracker.reset()
+    assert (tracker.assessed, tracker.rejected, tracker.rejected_in_a_row) == (7, 2, 0)
+
+
+def test_while_frames_are_rejected_the_standard_deviation_holds_that_they_may_be_right():
+    rng = np.random.default_rng(3)
+    tracker, stamp = settled(rng)
+    before = tracker.estimate
+    step = 0.25
+    for k in (1, 2):
+        frame = drawn(rng, attenuation=BETA + step, scale=0.5)
+        after = tracker.update(frame, stamp + k * PERIOD)
+        assert tracker.event is TrackingEvent.OUTLIER
+        np.testing.assert_allclose(after.attenuation, before.attenuation, atol=1e-9)
+        assert (np.abs(BETA + step - after.attenuation) < 3.0 * after.attenuation_stddev).all()
+    tracker.reset()
+    tracker, stamp = settled(np.random.default_rng(3))
+    after = tracker.update(drawn(rng, attenuation=BETA + 2.0), stamp + PERIOD)
+    # What no water does in a moment is not feared so much that nothing can be said.
+    assert (after.attenuation_stddev < 0.6 * BETA.mean()).all()
+    after = tracker.update(drawn(rng), stamp + 2 * PERIOD)
+    assert (after.attenuation_stddev < 1.2 * before.attenuation_stddev).all()
 
 
 @pytest.mark.parametrize("step", [0.05, 0.1, 0.3, -0.1])
@@ -166,6 +226,159 @@ def test_a_large_step_restarts_from_the_frames_that_agree():
     assert events == [TrackingEvent.OUTLIER, TrackingEvent.OUTLIER, TrackingEvent.RESTARTED,
                       TrackingEvent.UPDATED]
     assert abs(alpha(tracker.estimate) - 0.65) < 0.05
+
+
+def water_at(mean_attenuation, depth):
+    """β and I∞ of water of a given α at a given depth."""
+    attenuation = KAPPA + mean_attenuation
+    return attenuation, ambient_light_at_depth(attenuation, depth)
+
+
+def deviations(out, mean_attenuation, depth):
+    """How far β, α, distance and depth are from the truth, in their standard deviations."""
+    attenuation = KAPPA + mean_attenuation
+    seen = ASSESSOR.assess(out)
+    return np.abs([
+        *((out.attenuation - attenuation) / out.attenuation_stddev),
+        (seen.mean_attenuation - mean_attenuation) / seen.mean_attenuation_stddev,
+        (seen.depth - depth) / seen.depth_stddev,
+    ])
+
+
+RATES = (0.001, 0.002, 0.005, 0.01, 0.015, 0.02, 0.03, 0.05, 0.1, 0.2)
+
+
+@pytest.mark.parametrize("downwards", [False, True])
+@pytest.mark.parametrize("rate", RATES)
+def test_a_ramp_is_followed_at_any_rate(rate, downwards):
+    """α in 1/m a frame; depth goes with it. Errors that frames share fade over 20 of them."""
+    change = min(20 * rate, 1.5)
+    ramp = np.clip(np.arange(-10, 30) * rate, 0.0, change)
+    alphas = 0.05 + (change - ramp if downwards else ramp)
+    depths = 2.0 + 2.0 * ramp / change
+    found = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        tracker, common = WaterTracker(), rng.standard_normal(6)
+        for k, (a, z) in enumerate(zip(alphas, depths, strict=True)):
+            common = 0.95 * common + math.sqrt(1 - 0.95**2) * rng.standard_normal(6)
+            frame = drawn(rng, *water_at(a, z), scale=0.5, common=common)
+            found.append(deviations(tracker.update(frame, k * PERIOD), a, z))
+    assert np.mean(np.array(found) > 3.0) < 0.04
+    assert np.sqrt(np.mean(np.square(found))) < 1.3
+    assert np.max(found) < 5.5
+
+
+@pytest.mark.parametrize("downwards", [False, True])
+@pytest.mark.parametrize("step", [10 * rate for rate in RATES])
+def test_a_step_is_followed_at_any_size(step, downwards):
+    found = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        tracker, common = WaterTracker(), rng.standard_normal(6)
+        for k in range(24):
+            common = 0.95 * common + math.sqrt(1 - 0.95**2) * rng.standard_normal(6)
+            a = 0.05 + step * ((k >= 12) != downwards)
+            frame = drawn(rng, *water_at(a, 4.0), scale=0.5, common=common)
+            out = tracker.update(frame, k * PERIOD)
+            # Two frames may be outliers.
+            if k not in (12, 13):
+                found.append(deviations(out, a, 4.0))
+    assert np.mean(np.array(found) > 3.0) < 0.04
+    assert np.sqrt(np.mean(np.square(found))) < 1.3
+    assert np.max(found) < 5.5
+
+
+def test_a_ramp_of_depth_alone_is_followed():
+    """Light changes colour, not water: nothing of it goes into attenuation."""
+    rng = np.random.default_rng(14)
+    tracker, stamp = settled(rng)
+    depths = np.r_[np.linspace(4.0, 12.0, 16), np.full(4, 12.0)]
+    found = []
+    for k, depth in enumerate(depths):
+        frame = drawn(rng, *water_at(0.15, depth))
+        out = tracker.update(frame, stamp + (k + 1) * PERIOD)
+        found.append(deviations(out, 0.15, depth))
+    assert np.max(found) < 4.0
+    assert abs(alpha(tracker.estimate) - 0.15) < 0.04
+
+
+def test_a_change_goes_on_while_frames_are_refused():
+    """Standard deviations grow as fast as the water changed of late."""
+    rng = np.random.default_rng(15)
+    tracker, stamp = settled(rng, scale=0.5)
+    for k in range(1, 8):
+        tracker.update(drawn(rng, attenuation=BETA + 0.05 * k, scale=0.5), stamp + k * PERIOD)
+    blind = WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
+    for k in range(8, 11):
+        out = tracker.update(blind, stamp + k * PERIOD)
+        assert (np.abs(out.attenuation - BETA - 0.05 * k) < 3.0 * out.attenuation_stddev).all()
+    after = tracker.update(drawn(rng, attenuation=BETA + 0.55, scale=0.5), stamp + 11 * PERIOD)
+    assert tracker.event is TrackingEvent.UPDATED
+    assert (np.abs(after.attenuation - BETA - 0.55) < 3.0 * after.attenuation_stddev).all()
+
+
+SEEDS = st.integers(0, 2**32 - 1)
+CHANGES = st.lists(
+    st.tuples(
+        st.sampled_from(["step", "ramp", "snow", "hold", "dark", "exposure"]),
+        st.floats(-1.0, 1.0), st.integers(1, 12)),
+    min_size=1, max_size=8)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=SEEDS, changes=CHANGES, reset_count=st.integers(1, 4), share=st.sampled_from([0, 0.5]))
+def test_whatever_the_water_does_the_filter_stays_with_the_frames(
+        seed, changes, reset_count, share):
+    """No freeze, no divergence: estimates are left out in runs shorter than the reset count,
+    and whichever is taken in is within the gate of what is published."""
+    rng = np.random.default_rng(seed)
+    tracker = WaterTracker(TrackingConfig(reset_count=reset_count, common_error=share))
+    value, gain, run, stamp = 0.3, 1.0, 0, 0.0
+    for kind, size, length in changes:
+        for k in range(length):
+            stamp += PERIOD
+            value += size * (k == 0) if kind == "step" else 0.2 * size * (kind == "ramp")
+            value = abs(value)
+            gain = math.exp(0.5 * size) if kind == "exposure" else gain
+            shown = abs(value + size) if kind == "snow" else value
+            frame = (WaterEstimate.not_assessable(Status.TOO_DARK) if kind == "dark"
+                     else drawn(rng, KAPPA + shown, gain=gain, scale=0.5))
+            out = tracker.update(frame, stamp)
+            if frame.status is not Status.OK:
+                continue
+            run = run + 1 if tracker.event is TrackingEvent.OUTLIER else 0
+            assert run < reset_count
+            assert tracker.rejected_in_a_row == run
+            joint = out.joint_covariance
+            deviation = np.sqrt(np.diag(joint))
+            assert np.linalg.eigvalsh(joint / np.outer(deviation, deviation)).min() > -1e-9
+            if run == 0:
+                # Nothing that is published is surer, or less sure, than frames allow.
+                assert (out.attenuation_stddev < 1.05 * frame.attenuation_stddev).all()
+                apart = np.empty(6)
+                apart[0::2] = out.attenuation - frame.attenuation
+                apart[1::2] = out.ambient_light - frame.ambient_light
+                spread = joint + frame.joint_covariance
+                assert apart @ np.linalg.solve(spread, apart) < 22.5
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=SEEDS, size=st.floats(0.3, 2.0), slope=st.floats(-0.002, 0.002))
+def test_snow_is_left_out_of_water_that_changes_slowly(seed, size, slope):
+    rng = np.random.default_rng(seed)
+    tracker = WaterTracker()
+    snow = np.zeros(60, bool)
+    snow[rng.choice(np.arange(10, 60, 3), 8, replace=False)] = True
+    errors = []
+    for k in range(60):
+        frame = drawn(rng, BETA + 0.1 + slope * k + size * snow[k])
+        out = tracker.update(frame, k * PERIOD)
+        assert (tracker.event is TrackingEvent.OUTLIER) or not snow[k]
+        deviation = ASSESSOR.assess(out).mean_attenuation_stddev
+        errors.append((alpha(out) - 0.25 - slope * k) / deviation)
+    assert tracker.rejected <= 10
+    assert np.max(np.abs(errors)) < 4.0
 
 
 def test_frames_without_an_estimate_are_predicted_until_the_timeout():

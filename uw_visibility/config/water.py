@@ -87,8 +87,8 @@ class TrackingConfig:
         minimum=0.5, maximum=0.999999,
     )
     reset_count: int = parameter(
-        3, "Estimates in a row beyond the gate that, agreeing with one another, are the new "
-        "state.", minimum=1, maximum=100,
+        3, "Estimates in a row beyond the gate the last of which is followed, whether or not "
+        "they agree; those before it are rejected.", minimum=1, maximum=100,
     )
     timeout: float = parameter(
         5.0, "Time without an estimate after which nothing is known of the state.",

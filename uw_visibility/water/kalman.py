@@ -1,0 +1,301 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Adaptive Kalman filter of the water's state over frames.
+
+The state is attenuation and the logarithm of ambient light in each channel. In
+the time between frames turbidity wanders, mostly alike in all channels, and the
+colour of light wanders. The camera's exposure may be any other one in each frame:
+a log gain common to the channels. It needs no state of its own: being forgotten
+from frame to frame, it is process noise along the one direction in which the
+three ambient lights change together, so that a jump leaves attenuation and
+chromaticity alone.
+
+How fast the water changes is not known beforehand: the process noise adapts to the
+innovations (R. Mehra, "Approaches to adaptive filtering", IEEE Trans. Automatic
+Control 17, 1972, doi:10.1109/TAC.1972.1100100). Where innovations keep to one side,
+or where a run of frames lies beyond the gate, the covariance grows along the
+innovation until that is no larger than expected, and part of the growth stays for
+the frames to come. A frame beyond the gate is rejected, since most are full of
+marine snow; that it may be the first of a change is in the standard deviations
+until the next frames tell.
+
+A part of a frame's error stays the same over frames, since they show the same
+scene; averaging does not lessen it. It is carried along as a consider parameter
+(Schmidt 1966): it has no influence on the filter's gain, and a full one on the
+standard deviations.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.quantiles import chi_squared_quantile
+from uw_visibility.config.schema import TrackingConfig
+from uw_visibility.water.assessment import joint_covariance
+from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.fit import ATTENUATION_BOUNDS
+
+# How much of a change of turbidity a single channel has for itself.
+_CHANNEL_SHARE = 0.5
+# Attenuation, 1/m, below which its changes are no longer proportional to it.
+_LEAST_ATTENUATION = 0.1
+# Innovations are averaged over about 1 / this many frames. The average of nothing
+# but noise has this part of an innovation's variance.
+_TREND_SHARE = 0.3
+_TREND_VARIANCE = _TREND_SHARE / (2.0 - _TREND_SHARE)
+# Standard deviations of its chi squared beyond which the average says that the
+# state lags behind the water. Low: growth begins at nothing there.
+_TREND_LIMIT = 1.0
+# What stays, from frame to frame, of the process noise that a change has added.
+_DRIFT_KEPT = 0.5
+ATTENUATION = slice(0, 6, 2)
+LIGHT = slice(1, 6, 2)
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A frame's estimate: β and ln I∞ of each channel, and the two parts of its error.
+
+    Attributes
+    ----------
+    seen : (3,) bool ndarray
+        Channels that were assessed.
+    value : (6,) float64 ndarray
+    noise : (6, 6) float64 ndarray
+        Covariance of what is new in each frame.
+    common : (6, 6) float64 ndarray
+        Root of the covariance of what stays the same.
+    """
+
+    seen: NDArray[np.bool_]
+    value: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    common: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, estimate: WaterEstimate, common_error: float) -> Measurement:
+        """Take an estimate; ``common_error`` is the part of its variance that stays."""
+        joint = joint_covariance(estimate)
+        seen = np.isfinite(estimate.attenuation) & np.isfinite(estimate.ambient_light)
+        seen &= np.isfinite(np.diag(joint)).reshape(3, 2).all(axis=1)
+        index = np.flatnonzero(np.repeat(seen, 2))
+        value = np.zeros(6)
+        value[ATTENUATION] = np.where(seen, estimate.attenuation, 0.0)
+        light = np.where(seen, estimate.ambient_light, 1.0)
+        value[LIGHT] = np.log(light)
+        scale = np.ones(6)
+        scale[LIGHT] = 1.0 / light
+        covariance = np.zeros((6, 6))
+        covariance[np.ix_(index, index)] = (np.outer(scale, scale) * joint)[np.ix_(index, index)]
+        return cls(
+            seen, value, (1.0 - common_error) * covariance, _root(common_error * covariance)
+        )
+
+
+class WaterState:
+    """Mean and covariance of β and ln I∞, and how fast they change.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        The first one.
+    """
+
+    def __init__(self, measurement: Measurement) -> None:
+        self.mean = measurement.value.copy()
+        self.covariance = measurement.noise.copy()
+        # Effect of the errors that all frames have in common.
+        self.common = measurement.common.copy()
+        self.known = measurement.seen.copy()
+        self._age = np.zeros(3)
+        # Time since the last measurement, and since the last one taken in, s.
+        self._interval = self._unseen = 0.0
+        # Mean innovation of late, and the covariance of the rate of change, per s².
+        self._trend = np.zeros(6)
+        self._drift = np.zeros((6, 6))
+
+    def predict(self, elapsed: float, config: TrackingConfig) -> None:
+        """Let time pass (s): what is known becomes less so."""
+        turbidity = (config.turbidity_rate * self._scale()) ** 2 * elapsed
+        self.covariance[ATTENUATION, ATTENUATION] += turbidity * (
+            1.0 - _CHANNEL_SHARE**2 + _CHANNEL_SHARE**2 * np.eye(3)
+        )
+        colour = config.light_rate**2 * elapsed
+        self.covariance[LIGHT, LIGHT] += config.exposure_change**2 + colour * np.eye(3)
+        drifted = self._drifted()
+        self._age += elapsed
+        self._interval += elapsed
+        self._unseen += elapsed
+        # Who changes goes on to: not a random walk's square root of time.
+        self.covariance += self._drifted() - drifted
+        self.known &= self._age <= config.timeout
+
+    def _drifted(self) -> NDArray[np.float64]:
+        """Return the part of the covariance by changes since the last measurement taken in."""
+        return self._unseen**2 * self._drift
+
+    def _scale(self) -> float:
+        """Return the attenuation, 1/m, that a change of turbidity is a part of."""
+        return max(float(self.mean[ATTENUATION][self.known].mean()), _LEAST_ATTENUATION)
+
+    def accepts(
+        self, measurement: Measurement, probability: float, drifting: bool = True
+    ) -> bool:
+        """Tell whether a measurement may well be one of this state, drifting on or not."""
+        index = np.flatnonzero(np.repeat(self.known & measurement.seen, 2))
+        if index.size == 0:
+            return True
+        block = np.ix_(index, index)
+        spread = (
+            self.covariance + measurement.noise
+            + self.common @ self.common.T + measurement.common @ measurement.common.T
+        )[block]
+        if not drifting:
+            spread -= self._drifted()[block]
+        innovation = (measurement.value - self.mean)[index]
+        distance = innovation @ np.linalg.solve(spread + _ridge(spread), innovation)
+        return bool(distance <= chi_squared_quantile(index.size, probability))
+
+    def reject(self, measurement: Measurement, share: float) -> NDArray[np.float64]:
+        """Return the variance by the chance that a rejected measurement is right.
+
+        Parameters
+        ----------
+        measurement : Measurement
+        share : float
+            That chance, 0..1, for a small change; it falls as a change gets
+            larger than the state itself, which water does not do in a moment.
+        """
+        self._interval = 0.0
+        both = np.repeat(self.known & measurement.seen, 2)
+        innovation = np.where(both, measurement.value - self.mean, 0.0)
+        scale = np.tile((self._scale(), 1.0), 3)
+        share /= 1.0 + np.max((innovation / scale) ** 2)
+        return np.asarray(share * np.outer(innovation, innovation))
+
+    def adapt(self, measurement: Measurement, probability: float) -> None:
+        """Let the process noise grow as far as innovations say that the water changed.
+
+        They say so where this one is beyond the gate that the state would have
+        without its drift of late; and where the mean of late ones, which is about
+        zero while the state keeps up with the water, is beyond what noise explains:
+        that is by how much the state lags.
+
+        Parameters
+        ----------
+        measurement : Measurement
+            About to be taken in.
+        probability : float
+            Of the gate.
+        """
+        both = self.known & measurement.seen
+        if not both.any():
+            return
+        innovation = measurement.value - self.mean
+        changed = not self.accepts(measurement, probability, drifting=False)
+        drifted = self._drifted()
+        growth, needed = np.zeros((2, 6, 6))
+        for part in (ATTENUATION, LIGHT):
+            index = np.arange(6)[part][both]
+            block = np.ix_(index, index)
+            spread = self.covariance[block] + measurement.noise[block]
+            spread += _ridge(spread)
+            self._trend[index] += _TREND_SHARE * (innovation[index] - self._trend[index])
+            if changed:
+                growth[block] = _growth(innovation[index], spread)
+                needed[block] = _growth(innovation[index], spread - drifted[block])
+            else:
+                growth[block] = _lag(self._trend[index], _TREND_VARIANCE * spread)
+        self.covariance += growth
+        self._drift = (
+            _DRIFT_KEPT * self._drift + (1.0 - _DRIFT_KEPT) * needed / self._interval**2
+        )
+
+    def correct(self, measurement: Measurement) -> None:
+        """Take a measurement in."""
+        self._begin(measurement.seen & ~self.known, measurement)
+        gain = self._gain(measurement)
+        kept = np.eye(6) - gain
+        self.mean = self.mean + gain @ (measurement.value - self.mean)
+        # This form (Joseph's) holds for any gain, the best one or not.
+        self.covariance = (
+            kept @ self.covariance @ kept.T + gain @ measurement.noise @ gain.T
+        )
+        self.common = kept @ self.common + gain @ measurement.common
+        self._age[measurement.seen] = 0.0
+        self._interval = self._unseen = 0.0
+
+    def _gain(self, measurement: Measurement) -> NDArray[np.float64]:
+        """Return the part of each innovation that is believed.
+
+        Attenuation and light are each corrected by their own innovation only. The
+        best gain would let one correct the other as far as their errors are
+        correlated in a frame; but that correlation is known too badly, and would
+        make errors of attenuation ones of depth.
+        """
+        gain = np.zeros((6, 6))
+        for part in (ATTENUATION, LIGHT):
+            index = np.arange(6)[part][measurement.seen]
+            block = np.ix_(index, index)
+            spread = self.covariance[block] + measurement.noise[block]
+            gain[block] = np.linalg.solve(spread + _ridge(spread), self.covariance[block]).T
+        return gain
+
+    def _begin(self, new: NDArray[np.bool_], measurement: Measurement) -> None:
+        """Take channels on that nothing is known of: any value is possible."""
+        for channel in np.flatnonzero(new):
+            block = slice(2 * channel, 2 * channel + 2)
+            self.mean[block] = measurement.value[block]
+            self.covariance[block, :] = 0.0
+            self.covariance[:, block] = 0.0
+            self.covariance[block, block] = 1e6 * measurement.noise[block, block]
+            self.common[block] = measurement.common[block]
+            self._trend[block] = 0.0
+            self._drift[block, :] = self._drift[:, block] = 0.0
+            self.known[channel] = True
+
+    def published(
+        self, doubt: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return β and I∞, interleaved, and their covariance with a doubt added."""
+        mean = self.mean.copy()
+        mean[ATTENUATION] = np.maximum(mean[ATTENUATION], ATTENUATION_BOUNDS[0])
+        mean[LIGHT] = np.exp(mean[LIGHT])
+        scale = np.ones(6)
+        scale[LIGHT] = mean[LIGHT]
+        covariance = self.covariance + self.common @ self.common.T + doubt
+        return mean, np.outer(scale, scale) * covariance
+
+
+def _growth(
+    innovation: NDArray[np.float64], spread: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return what a covariance lacks along an innovation for that to be as long as expected."""
+    distance = float(innovation @ np.linalg.solve(spread, innovation))
+    expected = float(len(innovation))
+    lack = 1.0 / expected - 1.0 / max(distance, expected)
+    return np.asarray(lack * np.outer(innovation, innovation))
+
+
+def _lag(trend: NDArray[np.float64], spread: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the part of a mean innovation's square that noise of a covariance is not."""
+    degrees = len(trend)
+    distance = float(trend @ np.linalg.solve(spread, trend))
+    noise = degrees + _TREND_LIMIT * math.sqrt(2.0 * degrees)
+    return np.asarray((1.0 - noise / max(distance, noise)) * np.outer(trend, trend))
+
+
+def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the symmetric root of a covariance, which changes little when that does."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
+
+
+def _ridge(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what makes a covariance regular and changes nothing else."""
+    return np.diag(1e-9 * np.diag(covariance) + 1e-15)
+
