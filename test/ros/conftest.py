@@ -238,6 +238,7 @@ class Client:
         assert client.wait_for_service(timeout_sec=RESULT_TIMEOUT), service
         future = client.call_async(request)
         self.wait(future.done, service)
+        self.node.destroy_client(client)
         return future.result()
 
     def has(self, topic: str, stamp: int) -> bool:

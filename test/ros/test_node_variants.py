@@ -1,13 +1,11 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node over compressed images with its optional outputs, and under a lifecycle."""
+"""The node over compressed images with its optional outputs."""
 
 from __future__ import annotations
 
 import array
 import io
-import signal
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -18,8 +16,6 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import ChangeState, GetState
 from sensor_msgs.msg import CompressedImage
 
 
@@ -166,54 +162,3 @@ def test_damaged_image_costs_its_frame_only(
 def test_without_a_sensor_plausibility_is_switched_off(client: Any) -> None:
     status = client.diagnosed("plausibility", "switched off")
     assert status.level == DiagnosticStatus.OK
-
-
-@pytest.fixture(scope="module")
-def managed(start_node: Callable[..., Any]) -> Any:
-    return start_node(
-        "-r", "__ns:=/managed", "-p", "stereo.max_disparity:=40", module="lifecycle", ready=False
-    )
-
-
-def test_lifecycle(
-    managed: Any, make_client: Callable[..., Any], scene: Any, image: Any, info: Any
-) -> None:
-    client = make_client(namespace="/managed")
-    parts = (image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right"))
-
-    def change(transition: int) -> None:
-        request = ChangeState.Request(transition=Transition(id=transition))
-        assert client.call("uw_visibility/change_state", request).success
-
-    def state() -> int:
-        response = client.call("uw_visibility/get_state", GetState.Request())
-        return int(response.current_state.id)
-
-    assert state() == State.PRIMARY_STATE_UNCONFIGURED
-    for round_ in (1, 2):
-        change(Transition.TRANSITION_CONFIGURE)
-        client.wait(
-            lambda n=round_: managed.log.count("ready after") == n, "compiling", timeout=300.0
-        )
-        assert state() == State.PRIMARY_STATE_INACTIVE
-        status = client.diagnosed("input", "the node is not active: activate it")
-        assert status.level == DiagnosticStatus.WARN
-        client.wait(lambda: client.publishers["left/image"].get_subscription_count() > 0, "it")
-        silent = client.publish(*parts)
-        change(Transition.TRANSITION_ACTIVATE)
-        client.connect(*parts)
-        assert state() == State.PRIMARY_STATE_ACTIVE
-        client.result(client.publish(*parts), "disparity", "visibility/attenuation")
-        change(Transition.TRANSITION_DEACTIVATE)
-        paused = client.publish(*parts)
-        time.sleep(0.5)
-        assert not client.has("disparity", silent) and not client.has("disparity", paused)
-        change(Transition.TRANSITION_CLEANUP)
-        assert state() == State.PRIMARY_STATE_UNCONFIGURED
-        client.wait(
-            lambda: client.publishers["left/image"].get_subscription_count() == 0, "a clean-up"
-        )
-        client.received["/diagnostics"].clear()
-    code, seconds = managed.stop(signal.SIGTERM)
-    assert (code, "Traceback" in managed.log) == (0, False), managed.log
-    assert seconds < 2.0

@@ -4,9 +4,12 @@
 
 from __future__ import annotations
 
+import threading
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from typing import Any
 
 import numpy as np
 from rclpy.clock import Clock, ClockType, JumpThreshold
@@ -24,7 +27,8 @@ from uw_visibility.messages.processor import FrameProcessor
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.ros.depth_check import DepthCheck
 from uw_visibility.ros.inputs import SILENCE, StereoInput
-from uw_visibility.ros.monitor.diagnostics import WARN, DiagnosticsPublisher, Finding
+from uw_visibility.ros.monitor.faults import describe_fault
+from uw_visibility.ros.monitor.finding import WARN, Finding
 from uw_visibility.ros.monitor.reasons import ReasonLog
 from uw_visibility.ros.parameters import NodeParameters, Settings, check_qos_overrides
 from uw_visibility.ros.pipeline_state import PipelineState
@@ -35,11 +39,12 @@ from uw_visibility.stereo.rig import StereoRig
 
 # A pair waits for CameraInfo of its own stamp for one to two of these, s.
 CAMERA_INFO_PERIOD = 0.1
-DIAGNOSTICS_PERIOD = 1.0
 # How often the subscriptions look at their publishers, s.
 FIT_PERIOD = 0.5
 # How often a reason for the lack of output is repeated in the log, s.
 SILENCE_PERIOD = 30.0
+# Kernels are compiled once, however many cores are made meanwhile.
+WARMING = threading.Lock()
 # A clock that goes back by more than this was set back, s.
 CLOCK_JUMP = 0.1
 
@@ -87,31 +92,45 @@ class NodeCore:
         self._calibrations = 0
         self._active_since: float | None = None
         self._processor = FrameProcessor(make_message, self._settings.node.rectify, track=True)
-        self._publishers = {
-            topic: publish_on(node, message_type(name), topic)
-            for topic, name in all_topics(self._settings.node).items()
-        }
         self.worker = NewestWorker(
             self._process, self._warm_up, self._frames_at_once(), self._settings.node.niceness
         )
-        self.input = StereoInput(node, parameters, self.worker.offer, self._on_restart)
-        self._depth = DepthCheck(node, parameters)
-        self._diagnostics = DiagnosticsPublisher(node)
+        self._publishers: dict[str, Any] = {}
+        # Undoes what was made on the node, the whole or a part of it.
+        self._made = ExitStack()
+        try:
+            self._make()
+        except BaseException:
+            self.destroy()
+            raise
+        self.worker.start()
+
+    def _make(self) -> None:
+        """Make publishers, subscriptions and timers on the node."""
+        node = self._node
+        for topic, name in all_topics(self._settings.node).items():
+            publisher = publish_on(node, message_type(name), topic)
+            self._publishers[topic] = publisher
+            self._made.callback(node.destroy_publisher, publisher)
+        self.input = StereoInput(node, self._parameters, self.worker.offer, self._on_restart)
+        self._made.callback(self.input.destroy)
+        self._depth = DepthCheck(node, self._parameters)
+        self._made.callback(self._depth.destroy)
         check_qos_overrides(node)
         # Time in the network and in the log is not that of a recording.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timers = [
-            node.create_timer(CAMERA_INFO_PERIOD, self.input.end_wait, clock=clock),
-            node.create_timer(DIAGNOSTICS_PERIOD, self._diagnose, clock=clock),
-            node.create_timer(FIT_PERIOD, self.input.fit, clock=clock),
-        ]
+        for period, callback in (
+            (CAMERA_INFO_PERIOD, self.input.end_wait), (FIT_PERIOD, self.input.fit),
+        ):
+            timer = node.create_timer(period, callback, clock=clock)
+            self._made.callback(node.destroy_timer, timer)
         backward = JumpThreshold(
             min_forward=None, min_backward=Duration(seconds=-CLOCK_JUMP), on_clock_change=False
         )
-        self._jump_handle = node.get_clock().create_jump_callback(
+        jump = node.get_clock().create_jump_callback(
             backward, post_callback=lambda jump: self._on_clock_jump()
         )
-        self.worker.start()
+        self._made.callback(jump.unregister)
 
     def activate(self) -> None:
         """Take images and publish results from now on."""
@@ -131,20 +150,34 @@ class NodeCore:
 
     def destroy(self) -> None:
         """Destroy what was made on the node, after `stop`."""
-        self._jump_handle.unregister()
-        for timer in self._timers:
-            self._node.destroy_timer(timer)
-        self.input.destroy()
-        self._depth.destroy()
-        self._diagnostics.destroy()
-        for publisher in self._publishers.values():
-            self._node.destroy_publisher(publisher)
+        self._made.close()
+
+    def diagnose(self) -> Mapping[str, Finding]:
+        """Return the findings by the part of the node; a lack of output is logged too."""
+        reason = self._silence()
+        since = self._active_since
+        waited = self.state.ready and since is not None and time.monotonic() - since > SILENCE
+        if reason and waited:
+            self._silences.add(f"no output: {reason}")
+        findings = {
+            "input": self.input.diagnose(),
+            "pipeline": self.state.diagnose(reason, self.worker.skipped),
+            "plausibility": self._depth.diagnose(),
+        }
+        if since is None:
+            findings["input"] = Finding(WARN, reason, findings["input"].values)
+        return findings
 
     @property
     def _settings(self) -> Settings:
         return self._parameters.settings
 
     def _warm_up(self) -> None:
+        with WARMING:
+            if not self.worker.stopping:
+                self._prepare()
+
+    def _prepare(self) -> None:
         self._log.info(
             f"preparing the pipeline; kernels are kept in {writable_folder() or 'no folder'}, "
             "and the first start compiles them, for a minute or two"
@@ -184,9 +217,8 @@ class NodeCore:
                 # Whatever went wrong costs this frame, not the node.
                 if not self._wanted():
                     return
-                place = traceback.extract_tb(error.__traceback__)[-1]
-                kind = f"{type(error).__name__} at {place.filename}:{place.lineno}"
-                self.state.fail(f"lost a frame to {kind}", f"\n{traceback.format_exc()}")
+                reason = f"lost a frame to {describe_fault(error)}"
+                self.state.fail(reason, f"\n{traceback.format_exc()}")
 
     def _answer(self, frame: StereoFrame) -> Iterator[None]:
         begin = time.perf_counter()
@@ -238,21 +270,6 @@ class NodeCore:
     def _on_clock_jump(self) -> None:
         self._on_restart()
         self.input.reset()
-
-    def _diagnose(self) -> None:
-        reason = self._silence()
-        since = self._active_since
-        waited = self.state.ready and since is not None and time.monotonic() - since > SILENCE
-        if reason and waited:
-            self._silences.add(f"no output: {reason}")
-        findings = {
-            "input": self.input.diagnose(),
-            "pipeline": self.state.diagnose(reason, self.worker.skipped),
-            "plausibility": self._depth.diagnose(),
-        }
-        if since is None:
-            findings["input"] = Finding(WARN, reason, findings["input"].values)
-        self._diagnostics.publish(findings)
 
     def _silence(self) -> str:
         """Return why there is no output, or nothing where there is."""

@@ -18,7 +18,7 @@ from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.plausibility.monitor import DepthMonitor
 from uw_visibility.plausibility.samples import DepthSample
 from uw_visibility.plausibility.verdict import Comparison, Report, Verdict
-from uw_visibility.ros.monitor.diagnostics import ERROR, OK, STALE, WARN, Finding
+from uw_visibility.ros.monitor.finding import ERROR, OK, STALE, WARN, Finding
 from uw_visibility.ros.monitor.reasons import ReasonLog
 from uw_visibility.ros.parameters import NodeParameters
 from uw_visibility.ros.transport.factory import message_type
@@ -52,13 +52,17 @@ class DepthCheck:
         self._refusals = ReasonLog(lambda line: log.warning(line))
         self._verdicts = ReasonLog(lambda line: log.warning(line))
         self._refused: tuple[float, str] | None = None
-        self._nis = publish_on(node, Float64, NIS_TOPIC)
         self._subscription = None
+        self._nis = publish_on(node, Float64, NIS_TOPIC)
         kind = parameters.settings.node.plausibility.sensor_type
         if kind in SENSOR_TYPES:
-            self._subscription = subscribe_to(
-                node, message_type(SENSOR_TYPES[kind]), SENSOR_TOPIC, self._on_sensor
-            )
+            try:
+                self._subscription = subscribe_to(
+                    node, message_type(SENSOR_TYPES[kind]), SENSOR_TOPIC, self._on_sensor
+                )
+            except BaseException:
+                self.destroy()
+                raise
 
     def destroy(self) -> None:
         """Destroy subscription and publisher."""

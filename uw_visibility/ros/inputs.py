@@ -16,7 +16,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.messages.synchronizer import SIDES, Synchronizer
-from uw_visibility.ros.monitor.diagnostics import ERROR, OK, WARN, Finding
+from uw_visibility.ros.monitor.finding import ERROR, OK, WARN, Finding
 from uw_visibility.ros.monitor.rates import RecentCounts
 from uw_visibility.ros.monitor.reasons import ReasonLog
 from uw_visibility.ros.parameters import NodeParameters
@@ -69,14 +69,20 @@ class StereoInput:
         self._recent = RecentCounts(SILENCE)
         self._arrivals: dict[str, float] = {}
         self._stamps: dict[str, deque[int]] = {side: deque(maxlen=RECENT_STAMPS) for side in SIDES}
-        self._images, self._infos = self._subscribe()
+        self._images: dict[str, FittedSubscription] = {}
+        self._infos: dict[str, Any] = {}
+        try:
+            self._subscribe()
+        except BaseException:
+            self.destroy()
+            raise
 
     def destroy(self) -> None:
         """Destroy the subscriptions."""
-        for image in self._images.values():
-            image.destroy()
-        for info in self._infos.values():
-            self._node.destroy_subscription(info)
+        while self._images:
+            self._images.popitem()[1].destroy()
+        while self._infos:
+            self._node.destroy_subscription(self._infos.popitem()[1])
 
     def fit(self) -> None:
         """Adapt the subscriptions to the publishers; called from time to time."""
@@ -147,10 +153,9 @@ class StereoInput:
         rate = recent.get("frames", 0) / period
         return Finding(OK, f"{rate:.1f} stereo frames per second", values)
 
-    def _subscribe(self) -> tuple[dict[str, FittedSubscription], dict[str, Any]]:
+    def _subscribe(self) -> None:
         """Subscribe to images and CameraInfo; the names are those of the documentation."""
         compressed = self._parameters.settings.node.image_transport == "compressed"
-        images, infos = {}, {}
         for side in SIDES:
             image, info = f"{side}/image_rect", f"{side}/camera_info"
             topic, kind = image, Image
@@ -158,16 +163,15 @@ class StereoInput:
                 # As image_transport has it, the image's own topic is what is remapped.
                 topic = f"{self._node.resolve_topic_name(image)}/compressed"
                 image, kind = f"{image}/compressed", CompressedImage
-            images[image] = FittedSubscription(
+            self._images[image] = FittedSubscription(
                 self._node, kind, topic, functools.partial(self._on_image, side, image),
                 IMAGE_DEPTH,
             )
             # It fits into one packet, and the next one is as good: with a reliable
             # subscription, all that follow a lost one would wait for it.
-            infos[info] = subscribe_to(
+            self._infos[info] = subscribe_to(
                 self._node, CameraInfo, info, functools.partial(self._on_info, side, info)
             )
-        return images, infos
 
     def _on_image(self, side: str, topic: str, message: Any) -> None:
         self._arrivals[topic] = time.monotonic()

@@ -5,13 +5,16 @@
 from __future__ import annotations
 
 import sys
-import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from lifecycle_msgs.srv import ChangeState
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from uw_visibility.errors import InputError
+from uw_visibility.ros.memory import release_memory
+from uw_visibility.ros.monitor.finding import OK, WARN, Finding
 from uw_visibility.ros.run import STOP_TIMEOUT, run
 
 if TYPE_CHECKING:
@@ -24,6 +27,11 @@ class UwVisibilityLifecycleNode(LifecycleNode):
     Configuring subscribes, advertises and compiles; only an active node takes
     images and publishes results.
 
+    Attributes
+    ----------
+    faults : FaultLog
+        Counts what callbacks raise.
+
     Raises
     ------
     InputError
@@ -34,11 +42,17 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         super().__init__("uw_visibility")
         # Imported here: the middleware looks for others meanwhile, in threads of its own.
         from uw_visibility.ros.core import NodeCore
+        from uw_visibility.ros.monitor.diagnostics import DiagnosticsPublisher
+        from uw_visibility.ros.monitor.faults import FaultLog
         from uw_visibility.ros.parameters import NodeParameters
 
+        self.faults = FaultLog(self)
         self._make_core = NodeCore
         self._node_parameters = NodeParameters(self)
         self._core: NodeCore | None = None
+        self._change = self._service_change_state.callback
+        self._service_change_state.callback = self._change_or_refuse
+        DiagnosticsPublisher(self, self._diagnose, self.faults)
 
     def stop(self, timeout: float) -> bool:
         """End the work; returns whether it ended within the timeout (s)."""
@@ -46,45 +60,81 @@ class UwVisibilityLifecycleNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Make everything that the work needs."""
-        try:
-            self._core = self._make_core(self, self._node_parameters)
-        except InputError as error:
-            self.get_logger().error(f"cannot be configured: {error}")
-            return TransitionCallbackReturn.FAILURE
-        except Exception:
-            # rclpy drops what a transition raises.
-            self.get_logger().error(f"cannot be configured\n{traceback.format_exc()}")
-            return TransitionCallbackReturn.ERROR
-        return super().on_configure(state)
+        return self._do(self._configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin the work."""
-        if self._core is not None:
-            self._core.activate()
-        return super().on_activate(state)
+        return self._do(self._working_core.activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Pause the work."""
-        if self._core is not None:
-            self._core.deactivate()
-        return super().on_deactivate(state)
+        return self._do(self._working_core.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Give back what `on_configure` made."""
-        self._give_back()
-        return super().on_cleanup(state)
+        return self._do(self._give_back)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """End the work for good."""
+        return self._do(self._give_back)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Give back what is left, so that the node can be configured again."""
+        return self._do(self._give_back)
+
+    @property
+    def _working_core(self) -> NodeCore:
+        if self._core is None:
+            raise RuntimeError("the node is not configured")
+        return self._core
+
+    def _configure(self) -> None:
         self._give_back()
-        return super().on_shutdown(state)
+        self._core = self._make_core(self, self._node_parameters)
 
     def _give_back(self) -> None:
-        if self._core is not None:
-            # A frame that is still being processed is published no more.
-            self._core.stop(STOP_TIMEOUT)
-            self._core.destroy()
-            self._core = None
+        if self._core is None:
+            return
+        core, self._core = self._core, None
+        # A frame that is still being processed is published no more.
+        core.stop(STOP_TIMEOUT)
+        core.destroy()
+        del core
+        release_memory()
+        # rclpy's groups keep a reference to whatever was destroyed.
+        group = self.default_callback_group
+        group.entities = {entity for entity in group.entities if entity() is not None}
+
+    def _do(self, work: Callable[[], None]) -> TransitionCallbackReturn:
+        """Do the work of a transition; rclpy would drop what it raises."""
+        try:
+            work()
+        except InputError as error:
+            self.get_logger().error(f"cannot be configured: {error}")
+            return TransitionCallbackReturn.FAILURE
+        except Exception as error:
+            self.faults.add(error)
+            return TransitionCallbackReturn.ERROR
+        return TransitionCallbackReturn.SUCCESS
+
+    def _change_or_refuse(
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        """Answer a request; rclpy lets one that the state does not allow end the node."""
+        try:
+            return self._change(request, response)
+        except rclpy_implementation.RCLError:
+            wanted = request.transition.label or request.transition.id
+            self.get_logger().warning(
+                f"no transition {wanted} from the state {self._state_machine.current_state[1]}"
+            )
+            response.success = False
+            return response
+
+    def _diagnose(self) -> Mapping[str, Finding]:
+        label = self._state_machine.current_state[1]
+        finding = Finding(OK if label == "active" else WARN, label)
+        return {"lifecycle": finding} | dict(self._core.diagnose() if self._core else {})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -9,6 +9,7 @@ has its pages cleared anew: for a cloud of points that takes longer than filling
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
 from collections.abc import Mapping
 
@@ -43,3 +44,19 @@ def keep_freed_memory(environment: Mapping[str, str] = os.environ) -> bool:
     except AttributeError:
         return False
     return bool(mallopt(MMAP_THRESHOLD, LARGEST)) and bool(mallopt(TRIM_THRESHOLD, KEPT))
+
+
+def release_memory() -> None:
+    """Give what is not in use back to the system, as after a clean-up.
+
+    Each thread frees into an arena of its own, so that without this every new worker would
+    leave one frame's memory behind.
+    """
+    # What the work consists of refers to one another, so that counting alone frees nothing.
+    gc.collect()
+    try:
+        trim = ctypes.CDLL(None).malloc_trim
+    except AttributeError:
+        # Another C library than glibc.
+        return
+    trim(0)

@@ -15,6 +15,11 @@ from uw_visibility.ros.run import run
 class UwVisibilityNode(Node):
     """Assesses the water, enhances the images and improves the disparity of stereo frames.
 
+    Attributes
+    ----------
+    faults : FaultLog
+        Counts what callbacks raise.
+
     Raises
     ------
     InputError
@@ -25,9 +30,13 @@ class UwVisibilityNode(Node):
         super().__init__("uw_visibility")
         # Imported here: the middleware looks for others meanwhile, in threads of its own.
         from uw_visibility.ros.core import NodeCore
+        from uw_visibility.ros.monitor.diagnostics import DiagnosticsPublisher
+        from uw_visibility.ros.monitor.faults import FaultLog
         from uw_visibility.ros.parameters import NodeParameters
 
+        self.faults = FaultLog(self)
         self._core = NodeCore(self, NodeParameters(self))
+        DiagnosticsPublisher(self, self._core.diagnose, self.faults)
         self._core.activate()
 
     def stop(self, timeout: float) -> bool:

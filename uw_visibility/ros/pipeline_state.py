@@ -13,7 +13,7 @@ from typing import Any
 from uw_visibility.compute.jit import counts
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.ros.inputs import SILENCE
-from uw_visibility.ros.monitor.diagnostics import ERROR, OK, WARN, Finding
+from uw_visibility.ros.monitor.finding import ERROR, OK, WARN, Finding
 from uw_visibility.ros.monitor.rates import RecentCounts
 from uw_visibility.ros.monitor.reasons import ReasonLog
 from uw_visibility.status import Status

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
-from rclpy.node import Node
 
 from uw_visibility.errors import InputError
 from uw_visibility.ros.memory import keep_freed_memory
@@ -21,6 +21,9 @@ from uw_visibility.ros.transport.middleware import give_memory, scarce_memory, s
 
 # How long the exit waits for the frame that is being processed, s.
 STOP_TIMEOUT = 0.5
+# rclpy's thread for signals wakes the executor before it ends the context. An executor that is
+# quick sees nothing changed and sleeps again, for ever where no timer wakes it. s.
+WAKE_PERIOD = 0.5
 # How long the pipeline's thread may keep the interpreter from the callbacks, s. By
 # default it is ten times as long, which is what an answer then waits.
 SWITCH_INTERVAL = 5e-4
@@ -33,7 +36,8 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
     ----------
     make_node : callable
         Makes a node with a method ``stop(timeout) -> bool``, which ends its work
-        and tells whether that has ended within the timeout (s).
+        and tells whether that has ended within the timeout (s), and an attribute
+        ``faults`` (`FaultLog`), which is told what callbacks raise.
     arguments : sequence of str or None
         Command line with ROS arguments; that of the process where absent.
 
@@ -79,16 +83,24 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
     return 0
 
 
-def _spin(node: Node) -> None:
-    try:
-        rclpy.spin(node)
-    except ExternalShutdownException:
-        # The signal's way of ending spin.
-        return
-    except Exception:
-        # A signal may also end the context while the executor or a callback uses it.
-        if rclpy.ok():
-            raise
+def _spin(node: Any) -> None:
+    """Run callbacks until a signal ends the context; what they raise costs none but them."""
+    executor = rclpy.get_global_executor()
+    clock = Clock(clock_type=ClockType.STEADY_TIME)
+    wake = node.create_timer(WAKE_PERIOD, lambda: None, clock=clock)
+    executor.add_node(node)
+    while rclpy.ok():
+        try:
+            executor.spin_once()
+        except ExternalShutdownException:
+            # The signal's way of ending it.
+            break
+        except Exception as error:
+            # A signal may also end the context while the executor or a callback uses it.
+            if rclpy.ok():
+                node.faults.add(error)
+    executor.remove_node(node)
+    node.destroy_timer(wake)
 
 
 def _refuse(error: Exception) -> int:

@@ -4,42 +4,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-OK, WARN, ERROR, STALE = (
-    DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE,
-)
+from uw_visibility.ros.monitor.faults import FaultLog
+from uw_visibility.ros.monitor.finding import Finding
 
-
-@dataclass(frozen=True)
-class Finding:
-    """State of a part of the node: level, one sentence, and numbers."""
-
-    level: bytes
-    message: str
-    values: Mapping[str, Any] = field(default_factory=dict)
+PERIOD = 1.0  # s
 
 
 class DiagnosticsPublisher:
-    """Publishes findings as diagnostic_updater does, under the node's name.
+    """Publishes findings as diagnostic_updater does, under the node's name, once a second.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        The publisher is made on it.
+        Publisher and timer are made on it.
+    find : callable
+        Returns the findings by the part of the node that they are about.
+    faults : FaultLog
+        Is told if that fails, and reports on the part `callbacks`.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(
+        self, node: Node, find: Callable[[], Mapping[str, Finding]], faults: FaultLog
+    ) -> None:
         self._node = node
+        self._find = find
+        self._faults = faults
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        # Time in the network and in the log is not that of a recording.
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(PERIOD, self._publish, clock=clock)
 
-    def publish(self, findings: Mapping[str, Finding]) -> None:
-        """Publish findings by the part of the node that they are about."""
+    def _publish(self) -> None:
+        try:
+            findings = dict(self._find())
+        except Exception as error:
+            # Whatever cannot be told, that it cannot is.
+            self._faults.add(error)
+            findings = {}
+        findings["callbacks"] = self._faults.diagnose()
         prefix = self._node.get_fully_qualified_name().lstrip("/")
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
@@ -54,7 +62,3 @@ class DiagnosticsPublisher:
             for part, finding in findings.items()
         ]
         self._publisher.publish(message)
-
-    def destroy(self) -> None:
-        """Destroy the publisher."""
-        self._node.destroy_publisher(self._publisher)
