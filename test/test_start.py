@@ -31,17 +31,6 @@ def test_the_pipeline_does_without_what_takes_longest_to_import() -> None:
     assert not modules & {"scipy.stats", "scipy.optimize", "scipy.spatial", "matplotlib"}
 
 
-def test_kernels_on_disk_are_made_ready_without_what_compiles() -> None:
-    """Preparing numba to compile, and scipy for its BLAS, were a third of a node's start."""
-    warm_up = (
-        "from uw_visibility import Pipeline, StereoRig; "
-        "Pipeline(StereoRig(500.0, 0.1, (79.5, 59.5))).warm_up((120, 160))"
-    )
-    imported_by(warm_up)
-    modules = imported_by(warm_up)
-    assert not modules & {"numba.np.arraymath", "scipy.linalg", "scipy.special", "scipy.sparse"}
-
-
 def test_the_library_is_there_by_its_names() -> None:
     for name in uw_visibility.__all__:
         assert getattr(uw_visibility, name).__name__ == name

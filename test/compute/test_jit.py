@@ -12,6 +12,7 @@ import pkgutil
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,10 +22,9 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 import uw_visibility
-from uw_visibility.compute import fingerprint as kernel_fingerprint
-from uw_visibility.compute import jit as kernel_cache
+from uw_visibility.compute import kernel_folder
 
-SOURCES = Path(kernel_cache.__file__).parents[1]
+SOURCES = Path(kernel_folder.__file__).parents[1]
 KERNELS = {
     "constants": "OFFSET = 100\n",
     "inner": """\
@@ -50,17 +50,20 @@ def outer(x):
 }
 CALL = """\
 import json
-from uw_visibility.compute.jit import counts, writable_folder
+from uw_visibility.compute.jit import counts
+from uw_visibility.compute.kernel_folder import writable_folder
 from uw_visibility.outer import outer
 print(json.dumps([outer(3), counts.loaded, counts.compiled, str(writable_folder())]))
 """
 # prctl(2) and capabilities(7).
 PR_CAPBSET_DROP, CAP_DAC_OVERRIDE = 24, 1
+NOBODY = 65534
+as_root = pytest.mark.skipif(os.getuid() != 0, reason="only root can give files to others")
 
 
 @dataclass
 class Outcome:
-    value: int
+    value: Any
     loaded: int
     compiled: int
     folder: Path
@@ -74,6 +77,7 @@ class Install:
         self.root = root
         self.package = root / "lib" / "uw_visibility"
         self.home = root / "home"
+        self.cache = self.home / ".cache" / "uw_visibility"
         self.kernels = self.package / "__pycache__" / "kernels"
         self.package.mkdir(parents=True)
         self.home.mkdir()
@@ -97,12 +101,12 @@ class Install:
             for path in [folder, *folder.rglob("*")]:
                 path.chmod(0o555 if path.is_dir() else 0o444)
 
-    def run(self, *, code: str = CALL, **environment: str) -> Outcome:
+    def run(self, *, code: str = CALL, cwd: Path | None = None, **environment: str) -> Outcome:
         """Call the outer kernel in a new process, which permissions bind."""
         kept = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA", "XDG"))}
         process = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, check=False,
-            cwd=self.root, preexec_fn=obey_permissions, env={
+            [sys.executable, "-P", "-c", code], capture_output=True, text=True, check=False,
+            cwd=cwd or self.root, preexec_fn=obey_permissions, env={
                 **kept, "PYTHONPATH": str(self.root / "lib"), "HOME": str(self.home),
                 "PYTHONDONTWRITEBYTECODE": "1", **environment,
             },
@@ -143,7 +147,7 @@ def warm(install: Install, compiled: Path) -> Install:
 
 
 def files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*.nb[ic]"))
+    return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
 def test_a_kernel_is_compiled_once_and_anew_after_any_change(install: Install) -> None:
@@ -160,45 +164,42 @@ def test_a_kernel_is_compiled_once_and_anew_after_any_change(install: Install) -
     assert install.run().value == 516
     assert install.run(NUMBA_OPT="1").compiled == 3
 
-    # Back at what was there before, it is still known, ...
+    # Back at what was there before, it is compiled anew, ...
     install.write("inner", KERNELS["inner"])
     install.write("constants", KERNELS["constants"])
     assert install.run().value == 107
-    # ... and what is kept of other versions has an end.
-    install.write("constants", "OFFSET = 7\n")
-    assert install.run().value == 14
-    indices = [path.name for path in files(install.kernels) if path.suffix == ".nbi"]
-    assert sum(name.startswith("outer.") for name in indices) == 1 + kernel_cache.KEPT_VERSIONS
-    machine_code = [path for path in files(install.kernels) if path.suffix == ".nbc"]
-    assert len(machine_code) == len(indices)
+    # ... since what is kept of other versions has an end.
+    versions = [path.name for path in install.kernels.iterdir()]
+    for module in ("inner", "outer"):
+        kept = [name for name in versions if name.startswith(f"uw_visibility.{module}-")]
+        assert len(kept) == 1 + kernel_folder.KEPT_VERSIONS
+
+
+def test_a_constant_of_another_module_is_known_however_it_is_imported(install: Install) -> None:
+    imports = [
+        "from uw_visibility import constants",
+        "from uw_visibility import (\n    errors,\n    constants,\n)",
+        "import uw_visibility.constants as constants",
+        "if True:\n    from uw_visibility import constants",
+        "",
+    ]
+    for number, line in enumerate(imports):
+        install.write(f"importer_{number}", line)
+    names = [f"uw_visibility.importer_{number}" for number in range(len(imports))]
+    code = (
+        "import json\nfrom uw_visibility.compute.fingerprint import fingerprint\n"
+        f"print(json.dumps([[fingerprint(name) for name in {names}], 0, 0, '']))\n"
+    )
+    before = install.run(code=code).value
+    install.write("constants", "OFFSET = 200\n")
+    after = install.run(code=code).value
+    assert [old != new for old, new in zip(before, after, strict=True)] == [True] * 4 + [False]
 
 
 def test_what_is_on_disk_is_compiled_into_what_calls_it(warm: Install) -> None:
     warm.replace("outer", "+ 1", "+ 2")
     outcome = warm.run()
     assert (outcome.value, outcome.loaded, outcome.compiled) == (108, 1, 1)
-
-
-def test_kernels_from_disk_have_the_symbols_that_they_need(install: Install) -> None:
-    """LLVM ends the process where one is missing: those of hashing numba adds late."""
-    install.write("inner", """\
-from uw_visibility.compute.jit import njit
-
-@njit(nogil=True)
-def inner(x):
-    name = "three" if x == 3 else "many"
-    if x > 3:
-        raise ValueError("too many", x)
-    return x if hash(name) != 0 else 0
-""")
-    complain = CALL + (
-        "try:\n    outer(5)\n"
-        "except ValueError as error:\n    assert error.args == ('too many', 5)\n"
-        "else:\n    raise AssertionError\n"
-    )
-    assert install.run(code=complain).value == 4
-    again = install.run(code=complain)
-    assert (again.value, again.loaded, again.compiled) == (4, 1, 0)
 
 
 def test_a_change_while_a_process_runs_is_not_taken_for_its_code(install: Install) -> None:
@@ -210,6 +211,26 @@ def test_a_change_while_a_process_runs_is_not_taken_for_its_code(install: Instal
     )
     assert install.run(code=upgrade + CALL).value == 107
     assert install.run().value == 108
+
+
+def test_a_kernel_within_a_function_is_refused(install: Install) -> None:
+    """The values of the function's variables are compiled in, and in no file."""
+    install.write("outer", """\
+from uw_visibility.compute.jit import njit
+
+def make(number):
+    @njit(nogil=True)
+    def kernel(x):
+        return x + number
+    return kernel
+
+try:
+    make(1)
+except TypeError as error:
+    assert "kernel uses variables" in str(error), error
+    outer = abs
+""")
+    assert install.run().value == 3
 
 
 def test_read_only_install_uses_the_users_folder(install: Install) -> None:
@@ -244,31 +265,46 @@ def test_the_users_choice_wins(warm: Install) -> None:
     assert warm.run(NUMBA_CACHE_DIR=str(chosen)).compiled == 0
     # A choice that cannot be used is said, and the next place taken.
     (warm.root / "file").write_text("")
-    outcome = warm.run(NUMBA_CACHE_DIR=str(warm.root / "file"))
-    assert outcome.folder == warm.kernels
-    assert "NUMBA_CACHE_DIR" in outcome.said
+    for useless in (warm.root / "file", Path("chosen")):
+        outcome = warm.run(NUMBA_CACHE_DIR=str(useless))
+        assert (outcome.folder, outcome.loaded) == (warm.kernels, 1)
+        assert "NUMBA_CACHE_DIR" in outcome.said
 
 
 def test_damaged_files_are_compiled_anew(warm: Install) -> None:
-    for content in (b"", b"\x80\x05garbage"):
+    def flip_a_bit(content: bytes) -> bytes:
+        """Change machine code, which ends the process if it is run."""
+        middle = len(content) // 2
+        return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1:]
+
+    for damage in (lambda _: b"", lambda content: content[:-9] + 9 * b"\0", flip_a_bit):
         for path in files(warm.kernels):
-            path.write_bytes(content)
+            path.write_bytes(damage(path.read_bytes()))
         outcome = warm.run()
-        assert (outcome.value, outcome.compiled) == (107, 3), content
-        assert "is damaged" in outcome.said, content
+        assert (outcome.value, outcome.compiled) == (107, 3)
+        assert outcome.said.count("is damaged") == 3
     healed = warm.run()
     assert (healed.loaded, healed.compiled, healed.said) == (1, 0, "")
 
 
+def test_a_kernels_file_in_anothers_place_is_not_taken_for_it(warm: Install) -> None:
+    (inner,), = [folder.glob("inner-*") for folder in warm.kernels.glob("*.inner-*")]
+    (outer,), = [folder.glob("outer-*") for folder in warm.kernels.glob("*.outer-*")]
+    shutil.copy(inner, outer)
+    assert warm.run().value == 107
+
+
 def test_a_full_disk_costs_the_cache_alone(install: Install) -> None:
+    # /dev/full says so as a full disk does.
     full = (
-        "import numba.core.caching as caching\n"
-        "def fail(*_): raise OSError(28, 'No space left on device')\n"
-        "caching.IndexDataCacheFile.save = fail\n"
+        "import os\n"
+        "open_file = os.fdopen\n"
+        "os.fdopen = lambda number, mode: os.close(number) or open('/dev/full', mode)\n"
     )
     outcome = install.run(code=full + CALL)
     assert outcome.value == 107
     assert outcome.said.count("No space left on device") == 1
+    assert not files(install.kernels)
 
 
 def test_other_packages_keep_numbas_own_cache(install: Install) -> None:
@@ -280,48 +316,17 @@ def test_other_packages_keep_numbas_own_cache(install: Install) -> None:
     assert len(files(install.root / "lib" / "__pycache__")) == 2
 
 
-def kernels() -> dict[str, Any]:
-    """Return every kernel of the package, by its full name."""
-    found = {}
+def test_every_kernel_has_this_cache() -> None:
+    found = 0
     for info in pkgutil.walk_packages(uw_visibility.__path__, "uw_visibility."):
         if info.name.startswith(("uw_visibility.ros", "uw_visibility.replay")):
             continue
-        module = importlib.import_module(info.name)
-        for value in vars(module).values():
+        for name, value in vars(importlib.import_module(info.name)).items():
             if isinstance(value, Dispatcher):
-                function = value.py_func
-                found[f"{function.__module__}.{function.__qualname__}"] = value
-    return found
-
-
-def test_every_kernel_has_this_cache_and_a_fingerprint_of_its_own() -> None:
-    found = kernels()
-    assert len(found) > 80
-    for name, kernel in found.items():
-        assert isinstance(kernel._cache, kernel_cache.KernelCache), name
-    prints = {kernel_fingerprint.fingerprint(kernel.py_func) for kernel in found.values()}
-    assert len(prints) == len(found)
-
-
-@pytest.mark.parametrize(
-    ("changed", "kernel"),
-    [
-        # An intrinsic's code, which is run at compilation only, and two calls away.
-        ("stereo/elas/absolute_difference.py", "uw_visibility.stereo.elas.dense._try_candidates"),
-        ("water/envelope_loss.py", "uw_visibility.water.lower_envelope._minimise"),
-    ],
-)
-def test_the_packages_kernels_know_what_they_are_made_from(
-    changed: str, kernel: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    function = kernels()[kernel].py_func
-    before = kernel_fingerprint.fingerprint(function)
-    digest = kernel_fingerprint._digest_of_file
-    monkeypatch.setattr(
-        kernel_fingerprint, "_digest_of_file",
-        lambda path: "changed" if path.endswith(changed) else digest(path),
-    )
-    assert kernel_fingerprint.fingerprint(function) != before
+                found += 1
+                folder = Path(value.stats.cache_path or "").name
+                assert folder.startswith(f"{value.py_func.__module__}-"), (info.name, name)
+    assert found > 80
 
 
 def test_kernel_that_cannot_be_kept_runs_with_a_warning(install: Install) -> None:
@@ -331,4 +336,99 @@ def test_kernel_that_cannot_be_kept_runs_with_a_warning(install: Install) -> Non
     ))
     done = install.run()
     assert done.value == 107
-    assert 'Cannot cache compiled function "helper"' in done.said
+    assert "uw_visibility.inner.helper is compiled at every start" in done.said
+
+
+@pytest.mark.parametrize("writers", [0o020, 0o002])
+def test_a_folder_that_others_may_write_is_not_touched(warm: Install, writers: int) -> None:
+    warm.kernels.chmod(0o755 | writers)
+    before = files(warm.kernels)
+    outcome = warm.run()
+    assert (outcome.value, outcome.loaded, outcome.compiled) == (107, 0, 3)
+    assert outcome.folder == warm.cache
+    assert f"{warm.kernels} are not used" in outcome.said
+    assert files(warm.kernels) == before
+
+
+def test_a_file_that_others_may_write_is_not_run(warm: Install) -> None:
+    for path in files(warm.kernels):
+        path.chmod(0o666)
+    outcome = warm.run()
+    assert (outcome.value, outcome.loaded, outcome.compiled) == (107, 0, 3)
+    # What took its place may be.
+    assert warm.run().loaded == 1
+
+
+@as_root
+@pytest.mark.parametrize("part", ["folder", "files"])
+def test_what_belongs_to_another_user_is_not_run(warm: Install, part: str) -> None:
+    """Not by root either, who could read and write it."""
+    for path in [warm.kernels] if part == "folder" else files(warm.kernels):
+        os.chown(path, NOBODY, NOBODY)
+    outcome = warm.run()
+    assert (outcome.value, outcome.loaded, outcome.compiled) == (107, 0, 3)
+    assert f"belongs to another user (number {NOBODY})" in outcome.said
+    assert outcome.folder == (warm.cache if part == "folder" else warm.kernels)
+
+
+@as_root
+def test_roots_kernels_serve_all_users_and_a_users_only_that_user(compiled: Path) -> None:
+    # Not below pytest's folder, which is root's alone.
+    with tempfile.TemporaryDirectory() as name:
+        install, cache = Install(Path(name)), Path(name) / "cache"
+        shutil.copytree(compiled, install.kernels)
+        cache.mkdir()
+        for folder in (install.root, cache):
+            folder.chmod(0o777 if folder == cache else 0o755)
+        # Python's own files may be root's alone too: what is imported is imported before.
+        outcome = install.run(code=f"""\
+import json, os
+from pathlib import Path
+from uw_visibility.compute import kernel_folder
+from uw_visibility.compute.jit import counts
+from uw_visibility.outer import inner, outer
+outer(3)
+os.setgroups([])
+os.setgid({NOBODY})
+os.setuid({NOBODY})
+for choice in (kernel_folder.writable_folder, kernel_folder.folders):
+    choice.cache_clear()
+print(json.dumps([inner(3), counts.loaded, counts.compiled, "{cache}"]))
+os.umask(0)
+kernel_folder.write(Path("{cache}/module-0/kernel"), b"code")
+""")
+        assert (outcome.value, outcome.loaded, outcome.compiled) == (106, 2, 0)
+        written = [cache / "module-0", cache / "module-0" / "kernel"]
+        assert [oct(path.stat().st_mode & 0o777) for path in written] == ["0o700", "0o600"]
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        "disable_jit: 1\ncache_dir: {hostile}\ncache_locator_classes: hostile.Locator\nopt: 0\n",
+        "[no mapping]\n",
+    ],
+)
+def test_numbas_settings_in_the_current_folder_change_nothing(
+    warm: Install, tmp_path: Path, settings: str
+) -> None:
+    downloaded = tmp_path / "downloaded"
+    downloaded.mkdir()
+    hostile = downloaded / "kernels"
+    (downloaded / ".numba_config.yaml").write_text(settings.format(hostile=hostile))
+    (downloaded / "hostile.py").write_text(f"open({str(downloaded / 'mark')!r}, 'w')\n")
+    # Another type is compiled, before which numba reads its settings again.
+    check = (
+        "assert outer(0.5) == 102.0\n"
+        "import numba, os\n"
+        "assert not numba.config.DISABLE_JIT and not numba.config.CACHE_DIR\n"
+        "assert numba.config.OPT == 3 and os.getcwd().endswith('downloaded')\n"
+    )
+    outcome = warm.run(code=CALL + check, cwd=downloaded)
+    assert (outcome.value, outcome.loaded, outcome.folder) == (107, 1, warm.kernels)
+    assert {path.name for path in downloaded.iterdir()} == {".numba_config.yaml", "hostile.py"}
+
+
+def test_the_users_own_settings_hold(warm: Install) -> None:
+    outcome = warm.run(NUMBA_DISABLE_JIT="1")
+    assert (outcome.value, outcome.loaded, outcome.compiled) == (107, 0, 0)

@@ -57,7 +57,8 @@ def run(arguments: argparse.Namespace) -> None:
     begin = time.monotonic()
     # Compiled modules load slowly; what is refused before needs none of them.
     from uw_visibility import Pipeline, StereoRig
-    from uw_visibility.compute.jit import counts, writable_folder
+    from uw_visibility.compute.jit import counts
+    from uw_visibility.compute.kernel_folder import writable_folder
     from uw_visibility.messages import output_kernels
 
     width, height = arguments.size

@@ -1,40 +1,48 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A digest of all that the machine code of a kernel is made from."""
+"""A digest of all that the machine code of a module's kernels is made from."""
 
 from __future__ import annotations
 
 import functools
 import hashlib
-import pickle
-from collections.abc import Callable, Iterator
+import re
+import sys
+from collections.abc import Iterator
 from pathlib import Path
-from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
-from typing import Any
 
-import llvmlite
-import numba
+import numpy as np
 
-_PACKAGE = __name__.partition(".")[0]
-# Settings of numba that change code. The processor is in numba's own key.
+from uw_visibility.compute.numba_import import llvmlite, numba
+
+PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
+# Settings of numba that change code. The processor is in the key of each kernel.
 _SETTINGS = (
     "OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "DEBUGINFO_DEFAULT",
     "DISABLE_INTEL_SVML", "LLVM_REFPRUNE_PASS", "LLVM_REFPRUNE_FLAGS",
 )
 _DIGITS = 16
+# Imports within the package, those inside of functions too; none is relative.
+_IMPORT = re.compile(
+    rf"^[ \t]*(?:from +(?P<source>{PACKAGE_FOLDER.name}[\w.]*) +import +(?P<names>\([^)]*\)|.*)"
+    rf"|import +(?P<module>{PACKAGE_FOLDER.name}[\w.]*))",
+    re.MULTILINE,
+)
 
 
-def fingerprint(function: Callable[..., Any]) -> str:
-    """Return a digest of a kernel's ingredients.
+@functools.cache
+def fingerprint(module: str) -> str:
+    """Return a digest of what the kernels of a module are compiled from.
 
-    These are the files of all functions that it reaches within the package, the values
-    of the globals they use, the versions of numba and llvmlite, numba's settings, and the
-    layout of the files that kernels are stored in.
+    These are the sources of the module and of all modules of the package that it imports,
+    directly or through others, since their functions and constants are compiled in; the
+    package's tables; the versions of Python, numpy, numba and llvmlite; numba's settings.
 
     Parameters
     ----------
-    function : function
-        The kernel's Python function. What it calls must be defined by now.
+    module : str
+        Full name. It is to be asked for when it is imported, since an upgrade may replace
+        files while the old code is in memory.
 
     Returns
     -------
@@ -43,86 +51,53 @@ def fingerprint(function: Callable[..., Any]) -> str:
 
     Raises
     ------
-    TypeError
-        If a global is of a kind that has no value to compare.
+    OSError
+        If a source cannot be read.
     """
-    ingredients = {f"{function.__module__}.{function.__qualname__}", *_toolchain()}
-    seen: set[int] = set()
-    waiting: list[Any] = [function]
+    files: dict[str, Path] = {}
+    waiting = [module]
     while waiting:
-        value = waiting.pop()
-        if id(value) in seen:
-            continue
-        seen.add(id(value))
-        if isinstance(value, FunctionType) and _is_ours(value.__module__):
-            file = value.__code__.co_filename
-            ingredients.add(f"{value.__module__} {_digest_of_file(file)}")
-            for name, used in _globals_of(value):
-                used = _function_of(used)
-                if isinstance(used, FunctionType):
-                    waiting.append(used)
-                else:
-                    ingredients.add(f"{name} {_describe(name, used, function)}")
-    return hashlib.sha256("\n".join(sorted(ingredients)).encode()).hexdigest()[:_DIGITS]
+        name = waiting.pop()
+        file = _file_of(name)
+        if name not in files and file is not None:
+            files[name] = file
+            waiting += _imports(file)
+    sources = [f"{name} {_digest(file)}" for name, file in sorted(files.items())]
+    ingredients = "\n".join([*_surroundings(), *sources])
+    return hashlib.sha256(ingredients.encode()).hexdigest()[:_DIGITS]
 
 
-def note_source(function: Callable[..., Any]) -> None:
-    """Take the digest of a function's file now, at its import.
-
-    An upgrade may replace the file while the old code is in memory.
-    """
-    _digest_of_file(function.__code__.co_filename)
+def _file_of(module: str) -> Path | None:
+    path = PACKAGE_FOLDER.joinpath(*module.split(".")[1:])
+    for file in (path.with_suffix(".py"), path / "__init__.py"):
+        if file.is_file():
+            return file
+    return None
 
 
 @functools.cache
-def _digest_of_file(path: str) -> str:
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+def _imports(file: Path) -> list[str]:
+    """Return the modules that a file may import, and names in them that may be modules."""
+    found = []
+    for match in _IMPORT.finditer(file.read_text(encoding="utf-8")):
+        source = match["source"] or match["module"]
+        names = re.findall(r"\w+", match["names"] or "")
+        found += [source, *(f"{source}.{name}" for name in names)]
+    return found
 
 
-def _toolchain() -> Iterator[str]:
-    yield f"numba {numba.__version__}"
-    yield f"llvmlite {llvmlite.__version__}"
-    # How kernels are laid out in their files.
-    yield f"storage {_digest_of_file(str(Path(__file__).with_name('storage.py')))}"
+@functools.cache
+def _digest(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _surroundings() -> Iterator[str]:
+    yield f"python {sys.version}"
+    for library in (np, numba, llvmlite):
+        yield f"{library.__name__} {library.__version__}"
     for name in _SETTINGS:
         yield f"{name} {getattr(numba.config, name, None)!r}"
-
-
-def _is_ours(module: str | None) -> bool:
-    return module is not None and module.partition(".")[0] == _PACKAGE
-
-
-def _globals_of(function: FunctionType) -> Iterator[tuple[str, Any]]:
-    """Yield the globals and the enclosing function's variables that a function may use."""
-    for name in sorted(_names_in(function.__code__)):
-        if name in function.__globals__:
-            yield f"{function.__module__}.{name}", function.__globals__[name]
-    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
-        yield f"{function.__module__}.{function.__qualname__}.{name}", cell.cell_contents
-
-
-def _names_in(code: CodeType) -> set[str]:
-    names = set(code.co_names)
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            names |= _names_in(constant)
-    return names
-
-
-def _function_of(value: Any) -> Any:
-    """Return the Python function behind a kernel or an intrinsic; other things as they are."""
-    return getattr(value, "py_func", None) or getattr(value, "_defn", None) or value
-
-
-def _describe(name: str, value: Any, kernel: Callable[..., Any]) -> str:
-    if isinstance(value, ModuleType):
-        ours = _is_ours(value.__name__) and value.__file__
-        return f"{value.__name__} {_digest_of_file(value.__file__ or '') if ours else ''}"
-    if isinstance(value, type | BuiltinFunctionType):
-        return f"{value.__module__}.{value.__qualname__}"
-    try:
-        return hashlib.sha256(pickle.dumps(value, protocol=4)).hexdigest()
-    except (pickle.PicklingError, TypeError, AttributeError) as error:
-        raise TypeError(
-            f"{kernel.__qualname__} uses {name}, whose value cannot be compared: {error}"
-        ) from error
+    # How a kernel's file is laid out.
+    yield _digest(PACKAGE_FOLDER / "compute" / "jit.py")
+    for table in sorted((PACKAGE_FOLDER / "data").glob("*.csv")):
+        yield f"{table.name} {_digest(table)}"

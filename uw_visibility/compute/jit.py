@@ -1,13 +1,14 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled kernels on disk: where they are kept, and when what is kept may be used.
+"""Kernels compiled by numba, and kept on disk.
 
 Numba's own cache holds a kernel for fresh as long as its own file is unchanged, though
-functions and constants of other modules are compiled into it; it refuses to import a
-package whose folder and home cannot be written to, ignores what an administrator has
-compiled into a folder that the user may only read, and fails on a damaged file and on
-a full disk. Here a kernel's files carry a fingerprint of all that it was made from, in
-their names, so that those of another version can never be taken for it.
+functions and constants of other modules are compiled into it; it fails on a damaged file
+and on a full disk, ends the process where machine code is damaged, runs what anybody may
+have written, and does not use what an administrator has compiled into a folder that the
+user may only read. Here a kernel's file lies in a folder whose name is a digest of all that
+it was made from (`fingerprint`), begins with a digest of its content, and is trusted by its
+owner (`kernel_folder`).
 
 Nothing of numba's configuration is changed, and no other package's cache: modules of
 this package take their `njit` from here.
@@ -15,27 +16,19 @@ this package take their `njit` from here.
 
 from __future__ import annotations
 
-import functools
-import logging
-import os
-import sys
-import tempfile
-from collections.abc import Callable, Iterator
+import hashlib
+import pickle
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numba
-from numba.core import caching
+from uw_visibility.compute import kernel_folder
+from uw_visibility.compute.fingerprint import fingerprint
+from uw_visibility.compute.kernel_folder import log, warn_once
+from uw_visibility.compute.numba_import import caching, dumps, numba
 
-from uw_visibility.compute.fingerprint import fingerprint, note_source
-from uw_visibility.compute.storage import StoredKernelCache, StoredKernels
-
-PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
-# Other versions of a kernel that stay on disk: another checkout's or another setting's.
-KEPT_VERSIONS = 2
-
-log = logging.getLogger(__name__)
+_DIGEST_SIZE = hashlib.sha256().digest_size
 
 
 @dataclass
@@ -70,22 +63,32 @@ def njit(*, cache: bool = True, **options: Any) -> Callable[[Callable[..., Any]]
     Returns
     -------
     callable
-        The decorator.
+        The decorator, for functions of a module: not for functions within functions,
+        whose variables the digest does not know.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
         kernel = numba.njit(**options)(function)
         # With NUMBA_DISABLE_JIT the function comes back as it is.
         if cache and kernel is not function:
-            note_source(function)
+            if function.__closure__:
+                raise TypeError(f"{function.__qualname__} uses variables of another function")
+            # Private: numba gives a kernel its own cache (njit's cache=True) or none.
             kernel._cache = KernelCache(function)
         return kernel
 
     return decorate
 
 
-class KernelCache(caching._Cache):  # type: ignore[misc]
-    """The files of one kernel, in the form that numba's dispatcher asks for.
+class _Serializer(caching.CompileResultCacheImpl):  # type: ignore[misc]
+    """Numba's bytes of a compiled kernel, without its search for a folder."""
+
+    def __init__(self) -> None:
+        """Do nothing: what the base class would find is not used."""
+
+
+class KernelCache:
+    """The files of one kernel, as numba's dispatcher asks for them.
 
     Parameters
     ----------
@@ -94,14 +97,16 @@ class KernelCache(caching._Cache):  # type: ignore[misc]
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        self._function = function
+        self._name = f"{function.__module__}.{function.__qualname__}"
+        self._folder = f"{function.__module__}-{fingerprint(function.__module__)}"
+        self._serializer = _Serializer()
         self._enabled = True
 
     @property
     def cache_path(self) -> str | None:
         """Folder that the kernel is saved to, or None."""
-        folder = writable_folder()
-        return None if folder is None else str(folder / self._function.__module__)
+        folder = kernel_folder.writable_folder()
+        return None if folder is None else str(folder / self._folder)
 
     def enable(self) -> None:
         """Load and save from now on."""
@@ -112,168 +117,64 @@ class KernelCache(caching._Cache):  # type: ignore[misc]
         self._enabled = False
 
     def flush(self) -> None:
-        """Forget what was saved."""
-        if self._saving is not None:
-            self._saving.flush()
+        """Keep what was saved: the next kernel of the same kind takes its place."""
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """Return the machine code for types of arguments, or None where there is none."""
         if not self._enabled:
             return None
-        for files in self._loading:
-            found = self._load(files, signature, target_context)
-            if found is not None:
-                counts.loaded += 1
-                return found
+        identity = self._identity(signature, target_context)
+        for folder in kernel_folder.folders():
+            file = self._file(folder, identity)
+            try:
+                content = kernel_folder.read(file)
+                if content is None:
+                    continue
+                payload = content[_DIGEST_SIZE:]
+                if content != _sealed(identity, payload):
+                    raise ValueError("its content is not what was written")
+                # What machine code refers to in numba's library.
+                target_context.refresh()
+                kernel = self._serializer.rebuild(target_context, pickle.loads(payload))
+            except Exception as error:
+                # Whatever it is, the kernel can be compiled.
+                log.warning("compiling %s anew: %s is damaged (%s)", self._name, file, error)
+                continue
+            counts.loaded += 1
+            return kernel
         return None
 
-    def save_overload(self, signature: Any, data: Any) -> None:
+    def save_overload(self, signature: Any, kernel: Any) -> None:
         """Keep what was compiled; a kernel that cannot be kept works as well."""
         counts.compiled += 1
-        if not self._enabled or self._saving is None:
+        folder = kernel_folder.writable_folder()
+        if not self._enabled or folder is None:
             return
-        try:
-            self._saving.save_overload(signature, data)
-            self._remove_old_versions(Path(self._saving.cache_path))
-        except OSError as error:
-            _warn_once(f"cannot keep compiled kernels in {writable_folder()}: {error.strerror}")
-
-    def _load(self, files: Any, signature: Any, target_context: Any) -> Any:
-        try:
-            return files.load_overload(signature, target_context)
-        except Exception as error:
-            # What a loss of power left of a file; any exception may come of it.
+        if kernel.library.has_dynamic_globals:
             log.warning(
-                "compiling %s anew: its file in %s is damaged (%s)",
-                self._function.__qualname__, files.cache_path, type(error).__name__,
+                "%s is compiled at every start: it uses addresses, as of a large array that is "
+                "no argument", self._name,
             )
-        if files is self._saving:
-            try:
-                files.flush()
-            except OSError as error:
-                _warn_once(f"cannot write to {files.cache_path}: {error.strerror}")
-        return None
-
-    @functools.cached_property
-    def _saving(self) -> Any:
-        folder = writable_folder()
-        return None if folder is None else self._files(folder)
-
-    @functools.cached_property
-    def _loading(self) -> list[Any]:
-        """Where to look: the folder that is written to, then what came with the package."""
-        places = [] if self._saving is None else [self._saving]
-        chosen = writable_folder() is not None and writable_folder() == _chosen_folder()
-        if not chosen and writable_folder() != package_folder():
-            places.append(self._files(package_folder()))
-        return places
-
-    def _files(self, folder: Path) -> Any:
-        """Numba's reading and writing of files, in a folder and under names of ours."""
-        version = self._fingerprint
-        path = folder / self._function.__module__
-
-        class Locator(caching._CacheLocator):  # type: ignore[misc]
-            @classmethod
-            def from_function(cls, function: Any, file: str) -> Locator:
-                locator = cls()
-                # Named in numba's warning of a kernel that cannot be kept.
-                locator._py_file = file
-                return locator
-
-            def get_cache_path(self) -> str:
-                return str(path)
-
-            def get_source_stamp(self) -> str:
-                return version
-
-            def get_disambiguator(self) -> str:
-                return version
-
-        class Files(StoredKernels):
-            _locator_classes: list[type] = [Locator]  # noqa: RUF012
-
-        class Cache(StoredKernelCache):
-            _impl_class = Files
-
-        return Cache(self._function)
-
-    @functools.cached_property
-    def _fingerprint(self) -> str:
-        # Not before the first call: what a kernel refers to may stand below it.
-        return fingerprint(self._function)
-
-    def _remove_old_versions(self, folder: Path) -> None:
-        """Delete all but the newest other versions of this kernel for this Python."""
-        stem = f"{Path(self._function.__code__.co_filename).stem}.{self._function.__qualname__}-"
-        ending = f".py{sys.version_info[0]}{sys.version_info[1]}{sys.abiflags}.nbi"
-        indices = [
-            file for file in folder.glob(f"{stem}*{ending}")
-            if self._fingerprint not in file.name
-        ]
-        newest_first = sorted(indices, key=lambda file: file.stat().st_mtime, reverse=True)
-        for index in newest_first[KEPT_VERSIONS:]:
-            for file in folder.glob(f"{index.stem}.*"):
-                file.unlink(missing_ok=True)
-
-
-def package_folder() -> Path:
-    """Return the folder beside the sources, which an administrator may have filled."""
-    return PACKAGE_FOLDER / "__pycache__" / "kernels"
-
-
-@functools.cache
-def writable_folder() -> Path | None:
-    """Return the folder that kernels are kept in, or None where none can be written to.
-
-    It is the first of ``uw_visibility`` in the user's ``NUMBA_CACHE_DIR``, the folder
-    beside the sources, and ``uw_visibility`` in the user's folder for caches
-    (``XDG_CACHE_HOME``, or else ``~/.cache``).
-    """
-    chosen = _chosen_folder()
-    for folder in _candidates():
+            return
+        identity = self._identity(signature, kernel.target_context)
+        payload = dumps(self._serializer.reduce(kernel))
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            # Permissions do not tell: root ignores them, and file systems can be read-only.
-            with tempfile.TemporaryFile(dir=folder):
-                return folder
+            kernel_folder.write(self._file(folder, identity), _sealed(identity, payload))
         except OSError as error:
-            if folder == chosen:
-                _warn_once(f"cannot write to NUMBA_CACHE_DIR {chosen.parent}: {error.strerror}")
-    _warn_once(
-        "compiled kernels cannot be kept, so that every start takes as long as the first: "
-        f"neither {package_folder()} nor {_user_folder() or 'a home folder'} can be written to; "
-        "name a folder that can in NUMBA_CACHE_DIR"
-    )
-    return None
+            warn_once(f"cannot keep compiled kernels in {folder}: {error.strerror}")
+
+    def _identity(self, signature: Any, target_context: Any) -> str:
+        """Return all that tells this machine code from others of the same sources."""
+        processor = target_context.codegen().magic_tuple()
+        return f"{self._folder} {self._name} {signature} {processor}"
+
+    def _file(self, folder: Path, identity: str) -> Path:
+        key = hashlib.sha256(identity.encode()).hexdigest()[:16]
+        return folder / self._folder / f"{self._name.rpartition('.')[2]}-{key}.kernel"
 
 
-def _candidates() -> Iterator[Path]:
-    for folder in (_chosen_folder(), package_folder(), _user_folder()):
-        if folder is not None:
-            yield folder
+def _sealed(identity: str, payload: bytes) -> bytes:
+    return hashlib.sha256(identity.encode() + payload).digest() + payload
 
 
-def _chosen_folder() -> Path | None:
-    chosen = numba.config.CACHE_DIR
-    return Path(chosen) / "uw_visibility" if chosen else None
-
-
-def _user_folder() -> Path | None:
-    base = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    # Relative ones are to be ignored: XDG Base Directory Specification.
-    if base.is_absolute():
-        return base / "uw_visibility"
-    try:
-        return Path.home() / ".cache" / "uw_visibility"
-    except RuntimeError:
-        # A user without an entry, as in containers.
-        return None
-
-
-@functools.cache
-def _warn_once(message: str) -> None:
-    log.warning(message)
-
-
-__all__ = ["KernelCache", "KernelCounts", "counts", "njit", "package_folder", "writable_folder"]
+__all__ = ["KernelCache", "KernelCounts", "counts", "njit"]

@@ -15,8 +15,9 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
+
+from uw_visibility.compute.numba_import import register_jitable
 
 
 @register_jitable

@@ -16,7 +16,8 @@ from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 
-from uw_visibility.compute.jit import counts, writable_folder
+from uw_visibility.compute.jit import counts
+from uw_visibility.compute.kernel_folder import writable_folder
 from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.errors import InputError
 from uw_visibility.messages import output_kernels

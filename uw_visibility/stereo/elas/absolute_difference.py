@@ -12,11 +12,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
-
 from uw_visibility.compute.jit import njit
+from uw_visibility.compute.numba_import import intrinsic, ir, types
 
 BYTES = 16
 
