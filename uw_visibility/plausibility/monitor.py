@@ -14,8 +14,8 @@ import math
 from collections import deque
 
 import numpy as np
+from scipy.special import chdtri
 
-from uw_visibility.compute.quantiles import chi_squared_quantile
 from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.plausibility.samples import DepthSample, interpolate
 from uw_visibility.plausibility.verdict import Comparison, Report, Verdict
@@ -155,7 +155,7 @@ class DepthMonitor:
         )
         # Nothing at all is never certain.
         variance = max(variance, 1e-12)
-        gate = math.sqrt(chi_squared_quantile(1, self.config.confidence) * variance)
+        gate = math.sqrt(chdtri(1, 1.0 - self.config.confidence) * variance)
         comparison = Comparison(
             estimate, sensor, innovation, variance, innovation**2 / variance, gate,
             conclusive=gate <= self.config.max_gate,

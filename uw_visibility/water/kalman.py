@@ -32,8 +32,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
-from uw_visibility.compute.quantiles import chi_squared_quantile
 from uw_visibility.config.schema import TrackingConfig
 from uw_visibility.water.assessment import joint_covariance
 from uw_visibility.water.estimation import WaterEstimate
@@ -158,7 +158,7 @@ class WaterState:
             spread -= self._drifted()[block]
         innovation = (measurement.value - self.mean)[index]
         distance = innovation @ np.linalg.solve(spread + _ridge(spread), innovation)
-        return bool(distance <= chi_squared_quantile(index.size, probability))
+        return bool(distance <= chdtri(index.size, 1.0 - probability))
 
     def reject(self, measurement: Measurement, share: float) -> NDArray[np.float64]:
         """Return the variance by the chance that a rejected measurement is right.

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
-from uw_visibility.compute.linear_algebra import apply, product, solve
 from uw_visibility.optics.light_model import contrast_gain, radiance_of, transmission
 from uw_visibility.water.envelope_loss import (
     EXPECTED_DARKNESS,
@@ -159,19 +158,19 @@ def _step(
 ) -> Any:
     """Damped step of the parameters that are free to move, cut at the bounds."""
     system = np.eye(6)
-    right = np.zeros((6, 1))
+    right = np.zeros(6)
     free = np.zeros(6, np.bool_)
     for i in range(6):
         held = (p[i] <= lower[i] and slope[i] < 0) or (p[i] >= upper[i] and slope[i] > 0)
         free[i] = active[i // 2] and not held
     for i in range(6):
         if free[i]:
-            right[i, 0] = slope[i]
+            right[i] = slope[i]
             for j in range(6):
                 if free[j]:
                     system[i, j] = hessian[i, j]
             system[i, i] = hessian[i, i] * (1.0 + damping) + 1e-12
-    moved = p + solve(system, right)[:, 0]
+    moved = p + np.linalg.solve(system, right)
     return np.minimum(np.maximum(moved, lower), upper)
 
 
@@ -212,9 +211,9 @@ def _covariance(
         if not active[i // 2]:
             curvature[i, i] = 1.0
         curvature[i, i] += 1e-12
-    inverse = solve(curvature, np.eye(6))
-    shift = apply(inverse, common)
-    return product(product(inverse, spread), inverse) + np.outer(shift, shift)
+    inverse = np.linalg.inv(curvature)
+    shift = inverse @ common
+    return inverse @ spread @ inverse + np.outer(shift, shift)
 
 
 @njit(nogil=True)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
-from uw_visibility.compute.quantiles import normal_quantile
 from uw_visibility.images.view import ColourSamples
 from uw_visibility.water.histogram import CELL_BITS, CELLS, accumulate, take_quantiles
 from uw_visibility.water.levels import LEVELS_16_BIT, LEVELS_OF_MEANS, levels
@@ -182,7 +182,7 @@ def observe(
         dark=(dark + shift)[:, full],
         dark_range=np.tile(mean_range, (3, 1)) if plain
         else low + (dark_cell[:, full] + 0.5) * metres_per_cell,
-        bright=(bright - normal_quantile(bright_quantile) * left * step)[:, full],
+        bright=(bright - ndtri(bright_quantile) * left * step)[:, full],
         step=step[:, full] * (code_8_bit if means else 1),
         deviation=deviation[:, full],
         noise=noise,
@@ -214,7 +214,7 @@ def _noise_shift(
     at the noise's own quantile; where the scene itself makes a long tail, the
     noise moves it by less, in proportion to the steepness.
     """
-    outer, inner = -normal_quantile(quantiles)
+    outer, inner = -ndtri(quantiles)
     steepness = np.minimum((outer - inner) * noise / np.maximum(rise, 1e-9), 1.0)
     return np.asarray(outer * noise * steepness)
 

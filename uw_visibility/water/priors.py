@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
-from uw_visibility.compute.linear_algebra import apply, product, solve
 from uw_visibility.water.fit import ATTENUATION_BOUNDS, Fit
 
 # What particles and dissolved matter add differs between the channels by this part
@@ -148,14 +147,14 @@ def _combine(
     for _ in range(ITERATIONS):
         particles = max((p[0::2] - clear_water).mean(), 0.0)
         deviation[:3] = CHANNEL_TOLERANCE_MIN + CHANNEL_TOLERANCE * particles
-        off = (apply(rows, p) - expected) / deviation
-        seen = product(rows, spread)
-        innovation = product(seen, rows.T)
+        off = (rows @ p - expected) / deviation
+        seen = rows @ spread
+        innovation = seen @ rows.T
         for k in range(ROWS):
             innovation[k, k] += deviation[k] ** 2 * (1.0 + (off[k] / LIMIT) ** 2)
-        gain = solve(innovation, seen).T.copy()
-        p = first + apply(gain, expected - apply(rows, first))
-    spread = spread - product(gain, product(rows, spread))
+        gain = np.linalg.solve(innovation, seen).T.copy()
+        p = first + gain @ (expected - rows @ first)
+    spread = spread - gain @ (rows @ spread)
     spread = 0.5 * (spread + spread.T)
     for c in range(3):
         p[2 * c + 1] = np.exp(p[2 * c + 1])
