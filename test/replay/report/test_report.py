@@ -15,7 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from bag_copies import FRAMES, Message, copy_bag, run
+from bag_copies import FRAMES, Message, copy_bag, parameter_file, run
 from numpy.typing import NDArray
 
 from uw_visibility.replay import progress
@@ -138,6 +138,26 @@ def test_a_refused_distance_or_depth_is_told_though_the_water_was_assessed(
         row = rf"<td>{what}</td><td>{why}</td>\s*<td class=.n.>2</td><td>0-3</td>"
         assert re.search(row, text)
         assert [r["count"] for r in state["not_assessable"] if r["what"] == what] == [2]
+
+
+def test_frames_that_the_filter_rejected_are_told(
+    dive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    params = parameter_file(tmp_path / "params.yaml", {
+        "tracking.gate_probability": 0.5, "tracking.common_error": 0.0,
+    })
+    done = run(dive, tmp_path / "out", "--params-file", str(params), capsys=capsys)
+    events = [row["filtering"] for row in done.rows]
+    rejected, followed = events.count("outlier"), events.count("restarted")
+    assert rejected > 0
+    told = f"filter rejected {rejected} of {len(events)} frames"
+    told += f", and followed {followed} run" * (followed > 0)
+    state = json.loads((tmp_path / "out" / "replay.json").read_text())
+    assert state["filtering"]["outlier"] == rejected
+    assert told in Page(tmp_path / "out" / "report.html").text
+    again = run(dive, tmp_path / "out", "--params-file", str(params), "--resume", capsys=capsys)
+    assert told in done.out
+    assert told in again.out
 
 
 def test_every_reason_has_a_meaning() -> None:

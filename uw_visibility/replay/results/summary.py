@@ -14,6 +14,10 @@ from uw_visibility.plausibility.monitor import Report
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.refusals import Refusals
 from uw_visibility.replay.table import FAILED
+from uw_visibility.water.tracking import TrackingEvent
+
+TAKEN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTARTED)
+"""What frames do to the filtered water that they have a part in."""
 
 
 @dataclass
@@ -31,6 +35,8 @@ class Summary:
     status, visibility_status, depth_status, reasons : Counter of str
         Frames by status, by that of the visibility distance and that of the depth,
         and those without result by reason.
+    filtering : Counter of str
+        Frames by what they did to the water filtered over frames.
     refusals : Refusals
         What was not assessable in which frames.
     dropped : Counter of str
@@ -62,6 +68,7 @@ class Summary:
     visibility_status: Counter[str] = field(default_factory=Counter)
     depth_status: Counter[str] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
+    filtering: Counter[str] = field(default_factory=Counter)
     refusals: Refusals = field(default_factory=Refusals)
     dropped: Counter[str] = field(default_factory=Counter)
     damage: list[str] = field(default_factory=list)
@@ -83,11 +90,25 @@ class Summary:
         """Frames without a result."""
         return self.status[FAILED]
 
+    def rejections(self) -> str:
+        """Say how many estimates the filter over frames rejected; nothing where it rejected none."""
+        rejected = self.filtering[str(TrackingEvent.OUTLIER)]
+        estimates = sum(self.filtering[str(event)] for event in TAKEN) + rejected
+        if not rejected:
+            return ""
+        followed = self.filtering[str(TrackingEvent.RESTARTED)]
+        runs = "1 run" if followed == 1 else f"{followed} runs"
+        return (
+            f"the filter rejected {rejected} of {estimates} frames"
+            + (f", and followed {runs} of such frames as a change" if followed else "")
+        )
+
     def count(self, row: dict[str, str]) -> None:
         """Count a frame."""
         self.frames += 1
         self.refusals.count(row)
         self.status[row["status"]] += 1
+        self.filtering[row.get("filtering", "")] += 1
         if row["status"] == FAILED:
             self.reasons[row["reason"]] += 1
         else:
@@ -103,6 +124,7 @@ class Summary:
             "status": dict(self.status), "visibility_status": dict(self.visibility_status),
             "depth_status": dict(self.depth_status),
             "unusable": dict(self.reasons), "not_assessable": self.refusals.state(),
+            "filtering": {event: n for event, n in self.filtering.items() if event},
             "dropped": dict(self.dropped),
             "damage": self.damage, "plausibility": dict(self.verdicts),
             "seconds": round(self.seconds, 3), "python": sys.version.split()[0],
@@ -118,6 +140,6 @@ class Summary:
             visibility_status=Counter(state.get("visibility_status")),
             depth_status=Counter(state["depth_status"]), reasons=Counter(state["unusable"]),
             refusals=Refusals.of_state(state.get("not_assessable", [])),
-            dropped=Counter(state["dropped"]),
+            filtering=Counter(state.get("filtering")), dropped=Counter(state["dropped"]),
             damage=list(state["damage"]), topics=state["topics"],
         )
