@@ -91,7 +91,7 @@ class Summary:
         return self.status[FAILED]
 
     def rejections(self) -> str:
-        """Say how many estimates the filter over frames rejected; nothing where it rejected none."""
+        """Say how many frames the filter over frames rejected, where it did."""
         rejected = self.filtering[str(TrackingEvent.OUTLIER)]
         estimates = sum(self.filtering[str(event)] for event in TAKEN) + rejected
         if not rejected:
