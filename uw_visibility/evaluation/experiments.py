@@ -10,18 +10,14 @@ coefficient of 0 - 0.3 1/m" (section III), and a transect like those of section 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from multiprocessing import get_context
 from typing import Any
-
-import cv2
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.cases import Case, CaseResult, evaluate_case
+from uw_visibility.evaluation.parallel import Progress, run_all
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.transects import TransectPlan, TransectRow, evaluate_transect
 
@@ -34,8 +30,6 @@ SHOWN_DEPTH = 2.0
 # Range of what section III and IV look into; it also keeps code values above zero.
 LARGEST_ATTENUATION = 5.0
 LARGEST_DEPTH = 100.0
-
-Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 
 
 @dataclass(frozen=True)
@@ -138,49 +132,12 @@ def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: it
     work += plan.cases()
     threads = max(1, (os.cpu_count() or 1) // jobs)
     config = replace(plan.config, threads=threads)
-    results: dict[int, Any] = {}
-    with _runner(jobs, threads) as run:
-        for index, result in progress(run(work, config), len(work)):
-            results[index] = result
-    ordered = [results[index] for index in range(len(work))]
+    ordered = run_all(_evaluate, work, (config,), jobs, threads, progress)
     split = len(work) - len(plan.cases())
     return Evaluation(plan, ordered[split:], ordered[0] if split else [])
 
 
-def _evaluate(index: int, piece: TransectPlan | Case, config: PipelineConfig) -> tuple[int, Any]:
+def _evaluate(piece: TransectPlan | Case, config: PipelineConfig) -> Any:
     if isinstance(piece, Case):
-        return index, evaluate_case(piece, config)
-    return index, evaluate_transect(piece, config)
-
-
-Run = Callable[[Sequence[TransectPlan | Case], PipelineConfig], Iterator[tuple[int, Any]]]
-
-
-@contextmanager
-def _runner(jobs: int, threads: int) -> Iterator[Run]:
-    """Yield what runs the pieces of work, here or in processes of their own."""
-    if jobs == 1:
-        def run(
-            work: Sequence[TransectPlan | Case], config: PipelineConfig
-        ) -> Iterator[tuple[int, Any]]:
-            return (_evaluate(index, piece, config) for index, piece in enumerate(work))
-
-        yield run
-        return
-    # Processes are started anew: a fork of one that has threads may never answer.
-    pool = ProcessPoolExecutor(
-        jobs, mp_context=get_context("spawn"), initializer=cv2.setNumThreads, initargs=(threads,)
-    )
-
-    def run_in_pool(
-        work: Sequence[TransectPlan | Case], config: PipelineConfig
-    ) -> Iterator[tuple[int, Any]]:
-        futures: list[Future[tuple[int, Any]]] = [
-            pool.submit(_evaluate, index, piece, config) for index, piece in enumerate(work)
-        ]
-        return (future.result() for future in as_completed(futures))
-
-    try:
-        yield run_in_pool
-    finally:
-        pool.shutdown(cancel_futures=True)
+        return evaluate_case(piece, config)
+    return evaluate_transect(piece, config)

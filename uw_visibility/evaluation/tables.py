@@ -41,7 +41,7 @@ def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None
         ("cases", cases), ("conditions", conditions), ("edges", edges), ("transect", transect),
     ):
         if rows:
-            (folder / f"{name}.csv").write_text(_as_csv(rows), encoding="utf-8")
+            (folder / f"{name}.csv").write_text(as_csv(rows), encoding="utf-8")
     plan = evaluation.plan
     report = {
         "settings": {
@@ -76,7 +76,8 @@ def plain(value: Any) -> Any:
     return float(value) if math.isfinite(value) else None
 
 
-def _as_csv(rows: Sequence[Mapping[str, Any]]) -> str:
+def as_csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return rows as CSV text with a header; what is not finite is an empty field."""
     stream = io.StringIO()
     writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
     writer.writeheader()

@@ -1,0 +1,236 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""One case of the adverse study: a scene, an effect, and what each method says of the water."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.evaluation.adverse.effects import Level
+from uw_visibility.evaluation.adverse.scenes import AdverseScene, AdverseSource
+from uw_visibility.evaluation.backscatter import fit_backscatter
+from uw_visibility.evaluation.readings import Reading, Truth, flat
+from uw_visibility.optics.spectra import load_response
+from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.simulation.camera import StereoCamera
+from uw_visibility.simulation.effects import marine_snow
+from uw_visibility.simulation.formation import effective_attenuation, form_image
+from uw_visibility.simulation.view import View
+from uw_visibility.simulation.water import Water
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.assessment import Assessor
+from uw_visibility.water.estimation import WaterEstimator
+
+Image = NDArray[np.uint8]
+Map = NDArray[np.float32]
+
+METHODS = {
+    "ours": "ours",
+    "paper": "the paper's plain fit",
+    "sea_thru": "Sea-thru's backscatter fit",
+}
+"""Estimates of the water, by their names in tables."""
+
+SAND = np.array([0.62, 0.55, 0.45], np.float32)
+"""Reflectance that a scene without contrast has."""
+
+
+@dataclass(frozen=True)
+class AdverseCase:
+    """A scene, an effect at one level, and the water.
+
+    Attributes
+    ----------
+    source : AdverseSource
+        The scene.
+    effect : str
+        Name of the effect.
+    level : Level
+        The effect.
+    mean_attenuation : float
+        Attenuation by grey particles, 1/m.
+    depth : float
+        Depth of the camera, m.
+    seed : int
+        Seed of noise and marine snow.
+    matched : bool
+        Whether the estimators get matched disparities instead of true ones.
+    """
+
+    source: AdverseSource
+    effect: str
+    level: Level
+    mean_attenuation: float
+    depth: float
+    seed: int = 0
+    matched: bool = False
+
+
+@dataclass(frozen=True)
+class AdverseResult:
+    """What came out of a case.
+
+    Attributes
+    ----------
+    effect, level, scene : str
+        What it was.
+    open_water : bool
+        Whether open water is in view.
+    seed : int
+        Of noise and marine snow.
+    truth : Truth
+        The water; with β effective over the ranges in view.
+    readings : dict of str to Reading
+        By the names of `METHODS`.
+    """
+
+    effect: str
+    level: str
+    scene: str
+    open_water: bool
+    seed: int
+    truth: Truth
+    readings: dict[str, Reading]
+
+    def row(self) -> dict[str, Any]:
+        """Return the case as a row of a table."""
+        columns: dict[str, Any] = {
+            "effect": self.effect, "level": self.level, "scene": self.scene,
+            "open_water": self.open_water, "seed": self.seed,
+        }
+        columns |= flat("true", self.truth)
+        for name, reading in self.readings.items():
+            columns |= flat(name, reading)
+        return columns
+
+
+def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> AdverseResult:
+    """Put a scene under water with an effect, and let each method estimate the water.
+
+    Parameters
+    ----------
+    case : AdverseCase
+        What to simulate.
+    config : PipelineConfig
+        What the estimators are told, but for what the level tells them.
+
+    Returns
+    -------
+    AdverseResult
+
+    Raises
+    ------
+    InputError
+        If the scene cannot be loaded.
+    """
+    scene, level = case.source.load(), case.level
+    told = PipelineConfig.from_parameters({**config.to_parameters(), **level.parameters})
+    water = Water(case.mean_attenuation, case.depth, None, level.water)
+    left, right, gains = _expose(scene, level, water, case)
+    attenuation = effective_attenuation(scene.left.range, scene.geometry, water)
+    methods = _methods(told)
+    truth = Truth.of_water(
+        attenuation, gains * water.ambient_light(), methods.assessor.clear_water_attenuation,
+        case.depth, told.assessment.contrast,
+    )
+    rig = replace(scene.rig, baseline=scene.rig.baseline * level.range_scale)
+    if case.matched and right is not None:
+        readings = methods.read_pair(left, right, rig, scene.disparity)
+    else:
+        readings = methods.read(left, scene.disparity, rig)
+    return AdverseResult(
+        case.effect, level.label, scene.name, scene.open_water, case.seed, truth, readings,
+    )
+
+
+def _expose(
+    scene: AdverseScene, level: Level, water: Water, case: AdverseCase
+) -> tuple[Image, Image | None, NDArray[np.float64]]:
+    """Return the pair (the right image where it is wanted) and the gains of white balance."""
+    views = [scene.left, scene.right] if case.matched else [scene.left]
+    height, width = scene.disparity.shape
+    camera = StereoCamera(width, height, scene.rig.focal_length, scene.rig.baseline)
+    snow = marine_snow(
+        camera, level.disturbances.marine_snow, np.random.default_rng([case.seed, 2]))
+    particles = level.disturbances.snow_brightness * water.ambient_light()
+    light = []
+    for view, cover in zip(views, snow, strict=False):
+        irradiance = form_image(_fade(view, level.contrast), scene.geometry, water)
+        irradiance += cover[..., np.newaxis] * (particles.astype(np.float32) - irradiance)
+        light.append(irradiance)
+    gains = level.camera.gains(light[0])
+    images = [
+        level.camera.record(
+            irradiance, level.sensor, np.random.default_rng([case.seed, side]), gains,
+            right=side == 1,
+        )
+        for side, irradiance in enumerate(light)
+    ]
+    return images[0], images[1] if case.matched else None, gains
+
+
+def _fade(view: View, contrast: float) -> View:
+    """Return the view with the contrast of its surfaces lessened, towards sand's reflectance."""
+    if contrast == 1.0:
+        return view
+    radiance, edge_radiance = (
+        SAND + np.float32(contrast) * (part - SAND) for part in (view.radiance, view.edge_radiance)
+    )
+    return replace(view, radiance=radiance, edge_radiance=edge_radiance)
+
+
+class _Methods:
+    """The methods, as one configuration has them."""
+
+    def __init__(self, config: PipelineConfig) -> None:
+        camera = config.camera
+        self._config = config
+        self.assessor = Assessor(
+            config.assessment, load_response(camera.response), camera.white_reference)
+        kappa = self.assessor.clear_water_attenuation
+        ours, paper = (
+            WaterEstimator(replace(config.water, method=method), kappa, camera.transfer,
+                           self.assessor.daylight)
+            for method in (config.water.method, "paper")
+        )
+        self._estimate = {
+            "ours": ours.estimate,
+            "paper": paper.estimate,
+            "sea_thru": lambda image, ranges: fit_backscatter(image, ranges, camera.transfer),
+        }
+
+    def read(
+        self, image: Image, disparity: Map, rig: StereoRig, names: tuple[str, ...] = tuple(METHODS)
+    ) -> dict[str, Reading]:
+        """Let methods estimate the water from an image and disparities."""
+        ranges = rig.range_from_disparity(disparity)
+        readings = {}
+        for name in names:
+            estimate = self._estimate[name](image, ranges)
+            readings[name] = Reading.of(estimate, self.assessor.assess(estimate))
+        return readings
+
+    def read_pair(
+        self, left: Image, right: Image, rig: StereoRig, disparity: Map
+    ) -> dict[str, Reading]:
+        """Let the pipeline match a pair, and the peers take its disparities."""
+        largest = int(np.nanmax(disparity)) + 8
+        config = replace(self._config, stereo=replace(self._config.stereo, max_disparity=largest))
+        try:
+            result = Pipeline(rig, config).process(left, right)
+        except InputError as error:
+            return dict.fromkeys(METHODS, Reading.refused(f"pair refused: {error}"))
+        peers = self.read(left, result.disparity, rig, ("paper", "sea_thru"))
+        return {"ours": Reading.of(result.water, result.visibility), **peers}
+
+
+@lru_cache(maxsize=8)
+def _methods(config: PipelineConfig) -> _Methods:
+    return _Methods(config)

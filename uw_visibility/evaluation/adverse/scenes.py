@@ -1,0 +1,172 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Scenes of the adverse study: what two cameras see in air, with exact ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.evaluation.degrade import Scene, fill_from_background, load_scene
+from uw_visibility.evaluation.rendered_scenes import ALTITUDE, TILT
+from uw_visibility.evaluation.scenes import find_scenes
+from uw_visibility.simulation.camera import Pose, StereoCamera
+from uw_visibility.simulation.formation import Geometry
+from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.view import View, look
+from uw_visibility.stereo.rig import StereoRig
+
+Map = NDArray[np.float32]
+
+CAMERA = StereoCamera(480, 360, 450.0, 0.12)
+SEEDS = (0, 1)
+OPEN_TILT = np.radians(14.0)
+"""Tilt of a camera that sees open water above the reef; the other one, `TILT`, sees none."""
+
+LARGEST_WIDTH = 700
+"""Wider images are halved until they are not: many cases in little time."""
+
+HEIGHT = 1.0
+"""Height above the floor, m, taken for cameras of recorded scenes, which look ahead."""
+
+
+@dataclass(frozen=True)
+class AdverseSource:
+    """A scene by where it comes from; small, so that processes can exchange it.
+
+    Attributes
+    ----------
+    folder : Path or None
+        Folder of a Middlebury-like scene.
+    seed : int
+        Seed of the rendered scene, where there is no folder.
+    open_water : bool
+        Whether the rendered scene shows open water.
+    """
+
+    folder: Path | None = None
+    seed: int = 0
+    open_water: bool = False
+
+    def load(self) -> AdverseScene:
+        """Load or render the scene; the last one is kept.
+
+        Raises
+        ------
+        InputError
+            If a file is absent or cannot be read.
+        """
+        return _load(self)
+
+
+@dataclass(frozen=True)
+class AdverseScene:
+    """A scene in air, seen by a pair of cameras.
+
+    Attributes
+    ----------
+    name : str
+        For tables.
+    left, right : View
+        Radiance and range; a range is inf in open water, and filled from the
+        background where a recorded scene does not know it.
+    geometry : Geometry
+        Where the pixels look, of either camera.
+    rig : StereoRig
+        The true calibration.
+    disparity : ndarray, shape (H, W), float32
+        True left disparity in px; NaN where unknown and in open water.
+    open_water : bool
+        Whether open water is in view.
+    """
+
+    name: str
+    left: View
+    right: View
+    geometry: Geometry
+    rig: StereoRig
+    disparity: Map
+    open_water: bool
+
+
+def find_adverse_scenes(datasets: Sequence[Path]) -> list[AdverseSource]:
+    """Find the scenes of datasets; without any, reefs are rendered, with open water and without.
+
+    Raises
+    ------
+    InputError
+        See `find_scenes`.
+    """
+    if datasets:
+        return [AdverseSource(source.folder) for source in find_scenes(datasets)]
+    return [AdverseSource(seed=seed, open_water=seen) for seen in (False, True) for seed in SEEDS]
+
+
+@lru_cache(maxsize=1)
+def _load(source: AdverseSource) -> AdverseScene:
+    if source.folder is None:
+        return _rendered(source.seed, source.open_water)
+    return _recorded(load_scene(source.folder))
+
+
+def _rendered(seed: int, open_water: bool) -> AdverseScene:
+    pose = Pose((0.0, 0.0, ALTITUDE), tilt=OPEN_TILT if open_water else TILT)
+    scene = reef(seed, length=0.0)
+    rotation = pose.rotation()
+    views = [
+        look(
+            scene, CAMERA, np.array(pose.position) + k * CAMERA.baseline * rotation[:, 0],
+            rotation, Workers(1),
+        )
+        for k in (0, 1)
+    ]
+    rays = CAMERA.rays()
+    ranges = views[0].range
+    z = CAMERA.focal_length * CAMERA.baseline / (ranges * rays[..., 2])
+    return AdverseScene(
+        name=f"reef{seed}{' open' if open_water else ''}",
+        left=views[0],
+        right=views[1],
+        geometry=Geometry.of_rays(rays, rotation[2], pose.position[2]),
+        rig=StereoRig(CAMERA.focal_length, CAMERA.baseline, CAMERA.principal_point),
+        disparity=np.where(np.isfinite(ranges), z, np.nan).astype(np.float32),
+        open_water=open_water,
+    )
+
+
+def _recorded(scene: Scene) -> AdverseScene:
+    """Take a scene whose code values are radiance, as `degrade` does."""
+    halvings = 0
+    while scene.left.shape[1] >> halvings > LARGEST_WIDTH:
+        halvings += 1
+    step = 1 << halvings
+    height, width = (n // step for n in scene.left.shape[:2])
+    disparities = [
+        disparity[: height * step : step, : width * step : step] / np.float32(step)
+        for disparity in (scene.disparity_left, scene.disparity_right)
+    ]
+    camera = StereoCamera(width, height, scene.focal_length / step, scene.baseline)
+    rays = camera.rays()
+    views = []
+    for image, disparity in zip((scene.left, scene.right), disparities, strict=True):
+        z = camera.focal_length * camera.baseline / fill_from_background(disparity)
+        small = cv2.resize(
+            image[: height * step, : width * step], (width, height), interpolation=cv2.INTER_AREA)
+        radiance = small.astype(np.float32) / np.float32(255)
+        views.append(View.of_pixels(radiance, (z / rays[..., 2]).astype(np.float32)))
+    return AdverseScene(
+        name=scene.name,
+        left=views[0],
+        right=views[1],
+        geometry=Geometry.of_rays(rays, np.array([0.0, -1.0, 0.0]), HEIGHT),
+        rig=StereoRig(camera.focal_length, camera.baseline, camera.principal_point),
+        disparity=disparities[0],
+        open_water=False,
+    )

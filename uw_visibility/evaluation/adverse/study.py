@@ -1,0 +1,108 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The adverse study: every effect at every level on every scene."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.evaluation.adverse.cases import (
+    AdverseCase,
+    AdverseResult,
+    evaluate_adverse_case,
+)
+from uw_visibility.evaluation.adverse.effects import chosen
+from uw_visibility.evaluation.adverse.scenes import AdverseSource
+from uw_visibility.evaluation.parallel import Progress, run_all
+
+ATTENUATIONS = (0.1, 0.3)
+DEPTHS = (3.0,)
+
+
+@dataclass(frozen=True)
+class AdversePlan:
+    """What is to be studied.
+
+    Attributes
+    ----------
+    scenes : sequence of AdverseSource
+        The scenes.
+    effects : tuple of str
+        Names of effects; empty for all.
+    attenuations, depths : tuple of float
+        Attenuation by grey particles, 1/m, and depths of the camera, m.
+    seeds : int
+        Number of draws of noise and marine snow.
+    matched : bool
+        Whether disparities are matched instead of true.
+    config : PipelineConfig
+        What the estimators are told.
+    """
+
+    scenes: Sequence[AdverseSource]
+    effects: tuple[str, ...] = ()
+    attenuations: tuple[float, ...] = ATTENUATIONS
+    depths: tuple[float, ...] = DEPTHS
+    seeds: int = 1
+    matched: bool = False
+    config: PipelineConfig = field(default_factory=PipelineConfig)
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be simulated."""
+        if self.seeds < 1:
+            raise InputError(f"number of seeds is {self.seeds}: give 1 or more")
+        for name, values, largest in (
+            ("attenuations", self.attenuations, 5.0), ("depths", self.depths, 100.0),
+        ):
+            if not values or not all(0.0 <= value <= largest for value in values):
+                raise InputError(
+                    f"{name} are {', '.join(f'{v:g}' for v in values) or 'missing'}: "
+                    f"give numbers between 0 and {largest:g}"
+                )
+        chosen(self.effects, matched=self.matched)
+
+    def cases(self) -> list[AdverseCase]:
+        """Return the cases, scene by scene."""
+        effects = chosen(self.effects, matched=self.matched)
+        return [
+            AdverseCase(scene, effect, level, attenuation, depth, seed, self.matched)
+            for scene in self.scenes
+            for effect, levels in effects.items()
+            for level in levels
+            for attenuation in level.attenuations or self.attenuations
+            for depth in self.depths
+            for seed in range(self.seeds)
+        ]
+
+
+def run_adverse(
+    plan: AdversePlan, jobs: int = 1, progress: Progress = lambda items, _: items
+) -> list[AdverseResult]:
+    """Run the study.
+
+    Parameters
+    ----------
+    plan : AdversePlan
+        What to run.
+    jobs : int
+        Processes that share the work; the result is the same for any number.
+    progress : callable
+        Takes an iterator over what is done and its length, and yields from it.
+
+    Returns
+    -------
+    list of AdverseResult
+        In the order of `AdversePlan.cases`.
+
+    Raises
+    ------
+    InputError
+        If a scene cannot be loaded.
+    """
+    threads = max(1, (os.cpu_count() or 1) // jobs)
+    config = replace(plan.config, threads=threads)
+    return run_all(evaluate_adverse_case, plan.cases(), (config,), jobs, threads, progress)
