@@ -18,6 +18,7 @@ from uw_visibility.evaluation.adverse.scenes import AdverseScene, AdverseSource
 from uw_visibility.evaluation.backscatter import fit_backscatter
 from uw_visibility.evaluation.readings import Reading, Truth, flat
 from uw_visibility.optics.spectra import load_response
+from uw_visibility.pipeline.estimate_water import estimate_water
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.effects import marine_snow
@@ -195,25 +196,24 @@ class _Methods:
         self.assessor = Assessor(
             config.assessment, load_response(camera.response), camera.white_reference)
         kappa = self.assessor.clear_water_attenuation
-        ours, paper = (
-            WaterEstimator(replace(config.water, method=method), kappa, camera.transfer,
-                           self.assessor.daylight)
-            for method in (config.water.method, "paper")
-        )
-        self._estimate = {
-            "ours": ours.estimate,
+        paper = WaterEstimator(
+            replace(config.water, method="paper"), kappa, camera.transfer, self.assessor.daylight)
+        self._peers = {
             "paper": paper.estimate,
             "sea_thru": lambda image, ranges: fit_backscatter(image, ranges, camera.transfer),
         }
 
-    def read(
-        self, image: Image, disparity: Map, rig: StereoRig, names: tuple[str, ...] = tuple(METHODS)
-    ) -> dict[str, Reading]:
-        """Let methods estimate the water from an image and disparities."""
+    def read(self, image: Image, disparity: Map, rig: StereoRig) -> dict[str, Reading]:
+        """Let the methods estimate the water from an image and exact disparities."""
+        result = estimate_water(image, disparity, rig, self._config, disparity_stddev=0.0)
+        ours = Reading.of(result.water, result.visibility)
+        return {"ours": ours, **self._read_peers(image, disparity, rig)}
+
+    def _read_peers(self, image: Image, disparity: Map, rig: StereoRig) -> dict[str, Reading]:
         ranges = rig.range_from_disparity(disparity)
         readings = {}
-        for name in names:
-            estimate = self._estimate[name](image, ranges)
+        for name, estimate_from in self._peers.items():
+            estimate = estimate_from(image, ranges)
             readings[name] = Reading.of(estimate, self.assessor.assess(estimate))
         return readings
 
@@ -227,8 +227,8 @@ class _Methods:
             result = Pipeline(rig, config).process(left, right)
         except InputError as error:
             return dict.fromkeys(METHODS, Reading.refused(f"pair refused: {error}"))
-        peers = self.read(left, result.disparity, rig, ("paper", "sea_thru"))
-        return {"ours": Reading.of(result.water, result.visibility), **peers}
+        ours = Reading.of(result.water, result.visibility)
+        return {"ours": ours, **self._read_peers(left, result.disparity, rig)}
 
 
 @lru_cache(maxsize=8)

@@ -127,16 +127,16 @@ def _rendered(seed: int, open_water: bool) -> AdverseScene:
         )
         for k in (0, 1)
     ]
-    rays = CAMERA.rays()
+    rig = CAMERA.rig
+    rays = rig.ray_directions((CAMERA.height, CAMERA.width))
     ranges = views[0].range
-    z = CAMERA.focal_length * CAMERA.baseline / (ranges * rays[..., 2])
     return AdverseScene(
         name=f"reef{seed}{' open' if open_water else ''}",
         left=views[0],
         right=views[1],
         geometry=Geometry.of_rays(rays, rotation[2], pose.position[2]),
-        rig=StereoRig(CAMERA.focal_length, CAMERA.baseline, CAMERA.principal_point),
-        disparity=np.where(np.isfinite(ranges), z, np.nan).astype(np.float32),
+        rig=rig,
+        disparity=rig.disparity_from_range(np.where(np.isfinite(ranges), ranges, np.nan)),
         open_water=open_water,
     )
 
@@ -153,20 +153,21 @@ def _recorded(scene: Scene) -> AdverseScene:
         for disparity in (scene.disparity_left, scene.disparity_right)
     ]
     camera = StereoCamera(width, height, scene.focal_length / step, scene.baseline)
-    rays = camera.rays()
+    rig = camera.rig
     views = []
     for image, disparity in zip((scene.left, scene.right), disparities, strict=True):
-        z = camera.focal_length * camera.baseline / fill_from_background(disparity)
         small = cv2.resize(
             image[: height * step, : width * step], (width, height), interpolation=cv2.INTER_AREA)
         radiance = small.astype(np.float32) / np.float32(255)
-        views.append(View.of_pixels(radiance, (z / rays[..., 2]).astype(np.float32)))
+        ranges = rig.range_from_disparity(fill_from_background(disparity))
+        views.append(View.of_pixels(radiance, ranges))
     return AdverseScene(
         name=scene.name,
         left=views[0],
         right=views[1],
-        geometry=Geometry.of_rays(rays, np.array([0.0, -1.0, 0.0]), HEIGHT),
-        rig=StereoRig(camera.focal_length, camera.baseline, camera.principal_point),
+        geometry=Geometry.of_rays(
+            rig.ray_directions((height, width)), np.array([0.0, -1.0, 0.0]), HEIGHT),
+        rig=rig,
         disparity=disparities[0],
         open_water=False,
     )
