@@ -80,12 +80,30 @@ def test_offset_lies_between_sensor_and_camera() -> None:
     assert read(pose(-4.5), "Odometry", sensor_offset=0.25).depth == 4.75
 
 
-@pytest.mark.parametrize("variance", [0.0, -1.0, math.nan, 1e6])
+@pytest.mark.parametrize("variance", [0.0, -1.0, 1e6])
 def test_variance_that_states_nothing_is_replaced(variance: float) -> None:
     assert read(pose(-1.0, variance), "Odometry").variance == pytest.approx(0.01)
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_value_that_is_not_finite_is_refused(value: float) -> None:
+@pytest.mark.parametrize("variance", [-2.0, -1e-9, math.nan, math.inf, -math.inf])
+def test_variance_that_cannot_be_is_refused(variance: float) -> None:
+    with pytest.raises(InputError, match="depth_sensor states the variance"):
+        read(pose(-1.0, variance), "Odometry")
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -1e200, 1e308, 12_001.0, -12_001.0])
+def test_value_that_no_ocean_has_is_refused(value: float) -> None:
     with pytest.raises(InputError, match="depth_sensor says"):
         read(pose(value), "Odometry")
+    with pytest.raises(InputError, match="depth_sensor says"):
+        read(SimpleNamespace(data=value), "Float64")
+    pressure = SimpleNamespace(header=HEADER, fluid_pressure=value * 1e5, variance=0.0)
+    with pytest.raises(InputError, match="depth_sensor says"):
+        read(pressure, "FluidPressure")
+
+
+def test_value_without_a_stamp_is_refused() -> None:
+    message = pose(-1.0)
+    message.header = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0))
+    with pytest.raises(InputError, match="depth_sensor has no stamp"):
+        read(message, "Odometry")

@@ -29,6 +29,10 @@ MILLIBAR_RATIO = 0.3
 
 # Where z is not measured drivers write variances as large as this.
 UNMEASURED_VARIANCE = 1e6
+# What messages say where they know no variance.
+UNKNOWN_VARIANCES = (0.0, -1.0)
+# The deepest place on Earth is 10,935 m deep.
+MAX_DEPTH = 12_000.0
 Z_VARIANCE = 14
 
 
@@ -51,18 +55,34 @@ def read_depth(message: Any, config: PlausibilityConfig, arrival: int) -> DepthS
     Raises
     ------
     InputError
-        If the value is not finite, or a pressure cannot be in Pa.
+        If there is no stamp, a number is not finite or beyond what any ocean has, or
+        a pressure cannot be in Pa.
     """
     if config.sensor_type == "Float64":
-        stamp, value, variance = arrival, float(message.data), math.nan
+        stamp, value, variance = arrival, float(message.data), 0.0
     else:
         stamp = stamp_to_nanoseconds(message.header.stamp)
         value, variance = _value(message, config)
+        if stamp == 0:
+            raise InputError("depth_sensor has no stamp: fill header.stamp with its time")
     if not math.isfinite(value):
         raise InputError(f"depth_sensor says {value}: publish finite numbers only")
+    depth = _sign(config) * value + config.sensor_offset
+    if abs(depth) > MAX_DEPTH:
+        raise InputError(
+            f"depth_sensor says a depth of {depth:.6g} m, where no ocean is deeper than "
+            f"{MAX_DEPTH:g} m: publish metres, or pascals as FluidPressure"
+        )
+    if not math.isfinite(variance) or (variance < 0.0 and variance not in UNKNOWN_VARIANCES):
+        raise InputError(
+            f"depth_sensor states the variance {variance:.6g}: publish a positive one, or 0 where "
+            "it is not known"
+        )
+    if config.sensor_type == "FluidPressure" and variance > 0.0:
+        variance /= (config.density * STANDARD_GRAVITY) ** 2
     if not 0.0 < variance < UNMEASURED_VARIANCE:
         variance = config.sensor_stddev**2
-    return DepthSample(stamp, _sign(config) * value + config.sensor_offset, variance)
+    return DepthSample(stamp, depth, variance)
 
 
 def depth_of_pressure(pressure: float, config: PlausibilityConfig) -> float:
@@ -94,14 +114,13 @@ def depth_of_pressure(pressure: float, config: PlausibilityConfig) -> float:
 
 
 def _value(message: Any, config: PlausibilityConfig) -> tuple[float, float]:
-    """Return a message's number and its variance, NaN where it has none."""
+    """Return a message's depth or height in m, and its variance as it states it."""
     kind = config.sensor_type
     if kind == "FluidPressure":
-        scale = config.density * STANDARD_GRAVITY
         depth = depth_of_pressure(float(message.fluid_pressure), config)
-        return depth, float(message.variance) / scale**2
+        return depth, float(message.variance)
     if kind == "PointStamped":
-        return float(message.point.z), math.nan
+        return float(message.point.z), 0.0
     return float(message.pose.pose.position.z), float(message.pose.covariance[Z_VARIANCE])
 
 
