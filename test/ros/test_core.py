@@ -44,7 +44,7 @@ class Processor:
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         self.reader = self
-        self.calibrations = 0
+        self.calibrations, self.rig = 0, None
         self.asked: list[set[str]] = []
         self.failure: Exception | None = None
 

@@ -79,7 +79,7 @@ def test_size_that_changes_in_flight_is_followed(
         cropped = info(side)
         cropped.roi.y_offset, cropped.roi.width, cropped.roi.height = 8, 160, 96
         infos.append(cropped)
-    before = node.log.count("using the new calibration")
+    before = int(client.diagnosed("pipeline", "").numbers["calibrations"])
     for _ in range(2):
         stamp = client.publish(*smaller, *infos)
         disparity = client.result(stamp, "disparity")[0]
@@ -88,8 +88,27 @@ def test_size_that_changes_in_flight_is_followed(
         matched = values >= disparity.min_disparity
         assert np.median(np.abs(values - scene.disparity[rows])[matched]) < 0.5
     good_frame(client, parts)
-    # Said once for each change.
-    assert node.log.count("using the new calibration") == before + 2
+    client.wait(
+        lambda: int(client.diagnosis("pipeline").numbers["calibrations"]) == before + 2,
+        "the count of calibrations",
+    )
+    assert "using the new calibration" in node.log
+
+
+def test_calibration_that_changes_all_the_time_does_not_fill_the_log(
+    node: Any, client: Any, parts: Any, info: Any
+) -> None:
+    before = int(client.diagnosed("pipeline", "").numbers["calibrations"])
+    said = node.log.count("using the new calibration")
+    for number in range(1, 11):
+        other = [info(side, d=[1e-6 * number] * 5) for side in ("left", "right")]
+        client.result(client.publish(*parts[:2], *other), "disparity")
+    client.wait(
+        lambda: int(client.diagnosis("pipeline").numbers["calibrations"]) >= before + 10,
+        "the count of calibrations",
+    )
+    assert node.log.count("using the new calibration") <= said + 2
+    good_frame(client, parts)
 
 
 @pytest.mark.parametrize("value", [0.0, math.nan])

@@ -6,8 +6,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from uw_visibility.config.parameters import describe
@@ -99,6 +102,14 @@ def test_values_are_those_of_the_configuration(client: Any) -> None:
     ({"camera__white_reference": [1.0, 2.0]}, "give 3 numbers"),
     ({"max_range": "far"}, "expected 'Type.DOUBLE'"),
     ({"synchronization__tolerance": -1.0}, "synchronization.tolerance"),
+    ({"camera__flat_field": "/none.png"}, "camera.flat_field: cannot read"),
+    ({"camera__flat_field": "/dev/zero"}, "camera.flat_field: image /dev/zero"),
+    ({"camera__flat_field_right": "/none.png"}, "camera.flat_field: cannot read"),
+    ({"camera__response": "/dev/zero"}, "/dev/zero"),
+    ({"stereo__min_disparity": 90, "stereo__max_disparity": 96}, "leave at least 8 px"),
+    ({"depth_frame": ""}, "parameter depth_frame is ''"),
+    ({"depth_frame": "/map"}, "parameter depth_frame is '/map'"),
+    ({"depth_frame": "a map"}, "parameter depth_frame is 'a map'"),
 ])
 def test_refused_change_says_why_and_changes_nothing(
     client: Any, values: dict[str, Any], reason: str
@@ -140,3 +151,30 @@ def test_change_holds_from_the_next_frame(
     assert change(client, max_range=0.5).successful
     beyond = client.result(client.publish(*parts), "visibility/distance")[0]
     assert (beyond.range, beyond.max_range) == (math.inf, 0.5)
+
+
+def test_change_that_no_image_of_the_size_in_use_allows_is_refused(
+    client: Any, scene: Any, image: Any, info: Any, tmp_path: Path
+) -> None:
+    parts = (image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right"))
+    client.result(client.publish(*parts), "disparity")
+    field = tmp_path / "flat.png"
+    cv2.imwrite(str(field), np.full((100, 100, 3), 200, np.uint8))
+    for values, reason in (
+        ({"stereo__min_disparity": 120}, "stereo.min_disparity is 120"),
+        ({"camera__flat_field": str(field)}, "the flat field has 100x100 px and the image 160x120"),
+    ):
+        result = change(client, **values)
+        assert (result.successful, reason in result.reason) == (False, True), result.reason
+    client.result(client.publish(*parts), "disparity")
+
+
+@pytest.mark.parametrize("value", ["camera.flat_field:=/none.png", "depth_frame:=''"])
+def test_node_does_not_start_with_what_cannot_work(
+    start_node: Callable[..., Any], value: str
+) -> None:
+    node = start_node("-p", value, ready=False)
+    assert node.process.wait(30) == 2
+    name = value.split(":=")[0]
+    assert node.log.startswith("uw_visibility: ") and name in node.log
+    assert "Traceback" not in node.log

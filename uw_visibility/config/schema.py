@@ -8,6 +8,7 @@ command read that form.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,12 +24,16 @@ from uw_visibility.config.parameters import (
     section,
 )
 from uw_visibility.config.water import AssessmentConfig, TrackingConfig, WaterConfig
+from uw_visibility.errors import InputError
 
 __all__ = [
     "AssessmentConfig", "CameraConfig", "EnhancementConfig", "NodeConfig", "PipelineConfig",
     "PlausibilityConfig", "StereoConfig", "SynchronizationConfig", "TrackingConfig",
     "WaterConfig",
 ]
+
+# tf2 takes none that begins with a slash.
+FRAME_ID = re.compile(r"(?!/)[!-~]{1,200}")
 
 
 @dataclass(frozen=True)
@@ -364,7 +369,13 @@ class NodeConfig:
     def from_parameters(cls, values: Mapping[str, Any]) -> NodeConfig:
         """Make a configuration from dotted names, ignoring the pipeline's."""
         _, mine = split_parameters(values)
-        return build(cls, mine)
+        config = build(cls, mine)
+        if not FRAME_ID.fullmatch(config.depth_frame):
+            raise InputError(
+                f"parameter depth_frame is {config.depth_frame!r}: give the name of a frame, such "
+                "as map"
+            )
+        return config
 
 
 def split_parameters(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:

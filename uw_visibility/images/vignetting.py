@@ -78,13 +78,17 @@ class EvenIllumination:
         """
         if not self.needed:
             return left, right
-        if not self._gains or self._gains[0].shape[:2] != left.shape[:2]:
-            self._gains = [self._gain(side, left.shape[:2]) for side in range(2)]
+        self.allocate((left.shape[0], left.shape[1]))
         first, second = (
             self._apply(image, gain)
             for image, gain in zip((left, right), self._gains, strict=True)
         )
         return first, second
+
+    def allocate(self, shape: tuple[int, int]) -> None:
+        """Prepare the gains for a size of image; see `correct`."""
+        if self.needed and (not self._gains or self._gains[0].shape[:2] != shape):
+            self._gains = [self._gain(side, shape) for side in range(2)]
 
     def correct_chroma(self, chroma: ChromaImage | None) -> ChromaImage | None:
         """Return the colour of the left image of the pair corrected last, as `correct` does."""

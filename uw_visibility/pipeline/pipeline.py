@@ -250,6 +250,23 @@ class Pipeline:
 
                 self._process(left, right, None, False, (), False, warm_up_chroma(left))
 
+    def allocate(self, shape: tuple[int, int]) -> None:
+        """Allocate for a size of image, as its first pair would.
+
+        Parameters
+        ----------
+        shape : tuple of int
+            Height and width, px.
+
+        Raises
+        ------
+        InputError
+            If pairs of that size cannot be processed with these parameters.
+        """
+        with self._lock:
+            self._illumination.allocate(shape)
+            self._steps_for(shape)
+
     def _process(
         self,
         left: NDArray[Any],

@@ -18,7 +18,7 @@ from rclpy.node import Node
 
 from uw_visibility.compute.jit import counts
 from uw_visibility.compute.kernel_folder import writable_folder
-from uw_visibility.compute.threads import number_of_threads
+from uw_visibility.compute.threads import Workers, number_of_threads
 from uw_visibility.errors import InputError
 from uw_visibility.messages import output_kernels
 from uw_visibility.messages.frames import StereoFrame
@@ -26,6 +26,7 @@ from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.processor import FrameProcessor
 from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.pipeline.second_step import disparity_limits
 from uw_visibility.ros.depth_check import DepthCheck
 from uw_visibility.ros.inputs import SILENCE, StereoInput
 from uw_visibility.ros.monitor.faults import describe_fault
@@ -36,6 +37,7 @@ from uw_visibility.ros.pipeline_state import PipelineState
 from uw_visibility.ros.transport.factory import make_message, message_type
 from uw_visibility.ros.transport.qos import publish_on
 from uw_visibility.ros.worker import NewestWorker
+from uw_visibility.stereo.calibration import image_size
 from uw_visibility.stereo.rig import StereoRig
 
 # A pair waits for CameraInfo of its own stamp for one to two of these, s.
@@ -52,6 +54,8 @@ CLOCK_JUMP = 0.1
 # Kernels are compiled once per type of pixel, not per size or rig; a small image is quicker.
 WARM_UP_RIG = StereoRig(500.0, 0.1, (319.5, 239.5))
 WARM_UP_SHAPE = (120, 160)
+# Before the first image comes any width is possible, px.
+LARGEST_WIDTH = 1 << 16
 
 
 class NodeCore:
@@ -90,12 +94,16 @@ class NodeCore:
         self.state = PipelineState(ReasonLog(lambda line: self._log.error(line)))
         self._silences = ReasonLog(lambda line: self._log.warning(line), SILENCE_PERIOD)
         self._jumps = ReasonLog(lambda line: self._log.warning(line))
-        self._calibrations = 0
+        self._changes = ReasonLog(lambda line: self._log.warning(line))
         self._active_since: float | None = None
         self._processor = FrameProcessor(make_message, self._settings.node.rectify, track=True)
         self.worker = NewestWorker(
             self._process, self._warm_up, self._frames_at_once(), self._settings.node.niceness
         )
+        # Geometry and size of the images that came last.
+        self._images: tuple[StereoRig, tuple[int, int]] | None = None
+        self._tried: tuple[Any, ...] = ()
+        self.try_out(self._settings)
         self._publishers: dict[str, Any] = {}
         # Undoes what was made on the node, the whole or a part of it.
         self._made = ExitStack()
@@ -132,6 +140,33 @@ class NodeCore:
             backward, post_callback=lambda jump: self._on_clock_jump()
         )
         self._made.callback(jump.unregister)
+        parameters = self._parameters
+        parameters.try_out = self.try_out
+        self._made.callback(setattr, parameters, "try_out", None)
+
+    def try_out(self, settings: Settings) -> None:
+        """Make what settings ask for, for images as they come.
+
+        Parameters
+        ----------
+        settings : Settings
+            Those of the next frame, if this passes.
+
+        Raises
+        ------
+        InputError
+            If no frame could be processed with them.
+        """
+        rig, shape = self._images or (WARM_UP_RIG, None)
+        config = settings.pipeline
+        if self._tried == (config, rig, shape):
+            return
+        pipeline = Pipeline(rig, config, Workers(1))
+        if shape is not None:
+            pipeline.allocate(shape)
+        elif config.stereo.max_disparity:
+            disparity_limits(config, LARGEST_WIDTH)
+        self._tried = config, rig, shape
 
     def activate(self) -> None:
         """Take images and publish results from now on."""
@@ -225,8 +260,14 @@ class NodeCore:
         begin = time.perf_counter()
         settings = self._settings
         work = self._processor.begin(frame, settings.pipeline)
-        if self._processor.reader.calibrations != self._calibrations:
-            self._report_calibration()
+        calibrations = self._processor.reader.calibrations
+        if calibrations > max(self.state.calibrations, 1):
+            self._changes.add("camera_info has changed: using the new calibration")
+        self.state.calibrations = calibrations
+        rig = self._processor.reader.rig
+        if rig is not None:
+            width, height = image_size(frame.left_info, "left")
+            self._images = rig, (height, width)
         around = time.perf_counter() - begin
         yield
         topics = self._wanted_topics()
@@ -257,11 +298,6 @@ class NodeCore:
             topic for topic, publisher in self._publishers.items()
             if topic.startswith("visibility/") or publisher.get_subscription_count() > 0
         ]
-
-    def _report_calibration(self) -> None:
-        self._calibrations = self._processor.reader.calibrations
-        if self._calibrations > 1:
-            self._log.warning("camera_info has changed: using the new calibration")
 
     def _on_restart(self) -> None:
         """Forget the past of a recording: its stamps and its clock go back together."""

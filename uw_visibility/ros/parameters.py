@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,8 +20,9 @@ from rclpy.parameter import Parameter
 
 from uw_visibility.config.parameters import ParameterInfo, describe
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, printable
 from uw_visibility.optics.spectra import load_response
+from uw_visibility.ros.monitor.faults import describe_fault
 from uw_visibility.ros.transport.qos import QOS_PREFIX
 
 TYPES = {
@@ -67,6 +69,9 @@ class NodeParameters:
     settings : Settings
         Replaced as a whole once a change was accepted, so that a reader in
         another thread sees either all of it or nothing.
+    try_out : callable or None
+        Raises `InputError` for settings that cannot work; asked before a change is
+        accepted.
 
     Raises
     ------
@@ -76,6 +81,7 @@ class NodeParameters:
 
     def __init__(self, node: Node) -> None:
         self._node = node
+        self.try_out: Callable[[Settings], None] | None = None
         infos = [*describe(PipelineConfig), *describe(NodeConfig)]
         self._infos = {info.name: info for info in infos}
         given = {
@@ -117,9 +123,15 @@ class NodeParameters:
         if not mine:
             return SetParametersResult(successful=True)
         try:
-            Settings.from_values(self._values | mine)
+            settings = Settings.from_values(self._values | mine)
+            if self.try_out is not None:
+                self.try_out(settings)
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
+        except Exception as error:
+            # Whatever else it is that fails would fail with every frame.
+            reason = f"it cannot be used: {printable(error)} ({describe_fault(error)})"
+            return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
 
     def _accept(self, parameters: list[Parameter]) -> None:

@@ -36,6 +36,8 @@ class PipelineState:
     processed, refused, failed : int
         Frames whose results were published; those that cannot be used; those
         lost to an error inside.
+    calibrations : int
+        How often CameraInfo was new.
     failures : ReasonLog
         Why frames gave no result.
     """
@@ -43,6 +45,7 @@ class PipelineState:
     def __init__(self, failures: ReasonLog) -> None:
         self.ready = False
         self.processed = self.refused = self.failed = 0
+        self.calibrations = 0
         self.failures = failures
         self._recent = RecentCounts(SILENCE)
         # Frames that overlap are counted one at a time.
@@ -131,6 +134,7 @@ class PipelineState:
         rate = recent.get("processed", 0) / max(self._recent.duration, 1e-9)
         values: dict[str, Any] = {f"frames {name}": count for name, count in counts.items()}
         values["rate (Hz)"] = f"{rate:.2f}"
+        values["calibrations"] = self.calibrations
         if self._result is not None:
             values |= _values(self._result)
             values["around the pipeline (ms)"] = f"{self._around:.1f}"
