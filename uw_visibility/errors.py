@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The one error class that bad input raises, and text from outside as it may be shown."""
+"""Error class of bad input, and text from outside as it may be shown."""
 
 # A sentence that names what is wrong and what to do has room in this; a hostile file's has not.
 LONGEST_MESSAGE = 1000
@@ -38,7 +38,7 @@ def printable(text: object, length: int = LONGEST_NAME) -> str:
 
 
 class InputError(ValueError):
-    """What was given cannot be used: the message names it and says what to do.
+    """Bad input: the message names it and says what to do.
 
     The command prints the message and exits with code 2; the node counts and
     reports a dropped frame, or refuses the parameter.

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The report of one frame: what was estimated, as plain values for JSON."""
+"""Report of one frame: its estimates as plain values for JSON."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def frame_report(result: FrameResult) -> dict[str, Any]:
-    """Return what `report.json` holds.
+    """Return the contents of `report.json`.
 
     Parameters
     ----------

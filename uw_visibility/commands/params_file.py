@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The option ``--params-file``: the node's parameter file, for a command."""
+"""Option ``--params-file``: the node's parameter file, for a command."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Progress of long work, on standard error where that is a terminal."""
+"""Progress bar on standard error, where that is a terminal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Item = TypeVar("Item")
 
 
 def progress_bar(items: Iterable[Item], name: str, total: int | None = None) -> Iterator[Item]:
-    """Yield the items, and show how many have been taken."""
+    """Yield the items and advance a progress bar."""
     from tqdm import tqdm
 
     yield from tqdm(
@@ -21,6 +21,6 @@ def progress_bar(items: Iterable[Item], name: str, total: int | None = None) -> 
 
 
 def tell(text: str) -> None:
-    """Say what is being waited for."""
+    """Write a line to standard error, where that is a terminal."""
     if sys.stderr.isatty():
         print(text, file=sys.stderr)

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The options that name recordings and what of them is used, for replay and calibrate."""
+"""Command-line options of recordings, their part and their topics, for replay and calibrate."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def read_recording_options(arguments: argparse.Namespace) -> ReplayOptions:
 
 @contextmanager
 def reading(command: str) -> Iterator[None]:
-    """Say in one sentence what keeps a command from reading recordings.
+    """Turn errors of reading recordings into one sentence and an exit code.
 
     Raises
     ------

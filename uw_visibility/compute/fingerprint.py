@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A digest of all that the machine code of a module's kernels is made from."""
+"""Digest of all that the machine code of a module's kernels is made from."""
 
 from __future__ import annotations
 

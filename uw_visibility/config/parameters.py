@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Described parameters: dataclass fields with unit, bounds and meaning, and their files."""
+"""Described parameters: dataclass fields with unit, bounds and description."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ROS_PARAMETERS = ("qos_overrides.", "start_type_description_service", "use_sim_t
 
 @dataclasses.dataclass(frozen=True)
 class ParameterInfo:
-    """What a parameter means, and what it may hold.
+    """Description, unit, bounds and choices of a parameter.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every parameter of the pipeline and of the node: default, unit, bounds, meaning.
+"""Parameter schema of the pipeline and the node: default, unit, bounds, description.
 
 `config/uw_visibility.yaml` holds the same names and defaults; the node and the
 command read that form.
@@ -38,7 +38,7 @@ FRAME_ID = re.compile(r"(?!/)[!-~]{1,200}")
 
 @dataclass(frozen=True)
 class CameraConfig:
-    """What the camera does to light."""
+    """Camera: transfer, spectral response, white reference, vignetting."""
 
     transfer: str = parameter(
         "linear",
@@ -198,7 +198,7 @@ class EnhancementConfig:
 
 @dataclass(frozen=True)
 class PipelineConfig:
-    """Everything that the pipeline can be told.
+    """Configuration of the pipeline: all of its parameters.
 
     Use `from_parameters` or `from_yaml` to make one; the fields are the
     sections of the parameter file.
@@ -251,7 +251,7 @@ class PipelineConfig:
 
 @dataclass(frozen=True)
 class SynchronizationConfig:
-    """How the four input topics become stereo frames."""
+    """Synchronisation of the four input topics."""
 
     tolerance: float = parameter(
         0.0, "Largest difference of the two images' stamps; 0 asks for equal stamps.",
@@ -264,7 +264,7 @@ class SynchronizationConfig:
 
 @dataclass(frozen=True)
 class PlausibilityConfig:
-    """How a depth sensor is held against the depth that the water's colour tells."""
+    """Plausibility test of a depth sensor against the depth estimated from colour."""
 
     sensor_type: str = parameter(
         "PoseWithCovarianceStamped",
@@ -326,7 +326,7 @@ class PlausibilityConfig:
 
 @dataclass(frozen=True)
 class NodeConfig:
-    """What the node needs beyond the pipeline."""
+    """Configuration of the node beyond the pipeline's."""
 
     rectify: bool = parameter(
         False, "Rectify raw images with K, D, R and P of their CameraInfo.", read_only=True,

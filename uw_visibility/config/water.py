@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the water's state: estimation, what it means, and recursion over frames."""
+"""Parameters of the water: estimation, assessment, and filter over frames."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class WaterConfig:
 
 @dataclass(frozen=True)
 class AssessmentConfig:
-    """What visibility and depth mean (eq. 9-14)."""
+    """Assessment of visibility and depth (eq. 9-14)."""
 
     contrast: float = parameter(
         0.05, "Smallest contrast that an observer distinguishes (eq. 11).",
@@ -61,7 +61,7 @@ class AssessmentConfig:
 
 @dataclass(frozen=True)
 class TrackingConfig:
-    """Recursion over frames: a Kalman filter of the water's state."""
+    """Kalman filter of the water's state over frames."""
 
     enabled: bool = parameter(
         True, "Filter the estimates of frames that come with a stamp.",

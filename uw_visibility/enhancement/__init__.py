@@ -1,3 +1,3 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""enhancement."""
+"""Enhancement: dense range by matting, and restoration of the scene's radiance."""

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Range of unmatched pixels, bounded by the veil that they can hold at most.
+"""Upper bound of the range of unmatched pixels, by the veil that they can hold at most.
 
 What fills the holes of a disparity map serves colour only, and is often too far: beside
 a near object it is the background's range. A pixel that is darker than the veil up to

@@ -17,7 +17,7 @@ from uw_visibility.errors import InputError
 
 @dataclass(frozen=True)
 class Matte:
-    """A dense disparity map.
+    """Dense disparity map with confidence.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Matte:
 
 
 class Matting:
-    """Refines coarse disparity maps against the image and extends them to all pixels.
+    """Matting of coarse disparity maps: refined against the image and extended to all pixels.
 
     Keeps its buffers for the last size of image: one call at a time.
 
@@ -60,7 +60,7 @@ class Matting:
         confidence: NDArray[np.float32] | None,
         guide: NDArray[np.generic],
     ) -> Matte:
-        """Make a coarse disparity map dense.
+        """Refine a coarse disparity map, and make it dense.
 
         Parameters
         ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Recovery of the scene's radiance from an image, its range and the water (eq. 8)."""
+"""Radiance recovery from an image, its range and the water (eq. 8)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LEAST_THICKNESS = 0.5
 
 @dataclass(frozen=True)
 class Channels:
-    """A water's state in the form that kernels take, for the channels of an image.
+    """Attenuation, veil, light and limits of an image's channels, as kernels take them.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Channels:
 
 
 class Restorer:
-    """Restores images; see `restore`.
+    """Radiance recovery as images of limited gain; see `restore`.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class Restorer:
         water: Water,
         noise: NDArray[np.float64] | None = None,
     ) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
-        """Recover the scene's radiance as an image (eq. 8).
+        """Radiance recovery as an image, its gain limited (eq. 8).
 
         Radiance is relative to the light on the scene: 1, a white patch, becomes the
         largest pixel value, and open water B / W of it. Where the range is unknown
@@ -155,7 +155,7 @@ def recover_radiance(
     transfer: str = "linear",
     max_gain: float = math.inf,
 ) -> NDArray[np.float32]:
-    """Recover the scene's radiance as numbers, neither clipped nor quantised (eq. 8).
+    """Radiance recovery as numbers, neither clipped nor quantised (eq. 8).
 
     ρ = B/W + (E - B)/W e^(βd), which is eq. 8 where W = B.
 
@@ -187,7 +187,7 @@ def recover_radiance(
 
 
 def prepare(water: Water, count: int, max_gain: float) -> Channels:
-    """Put a water's state into the form that kernels take.
+    """Convert a water's state to the form that kernels take.
 
     Raises
     ------
@@ -240,7 +240,7 @@ def irradiance_noise(
 def as_channels(
     image: NDArray[np.generic], range_map: NDArray[np.float32]
 ) -> NDArray[np.generic]:
-    """View an image as (H, W, C), once it is known to fit its range.
+    """View an image as (H, W, C), after a check that it fits its range.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""White balance of the restored image: the white that the camera has balanced stays white.
+"""White balance of the restored image: white that the camera has balanced stays white.
 
 Restoration divides by the light W on the scene. Where a camera has balanced its white
 under water, patches that are white already would take on the colour that the estimate of
@@ -28,7 +28,7 @@ _NEUTRAL = (0.06, 0.12)
 
 
 class RestorationWater(NamedTuple):
-    """A water's state as restoration takes it, one value a channel.
+    """Attenuation, veil and scene light for restoration, one value a channel.
 
     Attributes
     ----------

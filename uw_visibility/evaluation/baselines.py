@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a user would otherwise take: OpenCV's matcher and contrast methods."""
+"""Baselines: OpenCV's matcher and contrast methods."""
 
 from __future__ import annotations
 
@@ -77,17 +77,17 @@ def equalised_matching(
 
 
 def equalise_channels(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Equalise the histogram of each channel of an (H, W, 3) image."""
+    """Histogram equalisation of each channel of an (H, W, 3) image."""
     return np.dstack([cv2.equalizeHist(np.ascontiguousarray(image[..., c])) for c in range(3)])
 
 
 def equalise_lightness(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Equalise the histogram of L* of an (H, W, 3) RGB image; colours stay."""
+    """Histogram equalisation of L* of an (H, W, 3) RGB image; colours stay."""
     return _on_lightness(image, cv2.equalizeHist)
 
 
 def equalise_adaptively(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Equalise L* of an (H, W, 3) RGB or a grey image by tiles, with limited contrast (CLAHE)."""
+    """CLAHE of L* of an (H, W, 3) RGB or of a grey image."""
     clahe = cv2.createCLAHE(clipLimit=CLIP_LIMIT, tileGridSize=TILES)
     return clahe.apply(image) if image.ndim == 2 else _on_lightness(image, clahe.apply)
 

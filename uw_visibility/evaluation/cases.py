@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""One scene in one water: what we make of it, what peers do, and what could be reached.
+"""One case: a scene in one water, by the pipeline, by peers, and by the oracle.
 
 A case is one point of section III of the paper. On the same 8-bit pixels stand side
 by side: the degraded input, OpenCV's peers, the pipeline, and the oracle, which
@@ -91,7 +91,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Pictures:
-    """What figures 3 and 9 show of a case.
+    """Images and envelopes of a case, for figures 3 and 9.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class Pictures:
 
 @dataclass(frozen=True)
 class CaseResult:
-    """Everything measured of a case.
+    """Measurements of a case.
 
     Attributes
     ----------
@@ -237,7 +237,7 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
 
 
 class _Bench:
-    """What serves all cases of a scene."""
+    """Rig, pipeline and estimators that serve all cases of a scene."""
 
     def __init__(self, scene: Scene, config: PipelineConfig) -> None:
         self.disparities = config.stereo.max_disparity + 1

@@ -136,7 +136,7 @@ def degrade(
     depth: float,
     clear_water_attenuation: ArrayLike,
 ) -> NDArray[np.uint8]:
-    """See an image through water (eq. 1-3), without added noise, in 8 bit.
+    """Degrade an image as water does (eq. 1-3), without added noise, in 8 bit.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def degrade(
 
 
 def fill_from_background(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Give every pixel a disparity: the farther one of its known neighbours in the row.
+    """Fill gaps of a disparity map with the farther known neighbour in the row.
 
     Unknown pixels are mostly occluded ones, which lie on the background side.
     A row without any known pixel takes the nearest filled row.
@@ -199,7 +199,7 @@ def fill_from_background(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def warp_to_right(disparity_left: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Carry the left view's disparity to the right view; the nearer surface wins.
+    """Warp the left view's disparity to the right view; the nearer surface wins.
 
     Parameters
     ----------

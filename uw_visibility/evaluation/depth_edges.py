@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Halos: errors of range and colour beside true depth edges, by the way to a dense map.
+"""Halos: errors of range and colour at depth edges, by dense disparity map.
 
 The same image, in the same water, is restored with several dense disparity maps, so
 that their colours differ by what the maps do: the mesh of step 1 alone, its matting by

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The grid of section III, case by case, in as many processes as wanted.
+"""Grid of experiments (section III), case by case, in several processes.
 
 Artificial degradation of scenes with known disparity "to approximate the underwater
 survey requirements of an AUV in a depth range of 0 - 5 m and a mean attenuation
@@ -34,7 +34,7 @@ LARGEST_DEPTH = 100.0
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be evaluated.
+    """Plan of an evaluation: scenes and grid of waters.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What came out.
+    """Results of an evaluation.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class Evaluation:
 
 
 def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: items) -> Evaluation:
-    """Run everything that is planned.
+    """Run the cases of a plan.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The image after the first enhancement (Fig. 4, step 1), which the pipeline never makes.
+"""First enhancement (Fig. 4, step 1), an image that the pipeline never makes.
 
 The pipeline needs the contrast of step 1 only, for matching. Fig. 7 of the paper
 shows its colours too, so they are made here from the same parts.

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""How far results are from the truth: colours, disparities, estimates."""
+"""Metrics of colours, disparities and estimates against the truth."""
 
 from __future__ import annotations
 

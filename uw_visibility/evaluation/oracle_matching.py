@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Our matcher given the true water and ranges: what it could reach on the same pixels."""
+"""Oracle of stereo matching: our matcher given the true water and ranges."""
 
 from __future__ import annotations
 

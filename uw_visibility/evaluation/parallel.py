@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pieces of work, one after the other or in processes of their own."""
+"""Parallel map over pieces of work, in this process or in several."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What was estimated of the water, and what is true, in one form for tables and figures."""
+"""Estimated and true state of the water, in one form for tables and figures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Truth:
-    """The water as it is.
+    """True state of the water.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Reading:
-    """One estimate of the water and what follows from it; NaN = not assessable.
+    """Estimated state of the water with σ; NaN = not assessable.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class Reading:
 
     @classmethod
     def of(cls, estimate: WaterEstimate, visibility: Visibility) -> Reading:
-        """Put an estimate and its assessment together."""
+        """Reading of an estimate and its assessment."""
         return cls(
             status=str(estimate.status),
             distance_status=str(visibility.status),
@@ -131,7 +131,7 @@ class Reading:
 
     @classmethod
     def refused(cls, reason: str) -> Reading:
-        """Tell that nothing was assessed, and why."""
+        """Reading in which nothing was assessed, with the reason."""
         visibility = Visibility(Status.NO_TEXTURE, Status.NO_TEXTURE)
         reading = cls.of(WaterEstimate.not_assessable(Status.NO_TEXTURE), visibility)
         statuses = dict.fromkeys(("status", "distance_status", "depth_status"), reason)

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes of our own in air, for experiments without a recorded dataset."""
+"""Rendered scenes in air, for experiments without a recorded dataset."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where the scenes of an evaluation come from: folders, or our own renderer."""
+"""Sources of scenes of an evaluation: folders, or our own renderer."""
 
 from __future__ import annotations
 

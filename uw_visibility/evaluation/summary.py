@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What an evaluation says in a few numbers; what is not assessable is counted beside them."""
+"""Summary statistics of an evaluation; what is not assessable is counted beside them."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The summary of an evaluation as text."""
+"""Summary of an evaluation as text for a terminal."""
 
 from __future__ import annotations
 

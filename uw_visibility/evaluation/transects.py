@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A rendered transect, assessed frame by frame against the truth (Fig. 10)."""
+"""Rendered transect, assessed frame by frame against the truth (Fig. 10)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the node said, frame by frame, against the truth."""
+"""Comparison of the node's answers with the truth, frame by frame."""
 
 from __future__ import annotations
 

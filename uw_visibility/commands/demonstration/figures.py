@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of the demonstration: frames side by side, and estimates over time."""
+"""Figures of the demonstration: frames side by side, and estimates over time."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Signals that end the demonstration at a place where everything can be put away."""
+"""Deferred signals: the demonstration ends where everything can be put away."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Interruption:
-    """Notes the signals that ask for the end; to be used in a ``with`` statement.
+    """Signal handlers that only note the signal; to be used in a ``with`` statement.
 
     An exception raised by a signal's handler can come up in a callback of the
     compiler or of the middleware, which swallows it. So the handler only takes

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""ROS traffic that stays on this machine, apart from other runs, and loses no image."""
+"""Isolation of ROS traffic: on this machine, apart from other runs, without loss of images."""
 
 from __future__ import annotations
 

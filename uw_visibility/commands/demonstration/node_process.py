@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node in a process of its own, that ends with the demonstration in every case."""
+"""Subprocess of the node, which ends with the demonstration in every case."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class NodeDied(RuntimeError):
 
 
 class NodeProcess:
-    """Runs the node; to be used in a ``with`` statement.
+    """Subprocess of the node; to be used in a ``with`` statement.
 
     Parameters
     ----------

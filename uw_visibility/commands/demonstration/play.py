@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Plays a recording into the running node at the recorded rate."""
+"""Playback of a recording into the running node, at the recorded rate."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ PICTURES = 4
 
 @dataclass(frozen=True)
 class Answer:
-    """What came back for one frame.
+    """Messages that the node answered one frame with.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ def _checked(
 def _compare(
     folder: Path, frames: Sequence[RecordedFrame], answers: Sequence[Answer], check: Check
 ) -> list[FrameComparison]:
-    """Hold the answers against the truth, and draw some of them."""
+    """Compare the answers with the truth, and draw some of them."""
     # The raw pairs are matched here, by the pipeline's own matcher.
     pipeline = Pipeline(frames[0].rig)
     pictured = set(np.linspace(0, len(frames) - 1, PICTURES).round().astype(int).tolist())

@@ -29,7 +29,7 @@ RANGE_PERCENTILES = (0.2, 99.8)
 
 
 def draw_bins(path: Path, case: CaseResult) -> None:
-    """Draw what the estimate of a case rests on.
+    """Draw pixels, envelopes and fitted curves of a case.
 
     The grey points are the scene's radiance in air, the coloured ones what the camera
     sees under water, over the true range. The lower curve is eq. 6 with the estimated
@@ -141,7 +141,7 @@ def _legend() -> list[Line2D]:
 
 
 def _black(distance: NDArray[np.float64], beta: float, ambient: float) -> NDArray[np.float64]:
-    """Irradiance of something black (eq. 6)."""
+    """Veil: irradiance of a black patch (eq. 6)."""
     return np.asarray(veil_of(ambient, transmission(beta, distance)))
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Fig. 6 and 7 of the paper: what becomes of scenes as the water changes."""
+"""Fig. 6 and 7 of the paper: attenuation, matches and colour as the water changes."""
 
 from __future__ import annotations
 

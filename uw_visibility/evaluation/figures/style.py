@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the figures of an evaluation share: colours, lines, how they are saved."""
+"""Style of the figures of an evaluation: colours, lines, format."""
 
 from __future__ import annotations
 
