@@ -42,7 +42,7 @@ from rclpy.serialization import serialize_message
 from benchmarks.stereo_messages import stereo_messages
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.outputs import all_topics
-from uw_visibility.ros.client.player import read_stamp
+from uw_visibility.messages.stamps import header_stamp
 from uw_visibility.ros.transport.factory import message_type
 
 START_TIMEOUT = 300.0
@@ -178,7 +178,7 @@ class Listener:
             return
 
     def _hear(self, data: bytes) -> None:
-        self.answers[read_stamp(data)] = time.time_ns()
+        self.answers[header_stamp(data)] = time.time_ns()
 
     def _diagnose(self, message: DiagnosticArray) -> None:
         values = {

@@ -91,6 +91,17 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
             fcntl.flock(room, fcntl.LOCK_UN)
 
 
+@pytest.fixture
+def hostile_folder(tmp_path: Path) -> Path:
+    """Folder of modules named like those that are imported first; any makes the file `ran`."""
+    folder = tmp_path / "hostile"
+    folder.mkdir()
+    mark = f"open({str(folder / 'ran')!r}, 'a').write(__name__ + chr(10))\n"
+    for name in ("concurrent", "logging", "multiprocessing", "numpy", "pickle", "uw_visibility"):
+        (folder / f"{name}.py").write_text(mark, encoding="utf-8")
+    return folder
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Folder of recorded test data beside the checkout; skips where it is absent."""

@@ -23,7 +23,7 @@ pytest.importorskip("matplotlib")
 
 from uw_visibility.commands.demonstration.comparison import FrameComparison, score, summarize
 from uw_visibility.commands.demonstration.node_process import NodeDied, NodeProcess
-from uw_visibility.ros.client.player import read_stamp, restamp
+from uw_visibility.messages.stamps import header_stamp, with_stamp
 
 COMMAND = [sys.executable, "-m", "uw_visibility.cli", "demo"]
 ENVIRONMENT = {k: v for k, v in os.environ.items() if not k.startswith("FASTRTPS")}
@@ -97,6 +97,20 @@ def test_a_node_that_dies_is_told_with_its_last_lines(tmp_path: Path) -> None:
         assert "the lens is fogged" in str(caught.value)
 
 
+def test_the_node_runs_nothing_from_the_current_folder(
+    hostile_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(hostile_folder)
+    log = hostile_folder / "node.log"
+    with NodeProcess(log, int(ENVIRONMENT["ROS_DOMAIN_ID"])) as node:
+        for _ in range(300):
+            node.check()
+            if "preparing the pipeline" in log.read_text(encoding="utf-8"):
+                break
+            time.sleep(0.1)
+    assert not (hostile_folder / "ran").exists()
+
+
 def test_the_demo_of_a_dead_node_exits_with_1(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -151,8 +165,8 @@ def test_a_stamp_is_written_where_messages_carry_it() -> None:
 
     data = serialize_message(CameraInfo(width=640, distortion_model="plumb_bob"))
     stamp = 1_700_000_123_456_789_012
-    changed = restamp(data, stamp)
-    assert read_stamp(changed) == stamp
+    changed = with_stamp(data, stamp)
+    assert header_stamp(changed) == stamp
     message = deserialize_message(changed, CameraInfo)
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == divmod(stamp, 10**9)
     assert (message.width, message.distortion_model) == (640, "plumb_bob")

@@ -7,6 +7,9 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -121,6 +124,25 @@ def test_filtered_messages_are_those_of_a_filter_over_all_frames(
         vector = found["/visibility/attenuation", time].vector
         water = tracker.update(result.water, 1e-9 * time)
         np.testing.assert_array_equal([vector.x, vector.y, vector.z], water.attenuation)
+
+
+def test_what_lies_beside_a_bag_is_not_run(
+    transect: Path, hostile_folder: Path, tmp_path: Path
+) -> None:
+    """Processes of Python's own pools import from the current folder first."""
+    shutil.copytree(transect, hostile_folder / "bag")
+    # As the installed command is: its own folder is searched, not the current one.
+    command = tmp_path / "command.py"
+    command.write_text(
+        'from uw_visibility.cli import main\nif __name__ == "__main__":\n    main()\n'
+    )
+    options = ["-o", "out", "--jobs", "2", "--every", "3"]
+    done = subprocess.run(
+        [sys.executable, str(command), "replay", "bag", *options],
+        cwd=hostile_folder, capture_output=True, text=True, check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert not (hostile_folder / "ran").exists()
 
 
 def test_jobs_and_repetition_change_nothing(

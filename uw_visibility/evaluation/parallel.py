@@ -5,12 +5,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
-from multiprocessing import get_context
+from concurrent.futures import as_completed
 from typing import Any
 
 import cv2
+
+from uw_visibility.compute.processes import process_pool
 
 Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 """Takes an iterator over what is done and its length, and yields from it."""
@@ -46,43 +46,14 @@ def run_all(
     list
         Results in the order of the pieces.
     """
-    results: dict[int, Any] = {}
-    with _runner(jobs, threads) as run:
-        for index, result in progress(run(function, pieces, arguments), len(pieces)):
-            results[index] = result
-    return [results[index] for index in range(len(pieces))]
-
-
-Run = Callable[
-    [Callable[..., Any], Sequence[Any], tuple[Any, ...]], Iterator[tuple[int, Any]]
-]
-
-
-@contextmanager
-def _runner(jobs: int, threads: int) -> Iterator[Run]:
-    """Yield what runs the pieces of work, here or in processes of their own."""
     if jobs == 1:
-        def run(
-            function: Callable[..., Any], pieces: Sequence[Any], arguments: tuple[Any, ...]
-        ) -> Iterator[tuple[int, Any]]:
-            return ((i, function(piece, *arguments)) for i, piece in enumerate(pieces))
-
-        yield run
-        return
-    # Processes are started anew: a fork of one that has threads may never answer.
-    pool = ProcessPoolExecutor(
-        jobs, mp_context=get_context("spawn"), initializer=cv2.setNumThreads, initargs=(threads,)
-    )
-
-    def run_in_pool(
-        function: Callable[..., Any], pieces: Sequence[Any], arguments: tuple[Any, ...]
-    ) -> Iterator[tuple[int, Any]]:
-        futures: dict[Future[Any], int] = {
-            pool.submit(function, piece, *arguments): i for i, piece in enumerate(pieces)
-        }
-        return ((futures[future], future.result()) for future in as_completed(futures))
-
-    try:
-        yield run_in_pool
-    finally:
-        pool.shutdown(cancel_futures=True)
+        one_by_one = ((i, function(piece, *arguments)) for i, piece in enumerate(pieces))
+        results = dict(progress(one_by_one, len(pieces)))
+    else:
+        with process_pool(jobs, cv2.setNumThreads, threads) as pool:
+            futures = {
+                pool.submit(function, piece, *arguments): i for i, piece in enumerate(pieces)
+            }
+            done = ((futures[future], future.result()) for future in as_completed(futures))
+            results = dict(progress(done, len(pieces)))
+    return [results[index] for index in range(len(pieces))]

@@ -9,14 +9,15 @@ recording, so the number of processes changes nothing but the time it takes.
 
 from __future__ import annotations
 
-import multiprocessing
 import signal
 from collections import deque
 from collections.abc import Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future
+from contextlib import ExitStack
 from types import TracebackType
 from typing import TypeVar
 
+from uw_visibility.compute.processes import process_pool
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.replay.work import FrameAnswer, FrameTask, answer, warm_up
 
@@ -40,7 +41,8 @@ class FramePool:
     def __init__(self, jobs: int, config: PipelineConfig) -> None:
         self.jobs = jobs
         self._config = config
-        self._pool: ProcessPoolExecutor | None = None
+        self._pool: Executor | None = None
+        self._open = ExitStack()
 
     def answers(self, items: Iterable[FrameTask | Other]) -> Iterator[FrameAnswer | Other]:
         """Yield the answers to tasks in the order of the items; hand on what is no task."""
@@ -70,11 +72,7 @@ class FramePool:
         if self.jobs == 1:
             warm_up(self._config)
         else:
-            # A process that is forked would share locks of threads with this one.
-            context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(
-                self.jobs, context, initializer=_begin, initargs=(self._config,)
-            )
+            self._pool = self._open.enter_context(process_pool(self.jobs, _begin, self._config))
         return self
 
     def __exit__(
@@ -83,8 +81,7 @@ class FramePool:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._pool is not None:
-            self._pool.shutdown(wait=True, cancel_futures=True)
+        self._open.close()
 
 
 def _begin(config: PipelineConfig) -> None:

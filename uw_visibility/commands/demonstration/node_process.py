@@ -6,10 +6,12 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
+import subprocess  # noqa: TID251
 import sys
 from pathlib import Path
 from types import TracebackType
+
+from uw_visibility.compute.processes import SAFE_PATH
 
 COMMAND = (sys.executable, "-m", "uw_visibility.ros.node")
 LAST_LINES = 15
@@ -40,7 +42,9 @@ class NodeProcess:
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> NodeProcess:
-        environment = dict(os.environ, ROS_DOMAIN_ID=str(self._domain), PYTHONUNBUFFERED="1")
+        environment = dict(
+            os.environ, ROS_DOMAIN_ID=str(self._domain), PYTHONUNBUFFERED="1", **SAFE_PATH
+        )
         with self._log.open("wb") as log:
             # In a session of its own, Ctrl-C in the terminal does not reach the
             # node: it is ended here, once, whatever ends the demonstration.

@@ -1,0 +1,45 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What lies in the current folder is not run by the processes that the package starts."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from uw_visibility.compute.processes import process_pool
+
+POOL = """\
+from uw_visibility.compute.processes import process_pool
+if __name__ == "__main__":
+    with process_pool(2, abs, -1) as pool:
+        print(sum(pool.map(abs, (-1, -2))))
+"""
+
+
+def test_a_pool_imports_nothing_from_the_current_folder(
+    hostile_folder: Path, tmp_path: Path
+) -> None:
+    # A file, as the installed command is: its own folder is searched, not the current one.
+    (tmp_path / "command.py").write_text(POOL, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, str(tmp_path / "command.py")], cwd=hostile_folder,
+        capture_output=True, text=True, check=False,
+    )
+    assert (done.stdout, done.returncode) == ("3\n", 0), done.stderr
+    assert not (hostile_folder / "ran").exists()
+
+
+@pytest.mark.parametrize("before", [None, "", "yes"])
+def test_the_environment_is_as_before(before: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    if before is None:
+        monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    else:
+        monkeypatch.setenv("PYTHONSAFEPATH", before)
+    with pytest.raises(ZeroDivisionError), process_pool(1, abs, -1):
+        raise ZeroDivisionError
+    assert os.environ.get("PYTHONSAFEPATH") == before
