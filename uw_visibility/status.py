@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Why an estimate is, or is not, assessable."""
+"""Status of an estimate: ok, or why it is not assessable."""
 
 from enum import Enum
 

@@ -47,7 +47,7 @@ class ChromaImage:
 
 
 def mosaic_chroma(image: NDArray[Any], pattern: str) -> ChromaImage:
-    """Tell the noise of an image that was interpolated from a mosaic of colours.
+    """Chroma noise of an image that was demosaiced.
 
     Interpolation smooths noise, but leaves each pixel as it was in the channel that the
     sensor has measured there. These are two pixels apart, over which texture looks like

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The colour of a JPEG at the resolution that it is stored with, and how far it is to be trusted.
+"""JPEG chroma at its stored resolution, with the noise of its quantisation.
 
 See `uw_visibility.images.jpeg_kernels` for what is done and why.
 """
@@ -35,7 +35,7 @@ _BLOCK = 8
 
 
 class _Layout(NamedTuple):
-    """How colour is stored."""
+    """Chroma layout of a JPEG: subsampling and blocks."""
 
     scale: int  # the resolution at which it is read is the image's over this
     rows: int  # pixels of it to a block of colour
@@ -48,7 +48,7 @@ _LAYOUTS = {0: _Layout(1, 8, 8, True), 1: _Layout(2, 4, 8, False), 2: _Layout(2,
 
 
 class _File(NamedTuple):
-    """What of a JPEG is needed."""
+    """Coefficients and quantisation tables of a JPEG."""
 
     layout: _Layout
     planes: NDArray[np.uint8]  # (h, w, 3): Y, Cb, Cr
@@ -57,7 +57,7 @@ class _File(NamedTuple):
 
 
 def jpeg_chroma(data: bytes) -> ChromaImage | None:
-    """Read the colour of a JPEG at the resolution that it is stored with.
+    """Read the chroma of a JPEG at its stored resolution.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def jpeg_chroma(data: bytes) -> ChromaImage | None:
 
 
 def file_chroma(path: str | Path, pixels: NDArray[Any]) -> ChromaImage | None:
-    """Read the colour of the file that an image was read from.
+    """Read the chroma of the file that an image was read from.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def file_chroma(path: str | Path, pixels: NDArray[Any]) -> ChromaImage | None:
 
 
 def warm_up_chroma(image: NDArray[np.uint8]) -> ChromaImage | None:
-    """Compile what is not compiled yet, and return an image's colour as a JPEG of it has it."""
+    """Compile the kernels of chroma, and return the chroma of a JPEG of an image."""
     from PIL import Image
 
     chroma = None

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the rounding of a JPEG left of colour, and how much is missing.
+"""JPEG chroma restored within its quantisation intervals, and the variance that is missing.
 
 The file holds each coefficient of a block's cosine transform (ITU-T T.81) rounded to
 a multiple of its step: the true one lies within half of a step. Steps of colour are

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The noise of an image, from its smoothest parts."""
+"""Noise estimate of an image, from its smoothest parts."""
 
 from __future__ import annotations
 

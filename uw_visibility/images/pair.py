@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Stereo pairs as the pipeline takes them: checked, and told when nothing can be seen."""
+"""Checks of stereo pairs: types, sizes and exposure."""
 
 from __future__ import annotations
 

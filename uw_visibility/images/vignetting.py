@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Even illumination: what lens and housing take from the image's margins is given back."""
+"""Flat-field correction of vignetting by lens and housing."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of depth sensors as depths, for the classes of rclpy and of rosbags alike."""
+"""Depth from messages of depth sensors, for the classes of rclpy and of rosbags alike."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def read_depth(message: Any, config: PlausibilityConfig, arrival: int) -> DepthS
 
 
 def depth_of_pressure(pressure: float, config: PlausibilityConfig) -> float:
-    """Return the depth at which water has a pressure.
+    """Depth of a pressure in water.
 
     Parameters
     ----------

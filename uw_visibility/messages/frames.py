@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""From the four messages of a stereo frame to a rectified pair and its rig."""
+"""Rectified pair and rig from the four messages of a stereo frame."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from uw_visibility.stereo.rig import Rectifier, StereoRig
 
 
 class StereoFrame(NamedTuple):
-    """Messages of one instant: two images, and the CameraInfo that holds for each.
+    """Synchronised messages: two images, and the CameraInfo that holds for each.
 
     Images are of the type Image or CompressedImage.
     """
@@ -33,7 +33,7 @@ class StereoFrame(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StereoPair:
-    """A rectified pair of images as the pipeline takes it.
+    """Rectified pair of images with its rig, as the pipeline takes it.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class StereoPair:
 
 
 class FrameReader:
-    """Reads frames; keeps the rig and the rectification as long as CameraInfo stays the same.
+    """Reader of frames; keeps rig and rectification while CameraInfo stays the same.
 
     Parameters
     ----------

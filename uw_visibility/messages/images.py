@@ -16,7 +16,7 @@ from uw_visibility.errors import InputError, printable
 
 
 class Encoding(NamedTuple):
-    """How the pixels of an encoding lie, and how its enhanced image is encoded."""
+    """Pixel layout of an encoding, and the encoding of its enhanced image."""
 
     dtype: type[np.unsignedinteger[Any]]
     channels: int
@@ -53,7 +53,7 @@ ENCODINGS: dict[str, Encoding] = {
 
 
 class MessageFactory(Protocol):
-    """Makes a message of a type named like ``sensor_msgs/msg/Image``.
+    """Factory of messages by type, named like ``sensor_msgs/msg/Image``.
 
     All fields are given, sequences of numbers as numpy arrays.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The images of a frame's result as messages: enhanced, disparity, depth and points."""
+"""Image messages of a frame's result: enhanced, disparity, depth and points."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ POINT_FLOAT32 = 7
 
 @dataclass(frozen=True)
 class Source:
-    """What messages are made from: the input, the result, and what makes messages."""
+    """Input, result and message factory that output messages are made from."""
 
     make: MessageFactory
     frame: StereoFrame

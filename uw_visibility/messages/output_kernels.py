@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels that write the pixels of outgoing messages, each in one pass over the image."""
+"""Compiled loops that write the pixels of outgoing messages, each in one pass."""
 
 from __future__ import annotations
 

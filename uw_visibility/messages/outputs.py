@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A frame's result as outgoing messages by topic, the same from the node and from replay.
+"""Output messages of a frame's result by topic, the same from node and replay.
 
 What is not assessable is not said: the messages under ``visibility/`` appear
 only where the estimate behind them has the status ok, so that a consumer never

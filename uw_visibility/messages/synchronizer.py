@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Four input topics become stereo frames, and everything dropped has a counted reason."""
+"""Synchroniser of the four input topics; everything dropped has a counted reason."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RESTART_NANOSECONDS = 1_000_000_000
 
 
 class Synchronizer:
-    """Pairs images by their stamps and adds each side's CameraInfo.
+    """Synchroniser that pairs images by their stamps and adds each side's CameraInfo.
 
     An image is paired as soon as a partner within the tolerance is there: the
     nearest of those that wait. Where a camera sends a CameraInfo with every

@@ -69,7 +69,7 @@ def veil_thickness(irradiance: Any, veil: Any) -> Any:
 
 
 class Water(Protocol):
-    """Attenuation and ambient light of each channel; NaN = not assessable."""
+    """Protocol of a water's state: attenuation and ambient light; NaN = not assessable."""
 
     @property
     def attenuation(self) -> NDArray[np.float64]: ...
@@ -79,13 +79,13 @@ class Water(Protocol):
 
 
 def scene_light_of(water: Water) -> NDArray[np.float64]:
-    """Light W on the scene, of each channel; the ambient light where it is not told apart."""
+    """Scene light W of each channel; the ambient light where it is not told apart."""
     light = getattr(water, "scene_light", None)
     return np.asarray(water.ambient_light if light is None else light, dtype=np.float64)
 
 
 class UncertainWater(Water, Protocol):
-    """The same with the covariance of both, ``(C, 2, 2)``."""
+    """Protocol of a water's state with the covariance of both, ``(C, 2, 2)``."""
 
     @property
     def attenuation_stddev(self) -> NDArray[np.float64]: ...

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Optics of clear sea water and of the camera (eq. 3, 10, 13 and 14)."""
+"""Spectra of sea water and daylight, as a camera sees them (eq. 3, 10, 13-14)."""
 
 from __future__ import annotations
 
@@ -289,7 +289,7 @@ def water_type_diffuse_attenuation(
 
 
 def daylight_white(response: CameraResponse, illuminant: str = "d55") -> NDArray[np.float64]:
-    """R, G, B of white at the surface for a camera without white balance.
+    """White point of daylight, RGB, for a camera without white balance.
 
     Parameters
     ----------

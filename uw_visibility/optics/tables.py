@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of spectra: the shipped ones, and CSV files of a user's own."""
+"""Spectral tables: the shipped ones, and CSV files of a user's own."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pixel values and light: lookup tables between code values and irradiance."""
+"""Transfer functions: lookup tables between code values and irradiance."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a depth sensor and the depth that the water's colour tells can both be right.
+"""Innovation test (NIS) of a depth sensor against the depth estimated from colour.
 
 The test is the one of a filter's consistency: the innovation ν, its variance S
 and the normalised innovation squared ν²/S against the χ² distribution with one
@@ -30,7 +30,7 @@ RESTART_NANOSECONDS = 1_000_000_000
 
 
 class DepthMonitor:
-    """Compares a depth sensor with the estimates, and judges what it finds.
+    """Innovation test of a depth sensor, with a verdict over runs of comparisons.
 
     An estimate waits until the sensor's values enclose its stamp. Times of
     arrival are of any clock that only goes forward, and tell what is stale.

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A depth sensor's values in time, and its value in between."""
+"""Depth samples in time, and interpolation between them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class DepthSample:
-    """A depth at an instant.
+    """Depth at a stamp, with its variance.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class DepthSample:
 def interpolate(
     samples: Sequence[DepthSample], stamp: int, longest_gap: float
 ) -> DepthSample | None:
-    """Return the depth at a stamp, linear between its neighbours.
+    """Interpolate the depth linearly at a stamp.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the depth test says: a comparison, a verdict, and the report of both."""
+"""Results of the depth test: comparison, verdict and report."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from uw_visibility.plausibility.samples import DepthSample
 
 
 class Verdict(str, Enum):
-    """What can be said of sensor and estimate."""
+    """Verdict on sensor and estimate."""
 
     OK = "ok"
     WARN = "warning"
@@ -26,7 +26,7 @@ class Verdict(str, Enum):
 
 @dataclass(frozen=True)
 class Comparison:
-    """Sensor and estimate at the stamp of an image.
+    """Comparison of sensor and estimate at the stamp of an image.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Report:
-    """What `DepthMonitor` knows at an instant.
+    """Report of `DepthMonitor` at an instant.
 
     Attributes
     ----------

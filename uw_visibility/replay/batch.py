@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings one after the other, their frames side by side."""
+"""Batch replay: recordings one after the other, their frames in parallel."""
 
 from __future__ import annotations
 

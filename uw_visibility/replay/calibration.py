@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""White reference and water type from recordings with a depth sensor."""
+"""Calibration of white reference and water type from recordings with a depth sensor."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings on the machines of a Dask cluster, one recording a task."""
+"""Replay on a Dask cluster, one recording a task."""
 
 from __future__ import annotations
 

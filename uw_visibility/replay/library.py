@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The replay as a loop over results."""
+"""Replay as an iterator over results."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class ReplayedFrame:
-    """A frame of a recording and what the pipeline made of it.
+    """Frame of a recording with the pipeline's result and messages.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Frames side by side in several processes, with their answers in order.
+"""Process pool for frames, with their answers in order.
 
 Only what is true of a frame alone is computed in the processes. Whatever carries
 state from frame to frame runs where the answers arrive, in the order of the
@@ -28,7 +28,7 @@ READ_AHEAD = 2
 
 
 class FramePool:
-    """Works on frames; to be used in a ``with`` statement.
+    """Process pool for frames; to be used in a ``with`` statement.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ PERIOD = 10.0
 
 
 class Progress:
-    """Tells how many frames are done, how fast, and how long it will take.
+    """Progress: frames done, rate, and time left.
 
     Parameters
     ----------

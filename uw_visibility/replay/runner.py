@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The replay of one recording: from its messages to a folder of results."""
+"""Replay of one recording: from its messages to a folder of results."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def replay_bag(
 
 
 class _Replay:
-    """A replay under way: everything that is open while it runs."""
+    """State of a replay under way: everything that is open while it runs."""
 
     def __init__(
         self,

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The table of a replay: one row a frame, and what its columns mean."""
+"""Table of a replay, frames.csv: one row a frame, and the columns' meaning."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def depth_sample(row: Mapping[str, str]) -> tuple[DepthSample, Status]:
 
 
 class TableWriter:
-    """Writes rows as they come, so that an interruption loses none.
+    """Table writer: rows as they come, so that an interruption loses none.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The work on one recorded frame, which any process can do."""
+"""Work on one recorded frame, in any process."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the node does: topics in, a worker thread, topics out."""
+"""Node core: topics in, a worker thread, topics out."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ LARGEST_WIDTH = 1 << 16
 
 
 class NodeCore:
-    """The work of the node, on whatever kind of node it is given.
+    """Node core, for a plain and for a managed node.
 
     The executor's callbacks only sort messages; the pipeline runs in the
     worker's threads, which also publish, in the order of the frames.

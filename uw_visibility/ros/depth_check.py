@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The depth sensor beside the node's estimates: subscription, NIS, and its diagnostics."""
+"""Plausibility test of the depth sensor in the node: subscription, NIS, diagnostics."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LEVELS = {
 
 
 class DepthCheck:
-    """Feeds a `DepthMonitor` from the sensor's callback and the pipeline's thread.
+    """Plausibility test, fed from the sensor's callback and the pipeline's thread.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node's stereo input: four subscriptions, the synchronizer, and what is wrong with them."""
+"""Stereo input of the node: four subscriptions, the synchroniser, and their diagnostics."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node ``uw_visibility`` as a managed one, whose states somebody else decides."""
+"""Managed (lifecycle) node ``uw_visibility``."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Keeps the memory of a frame's messages for the next frame.
+"""Allocator settings: the memory of a frame's messages is kept for the next frame.
 
 The C library gives large blocks back to the system when they are freed, so that each frame
 has its pages cleared anew: for a cloud of points that takes longer than filling it.

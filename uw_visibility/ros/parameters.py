@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node's parameters: declared from config.py's descriptions, changed all or none."""
+"""ROS parameters: declared from the schema's descriptions, changed all or none."""
 
 from __future__ import annotations
 

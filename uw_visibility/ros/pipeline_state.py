@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What became of the frames that the node processed, and its diagnostics."""
+"""Outcomes of the frames that the node processed, and their diagnostics."""
 
 from __future__ import annotations
 

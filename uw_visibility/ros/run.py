@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a node until a signal ends it, and makes exit codes of what can go wrong."""
+"""Run loop of a node until a signal ends it, and its exit codes."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The executables of the package: they listen to signals before the node is imported."""
+"""Entry points of the executables: they listen to signals before the node is imported."""
 
 from __future__ import annotations
 

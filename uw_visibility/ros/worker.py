@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Threads that always take the newest item, so that nobody waits for them."""
+"""Worker threads that take the newest item and drop older ones."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A transect as a bag: what the vehicle's sensors say, and the truth beside it.
+"""Transect as a bag: the vehicle's sensors, and the truth beside them.
 
 Stamps begin at a fixed date and step with the frame rate. Images lie in the
 cameras' optical frames (x right, y down, z forward), depth in a frame whose
@@ -109,7 +109,7 @@ def write_transect(
 
 
 class _Messages:
-    """Makes the messages of a bag."""
+    """Messages of a bag."""
 
     def __init__(self, make: MessageFactory, camera: StereoCamera) -> None:
         self._make = make

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A rectified stereo camera: where it is, what its rays meet, what its sensor makes of it."""
+"""Simulated stereo camera: geometry, pose and sensor noise."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from uw_visibility.stereo.rig import StereoRig
 
 @dataclass(frozen=True)
 class StereoCamera:
-    """A rectified pair of ideal cameras side by side.
+    """Rectified pair of ideal cameras.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class StereoCamera:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the left camera is and where it looks.
+    """Pose of the left camera.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Sensor:
-    """What a small camera's sensor adds to light.
+    """Sensor of a small camera: shot noise, read noise, quantisation.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which shapes a ray may meet: lists of them by square tiles of the image."""
+"""Culling: lists of the shapes that rays may meet, by square tiles of the image."""
 
 from __future__ import annotations
 

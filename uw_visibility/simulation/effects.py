@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the light model leaves out: marine snow and caustics."""
+"""Marine snow and caustics, which the light model leaves out."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def add_caustics(
     amplitude: float,
     time: float,
 ) -> None:
-    """Brighten and dim what is seen as waves at the surface focus the light.
+    """Caustics: modulate radiance as waves at the surface focus the light.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def add_caustics(
 def marine_snow(
     camera: StereoCamera, fraction: float, random: np.random.Generator
 ) -> tuple[Map, Map]:
-    """Draw particles that drift before the cameras.
+    """Marine snow: particles that drift before the cameras.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""One stereo frame under water, with the truth about it."""
+"""Renderer of one stereo frame under water, with its ground truth."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Effects:
 
 @dataclass(frozen=True)
 class RenderedFrame:
-    """A stereo frame and the truth about it.
+    """Rendered stereo frame and its ground truth.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Ray casting: where a pixel's ray meets the scene, and what it sees there."""
+"""Ray casting: intersections of rays with the scene, and radiance there."""
 
 from __future__ import annotations
 

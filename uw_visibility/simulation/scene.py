@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What there is to see: a sea floor, boulders and corals, placed by a seed.
+"""Procedural scene: a sea floor, boulders and corals, placed by a seed.
 
 The world's x points along the transect, y to the left and z up, in metres; the
 sea floor lies around z = 0. Terrain is a height field; boulders, plates and
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 class Scene(NamedTuple):
-    """Everything that a ray can meet, in the form that compiled code takes.
+    """Scene: everything that a ray can meet, in the form that kernels take.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""How surfaces look: reflectance with contrast at all scales, and mild shading."""
+"""Surface reflectance with contrast at all scales, and mild shading."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A transect: a camera that swims over a reef while depth and turbidity change."""
+"""Transect: a camera that moves over a reef while depth and turbidity change."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from uw_visibility.simulation.water import Water, WaterEffects
 
 @dataclass(frozen=True)
 class Transect:
-    """A transect as it is to be swum.
+    """Plan of a transect.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What one camera sees without water: range and radiance for every ray."""
+"""Rendered view of one camera without water: range and radiance for every ray."""
 
 from __future__ import annotations
 

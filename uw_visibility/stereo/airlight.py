@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What airlight says about range, as a prior of the matcher.
+"""Airlight prior of the matcher: bounds of range by brightness.
 
 A pixel is at least as bright as the airlight in front of what it shows, which is
 the light model (eq. 1) with a radiance that cannot be negative:
@@ -52,7 +52,7 @@ _LEAST_DISPARITY = 0.5
 
 @dataclass(frozen=True)
 class AirlightPrior:
-    """Bounds of optical thickness, in the mean of the channels.
+    """Airlight prior: bounds of optical thickness, in the mean of the channels.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class AirlightPrior:
 
 
 class Airlight:
-    """Reads bounds from images of one size, in memory that is allocated once.
+    """Airlight bounds of images of one size, in memory that is allocated once.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A camera's calibration as its CameraInfo message states it."""
+"""Camera calibration from CameraInfo messages."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DISTORTION_COEFFICIENTS = {
 
 @dataclass(frozen=True, eq=False)
 class CameraCalibration:
-    """K, D, R and P of one camera, for the pixels of the images that it sends.
+    """Calibration of one camera: K, D, R and P for the pixels of the images that it sends.
 
     A CameraInfo is written for the sensor's full resolution. Region of
     interest and binning are applied here, so that all matrices are in the

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Grey images for matching, and the gain that makes their contrast even.
+"""Contrast normalisation for matching: grey images and the gain that undoes attenuation.
 
 Water takes contrast by the factor exp(-attenuation x range) and adds light that
 varies with range only. The matcher compares gradients, so that restoring contrast

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Gaps in a disparity map, filled so that depth edges stay (Hirschmüller 2008, section 2.6.3).
+"""Discontinuity-preserving gap filling (Hirschmüller 2008, section 2.6.3).
 
 doi 10.1109/TPAMI.2007.1166
 """
@@ -22,7 +22,7 @@ TOLERANCE = 1
 
 
 class GapFiller:
-    """Fills gaps in disparity maps of one size; see `fill`.
+    """Gap filling in disparity maps of one size; see `fill`.
 
     Holds its buffers: one call at a time.
 
@@ -95,7 +95,7 @@ def fill_gaps(
 def occluded(
     left: NDArray[np.float32], right: NDArray[np.float32]
 ) -> NDArray[np.bool_]:
-    """Tell which gaps of the left map are occlusions.
+    """Occlusion mask: gaps of the left map that no disparity of the right one points at.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""From matched pixels to a map without holes: gaps, then large areas (section II-E)."""
+"""Disparity interpolation: gaps, then large areas by inpainting (section II-E)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REACH = 3.0
 def inpaint(
     disparity: NDArray[np.float32], workers: Workers | None = None
 ) -> NDArray[np.float32]:
-    """Fill all that is open by inpainting (Bertalmio et al., doi 10.1109/CVPR.2001.990497).
+    """Inpainting of all that is open (Bertalmio et al., doi 10.1109/CVPR.2001.990497).
 
     Done on a coarse grid of cells: what is left at this stage is large and has
     no detail to restore. OpenCV's other method, Telea's, does not even carry a

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The dominant plane of a scene, in disparity space (RANSAC, doi 10.1145/358669.358692)."""
+"""Dominant plane of a scene in disparity space (RANSAC, doi 10.1145/358669.358692)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ REFITS = 3
 
 @dataclass(frozen=True)
 class DisparityPlane:
-    """Disparity as a linear function of the pixel: a plane in space.
+    """Plane in space, as disparity that is linear in the pixel.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class DisparityPlane:
 def dominant_plane(
     points: NDArray[np.floating], tolerance: float = 1.0, seed: int = 0
 ) -> DisparityPlane | None:
-    """Find the plane that most points lie on.
+    """RANSAC fit of the plane that most points lie on.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Images made smaller for matching, and their disparity brought back to full size."""
+"""Image pyramid of one level: downsampled images for matching, upsampled disparity."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""How much brighter the right camera sees what both cameras see."""
+"""Radiometric gain of the right camera over the left one."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ LARGEST = 1e6
 
 @dataclass(frozen=True)
 class StereoRig:
-    """A rectified pair of cameras.
+    """Rectified pair of cameras.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ class StereoRig:
 
 
 class Rectifier:
-    """Turns raw image pairs into rectified ones.
+    """Rectification of raw image pairs.
 
     Parameters
     ----------

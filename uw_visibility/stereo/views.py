@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The left view's disparity map as the right view sees it."""
+"""Warping of the left view's disparity map to the right view."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the water's state means: mean attenuation, visibility, depth (eq. 9-14)."""
+"""Assessment of mean attenuation, visibility distance and depth (eq. 9-14)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MAX_RELATIVE_STDDEV = 1.0
 
 @dataclass(frozen=True)
 class Visibility:
-    """What an observer gets out of the water's state; NaN where not assessable.
+    """Mean attenuation, visibility distance and depth; NaN where not assessable.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Visibility:
 
 
 class Assessor:
-    """Assesses visibility and depth from an estimate of the water's state.
+    """Assessment of visibility and depth from an estimate of the water's state.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""White reference and water type from a series of estimates beside a depth sensor.
+"""Calibration of white reference and water type against a depth sensor.
 
 The ratio of two channels' ambient light is that of white at the surface times
 exp(−(K₁ − K₂) z): in logarithms a line over depth, whose slope belongs to the
@@ -33,7 +33,7 @@ _NORMAL = 1.4826
 
 @dataclass(frozen=True)
 class Candidate:
-    """A water type with the white reference that fits it best.
+    """Candidate water type with the white reference that fits it best.
 
     Attributes
     ----------
@@ -179,7 +179,7 @@ def _robust_rms(residuals: NDArray[np.float64]) -> float:
 
 
 def _independent(residuals: NDArray[np.float64]) -> float:
-    """How many independent values a series in time is worth (first-order autoregression)."""
+    """Effective sample size of a series in time (first-order autoregression)."""
     centred = residuals - residuals.mean()
     variance = float(centred @ centred)
     if variance == 0:

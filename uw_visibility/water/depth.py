@@ -25,7 +25,7 @@ ESTIMATED = "estimated"
 
 
 class DepthModel:
-    """How the chromaticity of ambient light follows depth, γ(z) ∝ white · exp(−K z).
+    """Chromaticity of ambient light over depth, γ(z) ∝ white · exp(−K z).
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The plain fit of attenuation and ambient light to the dark envelope (eq. 6-7)."""
+"""Least-squares fit of attenuation and ambient light to the dark envelope (eq. 6-7)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Histograms of levels by range: which pixels count, and their quantiles."""
+"""Histograms of irradiance by range, and their quantiles."""
 
 from __future__ import annotations
 

@@ -296,6 +296,6 @@ def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _ridge(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what makes a covariance regular and changes nothing else."""
+    """Diagonal jitter for a near-singular covariance."""
     return np.diag(1e-9 * np.diag(covariance) + 1e-15)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Levels of irradiance that histograms of code values count."""
+"""Quantisation levels of irradiance for histograms of code values."""
 
 from __future__ import annotations
 

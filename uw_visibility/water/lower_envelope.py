@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The fit of the lower envelope of dark patches, all channels together (eq. 6-7)."""
+"""Robust fit of the lower envelope, all channels together (eq. 6-7)."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def fit_lower_envelope(
     range_error: float = 0.0,
     bright: NDArray[np.float64] | None = None,
 ) -> Fit:
-    """Fit the lower envelope of the dark patches, all channels together.
+    """Robust fit of the lower envelope of dark patches, all channels together.
 
     The loss is asymmetric: a bin above the curve holds nothing black, a bin
     below it contradicts the curve; see `uw_visibility.water.envelope_loss`. Three

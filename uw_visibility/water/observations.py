@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What an image says about the water: dark and bright envelopes over range (eq. 4-5)."""
+"""Dark and bright envelopes of an image over range (eq. 4-5)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Serialised messages of a recording as objects, by the definitions that it holds."""
+"""Decoder of a recording's messages, by the definitions that it holds."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ IDL_SEPARATOR = "=" * 80 + "\n"
 
 
 class Decoder:
-    """Decodes messages; each type by its own definition, so that a bad one spoils no other.
+    """Decoder of messages; each type by its own definition, so that a bad one spoils no other.
 
     Parameters
     ----------

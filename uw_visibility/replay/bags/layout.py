@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which files a recording consists of, and what its metadata says of them."""
+"""Files and metadata of a recording."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PACKED = ".zstd"
 
 
 class UnreadableError(InputError):
-    """A recording is there, but nothing of it can be read."""
+    """Unreadable recording: it is there, but nothing of it can be read."""
 
 
 @dataclass(frozen=True)

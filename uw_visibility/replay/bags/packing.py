@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Compression in recordings, with the libraries that rosbags brings."""
+"""Decompression in recordings, with the libraries that rosbags brings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class PackingError(Exception):
 
 
 def unpack(data: bytes, compression: str, size: int = 0) -> bytes:
-    """Unpack data.
+    """Decompress data.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def unpack(data: bytes, compression: str, size: int = 0) -> bytes:
 
 
 def unpack_file(source: Path, target: Path) -> str:
-    """Unpack a file of Zstandard as far as it goes.
+    """Decompress a file of Zstandard as far as it goes.
 
     Parameters
     ----------

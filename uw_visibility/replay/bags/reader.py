@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of recordings: ROS 2 (mcap, sqlite3) and ROS 1, in folders or files, split, packed."""
+"""Bag reader: ROS 2 (mcap, sqlite3) and ROS 1, in folders or files, split, compressed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["BagReader", "Recorded", "UnreadableError"]
 
 
 class BagReader:
-    """Reads a bag; to be used in a ``with`` statement.
+    """Bag reader; to be used in a ``with`` statement.
 
     What is damaged is read as far as it goes, and told in `damage`.
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""MCAP files without a usable index: their records in turn, up to where they end.
+"""Salvage of MCAP files without a usable index: their records in turn, up to where they end.
 
 The format is that of https://mcap.dev/spec: records of an opcode, a length and
 a content; chunks hold records again.

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of ROS 1 without an index: their records in turn, up to where they end.
+"""Salvage of ROS 1 bags without an index: their records in turn, up to where they end.
 
 The format is that of http://wiki.ros.org/Bags/Format/2.0.
 """

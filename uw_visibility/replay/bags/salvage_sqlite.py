@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""SQLite files of ROS 2 that are cut off or damaged: the rows that can be reached."""
+"""Salvage of SQLite files that are cut off or damaged: the rows that can be reached."""
 
 from __future__ import annotations
 

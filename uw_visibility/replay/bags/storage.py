@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What one file of a recording holds, whatever its format."""
+"""Interface of one file of a recording, whatever its format."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 
 
 class Recorded(NamedTuple):
-    """One message as it was recorded.
+    """Recorded message, serialised.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Recorded(NamedTuple):
 
 @dataclass(frozen=True)
 class Channel:
-    """A topic of a file.
+    """Topic of a file: type, definition and number of messages.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Channel:
 
 
 class Storage(Protocol):
-    """One file of a recording.
+    """Protocol of one file of a recording.
 
     Attributes
     ----------

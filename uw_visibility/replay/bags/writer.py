@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Writing of rosbag2 recordings in the mcap format."""
+"""Bag writer: rosbag2 recordings in the mcap format."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from uw_visibility.replay.bags.types import jazzy_types
 
 
 class BagWriter:
-    """Writes a bag; to be used in a ``with`` statement.
+    """Bag writer; to be used in a ``with`` statement.
 
     A bag that an error or an interruption leaves incomplete is removed.
 

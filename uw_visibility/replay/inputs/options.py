@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a replay is told."""
+"""Options of a replay."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from uw_visibility.replay.inputs.topics import Wanted
 
 @dataclass(frozen=True)
 class ReplayOptions:
-    """How recordings are replayed.
+    """Options of a replay: configuration, topics, part of the recording, outputs.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where the camera was: positions of a NavSatFix or Odometry, and their file for maps."""
+"""Positions of the camera from NavSatFix or Odometry, and their GeoJSON."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PROPERTIES = (
 
 
 class Position(NamedTuple):
-    """A position at a stamp (ns).
+    """Position at a stamp (ns).
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ def read_position(message: Any) -> Position | None:
 
 
 class PositionTrack:
-    """Positions around the frames that wait for theirs."""
+    """Buffer of positions around the frames that wait for theirs."""
 
     def __init__(self) -> None:
         self._positions: deque[Position] = deque()

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A recording as a stream of stereo frames and sensor values, in the order of time."""
+"""Stream of a recording's stereo frames and sensor values, in the order of time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from uw_visibility.stereo.calibration import CameraCalibration
 
 
 class RecordedFrame(NamedTuple):
-    """A stereo frame as it was recorded.
+    """Recorded stereo frame.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ Event = RecordedFrame | SensorValue | Position | Restart
 
 
 class InputStream:
-    """Turns a recording into frames and sensor values.
+    """Stream of stereo frames and sensor values of a recording.
 
     Parameters
     ----------

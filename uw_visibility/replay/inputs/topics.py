@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which topics of a recording are the stereo pair, its calibration and its sensors."""
+"""Topic selection: a recording's stereo pair, its calibration and its sensors."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DEPTH_NAMES = re.compile(r"depth|pressure")
 
 @dataclass(frozen=True)
 class Wanted:
-    """Topics that are given; None is found by type and name."""
+    """Topics asked for; None is found by type and name."""
 
     left: str | None = None
     right: str | None = None
@@ -37,7 +37,7 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Selection:
-    """Topics that are used.
+    """Topics used.
 
     Attributes
     ----------

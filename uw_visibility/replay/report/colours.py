@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Disparities in colours, which mean the same in all pictures of a recording."""
+"""Colour scale of disparity, the same in all pictures of a recording."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NOT_MATCHED = (0, 0, 0)
 
 
 class ColourScale(NamedTuple):
-    """What the ends of the colours stand for.
+    """Colour scale: the disparities that the ends of the colours stand for.
 
     Attributes
     ----------

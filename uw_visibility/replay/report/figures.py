@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates of a replay over time, as a picture that a page can hold."""
+"""Figures of estimates over time, embedded in a page."""
 
 from __future__ import annotations
 

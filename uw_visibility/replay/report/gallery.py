@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of replayed frames: raw, enhanced and disparity side by side."""
+"""Gallery of replayed frames: raw, enhanced and disparity side by side."""
 
 from __future__ import annotations
 

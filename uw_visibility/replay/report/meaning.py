@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the reasons for no estimate mean to who was in the water."""
+"""Explanations of statuses for who was in the water."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The report of a replay: one page that needs nothing but a browser."""
+"""Report of a replay: one page of HTML without anything from elsewhere."""
 
 from __future__ import annotations
 

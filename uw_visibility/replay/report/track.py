@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where the frames of a replay were, and how far one could see there, as a picture."""
+"""Map of a replay: track of the camera in the colour of visibility distance."""
 
 from __future__ import annotations
 

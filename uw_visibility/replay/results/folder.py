@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The folder of a result: written aside, named when complete, never over another one."""
+"""Result folder: written aside, named when complete, never over another one."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def read_state(folder: Path) -> dict[str, Any]:
 
 
 class ResultFolder:
-    """Where a replay writes; the target appears under its name when all is there.
+    """Folder that a replay writes; it appears under its name when all is there.
 
     Parameters
     ----------

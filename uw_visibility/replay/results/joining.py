@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Frames joined with the sensors' values around them, in the order of the recording."""
+"""Join of frames with the sensors' values around them, in the order of the recording."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ COUNTS = ("compared", "failed", "inconclusive", "unmatched")
 
 
 class Joiner:
-    """Completes rows of the table with the depth sensor, its test and the position.
+    """Join of table rows with the depth sensor, its test and the position.
 
     A row waits until the sensors' values enclose its stamp, or are too far
     behind it. What comes out depends on the order of what goes in alone.

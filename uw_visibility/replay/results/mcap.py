@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a replay as one file, results.mcap, and what an earlier part of it holds."""
+"""Output bag of a replay, results.mcap, and what an earlier part of it holds."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NIS_TYPE = "std_msgs/msg/Float64"
 
 
 class ResultWriter:
-    """Writes results.mcap.
+    """Writer of results.mcap.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class ResultWriter:
 
 
 class EarlierPart:
-    """What an interrupted replay left: its frames, to be taken over.
+    """Frames that an interrupted replay left, to be taken over.
 
     Parameters
     ----------

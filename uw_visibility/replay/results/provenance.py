@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where a result comes from: version, parameters, and the input's hash."""
+"""Provenance of a result: version, parameters, and the input's hash."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def _samples(size: int) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Origin:
-    """What a result is made from: the same origin makes the same result.
+    """Origin of a result: the same origin makes the same result.
 
     Attributes
     ----------

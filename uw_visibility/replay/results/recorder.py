@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The files that a replay under way writes frame by frame: table, messages, timings."""
+"""Frame-by-frame writer of a replay: table, messages, timings."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Row = dict[str, str]
 
 
 class FrameRecorder:
-    """Writes what becomes of frames, with the filter over them.
+    """Writer of frames' rows and messages, with the filter over frames.
 
     Parameters
     ----------

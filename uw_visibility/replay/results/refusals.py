@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What was not assessable in which frames of a replay, and why."""
+"""Refusals: quantities not assessable, by frames and reason."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Refusal:
 
 
 class Refusals:
-    """Counts what was not assessable, frame by frame; its size has a bound."""
+    """Counter of refusals, frame by frame; its size has a bound."""
 
     def __init__(self) -> None:
         self._refusals: dict[tuple[str, str], Refusal] = {}

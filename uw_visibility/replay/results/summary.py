@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a replay did, for the terminal, the report and replay.json."""
+"""Summary of a replay, for the terminal, the report and replay.json."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TAKEN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTARTED)
 
 @dataclass
 class Summary:
-    """What a replay did.
+    """Summary of a replay.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Collects what another node publishes, and when it arrives."""
+"""Collector of another node's messages, with the times of their arrival."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ UNSTAMPED = ("std_msgs/msg/Float64",)
 
 
 class Arrival(NamedTuple):
-    """A message that came in.
+    """Received message with the time of its arrival.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Arrival(NamedTuple):
 
 
 class Collector:
-    """Subscribes to topics and keeps every message with the time of its arrival.
+    """Collector: subscribes to topics and keeps every message with the time of its arrival.
 
     Messages stay serialised while they come in: that takes no time from the
     node that is being measured.

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A node of the demonstration's own: it plays and collects beside the node under test."""
+"""Client node of the demonstration: plays and collects beside the node under test."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Publishes recorded messages as if they were taken now."""
+"""Player of recorded messages, stamped with the present time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from uw_visibility.ros.transport.factory import message_type
 
 
 class Player:
-    """Publishes serialised messages.
+    """Publisher of serialised messages.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the node says of itself on /diagnostics."""
+"""Diagnostics of the node on /diagnostics."""
 
 from __future__ import annotations
 

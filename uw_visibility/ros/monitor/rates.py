@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""How often things happened lately."""
+"""Rates of counters over the last seconds."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Counts why frames were lost, and says so without flooding the log."""
+"""Throttled log of the reasons why frames were lost, with their counts."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Makes rclpy messages from type names and numpy arrays."""
+"""Factory of rclpy messages, from type names and numpy arrays."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sets up Fast DDS, the default middleware, for messages as large as images.
+"""Fast DDS settings for messages as large as images.
 
 A process sends to others of its machine through shared memory of its own, by default 512 KiB
 of it, which one image of 640x480 overruns. What finds no room is lost and, where it is

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers and subscriptions whose QoS can be overridden by parameters."""
+"""QoS of publishers and subscriptions, which parameters can override."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A subscription that is as reliable as the publishers of its topic allow."""
+"""Subscription of adaptive reliability: as reliable as the publishers of its topic allow."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Disparities that support points propose for their surroundings.
+"""Candidate disparities that support points propose for their surroundings.
 
 Section 2.2 of Geiger, Roser and Urtasun, "Efficient Large-Scale Stereo Matching",
 ACCV 2010, doi:10.1007/978-3-642-19315-6_3.
@@ -20,7 +20,7 @@ CELL = 20
 
 
 class CellCandidates:
-    """Disparities that the support points around each cell propose.
+    """Candidate disparities of each cell, from the support points around it.
 
     Neighbouring cells share most of their candidates, so that those of a row of cells
     are kept as runs: a disparity and the columns that it is tried at.

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""How likely each matched disparity is within a pixel of the truth.
+"""Confidence of matches: the probability that a disparity is within 1 px of the truth.
 
 A logistic regression on what is at hand where a match is made: how much its descriptors
 differ over their texture, the range of disparities around it (a depth edge), how much of its
@@ -59,7 +59,7 @@ def rate(
     descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
     workers: Workers,
 ) -> NDArray[np.float32]:
-    """Rate the disparities of a matched pair.
+    """Confidence of each disparity of a matched pair.
 
     Parameters
     ----------

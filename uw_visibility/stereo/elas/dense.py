@@ -62,7 +62,7 @@ class DenseSettings:
 
 
 class DenseSearch:
-    """Search in two parts, in memory that is allocated once.
+    """Dense search in two parts, in memory that is allocated once.
 
     `try_candidates` needs no mesh, so that it can run while one is made; `try_plane`
     comes after both. A pixel of the right view takes the best of the pairs that were

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Depth edges where the image has them: a vote of the neighbours that look alike.
+"""Edge-aware filter of disparity: a vote of the neighbours that look alike.
 
 Descriptors reach over depth edges, so that the nearer surface grows by a few pixels.
 Near an edge each pixel is given to that of the two surfaces whose pixels resemble it
@@ -32,7 +32,7 @@ _ALIKE = 17.0
 
 
 class EdgeVote:
-    """Moves depth edges to those of the image, in memory that is allocated once.
+    """Edge-aware filter: moves depth edges to those of the image; memory is allocated once.
 
     Parameters
     ----------

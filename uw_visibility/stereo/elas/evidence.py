@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a region's matches say more than its noise: open water has none that do.
+"""Noise test of regions of matches: open water has none that say more than noise.
 
 In water without texture the descriptors hold noise alone. The prior still makes
 both views agree on a disparity there, and an obstacle appears where is nothing.
@@ -29,7 +29,7 @@ _NEIGHBOURHOOD = 5
 
 
 class NoiseFilter:
-    """Removal of matches that noise explains, in memory that is allocated once.
+    """Filter of matches that noise explains, in memory that is allocated once.
 
     Parameters
     ----------

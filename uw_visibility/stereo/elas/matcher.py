@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The stereo matcher: one object that takes a pair of grey images through ELAS."""
+"""Stereo matcher: takes a pair of grey images through the stages of ELAS."""
 
 from __future__ import annotations
 

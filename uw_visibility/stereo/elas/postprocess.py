@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What follows the dense search: consistency, sub-pixel, small segments, small gaps."""
+"""Post-processing of disparity: consistency, sub-pixel, small segments, small gaps."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def check_and_refine(
     disparity: NDArray[np.float32],
     workers: Workers,
 ) -> None:
-    """Keep what both views agree on, to a fraction of a pixel.
+    """Left/right check and sub-pixel refinement.
 
     Parameters
     ----------

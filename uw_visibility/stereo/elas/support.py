@@ -75,7 +75,7 @@ class SupportSettings:
 
 
 class SupportGrid:
-    """Search for support points on a grid, in memory that is allocated once.
+    """Grid search for support points, in memory that is allocated once.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ def _position(cost: Any, value: Any) -> int:
 
 @njit(nogil=True)
 def _is_unique(cost: Any, count: int, at: int, uniqueness: Any, floor: Any) -> bool:
-    """Whether no rival comes near the cost of the best.
+    """Uniqueness test: whether no rival comes near the cost of the best.
 
     The best is taken as it is sampled, a rival as low as it could lie between
     two pixels: on sharp edges a true match half a pixel off costs more than

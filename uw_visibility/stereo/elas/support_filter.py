@@ -36,7 +36,7 @@ _SLOPE_RIDGE = 0.5
 def keep_consistent(
     start: int, stop: int, found: Any, cells: int, disparity: Any, count: int, kept: Any
 ) -> None:
-    """Drop points that too few neighbours agree with (implausible matches)."""
+    """Consistency filter: drop points that too few neighbours agree with."""
     rows, columns = found.shape
     agreeing = np.empty(columns, np.int32)
     for row in range(start, stop):
