@@ -43,7 +43,7 @@ from uw_visibility.stereo.rig import StereoRig
 # A pair waits for CameraInfo of its own stamp for one to two of these, s.
 CAMERA_INFO_PERIOD = 0.1
 # How often the subscriptions look at their publishers, s.
-FIT_PERIOD = 0.5
+QOS_PERIOD = 0.5
 # How often a reason for the lack of output is repeated in the log, s.
 SILENCE_PERIOD = 30.0
 # Kernels are compiled once, however many cores are made meanwhile.
@@ -129,7 +129,7 @@ class NodeCore:
         # Time in the network and in the log is not that of a recording.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         for period, callback in (
-            (CAMERA_INFO_PERIOD, self.input.end_wait), (FIT_PERIOD, self.input.fit),
+            (CAMERA_INFO_PERIOD, self.input.end_wait), (QOS_PERIOD, self.input.update_qos),
         ):
             timer = node.create_timer(period, callback, clock=clock)
             self._made.callback(node.destroy_timer, timer)

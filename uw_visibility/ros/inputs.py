@@ -21,7 +21,7 @@ from uw_visibility.ros.monitor.rates import RecentCounts
 from uw_visibility.ros.monitor.reasons import ReasonLog
 from uw_visibility.ros.parameters import NodeParameters
 from uw_visibility.ros.transport.qos import IMAGE_DEPTH, subscribe_to
-from uw_visibility.ros.transport.subscription import FittedSubscription
+from uw_visibility.ros.transport.subscription import AdaptiveReliabilitySubscription
 
 # An input that was silent for so long has stopped, s.
 SILENCE = 5.0
@@ -69,7 +69,7 @@ class StereoInput:
         self._recent = RecentCounts(SILENCE)
         self._arrivals: dict[str, float] = {}
         self._stamps: dict[str, deque[int]] = {side: deque(maxlen=RECENT_STAMPS) for side in SIDES}
-        self._images: dict[str, FittedSubscription] = {}
+        self._images: dict[str, AdaptiveReliabilitySubscription] = {}
         self._infos: dict[str, Any] = {}
         try:
             self._subscribe()
@@ -84,10 +84,10 @@ class StereoInput:
         while self._infos:
             self._node.destroy_subscription(self._infos.popitem()[1])
 
-    def fit(self) -> None:
+    def update_qos(self) -> None:
         """Adapt the subscriptions to the publishers; called from time to time."""
         for image in self._images.values():
-            image.fit()
+            image.update_qos()
 
     def reset(self) -> None:
         """Forget what waits: time has jumped."""
@@ -163,7 +163,7 @@ class StereoInput:
                 # As image_transport has it, the image's own topic is what is remapped.
                 topic = f"{self._node.resolve_topic_name(image)}/compressed"
                 image, kind = f"{image}/compressed", CompressedImage
-            self._images[image] = FittedSubscription(
+            self._images[image] = AdaptiveReliabilitySubscription(
                 self._node, kind, topic, functools.partial(self._on_image, side, image),
                 IMAGE_DEPTH,
             )

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
 
-from uw_visibility.ros.transport.subscription import FittedSubscription
+from uw_visibility.ros.transport.subscription import AdaptiveReliabilitySubscription
 
 BEST_EFFORT, RELIABLE = ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE
 
@@ -34,7 +34,7 @@ class World:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.listener)
         self.stamps: list[int] = []
-        self.subscription = FittedSubscription(
+        self.subscription = AdaptiveReliabilitySubscription(
             self.listener, CameraInfo, "info", lambda m: self.stamps.append(m.header.stamp.sec),
             depth=3,
         )
@@ -62,9 +62,10 @@ class World:
             message.header.stamp.sec = stamp
             publisher.publish(message)
 
-    def fit(self, reliability: str) -> None:
-        self.subscription.fit()
-        self.until(lambda: self.subscription.fit() or self.subscription.reliability == reliability)
+    def adapt(self, reliability: str) -> None:
+        self.subscription.update_qos()
+        self.until(
+            lambda: self.subscription.update_qos() or self.subscription.reliability == reliability)
         self.until(lambda: self.readers() == 1)
 
 
@@ -91,13 +92,13 @@ def test_it_is_reliable_while_all_publishers_are(make_world: Callable[..., World
     world = make_world()
     assert world.subscription.reliability == "best effort"
     reliable = world.publisher(RELIABLE)
-    world.fit("reliable")
+    world.adapt("reliable")
     world.until(lambda: reliable.get_subscription_count() == 1)
     world.send(reliable, 1)
     world.until(lambda: world.stamps == [1])
     # A reliable subscription would not hear this one.
     other = world.publisher(BEST_EFFORT)
-    world.fit("best effort")
+    world.adapt("best effort")
     for publisher in (reliable, other):
         world.until(lambda p=publisher: p.get_subscription_count() == 1)
     world.send(other, 2)
@@ -106,11 +107,11 @@ def test_it_is_reliable_while_all_publishers_are(make_world: Callable[..., World
     world.until(lambda: world.stamps == [1, 2, 3])
     world.speaker.destroy_publisher(other)
     world.until(lambda: world.listener.count_publishers("info") == 1)
-    world.fit("reliable")
+    world.adapt("reliable")
     # Where nobody publishes, nobody knows who comes.
     world.speaker.destroy_publisher(reliable)
     world.until(lambda: world.listener.count_publishers("info") == 0)
-    world.fit("best effort")
+    world.adapt("best effort")
 
 
 def test_change_loses_nothing_and_delivers_nothing_twice(
@@ -121,7 +122,7 @@ def test_change_loses_nothing_and_delivers_nothing_twice(
     world.until(lambda: publisher.get_subscription_count() == 1)
     world.send(publisher, 1)
     world.until(lambda: world.stamps == [1])
-    world.subscription.fit()
+    world.subscription.update_qos()
     # Both subscriptions receive what follows.
     world.until(lambda: publisher.get_subscription_count() == 2)
     assert world.subscription.reliability == "best effort"
@@ -137,7 +138,7 @@ def test_stamps_that_a_publisher_repeats_are_passed_on(make_world: Callable[...,
     # To say so is the synchronizer's.
     world = make_world()
     publisher = world.publisher(RELIABLE)
-    world.fit("reliable")
+    world.adapt("reliable")
     world.until(lambda: publisher.get_subscription_count() == 1)
     world.send(publisher, 0, 0)
     world.until(lambda: len(world.stamps) == 2)
@@ -152,14 +153,14 @@ def test_what_the_user_asks_for_stays(make_world: Callable[..., World], wish: st
     )
     for reliability in (RELIABLE, BEST_EFFORT):
         world.publisher(reliability)
-        world.subscription.fit()
+        world.subscription.update_qos()
         assert (world.readers(), world.subscription.reliability) == (1, wish.replace("_", " "))
 
 
 def test_only_the_newest_of_a_burst_wait(make_world: Callable[..., World]) -> None:
     world = make_world()
     publisher = world.publisher(RELIABLE)
-    world.fit("reliable")
+    world.adapt("reliable")
     world.until(lambda: publisher.get_subscription_count() == 1)
     world.send(publisher, *range(1, 9))
     time.sleep(0.3)

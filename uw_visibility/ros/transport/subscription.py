@@ -19,7 +19,7 @@ from uw_visibility.ros.transport.qos import INPUT_DEPTH, reliability_is_open, su
 REMEMBERED = 20
 
 
-class FittedSubscription:
+class AdaptiveReliabilitySubscription:
     """Reliable while all publishers of the topic are, best effort otherwise.
 
     Middleware cuts images into fragments, and a best-effort subscription loses the
@@ -63,7 +63,7 @@ class FittedSubscription:
         # Subscriptions by their number: the present one, then the one to take over.
         self._subscriptions: dict[int, Any] = {}
         self._subscribe(ReliabilityPolicy.BEST_EFFORT)
-        self._fitted = reliability_is_open(node, self._present)
+        self._adaptive = reliability_is_open(node, self._present)
 
     @property
     def topic_name(self) -> str:
@@ -75,9 +75,9 @@ class FittedSubscription:
         """Reliability of the present subscription, in words."""
         return str(self._present.qos_profile.reliability.name).lower().replace("_", " ")
 
-    def fit(self) -> None:
+    def update_qos(self) -> None:
         """Ask for the reliability that the publishers offer; called from time to time."""
-        if not self._fitted:
+        if not self._adaptive:
             return
         offered = {
             info.qos_profile.reliability
