@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 from uw_visibility.cli import main
 from uw_visibility.messages.images import read_image, stamp_to_nanoseconds
 from uw_visibility.simulation.camera import StereoCamera
+from uw_visibility.simulation.camera_effects import CameraEffects
 from uw_visibility.simulation.transect import Transect
 from uw_visibility.stereo.rig import StereoRig
 
@@ -87,12 +89,15 @@ def test_depth_points_up_and_its_noise_is_as_stated(bag: SimpleNamespace) -> Non
 
 
 def test_truth_of_the_water(bag: SimpleNamespace) -> None:
-    for name in ("attenuation", "ambient_light"):
+    for name in ("attenuation", "ambient_light", "scene_light"):
         for message, frame in zip(bag.messages[f"/ground_truth/{name}"], bag.frames, strict=True):
             vector = (message.vector.x, message.vector.y, message.vector.z)
             np.testing.assert_array_equal(vector, getattr(frame, name))
     alpha = [m.data for m in bag.messages["/ground_truth/mean_attenuation"]]
     assert alpha == [f.mean_attenuation for f in bag.frames]
+    # Eq. 12 at a contrast of 0.05.
+    distance = [m.data for m in bag.messages["/ground_truth/visibility"]]
+    assert distance == pytest.approx([np.log(10.5) / f.attenuation.min() for f in bag.frames])
 
 
 def test_true_disparity_follows_the_message_definition(bag: SimpleNamespace) -> None:
@@ -147,6 +152,97 @@ def test_force_removes_nothing_but_bags(tmp_path: Path, capsys: pytest.CaptureFi
     assert precious.exists()
 
 
+def first_frame(path: Path) -> SimpleNamespace:
+    """Return what a bag says of its first frame."""
+    found: dict[str, Any] = {}
+    with BagReader(path) as reader:
+        for recorded in reader.messages():
+            found.setdefault(recorded.topic, reader.deserialize(recorded))
+    vectors = {
+        name: np.array([v.x, v.y, v.z])
+        for name in ("attenuation", "ambient_light", "scene_light")
+        for v in [found[f"/ground_truth/{name}"].vector]
+    }
+    images = {side: read_image(found[f"/{side}/image_rect"]) for side in ("left", "right")}
+    return SimpleNamespace(
+        **vectors, **images, baseline=-found["/right/camera_info"].p[3] / 60.0,
+        alpha=found["/ground_truth/mean_attenuation"].data,
+    )
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
+    path = tmp_path_factory.mktemp("plain") / "bag"
+    assert main(["simulate", "-o", str(path), *SMALL]) == 0
+    return first_frame(path)
+
+
+WATER_OPTIONS = {
+    "--veil 0.4": lambda one, other: np.allclose(one.ambient_light, 0.4 * one.scene_light),
+    "--veil 0.4 0.5 2": lambda one, other: np.allclose(
+        one.ambient_light, one.scene_light * [0.4, 0.5, 2.0]),
+    "--channel-attenuation 0 0 0.1": lambda one, other: np.allclose(
+        one.attenuation - other.attenuation, [0.0, 0.0, 0.1]),
+    "--water-type 5C --attenuation 0 0": lambda one, other: one.alpha > 10.0 * other.alpha,
+    "--water-type clear --cdom 0.3": lambda one, other: one.attenuation[2] > one.attenuation[1],
+    "--water-type clear --particle-slope 3": lambda one, other: (
+        one.attenuation[2] > other.attenuation[2]),
+    "--layer 0.5 3": lambda one, other: (one.attenuation > other.attenuation + 0.4).all(),
+    "--plume 0.5 0.3": lambda one, other: (
+        (one.attenuation > other.attenuation).all()
+        and (one.left[:, :44] == other.left[:, :44]).all()),
+}
+"""Options that change the truth of the water, and how."""
+
+IMAGE_OPTIONS = (
+    "--blur 1", "--veil-gradient 0.5", "--light-gradient 0.5", "--transfer srgb",
+    "--vignetting 0.5", "--bayer", "--jpeg 60", "--noise-codes 4", "--full-well 1000",
+    "--read-noise 200", "--marine-snow 0.1", "--marine-snow 0.1 --snow-brightness 3",
+)
+"""Options that change both images, and no truth."""
+
+
+@pytest.mark.parametrize("options", [*WATER_OPTIONS, *IMAGE_OPTIONS])
+def test_each_option_shows(options: str, plain: SimpleNamespace, tmp_path: Path) -> None:
+    assert main(["simulate", "-o", str(tmp_path / "bag"), *SMALL, *options.split()]) == 0
+    frame = first_frame(tmp_path / "bag")
+    for side in ("left", "right"):
+        assert (getattr(frame, side) != getattr(plain, side)).any()
+    if options in WATER_OPTIONS:
+        assert WATER_OPTIONS[options](frame, plain)
+    else:
+        for name in ("attenuation", "ambient_light", "scene_light"):
+            np.testing.assert_array_equal(getattr(frame, name), getattr(plain, name))
+
+
+def test_options_of_one_camera_and_of_the_calibration(
+    plain: SimpleNamespace, tmp_path: Path
+) -> None:
+    for index, (option, value) in enumerate((
+        ("--exposure-difference", "0.3"), ("--range-scale", "1.25"),
+        ("--white-balance", "1.2 1 0.8"),
+    )):
+        path = tmp_path / str(index)
+        assert main(["simulate", "-o", str(path), *SMALL, option, *value.split()]) == 0
+    unequal, scaled, balanced = (first_frame(tmp_path / str(index)) for index in range(3))
+    np.testing.assert_array_equal(unequal.left, plain.left)
+    assert unequal.right.mean() > 1.15 * plain.right.mean()
+    np.testing.assert_array_equal(scaled.left, plain.left)
+    assert scaled.baseline == pytest.approx(1.25 * plain.baseline)
+    np.testing.assert_allclose(balanced.ambient_light, plain.ambient_light * [1.2, 1.0, 0.8])
+
+
+def test_automatic_white_balance_differs_from_frame_to_frame() -> None:
+    effects = CameraEffects(automatic_white_balance=True)
+    gains = [
+        frame.ambient_light / fixed.ambient_light
+        for (_, frame), (_, fixed) in zip(
+            replace(TRANSECT, camera_effects=effects).render(), TRANSECT.render(), strict=True)
+    ]
+    assert gains[0][0] > 1.05
+    assert not np.allclose(gains[0], gains[2], rtol=0.02)
+
+
 @pytest.mark.parametrize(
     ("options", "what"),
     [
@@ -157,6 +253,14 @@ def test_force_removes_nothing_but_bags(tmp_path: Path, capsys: pytest.CaptureFi
         (["--attenuation", "-1", "0"], "attenuation"),
         (["--depth-stddev", "0"], "depth sensor"),
         (["--marine-snow", "2"], "marine snow"),
+        (["--snow-brightness", "-1"], "marine snow"),
+        (["--veil", "0.5", "0.6"], "--veil"),
+        (["--water-type", "7C"], "water type"),
+        (["--cdom", "0.1"], "water type"),
+        (["--jpeg", "200"], "JPEG"),
+        (["--noise-codes", "-1"], "noise"),
+        (["--full-well", "0"], "full well"),
+        (["--range-scale", "0"], "range scale"),
     ],
 )
 def test_bad_options_are_one_sentence(

@@ -6,13 +6,36 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from uw_visibility.errors import InputError
+
+if TYPE_CHECKING:
+    from uw_visibility.simulation.camera import Sensor
+    from uw_visibility.simulation.water import WaterEffects
 
 DESCRIPTION = """\
 Render a stereo camera that swims over a reef while depth and turbidity change, and
 record it as a rosbag2 (mcap): images, calibration and a depth sensor as a vehicle
 has them, and the truth about water, depth and disparity under /ground_truth.
-The same options give the same recording."""
+The same options give the same recording.
+
+The water is the paper's: clear water and grey particles, one light on the scene and in
+the water. Options under "water", "disturbances" and "camera" depart from it, each by
+itself or together, so that every way in which an estimate fails can be made."""
+
+EPILOG = """\
+truth in the recording:
+  /ground_truth/attenuation       β. With a water type, a layer or a plume the effective
+                                  one: its e^(−βd) fits the transmission over the ranges
+                                  in view best
+  /ground_truth/ambient_light     what open water is seen as: the veil B
+  /ground_truth/scene_light       what lights the scene: W; the same without --veil
+  /ground_truth/mean_attenuation  mean of β less clear water's
+  /ground_truth/visibility        where contrast falls to 0.05 in the clearest channel, m
+  /ground_truth/depth, /ground_truth/disparity
+Light is given as the left image shows it, with its white balance, before its curve.
+--range-scale falsifies the recorded CameraInfo alone."""
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
@@ -21,6 +44,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "simulate",
         help="an underwater stereo transect with its ground truth",
         description=DESCRIPTION,
+        epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
@@ -58,17 +82,119 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--depth-stddev", metavar="M", type=float, default=0.05,
         help="noise of the depth sensor (%(default)s)",
     )
-    add("--noiseless", action="store_true", help="quantisation only, no noise of the sensor")
+    add("--threads", metavar="N", type=int, default=0, help="threads; 0 takes one per processor")
+    _add_water(parser)
+    _add_disturbances(parser)
+    _add_camera(parser)
+    parser.set_defaults(func=run)
+
+
+def _add_water(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument_group("water").add_argument
+    add(
+        "--veil", metavar="RATIO", type=float, nargs="+", default=[1.0],
+        help="veil B over light W on the scene, one ratio or R G B (1)",
+    )
+    add(
+        "--water-type", metavar="TYPE",
+        help="integrate over wavelength: clear, or Jerlov's IB, II, III, 1C, 3C, 5C; grey "
+        "particles of --attenuation come on top (default: one β per channel)",
+    )
+    add(
+        "--cdom", metavar="A", type=float, default=0.0,
+        help="dissolved organic matter, absorption at 440 nm, 1/m; with --water-type (0)",
+    )
+    add(
+        "--particle-slope", metavar="G", type=float, default=0.0,
+        help="colour of particles: exponent of (550 nm/λ); with --water-type (0)",
+    )
+    add(
+        "--channel-attenuation", metavar=("R", "G", "B"), type=float, nargs=3,
+        default=(0.0, 0.0, 0.0), help="attenuation beyond that of grey particles, 1/m (0 0 0)",
+    )
+    add(
+        "--blur", metavar="PX/M", type=float, default=0.0,
+        help="forward scattering: standard deviation of a point's image per m of range (0)",
+    )
+    add(
+        "--layer", metavar=("A", "H"), type=float, nargs=2, default=(0.0, 0.0),
+        help="grey particles below height H over the sea floor, m, add A 1/m",
+    )
+    add(
+        "--plume", metavar=("A", "SHARE"), type=float, nargs=2, default=(0.0, 0.5),
+        help="grey particles in a share of the view, at the right, add A 1/m",
+    )
+    add(
+        "--veil-gradient", metavar="G", type=float, default=0.0,
+        help="relative change of the veil from bottom to top of the image (0)",
+    )
+    add(
+        "--light-gradient", metavar="G", type=float, default=0.0,
+        help="relative change of the light on the scene from left to right (0)",
+    )
+
+
+def _add_disturbances(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument_group("disturbances").add_argument
     add(
         "--marine-snow", metavar="SHARE", type=float, default=0.0,
         help="share of the pixels that particles cover, 0 .. 0.5 (%(default)s)",
     )
     add(
+        "--snow-brightness", metavar="X", type=float, default=1.0,
+        help="how bright these are, where open water is 1 (%(default)s)",
+    )
+    add(
         "--caustics", metavar="SHARE", type=float, default=0.0,
         help="change of light by waves, 0 .. 1 (%(default)s)",
     )
-    add("--threads", metavar="N", type=int, default=0, help="threads; 0 takes one per processor")
-    parser.set_defaults(func=run)
+
+
+def _add_camera(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument_group("camera").add_argument
+    noise = parser.add_argument_group("noise of the sensor").add_argument
+    noise("--noiseless", action="store_true", help="quantisation only, no noise of the sensor")
+    noise(
+        "--noise-codes", metavar="N", type=float,
+        help="Gaussian noise of N codes of 255 instead of shot and read noise",
+    )
+    noise(
+        "--full-well", metavar="E", type=float, default=15000.0,
+        help="electrons of a saturated pixel: shot noise (%(default)g)",
+    )
+    noise(
+        "--read-noise", metavar="E", type=float, default=20.0,
+        help="read noise, electrons (%(default)g)",
+    )
+    add(
+        "--transfer", choices=("linear", "srgb"), default="linear",
+        help="how code values follow light (%(default)s)",
+    )
+    add(
+        "--white-balance", metavar=("R", "G", "B"), type=float, nargs=3,
+        default=(1.0, 1.0, 1.0), help="gains (1 1 1)",
+    )
+    add(
+        "--automatic-white-balance", action="store_true",
+        help="each frame's channels are made equal on average",
+    )
+    add(
+        "--vignetting", metavar="SHARE", type=float, default=0.0,
+        help="light that is lost in the corners, 0 .. 1 (%(default)s)",
+    )
+    add(
+        "--exposure-difference", metavar="X", type=float, default=0.0,
+        help="relative difference of the right image's exposure (%(default)s)",
+    )
+    add("--bayer", action="store_true", help="a mosaic of colour filters (RGGB), interpolated")
+    add(
+        "--jpeg", metavar="QUALITY", type=int, default=0,
+        help="compress and decompress, 1 .. 100 (default: not)",
+    )
+    add(
+        "--range-scale", metavar="X", type=float, default=1.0,
+        help="wrong calibration: the recorded baseline is X times the true one (%(default)s)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -82,7 +208,8 @@ def run(arguments: argparse.Namespace) -> None:
     from uw_visibility.commands.progress import progress_bar
     from uw_visibility.compute.threads import Workers
     from uw_visibility.simulation.bag import write_transect
-    from uw_visibility.simulation.camera import NOISELESS, Sensor, StereoCamera
+    from uw_visibility.simulation.camera import StereoCamera
+    from uw_visibility.simulation.camera_effects import CameraEffects
     from uw_visibility.simulation.frame import Effects
     from uw_visibility.simulation.transect import Transect
 
@@ -98,15 +225,58 @@ def run(arguments: argparse.Namespace) -> None:
         seed=arguments.seed,
         exposure=arguments.exposure,
         camera=StereoCamera(arguments.width, arguments.height, focal_length, arguments.baseline),
-        sensor=NOISELESS if arguments.noiseless else Sensor(),
-        effects=Effects(arguments.marine_snow, arguments.caustics),
+        sensor=_sensor(arguments),
+        effects=Effects(arguments.marine_snow, arguments.caustics, arguments.snow_brightness),
         workers=Workers(arguments.threads),
+        camera_effects=CameraEffects(
+            transfer=arguments.transfer,
+            white_balance=tuple(arguments.white_balance),
+            automatic_white_balance=arguments.automatic_white_balance,
+            vignetting=arguments.vignetting,
+            exposure_difference=arguments.exposure_difference,
+            bayer=arguments.bayer,
+            jpeg=arguments.jpeg,
+        ),
+        water_effects=_water_effects(arguments),
     )
     write_transect(
         arguments.output,
         transect,
         depth_stddev=arguments.depth_stddev,
+        range_scale=arguments.range_scale,
         overwrite=arguments.force,
         progress=lambda frames: progress_bar(frames, "simulate", transect.frames),
     )
     print(f"{arguments.output}: {transect.frames} stereo frames at {transect.rate:g} Hz")
+
+
+def _sensor(arguments: argparse.Namespace) -> Sensor:
+    from uw_visibility.simulation.camera import NOISELESS, Sensor
+
+    if arguments.noiseless:
+        return NOISELESS
+    if arguments.noise_codes is not None:
+        return Sensor.gaussian(arguments.noise_codes)
+    return Sensor(arguments.full_well, arguments.read_noise)
+
+
+def _water_effects(arguments: argparse.Namespace) -> WaterEffects:
+    from uw_visibility.simulation.water import WaterEffects
+
+    veil = tuple(arguments.veil)
+    if len(veil) not in (1, 3):
+        raise InputError(f"--veil has {len(veil)} values: give one ratio, or three for R, G, B")
+    return WaterEffects(
+        veil=veil * (3 // len(veil)),
+        channel_attenuation=tuple(arguments.channel_attenuation),
+        water_type=arguments.water_type,
+        particle_slope=arguments.particle_slope,
+        cdom=arguments.cdom,
+        blur=arguments.blur,
+        layer=arguments.layer[0],
+        layer_height=arguments.layer[1],
+        plume=arguments.plume[0],
+        plume_share=arguments.plume[1],
+        veil_gradient=arguments.veil_gradient,
+        light_gradient=arguments.light_gradient,
+    )

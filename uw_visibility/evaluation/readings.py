@@ -4,14 +4,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uw_visibility.optics.light_model import ambient_light_at_depth
+from uw_visibility.optics.light_model import ambient_light_at_depth, visibility_distance
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimation import WaterEstimate
@@ -58,7 +57,7 @@ class Truth:
             depth=depth,
             attenuation=triple(beta),
             ambient_light=triple(ambient_light),
-            distance=math.log((1 - contrast) / (2 * contrast) + 1) / float(beta.min()),
+            distance=visibility_distance(float(beta.min()), contrast),
         )
 
     @classmethod

@@ -12,6 +12,7 @@ broadcast; compiled kernels call the same functions with floats.
 
 from __future__ import annotations
 
+import math
 from typing import Any, Protocol
 
 import numpy as np
@@ -157,3 +158,21 @@ def ambient_light_at_depth(
     rate = np.asarray(attenuation, dtype=np.float64)
     light = np.asarray(surface_light, dtype=np.float64)
     return np.asarray(surface_transmission * light * transmission(rate, depth))
+
+
+def visibility_distance(attenuation: float, contrast: float) -> float:
+    """Visibility distance (eq. 12): where a white patch beside a black one is lost.
+
+    Parameters
+    ----------
+    attenuation : float
+        β of the clearest channel, 1/m.
+    contrast : float
+        Smallest contrast C that an observer distinguishes.
+
+    Returns
+    -------
+    float
+        ln((1 − C)/(2C) + 1)/β, m.
+    """
+    return math.log((1 - contrast) / (2 * contrast) + 1) / attenuation

@@ -19,9 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.config.water import AssessmentConfig
 from uw_visibility.errors import InputError
 from uw_visibility.messages.images import MessageFactory, write_image
 from uw_visibility.messages.outputs import UNMEASURED_VARIANCE
+from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.bags.writer import BagWriter
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.transect import Transect, TransectFrame
@@ -35,7 +37,9 @@ TOPICS = {
     "/depth_sensor": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "/ground_truth/attenuation": "geometry_msgs/msg/Vector3Stamped",
     "/ground_truth/ambient_light": "geometry_msgs/msg/Vector3Stamped",
+    "/ground_truth/scene_light": "geometry_msgs/msg/Vector3Stamped",
     "/ground_truth/mean_attenuation": "std_msgs/msg/Float64",
+    "/ground_truth/visibility": "std_msgs/msg/Float64",
     "/ground_truth/depth": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "/ground_truth/disparity": "stereo_msgs/msg/DisparityImage",
 }
@@ -54,6 +58,7 @@ def write_transect(
     transect: Transect,
     *,
     depth_stddev: float = 0.05,
+    range_scale: float = 1.0,
     overwrite: bool = False,
     progress: Callable[[Iterator[TransectFrame]], Any] = iter,
 ) -> None:
@@ -67,6 +72,8 @@ def write_transect(
         What to simulate.
     depth_stddev : float
         Standard deviation of the depth sensor in m.
+    range_scale : float
+        Ratio of the baseline in CameraInfo to the true one: a wrong calibration.
     overwrite : bool
         Whether a bag of that name may be replaced.
     progress : callable
@@ -75,15 +82,17 @@ def write_transect(
     Raises
     ------
     InputError
-        If the folder exists already or cannot be made, or the noise is none.
+        If the folder exists already or cannot be made, or the noise or the scale is none.
     """
     if not 0.0 < depth_stddev < math.inf:
         raise InputError(
             f"noise of the depth sensor is {depth_stddev:g} m: give a number greater than zero"
         )
+    if not 0.0 < range_scale <= 100.0:
+        raise InputError(f"range scale is {range_scale:g}: give a number above 0, up to 100")
     random = np.random.default_rng([transect.seed, 1])
     with BagWriter(path, TOPICS, overwrite=overwrite) as bag:
-        messages = _Messages(bag.make, transect.camera)
+        messages = _Messages(bag.make, transect.camera, range_scale)
         for time, frame in progress(transect.render()):
             stamp = START * 1_000_000_000 + round(time * 1e9)
             for side, frame_id, pixels in (
@@ -100,6 +109,10 @@ def write_transect(
             truth = {
                 "attenuation": messages.vector(header, frame.attenuation),
                 "ambient_light": messages.vector(header, frame.ambient_light),
+                "scene_light": messages.vector(header, frame.scene_light),
+                "visibility": bag.make(
+                    "std_msgs/msg/Float64", data=visibility_distance(
+                        float(frame.attenuation.min()), AssessmentConfig().contrast)),
                 "mean_attenuation": bag.make("std_msgs/msg/Float64", data=frame.mean_attenuation),
                 "depth": messages.depth(surface, frame.depth, 0.0),
                 "disparity": messages.disparity(header, frame.disparity_left),
@@ -111,9 +124,10 @@ def write_transect(
 class _Messages:
     """Messages of a bag."""
 
-    def __init__(self, make: MessageFactory, camera: StereoCamera) -> None:
+    def __init__(self, make: MessageFactory, camera: StereoCamera, range_scale: float) -> None:
         self._make = make
         self._camera = camera
+        self._calibrated_baseline = range_scale * camera.baseline
 
     def header(self, stamp: int, frame_id: str) -> Any:
         seconds, nanoseconds = divmod(stamp, 1_000_000_000)
@@ -127,7 +141,7 @@ class _Messages:
         projection[0, 0] = projection[1, 1] = focal_length
         projection[:, 2] = centre_x, centre_y, 1.0
         if side == "right":
-            projection[0, 3] = -focal_length * self._camera.baseline
+            projection[0, 3] = -focal_length * self._calibrated_baseline
         return self._make(
             "sensor_msgs/msg/CameraInfo",
             header=header,

@@ -102,6 +102,13 @@ class Sensor:
     full_well: float = 15000.0
     read_noise: float = 20.0
 
+    def __post_init__(self) -> None:
+        """Refuse what no sensor has."""
+        if not self.full_well > 0.0:
+            raise InputError(f"full well is {self.full_well:g} electrons: give more than zero")
+        if not 0.0 <= self.read_noise < math.inf:
+            raise InputError(f"read noise is {self.read_noise:g} electrons: give zero or more")
+
     def expose(
         self, irradiance: NDArray[np.float32], random: np.random.Generator
     ) -> NDArray[np.uint8]:
@@ -152,7 +159,14 @@ class Sensor:
         ----------
         codes : float
             Standard deviation in codes of 255; 0 for none.
+
+        Raises
+        ------
+        InputError
+            If it is negative or beyond all codes.
         """
+        if not 0.0 <= codes <= 255.0:
+            raise InputError(f"noise is {codes:g} codes: give a number between 0 and 255")
         if codes == 0.0:
             return NOISELESS
         # So large a well that its shot noise does not count.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.config.schema import AssessmentConfig
+from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.optics.spectra import CameraResponse, clear_water_attenuation
 from uw_visibility.status import Status
 from uw_visibility.water.depth import DepthModel
@@ -129,7 +130,7 @@ class Assessor:
         contrast = self._config.contrast
         best = int(np.nanargmin(estimate.attenuation))
         attenuation = float(estimate.attenuation[best])
-        distance = math.log((1 - contrast) / (2 * contrast) + 1) / attenuation
+        distance = visibility_distance(attenuation, contrast)
         return distance, distance * math.sqrt(covariance[2 * best, 2 * best]) / attenuation
 
 
