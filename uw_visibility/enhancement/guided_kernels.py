@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from uw_visibility.compute.jit import njit
@@ -26,10 +28,10 @@ SOLVED = 6
 
 
 @njit(nogil=True, error_model="numpy")
-def reduce_image(  # type: ignore[no-untyped-def]
-    start, stop, coarse, confidence, guide, scale, cell, small_guide, value, weight, place,
-    extremes,
-):
+def reduce_image(
+    start: int, stop: int, coarse: Any, confidence: Any, guide: Any, scale: Any, cell: int,
+    small_guide: Any, value: Any, weight: Any, place: Any, extremes: Any,
+) -> None:
     """Average image and disparity over cells; weigh disparities with their confidence."""
     height, width = coarse.shape
     for i in range(start, stop):
@@ -81,7 +83,7 @@ def reduce_image(  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def fit_plane(value, weight, place, slope_prior):  # type: ignore[no-untyped-def]
+def fit_plane(value: Any, weight: Any, place: Any, slope_prior: float) -> tuple[Any, Any, Any]:
     """Fit a plane to the weighted disparities: slopes per px along x and y, value at (0, 0)."""
     height, width = value.shape
     total = mean_x = mean_y = mean_d = 0.0
@@ -115,7 +117,7 @@ def fit_plane(value, weight, place, slope_prior):  # type: ignore[no-untyped-def
 
 
 @njit(nogil=True, error_model="numpy")
-def subtract_plane(value, weight, place, plane):  # type: ignore[no-untyped-def]
+def subtract_plane(value: Any, weight: Any, place: Any, plane: Any) -> None:
     """Take the base plane off the disparities of the finest grid."""
     for i in range(value.shape[0]):
         for j in range(value.shape[1]):
@@ -126,7 +128,9 @@ def subtract_plane(value, weight, place, plane):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def pull(guide, value, weight, small_guide, small_value, small_weight):  # type: ignore[no-untyped-def]
+def pull(
+    guide: Any, value: Any, weight: Any, small_guide: Any, small_value: Any, small_weight: Any
+) -> None:
     """Average a grid over 2 x 2 cells into the next coarser one."""
     height, width = value.shape
     for i in range(small_value.shape[0]):
@@ -156,7 +160,7 @@ def pull(guide, value, weight, small_guide, small_value, small_weight):  # type:
 
 
 @njit(nogil=True, error_model="numpy")
-def _sum_columns(row, radius, out):  # type: ignore[no-untyped-def]
+def _sum_columns(row: Any, radius: int, out: Any) -> None:
     """Sum a row over windows of 2 radius + 1 columns, cut at the ends."""
     width = row.shape[0]
     out[:] = row
@@ -171,7 +175,9 @@ def _sum_columns(row, radius, out):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def moments(start, stop, guide, value, weight, prior, radius, out):  # type: ignore[no-untyped-def]
+def moments(
+    start: int, stop: int, guide: Any, value: Any, weight: Any, prior: Any, radius: int, out: Any
+) -> None:
     """Sum the products that a weighted regression needs along each row."""
     width = value.shape[1]
     row = np.empty((MOMENTS, width), np.float32)
@@ -206,7 +212,7 @@ def moments(start, stop, guide, value, weight, prior, radius, out):  # type: ign
 
 
 @njit(nogil=True, error_model="numpy")
-def _sum_rows(planes, i, radius, out):  # type: ignore[no-untyped-def]
+def _sum_rows(planes: Any, i: int, radius: int, out: Any) -> Any:
     """Sum (h, n, w) planes over the rows around row i; return how many there are."""
     first = max(i - radius, 0)
     last = min(i + radius + 1, planes.shape[0])
@@ -221,7 +227,7 @@ def _sum_rows(planes, i, radius, out):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def solve(start, stop, sums, radius, smoothness, out):  # type: ignore[no-untyped-def]
+def solve(start: int, stop: int, sums: Any, radius: int, smoothness: float, out: Any) -> None:
     """Regress disparity on the guide in each window, and sum the solutions along each row."""
     width = sums.shape[2]
     s = np.empty((MOMENTS, width), np.float32)
@@ -271,7 +277,9 @@ def solve(start, stop, sums, radius, smoothness, out):  # type: ignore[no-untype
 
 
 @njit(nogil=True, error_model="numpy")
-def average(start, stop, solved, prior_confidence, radius, coefficients):  # type: ignore[no-untyped-def]
+def average(
+    start: int, stop: int, solved: Any, prior_confidence: Any, radius: int, coefficients: Any
+) -> None:
     """Average the solutions of all windows that hold a cell, by their weight."""
     width = solved.shape[2]
     s = np.empty((SOLVED - 1, width), np.float32)
@@ -286,9 +294,10 @@ def average(start, stop, solved, prior_confidence, radius, coefficients):  # typ
 
 
 @njit(nogil=True, error_model="numpy")
-def apply_coefficients(  # type: ignore[no-untyped-def]
-    start, stop, coefficients, guide, scale, centre, factor, plane, low, high, value, confidence
-):
+def apply_coefficients(
+    start: int, stop: int, coefficients: Any, guide: Any, scale: Any, centre: Any, factor: int,
+    plane: Any, low: Any, high: Any, value: Any, confidence: Any,
+) -> None:
     """Evaluate coefficients, interpolated between cells, on a guide ``factor`` times finer."""
     small_height, _, small_width = coefficients.shape
     width = value.shape[1]

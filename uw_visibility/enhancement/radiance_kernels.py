@@ -8,13 +8,15 @@ vector code of loops over contiguous floats without lookups, branches or calls.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from uw_visibility.compute.jit import njit
 
 
 @njit(nogil=True, error_model="numpy")
-def polynomial(limit, sign):  # type: ignore[no-untyped-def]
+def polynomial(limit: Any, sign: float) -> tuple[Any, Any]:
     """Taylor polynomial of exp(sign t / 8) about the middle of 0 <= t <= limit.
 
     Its eighth power is exp(sign t), to a relative error of 4e-6 up to a limit
@@ -30,7 +32,7 @@ def polynomial(limit, sign):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _thickness(distance, attenuation, limit, out):  # type: ignore[no-untyped-def]
+def _thickness(distance: Any, attenuation: Any, limit: Any, out: Any) -> None:
     """Optical thickness of a row of ranges, from 0 to a limit, which unknown ranges get."""
     for x in range(out.size):
         u = distance[x] * attenuation
@@ -40,7 +42,7 @@ def _thickness(distance, attenuation, limit, out):  # type: ignore[no-untyped-de
 
 
 @njit(nogil=True, error_model="numpy")
-def _kept(distance, attenuation, limit, out):  # type: ignore[no-untyped-def]
+def _kept(distance: Any, attenuation: Any, limit: Any, out: Any) -> None:
     """Write the part of a deviation that the limit of the thickness leaves, near exp(-excess)."""
     one = np.float32(1)
     for x in range(out.size):
@@ -52,7 +54,7 @@ def _kept(distance, attenuation, limit, out):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _exponential(p, middle, row):  # type: ignore[no-untyped-def]
+def _exponential(p: Any, middle: Any, row: Any) -> None:
     """Replace each thickness in a row by its exponential."""
     p0, p1, p2, p3, p4, p5, p6 = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
     for x in range(row.size):
@@ -64,10 +66,10 @@ def _exponential(p, middle, row):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def restore(  # type: ignore[no-untyped-def]
-    start, stop, image, distance, decode, encode, attenuation, veil, light, limits, farthest,
-    enhanced, limited,
-):
+def restore(
+    start: int, stop: int, image: Any, distance: Any, decode: Any, encode: Any, attenuation: Any,
+    veil: Any, light: Any, limits: Any, farthest: Any, enhanced: Any, limited: Any,
+) -> None:
     """Restore a band of rows: ρ = B/W + (E/W - B/W) exp(βd), with βd and ρ limited.
 
     A channel whose gain is limited keeps only a part of its deviation from

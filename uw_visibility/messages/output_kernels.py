@@ -55,12 +55,8 @@ def published_disparity(
 
 @njit(nogil=True, error_model="numpy")
 def _publish_disparity(
-    disparity: NDArray[np.float32],
-    valid: NDArray[np.bool_],
-    offset: np.float32,
-    low: np.float32,
-    high: np.float32,
-    published: NDArray[np.float32],
+    disparity: Any, valid: Any, offset: np.float32, low: np.float32, high: np.float32,
+    published: Any,
 ) -> None:
     steps, step = np.float32(1.0 / DISPARITY_STEP), np.float32(DISPARITY_STEP)
     missing = low - np.float32(1.0)
@@ -101,12 +97,7 @@ def depth_of(
 
 
 @njit(nogil=True, error_model="numpy")
-def _fill_depth(
-    published: NDArray[np.float32],
-    low: np.float32,
-    scale: np.float32,
-    depth: NDArray[np.float32],
-) -> None:
+def _fill_depth(published: Any, low: np.float32, scale: np.float32, depth: Any) -> None:
     height, width = published.shape
     for y in range(height):
         for x in range(width):
@@ -147,14 +138,7 @@ def cloud_of(
 
 
 @njit(nogil=True, error_model="numpy")
-def _fill_cloud(
-    depth: NDArray[np.float32],
-    columns: NDArray[np.float32],
-    rows: NDArray[np.float32],
-    colours: NDArray[np.uint8],
-    cloud: NDArray[np.float32],
-    packed: NDArray[np.uint32],
-) -> None:
+def _fill_cloud(depth: Any, columns: Any, rows: Any, colours: Any, cloud: Any, packed: Any) -> None:
     height, width = depth.shape
     green, blue = (1, 2) if colours.shape[2] > 1 else (0, 0)
     for y in range(height):

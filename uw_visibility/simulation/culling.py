@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,13 +85,7 @@ def assign_to_tiles(
 
 
 @njit(nogil=True, error_model="numpy")
-def _lists(
-    index: NDArray[np.int64],
-    across: NDArray[np.int64],
-    down: NDArray[np.int64],
-    columns: int,
-    rows: int,
-) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+def _lists(index: Any, across: Any, down: Any, columns: int, rows: int) -> tuple[Any, Any]:
     """Count each tile's shapes, then write them down."""
     offsets = np.zeros(columns * rows + 1, np.int64)
     for k in range(len(index)):

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +18,7 @@ Map = NDArray[np.float32]
 
 
 @njit(nogil=True, error_model="numpy")
-def add_caustics(
-    radiance: Map,
-    points: NDArray[np.float64],
-    lattice: Map,
-    amplitude: float,
-    time: float,
-) -> None:
+def add_caustics(radiance: Any, points: Any, lattice: Any, amplitude: float, time: float) -> None:
     """Caustics: modulate radiance as waves at the surface focus the light.
 
     Parameters

@@ -9,6 +9,7 @@ cameras see the same value at the same point.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +49,7 @@ def smoothstep(low: float, high: float, x: float) -> float:
 
 
 @njit(nogil=True, error_model="numpy")
-def value_noise(lattice: NDArray[np.float32], x: float, y: float, z: float) -> float:
+def value_noise(lattice: Any, x: float, y: float, z: float) -> float:
     """Interpolate the lattice smoothly at a point given in cells; within -1 .. 1."""
     mask = LATTICE_SIZE - 1
     fx, fy, fz = math.floor(x), math.floor(y), math.floor(z)
@@ -66,13 +67,7 @@ def value_noise(lattice: NDArray[np.float32], x: float, y: float, z: float) -> f
 
 @njit(nogil=True, error_model="numpy")
 def fractal_noise(
-    lattice: NDArray[np.float32],
-    x: float,
-    y: float,
-    z: float,
-    cell: float,
-    octaves: int,
-    persistence: float,
+    lattice: Any, x: float, y: float, z: float, cell: float, octaves: int, persistence: float,
     footprint: float,
 ) -> float:
     """Sum octaves of value noise, leaving out what a pixel cannot resolve.

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ Map = NDArray[np.float32]
 
 
 @njit(nogil=True, error_model="numpy")
-def bilinear(grid: Map, column: float, row: float) -> float:
+def bilinear(grid: Any, column: float, row: float) -> float:
     """Interpolate a grid; beyond its edge the edge goes on."""
     column = min(max(column, 0.0), grid.shape[1] - 1.001)
     row = min(max(row, 0.0), grid.shape[0] - 1.001)
@@ -34,9 +35,7 @@ def bilinear(grid: Map, column: float, row: float) -> float:
 
 
 @njit(nogil=True, error_model="numpy")
-def floor_distance(
-    scene: Scene, eye: Array, dx: float, dy: float, dz: float, limit: float
-) -> float:
+def floor_distance(scene: Scene, eye: Any, dx: float, dy: float, dz: float, limit: float) -> float:
     """March along a ray to the sea floor; inf where it is not met within ``limit``."""
     heights = scene.heights
     x0, y0 = (eye[0] - scene.origin[0]) / SPACING, (eye[1] - scene.origin[1]) / SPACING
@@ -81,7 +80,7 @@ def floor_distance(
 
 @njit(nogil=True, error_model="numpy")
 def _block(
-    heights: Map, column: float, row: float, ux: float, uy: float
+    heights: Any, column: float, row: float, ux: float, uy: float
 ) -> tuple[tuple[int, int], float]:
     """Return the block of the floor below a point, and how far the ray stays above it."""
     i = int(min(max(column, 0.0), heights.shape[1] - 2.0)) // BLOCK
@@ -100,9 +99,7 @@ def _block(
 
 
 @njit(nogil=True, error_model="numpy")
-def ellipsoid_distance(
-    centre: Array, axes: Array, eye: Array, dx: float, dy: float, dz: float
-) -> float:
+def ellipsoid_distance(centre: Any, axes: Any, eye: Any, dx: float, dy: float, dz: float) -> float:
     """Return the distance to an ellipsoid along a unit ray, or inf."""
     ex, ey, ez = eye[0] - centre[0], eye[1] - centre[1], eye[2] - centre[2]
     a = b = 0.0
@@ -121,9 +118,7 @@ def ellipsoid_distance(
 
 
 @njit(nogil=True, error_model="numpy")
-def capsule_distance(
-    capsule: Array, eye: Array, dx: float, dy: float, dz: float
-) -> float:
+def capsule_distance(capsule: Any, eye: Any, dx: float, dy: float, dz: float) -> float:
     """Return the distance to a capsule along a unit ray, or inf."""
     ax, ay, az = capsule[3] - capsule[0], capsule[4] - capsule[1], capsule[5] - capsule[2]
     ox, oy, oz = eye[0] - capsule[0], eye[1] - capsule[1], eye[2] - capsule[2]
@@ -159,8 +154,7 @@ def capsule_distance(
 
 @njit(nogil=True, error_model="numpy")
 def nearest(
-    scene: Scene, candidates: NDArray[np.int32],
-    eye: Array, dx: float, dy: float, dz: float, limit: float,
+    scene: Scene, candidates: Any, eye: Any, dx: float, dy: float, dz: float, limit: float
 ) -> tuple[float, int]:
     """Return the distance to what a ray meets first, and which shape that is."""
     best = floor_distance(scene, eye, dx, dy, dz, limit)
@@ -221,9 +215,7 @@ def look_at(
 
 
 @njit(nogil=True, error_model="numpy")
-def capsule_normal(
-    capsule: Array, px: float, py: float, pz: float
-) -> tuple[float, float, float]:
+def capsule_normal(capsule: Any, px: float, py: float, pz: float) -> tuple[float, float, float]:
     """Return the direction from a capsule's axis to a point."""
     ax, ay, az = capsule[3] - capsule[0], capsule[4] - capsule[1], capsule[5] - capsule[2]
     ex, ey, ez = px - capsule[0], py - capsule[1], pz - capsule[2]

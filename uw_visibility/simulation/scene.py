@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,9 +173,7 @@ def flat_floor(seed: int = 0, *, size: float = 12.0, texture: float = 1.0) -> Sc
 
 
 @njit(nogil=True, error_model="numpy")
-def _terrain(
-    lattice: NDArray[np.float32], origin: tuple[float, float], extent: tuple[float, float]
-) -> NDArray[np.float32]:
+def _terrain(lattice: Any, origin: tuple[float, float], extent: tuple[float, float]) -> Any:
     nx, ny = int(extent[0] / SPACING), int(extent[1] / SPACING)
     heights = np.empty((ny, nx), np.float32)
     for j in range(ny):
@@ -321,9 +319,7 @@ def _finish(
 
 
 @njit(nogil=True, error_model="numpy")
-def _blocks(
-    heights: NDArray[np.float32],
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _blocks(heights: Any) -> tuple[Any, Any]:
     """Bound the floor's height and slope by blocks; neighbours share their edge."""
     rows, columns = heights.shape[0] // BLOCK + 1, heights.shape[1] // BLOCK + 1
     highest = np.full((rows, columns), -np.inf, np.float32)

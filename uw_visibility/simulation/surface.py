@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,7 +46,7 @@ def floor_radiance(
 
 @njit(nogil=True, error_model="numpy")
 def shape_radiance(
-    lattice: Lattice, look: NDArray[np.float64], x: float, y: float, z: float, footprint: float
+    lattice: Lattice, look: Any, x: float, y: float, z: float, footprint: float
 ) -> Colour:
     """Return a shape's reflectance: mottled between two colours, with dark grooves."""
     cell, width = look[6], look[7]

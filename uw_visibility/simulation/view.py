@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,8 +122,8 @@ def _edges(ranges: Map, hits: NDArray[np.int32]) -> NDArray[np.bool_]:
 
 @njit(nogil=True, error_model="numpy")
 def _cast_centres(
-    start: int, stop: int, scene: Scene, tiles: Tiles, eye: Array, rotation: Array,
-    optics: Array, ranges: Map, hits: NDArray[np.int32], radiance: Map,
+    start: int, stop: int, scene: Scene, tiles: Tiles, eye: Any, rotation: Any, optics: Any,
+    ranges: Any, hits: Any, radiance: Any,
 ) -> None:
     for row in range(start, stop):
         for column in range(ranges.shape[1]):
@@ -134,9 +135,8 @@ def _cast_centres(
 
 @njit(nogil=True, error_model="numpy")
 def _cast_quarters(
-    start: int, stop: int, scene: Scene, tiles: Tiles, eye: Array, rotation: Array,
-    optics: Array, rows: NDArray[np.int64], columns: NDArray[np.int64],
-    ranges: Map, radiance: Map,
+    start: int, stop: int, scene: Scene, tiles: Tiles, eye: Any, rotation: Any, optics: Any,
+    rows: Any, columns: Any, ranges: Any, radiance: Any,
 ) -> None:
     for k in range(start, stop):
         tile = (rows[k] // TILE) * tiles.columns + columns[k] // TILE
@@ -150,8 +150,8 @@ def _cast_quarters(
 
 @njit(nogil=True, error_model="numpy")
 def _cast(
-    scene: Scene, tiles: Tiles, tile: int, eye: Array, rotation: Array, optics: Array,
-    u: float, v: float, radiance: Map,
+    scene: Scene, tiles: Tiles, tile: int, eye: Any, rotation: Any, optics: Any, u: float,
+    v: float, radiance: Any,
 ) -> tuple[float, int]:
     """Cast the ray through a point of the image; writes what it sees to ``radiance``."""
     x, y = (u - optics[1]) / optics[0], (v - optics[2]) / optics[0]

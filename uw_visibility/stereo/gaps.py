@@ -7,6 +7,8 @@ doi 10.1109/TPAMI.2007.1166
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -113,7 +115,7 @@ def occluded(
 
 
 @njit(nogil=True, error_model="numpy")
-def _sweep(start, stop, disparity, max_gap, seen):  # type: ignore[no-untyped-def]
+def _sweep(start: int, stop: int, disparity: Any, max_gap: int, seen: Any) -> None:
     """Carry the last disparity met along three directions over the map.
 
     Sweep 0 goes down and looks up-left, up and up-right; sweep 1 goes up and
@@ -146,7 +148,7 @@ def _sweep(start, stop, disparity, max_gap, seen):  # type: ignore[no-untyped-de
 
 
 @njit(nogil=True, error_model="numpy")
-def _look_along(disparity, max_gap, first, step, out):  # type: ignore[no-untyped-def]
+def _look_along(disparity: Any, max_gap: int, first: int, step: int, out: Any) -> None:
     """Carry the last disparity met along a row, from its pixel ``first`` on; inf = none."""
     carried = np.float32(np.inf)
     age = 0
@@ -162,7 +164,7 @@ def _look_along(disparity, max_gap, first, step, out):  # type: ignore[no-untype
 
 
 @njit(nogil=True, error_model="numpy")
-def _point_at(right, hit):  # type: ignore[no-untyped-def]
+def _point_at(right: Any, hit: Any) -> None:
     """Mark the pixels of a row that a disparity of the right row points at."""
     width = right.size
     hit[:] = False
@@ -176,7 +178,7 @@ def _point_at(right, hit):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _mark_occluded(start, stop, left, right, hidden):  # type: ignore[no-untyped-def]
+def _mark_occluded(start: int, stop: int, left: Any, right: Any, hidden: Any) -> None:
     """Mark gaps that no disparity of the right map points at."""
     width = left.shape[1]
     hit = np.empty(width, np.bool_)
@@ -187,12 +189,12 @@ def _mark_occluded(start, stop, left, right, hidden):  # type: ignore[no-untyped
 
 
 @njit(nogil=True, error_model="numpy")
-def _order(a, b):  # type: ignore[no-untyped-def]
+def _order(a: Any, b: Any) -> tuple[Any, Any]:
     return (a, b) if a < b else (b, a)
 
 
 @njit(nogil=True, error_model="numpy")
-def _choose_row(here, around, hit, filled):  # type: ignore[no-untyped-def]
+def _choose_row(here: Any, around: Any, hit: Any, filled: Any) -> None:
     """Fill a row of gaps from the (8, W) disparities around them; inf = none.
 
     The eight are sorted with Batcher's network (doi 10.1145/1468075.1468121),
@@ -233,7 +235,9 @@ def _choose_row(here, around, hit, filled):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _choose(start, stop, left, right, max_gap, seen, filled):  # type: ignore[no-untyped-def]
+def _choose(
+    start: int, stop: int, left: Any, right: Any, max_gap: int, seen: Any, filled: Any
+) -> None:
     """Fill each gap from the up to eight disparities around it."""
     width = left.shape[1]
     hit = np.zeros(width, np.bool_)

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +60,7 @@ def inpaint(
 
 
 @njit(nogil=True, error_model="numpy")
-def _average_cells(start, stop, disparity, small):  # type: ignore[no-untyped-def]
+def _average_cells(start: int, stop: int, disparity: Any, small: Any) -> None:
     """Average the known pixels of each cell; NaN where there is none."""
     height, width = disparity.shape
     for i in range(start, stop):
@@ -75,7 +77,9 @@ def _average_cells(start, stop, disparity, small):  # type: ignore[no-untyped-de
 
 
 @njit(nogil=True, error_model="numpy")
-def _fill_open(start, stop, disparity, small, low, high, filled):  # type: ignore[no-untyped-def]
+def _fill_open(
+    start: int, stop: int, disparity: Any, small: Any, low: Any, high: Any, filled: Any
+) -> None:
     """Give open pixels the cells' values, interpolated between cell centres."""
     last_row = small.shape[0] - 1
     last_column = small.shape[1] - 1
