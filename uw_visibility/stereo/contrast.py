@@ -11,6 +11,7 @@ eight bits before the gradients are taken.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,9 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.noise import noise_stddev
 from uw_visibility.optics.light_model import transmission
+from uw_visibility.stereo.denoising import NoiseAdaptiveSmoother, noise_gradient
 
 # ITU-R BT.601 luma.
 _LUMA = (0.299, 0.587, 0.114)
@@ -49,13 +52,21 @@ class EvenContrast:
         ``(H, W)`` uint16, 256 times the 8-bit level.
     gain : ndarray
         ``(H, W)`` float32, 8-bit levels of even contrast per unit of `grey`.
+    noise : float
+        Noise of the median pixel after restoration, before `grey` was smoothed, in
+        8-bit levels of even contrast.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self.grey: NDArray[np.uint16] = np.empty(shape, np.uint16)
         self.gain: NDArray[np.float32] = np.empty(shape, np.float32)
+        self.noise = 0.0
+        self._noise_of_grey = 0.0
+        self._smoother = NoiseAdaptiveSmoother(shape)
 
-    def stretch(self, image: NDArray[Any], workers: Workers) -> None:
+    def stretch(
+        self, image: NDArray[Any], workers: Workers, noise: NDArray[np.float64] | None = None
+    ) -> None:
         """Take the luma, and one gain that stretches its contrast; for the raw image.
 
         Parameters
@@ -64,12 +75,16 @@ class EvenContrast:
             ``(H, W, 3)`` RGB or ``(H, W)`` grey; uint8 or uint16.
         workers : Workers
             Threads.
+        noise : ndarray, optional
+            Standard deviation of each channel's noise, in code values; measured here by
+            default. The image is smoothed as far as its restored noise asks for.
         """
         self._mix(image, _LUMA, workers)
         # Every fourth pixel of every fourth row tells as much about the whole.
         sample = self.grey[::4, ::4]
         low, high = np.percentile(sample, (100 * _OUTSIDE, 100 * (1 - _OUTSIDE)))
         self.gain[:] = min(255.0 / max(high - low, 1.0), _MAX_GAIN / _FINE)
+        self._smooth(image, _LUMA, workers, noise)
 
     def restore(
         self,
@@ -78,6 +93,7 @@ class EvenContrast:
         attenuation: NDArray[np.float64],
         ambient_light: NDArray[np.float64],
         workers: Workers,
+        noise: NDArray[np.float64] | None = None,
     ) -> None:
         """Take the mix of channels with least noise, and the gain that undoes attenuation.
 
@@ -98,6 +114,8 @@ class EvenContrast:
             out. At least one is known.
         workers : Workers
             Threads.
+        noise : ndarray, optional
+            See `stretch`.
         """
         known = np.isfinite(attenuation) & np.isfinite(ambient_light)
         attenuation = np.where(known, attenuation, 0.0)
@@ -117,6 +135,31 @@ class EvenContrast:
             _look_up, self.gain.shape[0], range_map, self.gain.shape[1] // range_map.shape[1],
             np.float32((_TABLE - 1) / farthest), gain.astype(np.float32), self.gain,
         )
+        self._smooth(image, weights, workers, noise)
+
+    def _smooth(
+        self,
+        image: NDArray[Any],
+        weights: Sequence[float] | NDArray[np.float64],
+        workers: Workers,
+        noise: NDArray[np.float64] | None,
+    ) -> None:
+        """Smooth the mix of channels as far as its restored noise asks for."""
+        if noise is None:
+            noise = noise_stddev(image)
+        mixed = float(np.hypot.reduce(np.asarray(weights) * noise)) if image.ndim == 3 else noise[0]
+        self._noise_of_grey = float(mixed) * (_FINE if image.dtype == np.uint8 else 1.0)
+        self.noise = self._smoother.smooth(self.grey, self.gain, self._noise_of_grey, workers)
+
+    def noise_gradient(self, step: int) -> NDArray[np.float64]:
+        """Standard deviation of the Sobel responses that noise makes, at every so many pixels.
+
+        It is 0 where the image was not smoothed, since it has hardly any.
+        """
+        gain = self.gain[step // 2 :: step, step // 2 :: step]
+        if not self._smoother.smoothed:
+            return np.zeros(gain.shape)
+        return noise_gradient(self._noise_of_grey * gain)
 
     def _mix(
         self, image: NDArray[Any], weights: tuple[float, float, float], workers: Workers

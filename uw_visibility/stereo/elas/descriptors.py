@@ -17,7 +17,7 @@ from uw_visibility.stereo.elas.absolute_difference import BYTES
 MARGIN = 2
 # Sobel responses of even contrast are halved to fit a byte, and strong edges
 # clip: that matches more than keeping edges whole and rounding texture away.
-_SCALE = 0.5
+SCALE = 0.5
 MIDDLE = 128
 
 
@@ -87,7 +87,7 @@ def _sobel(
             right = np.int32(above[x + 1]) + 2 * np.int32(here[x + 1]) + np.int32(below[x + 1])
             top = np.int32(above[x - 1]) + 2 * np.int32(above[x]) + np.int32(above[x + 1])
             bottom = np.int32(below[x - 1]) + 2 * np.int32(below[x]) + np.int32(below[x + 1])
-            factor = np.float32(_SCALE) * gain[y, x]
+            factor = np.float32(SCALE) * gain[y, x]
             horizontal[row, x + MARGIN] = _byte(factor * np.float32(right - left))
             vertical[row, x + MARGIN] = _byte(factor * np.float32(bottom - top))
         for x in range(MARGIN + 1):

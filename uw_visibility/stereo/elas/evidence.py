@@ -12,6 +12,7 @@ of a surface pass by the texture around them.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import cv2
@@ -24,8 +25,13 @@ from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_differ
 from uw_visibility.stereo.elas.descriptors import MIDDLE
 
 # Side of the cells that sums are taken over, px, and cells to a neighbourhood's side.
-_CELL = 8
+CELL = 8
 _NEIGHBOURHOOD = 5
+_SIGNAL_NEIGHBOURHOOD = 3
+# Texture over that of noise alone, which is known to a fifth or so.
+_SIGNAL = 1.5
+# Mean amount of a normal deviate of unit variance.
+_MEAN_OF_NORMAL = math.sqrt(2.0 / math.pi)
 
 
 class NoiseFilter:
@@ -41,15 +47,17 @@ class NoiseFilter:
     """
 
     def __init__(self, shape: tuple[int, int], most: float) -> None:
-        cells = (-(-shape[0] // _CELL), -(-shape[1] // _CELL))
+        cells = (-(-shape[0] // CELL), -(-shape[1] // CELL))
         self._difference = np.empty(cells, np.float32)
         self._texture = np.empty(cells, np.float32)
+        self._count = np.empty(cells, np.float32)
         self._most = np.float32(most)
 
     def remove(
         self,
         descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
         disparity: NDArray[np.float32],
+        noise: NDArray[np.float64],
         workers: Workers,
     ) -> None:
         """Set matches that noise explains to NaN, in place.
@@ -60,25 +68,34 @@ class NoiseFilter:
             Of the left and of the right view, ``(H * W * 16,)`` uint8.
         disparity : ndarray
             ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
+        noise : ndarray
+            ``(ceil(H / CELL), ceil(W / CELL))`` float64, standard deviation of the
+            gradient responses that noise makes in each cell; 0 where it is not known.
         workers : Workers
             Threads.
         """
         rows = self._difference.shape[0]
         workers.rows(
             _sum_up, rows, descriptors[0], descriptors[1], disparity, self._difference,
-            self._texture,
+            self._texture, self._count,
         )
         size = (_NEIGHBOURHOOD, _NEIGHBOURHOOD)
         difference = cv2.blur(self._difference, size, borderType=cv2.BORDER_CONSTANT)
         texture = cv2.blur(self._texture, size, borderType=cv2.BORDER_CONSTANT)
-        noise = difference > self._most * texture
-        workers.rows(_clear, rows, noise, disparity)
+        noisy = difference > self._most * texture
+        # Smoothed noise matches by chance: where gradients are no stronger than its own,
+        # nothing but chance is matched.
+        near = (_SIGNAL_NEIGHBOURHOOD, _SIGNAL_NEIGHBOURHOOD)
+        texture = cv2.blur(self._texture, near, borderType=cv2.BORDER_CONSTANT)
+        count = cv2.blur(self._count, near, borderType=cv2.BORDER_CONSTANT)
+        noisy |= texture < (_SIGNAL * _MEAN_OF_NORMAL * BYTES) * noise * count
+        workers.rows(_clear, rows, noisy, disparity)
 
 
 @njit(nogil=True)
 def _sum_up(
     start: int, stop: int, left: Any, right: Any, disparity: Any, difference: Any,
-    texture: Any,
+    texture: Any, count: Any,
 ) -> None:
     """Sum over every other matched pixel of each cell."""
     height, width = disparity.shape
@@ -88,14 +105,16 @@ def _sum_up(
     for row in range(start, stop):
         difference[row] = 0
         texture[row] = 0
-        for y in range(row * _CELL, min((row + 1) * _CELL, height)):
+        count[row] = 0
+        for y in range(row * CELL, min((row + 1) * CELL, height)):
             for x in range(y & 1, width, 2):
                 d = disparity[y, x]
                 if d != d:
                     continue
                 other = max(x - np.int32(d + np.float32(0.5)), 0)
                 i, j = (y * width + x) * BYTES, (y * width + other) * BYTES
-                column = x // _CELL
+                column = x // CELL
+                count[row, column] += 1
                 difference[row, column] += absolute_difference(left, i, right, j)
                 texture[row, column] += 0.5 * (
                     absolute_difference(left, i, blank, x & 1)
@@ -109,6 +128,6 @@ def _clear(start: int, stop: int, noise: Any, disparity: Any) -> None:
     for row in range(start, stop):
         for column in range(noise.shape[1]):
             if noise[row, column]:
-                for y in range(row * _CELL, min((row + 1) * _CELL, height)):
-                    for x in range(column * _CELL, min((column + 1) * _CELL, width)):
+                for y in range(row * CELL, min((row + 1) * CELL, height)):
+                    for x in range(column * CELL, min((column + 1) * CELL, width)):
                         disparity[y, x] = np.nan

@@ -16,9 +16,10 @@ from uw_visibility.stereo.contrast import EvenContrast
 from uw_visibility.stereo.elas import dense, mesh, postprocess
 from uw_visibility.stereo.elas.confidence import rate
 from uw_visibility.stereo.elas.dense import DenseSearch, DenseSettings
-from uw_visibility.stereo.elas.descriptors import Descriptors
+from uw_visibility.stereo.elas.descriptors import SCALE, Descriptors
 from uw_visibility.stereo.elas.edges import EdgeVote
-from uw_visibility.stereo.elas.evidence import NoiseFilter
+from uw_visibility.stereo.elas.evidence import CELL, NoiseFilter
+from uw_visibility.stereo.elas.noise_settings import settings_in_noise
 from uw_visibility.stereo.elas.smoothing import AdaptiveMean
 from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints, SupportSettings
 
@@ -99,7 +100,7 @@ class Matcher:
         self._segments = postprocess.SegmentFilter(shape)
         self._edges = EdgeVote(shape)
         self._left: EvenContrast | None = None
-        self._mean = AdaptiveMean(shape, config.smoothing_radius, config.smoothing_difference)
+        self._mean = AdaptiveMean(shape, config.smoothing_difference)
 
     def describe(self, left: EvenContrast, right: EvenContrast) -> None:
         """Compute the descriptors of a pair, which is not changed until it is matched."""
@@ -187,6 +188,21 @@ class Matcher:
         rated = rate(disparity, best_left, descriptors, self._workers) if confidence else None
         return DenseMatch(disparity, right, rated)
 
+    def _noise_gradient(self) -> NDArray[np.float64]:
+        """Noise of the descriptors' bytes in each of the noise filter's cells."""
+        if self._left is None:
+            return np.zeros((-(-self._shape[0] // CELL), -(-self._shape[1] // CELL)))
+        cells = SCALE * self._left.noise_gradient(CELL)
+        # A cell at the border may end before its middle.
+        missing = [(0, -(-n // CELL) - m) for n, m in zip(self._shape, cells.shape, strict=True)]
+        return np.pad(cells, missing, mode="edge")
+
+    def _settings(self) -> StereoConfig:
+        """Settings for the noise of the described pair."""
+        return self._config if self._left is None else settings_in_noise(
+            self._config, self._left.noise
+        )
+
     def _draw_mesh(self, support: SupportPoints) -> None:
         corners = mesh.with_corners(support.points[support.vertices], self._shape)
         mesh.rasterize(mesh.triangulate(corners, self._shape), self._plane, self._workers)
@@ -196,17 +212,17 @@ class Matcher:
         descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
         disparity: NDArray[np.float32],
     ) -> None:
-        config = self._config
+        config = self._settings()
         postprocess.check_and_refine(
             self._search.best, descriptors, config.left_right_tolerance, disparity, self._workers
         )
-        self._noise.remove(descriptors, disparity, self._workers)
+        self._noise.remove(descriptors, disparity, self._noise_gradient(), self._workers)
         self._segments.remove(
             disparity, config.segment_size, config.segment_difference, self._workers
         )
         postprocess.fill_small_gaps(
             disparity, config.gap_width, config.gap_difference, self._workers
         )
-        self._mean.smooth(disparity, self._workers)
+        self._mean.smooth(disparity, config.smoothing_radius, self._workers)
         if self._left is not None:
             self._edges.move(disparity, self._left, self._workers)

@@ -24,27 +24,27 @@ class AdaptiveMean:
     ----------
     shape : tuple of int
         Height and width of the images, px.
-    radius : int
-        Neighbours to each side; 0 leaves the map as it is.
     difference : float
         px.
     """
 
-    def __init__(self, shape: tuple[int, int], radius: int, difference: float) -> None:
-        self._radius = radius
+    def __init__(self, shape: tuple[int, int], difference: float) -> None:
         self._difference = np.float32(difference)
         self._between = np.empty(shape, np.float32)
 
-    def smooth(self, disparity: NDArray[np.float32], workers: Workers) -> None:
-        """Smooth a map ``(H, W)`` float32 in place; NaN stays NaN."""
-        if self._radius == 0:
+    def smooth(self, disparity: NDArray[np.float32], radius: int, workers: Workers) -> None:
+        """Smooth a map ``(H, W)`` float32 in place; NaN stays NaN.
+
+        ``radius`` is that of the neighbours to each side; 0 leaves the map as it is.
+        """
+        if radius == 0:
             return
         height = disparity.shape[0]
         for kernel, source, target in (
             (_along_rows, disparity, self._between),
             (_along_columns, self._between, disparity),
         ):
-            workers.rows(kernel, height, source, self._radius, self._difference, target)
+            workers.rows(kernel, height, source, radius, self._difference, target)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -69,9 +69,11 @@ def _along_rows(
         weights[:] = 0
         sums[:] = 0
         row = source[y]
-        for k in range(1, min(radius, width - 1) + 1):
-            _add(row[k:], row[:-k], difference, weights[k:], sums[k:])
-            _add(row[:-k], row[k:], difference, weights[:-k], sums[:-k])
+        # At the image's border neighbours of one side would draw a slope's mean to it.
+        for k in range(1, min(radius, (width - 1) // 2) + 1):
+            inner = row[k:-k]
+            _add(inner, row[: -2 * k], difference, weights[k:-k], sums[k:-k])
+            _add(inner, row[2 * k :], difference, weights[k:-k], sums[k:-k])
         # The pixel itself adds to the weights only.
         for x in range(width):
             target[y, x] = row[x] + sums[x] / (weights[x] + difference)
@@ -88,8 +90,8 @@ def _along_columns(
         weights[:] = 0
         sums[:] = 0
         row = source[y]
-        for other in range(max(y - radius, 0), min(y + radius + 1, height)):
-            if other != y:
-                _add(row, source[other], difference, weights, sums)
+        for k in range(1, min(radius, y, height - 1 - y) + 1):
+            _add(row, source[y - k], difference, weights, sums)
+            _add(row, source[y + k], difference, weights, sums)
         for x in range(width):
             target[y, x] = row[x] + sums[x] / (weights[x] + difference)

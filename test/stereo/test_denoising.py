@@ -1,0 +1,125 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Smoothing follows the restored noise, and the matcher gains by it."""
+
+import cv2
+import numpy as np
+import pytest
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import StereoConfig
+from uw_visibility.stereo.contrast import EvenContrast
+from uw_visibility.stereo.denoising import LARGEST, LEAST_NOISE, NoiseAdaptiveSmoother
+from uw_visibility.stereo.elas import Matcher
+from uw_visibility.stereo.elas.noise_settings import settings_in_noise
+
+SHAPE = (96, 160)
+
+
+def noise_image(seed: int = 0, stddev: float = 600.0) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    return (30000 + random.normal(0, stddev, SHAPE)).astype(np.uint16)
+
+
+def gain_of(restored: float, stddev: float = 600.0) -> np.ndarray:
+    """A gain by which noise of a standard deviation becomes a restored one."""
+    return np.full(SHAPE, restored / stddev, np.float32)
+
+
+def test_without_noise_nothing_is_changed() -> None:
+    grey = noise_image()
+    smoothed = grey.copy()
+    restored = NoiseAdaptiveSmoother(SHAPE).smooth(
+        smoothed, gain_of(0.99 * LEAST_NOISE), 600.0, Workers(1)
+    )
+    assert restored == pytest.approx(0.99 * LEAST_NOISE, rel=1e-5)
+    np.testing.assert_array_equal(smoothed, grey)
+
+
+@pytest.mark.parametrize("restored", [2.0, 8.0, 30.0])
+def test_an_even_gain_smooths_by_one_gaussian(restored: float) -> None:
+    """The scale is 0.25 px times the power 0.7 of the noise."""
+    grey = noise_image()
+    expected = cv2.GaussianBlur(grey, (0, 0), min(0.25 * restored**0.7, LARGEST))
+    NoiseAdaptiveSmoother(SHAPE).smooth(grey, gain_of(restored), 600.0, Workers(1))
+    np.testing.assert_allclose(grey.astype(int), expected, atol=1)
+
+
+def test_each_pixel_is_smoothed_as_its_own_noise_asks_for() -> None:
+    grey = noise_image(1)
+    gain = gain_of(1.5)
+    gain[:, 80:] *= 10
+    smoothed = grey.copy()
+    NoiseAdaptiveSmoother(SHAPE).smooth(smoothed, gain, 600.0, Workers(1))
+    near, far = np.s_[20:-20, 20:60], np.s_[20:-20, 100:140]
+    alone = grey.copy()
+    NoiseAdaptiveSmoother(SHAPE).smooth(alone, gain_of(15.0), 600.0, Workers(1))
+    # Between the scales that are computed the image is interpolated.
+    assert np.std(smoothed[far]) == pytest.approx(np.std(alone[far]), rel=0.08)
+    assert 0.5 * np.std(grey[near]) < np.std(smoothed[near]) < np.std(grey[near])
+    assert np.std(smoothed[far]) < 0.4 * np.std(smoothed[near])
+
+
+def test_threads_do_not_change_a_bit() -> None:
+    gain = gain_of(3.0) * np.linspace(0.2, 5, SHAPE[1], dtype=np.float32)
+    images = [noise_image(2) for _ in range(2)]
+    for image, threads in zip(images, (1, 3), strict=True):
+        NoiseAdaptiveSmoother(SHAPE).smooth(image, gain, 600.0, Workers(threads))
+    np.testing.assert_array_equal(*images)
+
+
+def correct_share(left: np.ndarray, right: np.ndarray, noise: float, disparity: int) -> float:
+    """Pixels that are matched right when the matcher is told of a noise."""
+    config = StereoConfig(max_disparity=32)
+    matcher = Matcher(SHAPE, (0, 32), config, Workers(1))
+    views = []
+    for image in (left, right):
+        contrast = EvenContrast(SHAPE)
+        contrast.stretch(image, Workers(1), np.full(3, noise))
+        views.append(contrast)
+    matcher.describe(*views)
+    found = matcher.dense_disparity(matcher.support_points()).disparity
+    return float(np.mean(np.abs(found[:, 40:] - disparity) <= 1))
+
+
+def test_noisy_pairs_are_matched_better_than_as_they_are(
+) -> None:
+    wide = cv2.GaussianBlur(np.random.default_rng(3).random((96, 172)), (0, 0), 2.0) * 800
+    wide = 120 + 0.5 * (wide - wide.mean())
+    random = np.random.default_rng(4)
+    left, right = (
+        np.clip(
+            np.repeat(part[..., None], 3, 2) + random.normal(0, 20, (*SHAPE, 3)) + 0.5, 0, 255
+        ).astype(np.uint8)
+        for part in (wide[:, :160], wide[:, 12:])
+    )
+    as_they_are = correct_share(left, right, 0.0, 12)
+    smoothed = correct_share(left, right, 20.0, 12)
+    assert smoothed > as_they_are + 0.06
+
+
+def test_noise_alone_is_not_matched() -> None:
+    random = np.random.default_rng(5)
+    left, right = (
+        np.clip(100 + random.normal(0, 3, (*SHAPE, 3)) + 0.5, 0, 255).astype(np.uint8)
+        for _ in range(2)
+    )
+    matcher = Matcher(SHAPE, (0, 32), StereoConfig(max_disparity=32), Workers(1))
+    views = []
+    for image in (left, right):
+        contrast = EvenContrast(SHAPE)
+        contrast.stretch(image, Workers(1))
+        views.append(contrast)
+    matcher.describe(*views)
+    found = matcher.dense_disparity(matcher.support_points()).disparity
+    assert np.isfinite(found).mean() < 0.05
+
+
+def test_settings_are_the_configured_ones_without_noise_and_wider_in_it() -> None:
+    config = StereoConfig()
+    assert settings_in_noise(config, LEAST_NOISE) is config
+    noisy = settings_in_noise(config, 5.0)
+    assert noisy.smoothing_radius > config.smoothing_radius
+    assert noisy.left_right_tolerance < config.left_right_tolerance
+    off = settings_in_noise(StereoConfig(smoothing_radius=0), 5.0)
+    assert off.smoothing_radius == 0

@@ -1,0 +1,47 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of the matcher as the restored images' noise asks for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from uw_visibility.config.schema import StereoConfig
+from uw_visibility.stereo.denoising import LEAST_NOISE
+
+# Restored noise, in 8-bit levels of even contrast, from which on the settings are wholly
+# those of noisy images.
+_FULL_NOISE = 2.0
+# Neighbours to each side that the disparity map is averaged over besides: noise moves
+# disparities by a pixel or two, and neighbours on a surface tell where between.
+_MORE_RADIUS = 7
+# Views that agree by chance mostly do so by two pixels.
+_TOLERANCE = 1
+
+
+def settings_in_noise(config: StereoConfig, noise: float) -> StereoConfig:
+    """Adapt the matcher's settings to noise; below `LEAST_NOISE` they are the configured ones.
+
+    Parameters
+    ----------
+    config : StereoConfig
+        As configured.
+    noise : float
+        Restored noise of the median pixel, in 8-bit levels of even contrast; see
+        `uw_visibility.stereo.contrast`.
+
+    Returns
+    -------
+    StereoConfig
+    """
+    share = min(max((noise - LEAST_NOISE) / (_FULL_NOISE - LEAST_NOISE), 0.0), 1.0)
+    if share == 0.0:
+        return config
+    return replace(
+        config,
+        smoothing_radius=config.smoothing_radius and (
+            config.smoothing_radius + round(share * _MORE_RADIUS)
+        ),
+        left_right_tolerance=min(config.left_right_tolerance, _TOLERANCE)
+        if share > 0.5 else config.left_right_tolerance,
+    )
