@@ -5,7 +5,8 @@
     python -m benchmarks.node --rate 30 --seconds 120
     python -m benchmarks.node --rate 4 --seconds 60 --everything
 
-Node, camera and listener are three processes with the default settings of the middleware.
+Node, camera and listener are three processes; the node's environment is that of its launch
+file.
 Latency is from an image's stamp, which is the moment of its publication, to the arrival of
 its disparity. Growth of the memory counts from 15 s after the first answer. Measure on an
 idle machine: the three share its processors.
@@ -43,6 +44,7 @@ from benchmarks.stereo_messages import stereo_messages
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.stamps import header_stamp
+from uw_visibility.ros.environment import node_environment
 from uw_visibility.ros.transport.factory import message_type
 
 START_TIMEOUT = 300.0
@@ -88,7 +90,10 @@ def started_node(folder: str, arguments: list[str]) -> Iterator[subprocess.Popen
     command = [sys.executable, "-m", "uw_visibility.ros.node"]
     command += ["--ros-args", *arguments] if arguments else []
     with (Path(folder) / "node.log").open("wb") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
+        process = subprocess.Popen(
+            command, stdout=log, stderr=subprocess.STDOUT,
+            env=os.environ | node_environment(os.environ),
+        )
     try:
         yield process
     finally:

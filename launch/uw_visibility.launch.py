@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from launch_ros.events.lifecycle import ChangeState
 from lifecycle_msgs.msg import Transition
 
 from launch import LaunchContext, LaunchDescription
+from uw_visibility.ros.environment import node_environment
 
 PACKAGE = "uw_visibility"
 SWITCH = ["true", "false"]
@@ -106,6 +108,7 @@ def make_node(context: LaunchContext) -> list[Any]:
             ("depth_sensor", value("depth_sensor")),
         ],
         ros_arguments=["--log-level", value("log_level")],
+        additional_env=node_environment(os.environ),
         output="screen",
         emulate_tty=True,
     )

@@ -15,9 +15,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 
 from uw_visibility.errors import InputError
-from uw_visibility.ros.memory import keep_freed_memory
 from uw_visibility.ros.start import SIGNALS
-from uw_visibility.ros.transport.middleware import give_memory, scarce_memory, send_in_background
+from uw_visibility.ros.transport.middleware import give_memory, scarce_memory
 
 # How long the exit waits for the frame that is being processed, s.
 STOP_TIMEOUT = 0.5
@@ -53,9 +52,7 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
     asked: list[int] = []
     for number in SIGNALS:
         signal.signal(number, lambda number, _: asked.append(number))
-    keep_freed_memory()
     receives_by_sockets = give_memory()
-    send_in_background()
     try:
         rclpy.init(args=None if arguments is None else list(arguments))
     except Exception as error:

@@ -15,10 +15,8 @@ pytest.importorskip("rclpy", reason="ROS is not installed")
 from uw_visibility.ros.transport.middleware import (
     PROFILES,
     PROFILES_VARIABLE,
-    PUBLICATION_VARIABLE,
     give_memory,
     scarce_memory,
-    send_in_background,
 )
 
 
@@ -55,15 +53,6 @@ def test_what_the_current_folder_says_holds(
     environment: dict[str, Any] = {}
     assert not give_memory(environment)
     assert environment == {}
-
-
-def test_messages_are_sent_in_the_background_unless_the_environment_says_otherwise() -> None:
-    environment: dict[str, str] = {}
-    send_in_background(environment)
-    assert environment == {PUBLICATION_VARIABLE: "ASYNCHRONOUS"}
-    environment = {PUBLICATION_VARIABLE: "SYNCHRONOUS"}
-    send_in_background(environment)
-    assert environment == {PUBLICATION_VARIABLE: "SYNCHRONOUS"}
 
 
 def test_too_little_memory_for_sockets_is_said_with_its_remedy(tmp_path: Path) -> None:

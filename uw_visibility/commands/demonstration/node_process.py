@@ -12,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 
 from uw_visibility.compute.processes import SAFE_PATH
+from uw_visibility.ros.environment import node_environment
 
 COMMAND = (sys.executable, "-m", "uw_visibility.ros.node")
 LAST_LINES = 15
@@ -43,7 +44,8 @@ class NodeProcess:
 
     def __enter__(self) -> NodeProcess:
         environment = dict(
-            os.environ, ROS_DOMAIN_ID=str(self._domain), PYTHONUNBUFFERED="1", **SAFE_PATH
+            os.environ, ROS_DOMAIN_ID=str(self._domain), PYTHONUNBUFFERED="1", **SAFE_PATH,
+            **node_environment(os.environ),
         )
         with self._log.open("wb") as log:
             # In a session of its own, Ctrl-C in the terminal does not reach the
