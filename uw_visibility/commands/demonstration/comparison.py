@@ -21,6 +21,8 @@ from uw_visibility.commands.demonstration.recording import (
     read_vector,
 )
 from uw_visibility.config.schema import AssessmentConfig
+from uw_visibility.evaluation.metrics import correct_fraction, matched_fraction
+from uw_visibility.optics.light_model import visibility_distance
 
 NAN = math.nan
 CORRECT = 1.0
@@ -99,7 +101,8 @@ def compare(
         answered=bool(answer),
         latency=latency,
         true_mean_attenuation=frame.mean_attenuation,
-        true_visibility_distance=visibility_distance(frame.attenuation),
+        true_visibility_distance=visibility_distance(
+            float(frame.attenuation.min()), AssessmentConfig().contrast),
         true_depth=frame.depth,
         matched_before=matched,
         correct_before=correct,
@@ -107,19 +110,12 @@ def compare(
     )
 
 
-def visibility_distance(attenuation: NDArray[np.float64]) -> float:
-    """Return the true visibility distance in m (eq. 12)."""
-    contrast = AssessmentConfig().contrast
-    return math.log((1.0 - contrast) / (2.0 * contrast) + 1.0) / float(attenuation.min())
-
-
 def score(
     disparity: NDArray[np.float32], truth: NDArray[np.float32]
 ) -> tuple[float, float]:
     """Return the matched and the correct share of the pixels that have a true disparity."""
-    known = np.isfinite(truth)
-    error = np.abs(disparity[known] - truth[known])
-    return float(np.isfinite(error).mean()), float((error <= CORRECT).mean())
+    matched = matched_fraction(disparity[np.isfinite(truth)])
+    return matched, correct_fraction(disparity, truth, CORRECT)
 
 
 def summarize(rows: Sequence[FrameComparison]) -> list[tuple[str, str]]:

@@ -9,7 +9,6 @@ import signal
 import subprocess  # noqa: TID251
 import sys
 from pathlib import Path
-from types import TracebackType
 
 from uw_visibility.compute.processes import SAFE_PATH
 from uw_visibility.ros.environment import node_environment
@@ -71,12 +70,7 @@ class NodeProcess:
         last = "\n".join(f"  {line}" for line in lines[-LAST_LINES:])
         raise NodeDied(f"the node ended with exit code {code}; its last lines were\n{last}")
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *details: object) -> None:
         process = self._process
         if process is None or process.poll() is not None:
             return
