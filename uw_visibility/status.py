@@ -21,6 +21,10 @@ class Status(str, Enum):
     NO_TEXTURE = "no texture"
     AMBIENT_LIGHT_UNBOUNDED = "ambient light unbounded"
     FIT_FAILED = "fit failed"
+    CUES_DISAGREE = (
+        "cues disagree: envelope and contrast decay at different rates "
+        "(check camera.transfer, calibration, lamps)"
+    )
     NEGATIVE_DISPARITIES = "negative disparities, are left and right swapped?"
 
     def __str__(self) -> str:

@@ -19,6 +19,13 @@ class WaterConfig:
         "paper (symmetric loss, 1 % quantile).",
         choices=("lower_envelope", "paper"),
     )
+    veil: str = parameter(
+        "free",
+        "Veil, what the water adds, and light on the scene: free (each of its own, from open "
+        "water, contrast and envelopes), or paper (one ambient light for both, for water "
+        "that is lit as the scene is; more precise where that holds).",
+        choices=("free", "paper"),
+    )
     bins: int = parameter(
         48, "Number of range bins.", minimum=8, maximum=256,
     )

@@ -47,14 +47,16 @@ class Plan:
     transect : TransectPlan or None
         The transect, where one is wanted.
     config : PipelineConfig
-        Parameters of the pipeline, but for its threads.
+        Parameters of the pipeline, but for its threads. The paper's experiments have
+        the paper's model: one ambient light that is veil and light at once.
     """
 
     scenes: Sequence[SceneSource]
     attenuations: tuple[float, ...] = ATTENUATIONS
     depths: tuple[float, ...] = DEPTHS
     transect: TransectPlan | None = None
-    config: PipelineConfig = field(default_factory=PipelineConfig)
+    config: PipelineConfig = field(
+        default_factory=lambda: PipelineConfig.from_parameters({"water.veil": "paper"}))
 
     def __post_init__(self) -> None:
         """Refuse what is no water, and put the grid in order."""

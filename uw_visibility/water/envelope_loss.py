@@ -45,7 +45,7 @@ UNKNOWN_DARKNESS = 0.3
 @njit(nogil=True)
 def set_scales(
     p: Any, distance: Any, dark: Any, deviation: Any, known: Any, range_error: float,
-    darkness: float, scale: Any,
+    darkness: float, light: Any, scale: Any,
 ) -> None:
     """Set the scales of residuals for parameters `p`.
 
@@ -62,36 +62,42 @@ def set_scales(
     darkness : float
         How far from black the darkest patches are expected to be, in parts of how
         far bins differ.
+    light : (3,) float64 ndarray
+        Light on the scene over the veil, W / B.
     scale : (SCALES, 3, N) float64 ndarray
         Filled.
     """
     for c in range(3):
         for i in range(distance.shape[1]):
             d = distance[c, i]
-            direct = p[2 * c + 1] * transmission(p[2 * c], d)
-            displacement = range_error * d * d * p[2 * c] * direct
+            veil = p[2 * c + 1] * transmission(p[2 * c], d)
+            direct = light[c] * veil
+            displacement = range_error * d * d * p[2 * c] * veil
             variance = deviation[c, i] ** 2 + displacement * displacement
             scale[NOISE, c, i] = np.sqrt(variance)
             scale[BELOW, c, i] = np.sqrt(variance + (DARKNESS_BELOW * direct) ** 2)
             scale[ABOVE, c, i] = np.sqrt(variance + (DARKNESS_ABOVE * direct) ** 2)
             scale[LIMIT, c, i] = LIMIT_ABOVE * scale[ABOVE, c, i]
-    typical = typical_darkness(p, distance, dark, known, scale)
+    typical = typical_darkness(p, distance, dark, known, light, scale)
     for c in range(3):
         shown = np.isfinite(typical[c])
-        scale[EXPECTED, c, :] = darkness * typical[c] if shown else 0.0
+        scale[EXPECTED, c, :] = darkness * light[c] * typical[c] if shown else 0.0
 
 
 @njit(nogil=True)
-def typical_darkness(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -> Any:
+def typical_darkness(
+    p: Any, distance: Any, dark: Any, known: Any, light: Any, scale: Any
+) -> Any:
     """Median radiance of the darkest patches of bins, in each channel; NaN where none shows."""
     result = np.empty(3)
     radiance = np.empty(dark.shape[1])
     for c in range(3):
         number = 0
         for i in range(dark.shape[1]):
-            direct = p[2 * c + 1] * transmission(p[2 * c], distance[c, i])
+            veil = p[2 * c + 1] * transmission(p[2 * c], distance[c, i])
+            direct = light[c] * veil
             if known[c, i] and direct > INFORMATIVE * scale[NOISE, c, i]:
-                excess = dark[c, i] - p[2 * c + 1] + direct
+                excess = dark[c, i] - p[2 * c + 1] + veil
                 radiance[number] = min(max(excess / direct, 0.0), 1.0)
                 number += 1
         result[c] = np.median(radiance[:number]) if number > 0 else np.nan
@@ -116,6 +122,30 @@ def loss(r: float, scale: Any, c: int, i: int) -> tuple[float, float]:
     sigma, limit = scale[ABOVE, c, i], scale[LIMIT, c, i]
     q = 1.0 + (r / limit) ** 2
     return (limit / sigma) ** 2 * np.log(q), 1.0 / (q * sigma * sigma)
+
+
+@njit(nogil=True)
+def deviance(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -> float:
+    """Minus twice the logarithm of the bins' likelihood, as if they were independent.
+
+    The loss alone is no likelihood: it leaves bins far off at no cost. Here they
+    follow Cauchy's law above the curve, and Student's of three degrees below it.
+    """
+    total = 0.0
+    for c in range(3):
+        for i in range(distance.shape[1]):
+            if not known[c, i]:
+                continue
+            above = np.hypot(scale[NOISE, c, i], LIMIT_ABOVE * scale[ABOVE, c, i])
+            below = scale[BELOW, c, i]
+            r = residual(p, distance, dark, scale, c, i)
+            if r < 0:
+                total += 4.0 * np.log1p((r / below) ** 2 / 3.0)
+            else:
+                total += 2.0 * np.log1p((r / above) ** 2)
+            # Areas below Cauchy's half, and Student's.
+            total += 2.0 * np.log(0.5 * np.pi * above + 1.36 * below)
+    return total
 
 
 @njit(nogil=True)

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.config.schema import WaterConfig
 from uw_visibility.errors import InputError
+from uw_visibility.images.noise import ROUNDING_VARIANCE
 from uw_visibility.images.view import ColourSamples, View
+from uw_visibility.optics.transfer import linear_table
 from uw_visibility.status import Status
-from uw_visibility.water.fit import Fit, fit_plain
+from uw_visibility.water.contrast import contrast_course, decay, envelope_decay, fuse_decays
+from uw_visibility.water.fit import Fit, blank, fit_plain
 from uw_visibility.water.lower_envelope import fit_lower_envelope
 from uw_visibility.water.observations import Envelopes, observe
+from uw_visibility.water.open_water import find_open_water
 from uw_visibility.water.priors import Daylight, fuse
 from uw_visibility.water.validation import (
     black_attenuation,
@@ -26,6 +30,7 @@ from uw_visibility.water.validation import (
     refuse_frame,
     validate_fit,
 )
+from uw_visibility.water.veil import CONTRADICTION, fit_free_veil
 
 # Dark envelope: its quantile, and the pixels below it at least. The paper takes
 # 1 % (eq. 4). The darkest 5 pixels are a patch rather than a speck; where ranges
@@ -47,7 +52,8 @@ class WaterEstimate:
     attenuation : (3,) float64 ndarray
         β for R, G, B, 1/m; NaN where not assessable.
     ambient_light : (3,) float64 ndarray
-        I∞ for R, G, B, in units of irradiance; NaN where not assessable.
+        I∞ for R, G, B, in units of irradiance; NaN where not assessable. Where veil and
+        light are told apart, it is the veil B.
     covariance : (3, 2, 2) float64 ndarray
         Of (attenuation, ambient light), per channel; NaN where not assessable.
     iterations : int
@@ -61,6 +67,16 @@ class WaterEstimate:
     joint_covariance : (6, 6) float64 ndarray or None
         Of β_R, I∞_R, β_G, I∞_G, β_B, I∞_B; None where the channels are taken
         as independent.
+    light : (3,) float64 ndarray or None
+        Light W on the scene; None where it is the veil, as in the paper. See
+        `scene_light`.
+    light_stddev : (3,) float64 ndarray or None
+        Its standard deviation.
+    cues : dict of str to tuple of (3,) float64 ndarray
+        What each cue alone says of β, and its standard deviation: ``"open water"`` or
+        ``"dark envelope"``, and ``"contrast"``. Empty with the paper's model.
+    open_water : float
+        Part of the image that is open water.
     """
 
     status: Status
@@ -72,6 +88,26 @@ class WaterEstimate:
     channel_status: tuple[Status, Status, Status]
     envelope: Envelopes | None = None
     joint_covariance: NDArray[np.float64] | None = None
+    light: NDArray[np.float64] | None = None
+    light_stddev: NDArray[np.float64] | None = None
+    cues: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(
+        default_factory=dict)
+    open_water: float = 0.0
+
+    @property
+    def veil(self) -> NDArray[np.float64]:
+        """(3,) float64: veil B, what the water adds at infinity; the same as `ambient_light`."""
+        return self.ambient_light
+
+    @property
+    def scene_light(self) -> NDArray[np.float64]:
+        """(3,) float64: light W on the scene, the irradiance of white with no water between."""
+        return self.ambient_light if self.light is None else self.light
+
+    @property
+    def scene_light_stddev(self) -> NDArray[np.float64]:
+        """(3,) float64: standard deviation of the light on the scene."""
+        return self.ambient_light_stddev if self.light_stddev is None else self.light_stddev
 
     @property
     def attenuation_stddev(self) -> NDArray[np.float64]:
@@ -200,6 +236,9 @@ class WaterEstimator:
         active = np.array([reason is Status.OK for reason in status])
         if not active.any():
             return WaterEstimate.not_assessable(status[0], envelope)
+        if self._config.method != "paper" and self._config.veil == "free":
+            return self._estimate_free_veil(
+                view.colour, range_map, view.valid, envelope, status, active, range_error)
         fit = self._fit(envelope, active, start, range_error, self._clear_water)
         for channel in np.flatnonzero(active):
             status[channel] = validate_fit(fit, envelope, int(channel))
@@ -209,6 +248,65 @@ class WaterEstimator:
                 fit, self._clear_water, ambient_min, self._daylight,
                 self._config.daylight_tolerance)
         return _assemble(fit, envelope, status)
+
+    def _estimate_free_veil(
+        self,
+        samples: ColourSamples,
+        range_map: NDArray[np.floating],
+        valid: NDArray[np.bool_] | None,
+        envelope: Envelopes,
+        status: list[Status],
+        active: NDArray[np.bool_],
+        range_error: float,
+    ) -> WaterEstimate:
+        """Estimate with the veil apart from the light."""
+        codes, irradiance = samples.pixels, linear_table(samples.transfer, samples.pixels.dtype)
+        ranges, valid = samples.reduce(np.asarray(range_map, dtype=np.float32), valid)
+        brightest = np.array(
+            [least_ambient_light(envelope, c) if active[c] else 1.0 for c in range(3)])
+        mask = np.ones((1, 1), np.bool_) if valid is None else valid
+        contrast = fuse_decays(
+            decay(*contrast_course(
+                codes, ranges, mask, irradiance, envelope.limits,
+                np.sqrt(samples.noise**2 + ROUNDING_VARIANCE)), active),
+            envelope_decay(envelope, active))
+        water = find_open_water(codes, ranges, valid, irradiance, envelope)
+
+        def fit(
+            lower: NDArray[np.float64], upper: NDArray[np.float64], light: NDArray[np.float64]
+        ) -> Fit:
+            return _with_all_channels(
+                self._fit(envelope, active, None, range_error, self._clear_water,
+                          (lower, upper, light)),
+                active, self._clear_water, lower)
+
+        def fuse_priors(
+            found: Fit, light: NDArray[np.float64], veil: NDArray[np.float64],
+            tolerance: NDArray[np.float64],
+        ) -> Fit:
+            return fuse(
+                found, self._clear_water, np.full(3, 1e-6), self._daylight,
+                self._config.daylight_tolerance, light, veil, tolerance)
+
+        found = fit_free_veil(
+            fit, fuse_priors, envelope, brightest, self._clear_water, contrast, water)
+        if found is None:
+            return WaterEstimate.not_assessable(Status.FIT_FAILED, envelope)
+        for channel in np.flatnonzero(active):
+            status[channel] = validate_fit(found.fit, envelope, int(channel))
+        if found.disagreement > CONTRADICTION:
+            status = [
+                Status.CUES_DISAGREE if reason is Status.OK else reason for reason in status]
+        blanked = replace(found.fit, covariance=blank(found.fit.covariance.copy(), active))
+        estimate = _assemble(blanked, envelope, status)
+        known = np.isfinite(estimate.attenuation)
+        return replace(
+            estimate,
+            light=np.where(known, found.scene_light, np.nan),
+            light_stddev=np.where(known, found.scene_light_stddev, np.nan),
+            cues=found.cues,
+            open_water=0.0 if water is None else water.fraction,
+        )
 
     def estimate_grey(
         self,
@@ -317,9 +415,14 @@ class WaterEstimator:
         start: WaterEstimate | None,
         range_error: float,
         clear_water: NDArray[np.float64],
+        veil: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None = None,
     ) -> Fit:
+        """Fit the dark envelope; `veil` holds its bounds and W / B, by default the paper's."""
         ambient_min = np.array(
             [least_ambient_light(envelope, c) if active[c] else 1.0 for c in range(3)])
+        ambient_max, light = None, None
+        if veil is not None:
+            ambient_min, ambient_max, light = veil
         plain = self._config.method == "paper"
         first = np.stack((clear_water, ambient_min), axis=1)
         for c in np.flatnonzero(active):
@@ -337,7 +440,7 @@ class WaterEstimator:
         return fit_lower_envelope(
             envelope.dark_range, envelope.dark, envelope.deviation, ambient_min, first,
             clear_water, active, range_error,
-            np.array([brightest_patch(envelope, c) for c in range(3)]),
+            np.array([brightest_patch(envelope, c) for c in range(3)]), light, ambient_max,
         )
 
 
@@ -363,6 +466,25 @@ def _codes(image: NDArray[Any], transfer: str) -> tuple[NDArray[Any], str]:
         return np.ascontiguousarray(image), transfer
     light = np.nan_to_num(np.clip(image, 0.0, 1.0), nan=0.0)
     return (light * 65535 + 0.5).astype(np.uint16), "linear"
+
+
+def _with_all_channels(
+    fit: Fit, active: NDArray[np.bool_], clear_water: NDArray[np.float64],
+    veil: NDArray[np.float64],
+) -> Fit:
+    """Put a guess with a large deviation in the place of channels that were left out."""
+    if active.all():
+        return fit
+    particles = max(float(np.mean(fit.parameters[active, 0] - clear_water[active])), 0.0)
+    absent = ~active
+    values = fit.parameters.copy()
+    values[absent, 0] = clear_water[absent] + particles
+    values[absent, 1] = veil[absent]
+    covariance = np.nan_to_num(fit.covariance)
+    for c in np.flatnonzero(absent):
+        covariance[2 * c, 2 * c] = (1.0 + particles) ** 2
+        covariance[2 * c + 1, 2 * c + 1] = veil[c] ** 2
+    return replace(fit, parameters=values, covariance=covariance)
 
 
 def _assemble(fit: Fit, envelope: Envelopes, status: list[Status]) -> WaterEstimate:

@@ -34,12 +34,16 @@ class Fit:
         Largest number over the channels.
     converged : bool
         Whether the iteration came to an end by itself.
+    cost : float
+        Minus twice the logarithm of the bins' likelihood, but for a constant and as if they
+        were independent; 0 for the plain fit.
     """
 
     parameters: NDArray[np.float64]
     covariance: NDArray[np.float64]
     iterations: int
     converged: bool
+    cost: float = 0.0
 
 
 def fit_plain(

@@ -16,6 +16,7 @@ from uw_visibility.water.envelope_loss import (
     SCALES,
     add_normal_equations,
     darkness_deviation,
+    deviance,
     differentiate,
     loss,
     residual,
@@ -45,6 +46,8 @@ def fit_lower_envelope(
     active: NDArray[np.bool_],
     range_error: float = 0.0,
     bright: NDArray[np.float64] | None = None,
+    light: NDArray[np.float64] | None = None,
+    ambient_max: NDArray[np.float64] | None = None,
 ) -> Fit:
     """Robust fit of the lower envelope of dark patches, all channels together.
 
@@ -73,6 +76,11 @@ def fit_lower_envelope(
     bright : (3, 2) float64 ndarray, optional
         Irradiance and range of the brightest patch near by, per channel. The
         less white it is, the less the darkest patches may be trusted to be black.
+    light : (3,) float64 ndarray, optional
+        Light on the scene over the veil, W / B; 1 as in the paper where absent. What is
+        not black on the dark patches is so many times brighter.
+    ambient_max : (3,) float64 ndarray, optional
+        Upper bound of I∞.
 
     Returns
     -------
@@ -84,8 +92,10 @@ def fit_lower_envelope(
     lower[0::2] = ATTENUATION_BOUNDS[0]
     lower[1::2] = ambient_min
     upper = np.tile([ATTENUATION_BOUNDS[1], AMBIENT_LIGHT_MAX], 3)
+    if ambient_max is not None:
+        upper[1::2] = np.maximum(ambient_max, ambient_min)
     known = active[:, np.newaxis] & np.isfinite(dark)
-    values, covariance, iterations, converged = _minimise(
+    values, covariance, iterations, converged, cost = _minimise(
         np.where(known, distance, 1.0),
         np.where(known, dark, 0.0),
         np.where(known, deviation, 1.0),
@@ -97,16 +107,18 @@ def fit_lower_envelope(
         clear_water,
         range_error,
         np.full((3, 2), np.inf) if bright is None else bright,
+        np.ones(3) if light is None else light,
     )
     parameters = np.where(active[:, np.newaxis], values.reshape(3, 2), np.nan)
-    return Fit(parameters, blank(covariance, active), int(iterations), bool(converged))
+    return Fit(
+        parameters, blank(covariance, active), int(iterations), bool(converged), float(cost))
 
 
 @njit(nogil=True)
 def _minimise(
     distance: Any, dark: Any, deviation: Any, known: Any, active: Any, start: Any, lower: Any,
-    upper: Any, clear_water: Any, range_error: float, bright: Any,
-) -> tuple[Any, Any, int, bool]:
+    upper: Any, clear_water: Any, range_error: float, bright: Any, light: Any,
+) -> tuple[Any, Any, int, bool, float]:
     """Damped Gauss-Newton within bounds; scales follow the parameters at first."""
     p = start.copy()
     scale = np.empty((SCALES, 3, dark.shape[1]))
@@ -122,7 +134,7 @@ def _minimise(
         iterations += 1
         if iterations <= ADAPTIVE_ITERATIONS:
             darkness = EXPECTED_DARKNESS if iterations > BLACK_ITERATIONS else 0.0
-            set_scales(p, distance, dark, deviation, known, range_error, darkness, scale)
+            set_scales(p, distance, dark, deviation, known, range_error, darkness, light, scale)
             tolerance = weak_channel_tolerance(p, active, clear_water)
         hessian[:] = 0.0
         slope[:] = 0.0
@@ -147,9 +159,11 @@ def _minimise(
                 converged = move < 1e-4 and iterations > BLACK_ITERATIONS
                 break
             damping *= 10.0
-    set_scales(p, distance, dark, deviation, known, range_error, EXPECTED_DARKNESS, scale)
-    covariance = _covariance(p, distance, dark, known, active, clear_water, lower, bright, scale)
-    return p, covariance, iterations, converged
+    set_scales(p, distance, dark, deviation, known, range_error, EXPECTED_DARKNESS, light, scale)
+    cost = deviance(p, distance, dark, known, scale)
+    covariance = _covariance(
+        p, distance, dark, known, active, clear_water, lower, bright, light, scale)
+    return p, covariance, iterations, converged, cost
 
 
 @njit(nogil=True)
@@ -177,7 +191,7 @@ def _step(
 @njit(nogil=True)
 def _covariance(
     p: Any, distance: Any, dark: Any, known: Any, active: Any, clear_water: Any, lower: Any,
-    bright: Any, scale: Any,
+    bright: Any, light: Any, scale: Any,
 ) -> Any:
     """Sandwich covariance, and the effect of darkest patches that are not black."""
     curvature = np.zeros((6, 6))
@@ -189,18 +203,18 @@ def _covariance(
     # its residual shows.
     spread = curvature.copy()
     add_normal_equations(p, distance, dark, known, scale, curvature, slope)
-    typical = typical_darkness(p, distance, dark, known, scale)
+    typical = typical_darkness(p, distance, dark, known, light, scale)
     common = np.zeros(6)
     derivative = np.empty(2)
     for c in range(3):
-        darkness = darkness_deviation(typical[c], _radiance(p, bright[c], c))
+        darkness = darkness_deviation(typical[c], _radiance(p, bright[c], light[c], c))
         for i in range(distance.shape[1]):
             if not known[c, i]:
                 continue
             r = residual(p, distance, dark, scale, c, i)
             _, weight = loss(r, scale, c, i)
             differentiate(p, distance, scale, c, i, derivative)
-            direct = p[2 * c + 1] * transmission(p[2 * c], distance[c, i])
+            direct = light[c] * p[2 * c + 1] * transmission(p[2 * c], distance[c, i])
             for j in range(2):
                 common[2 * c + j] += weight * derivative[j] * darkness * direct
                 for k in range(2):
@@ -217,9 +231,9 @@ def _covariance(
 
 
 @njit(nogil=True)
-def _radiance(p: Any, patch: Any, c: int) -> float:
+def _radiance(p: Any, patch: Any, light: float, c: int) -> float:
     """Radiance of a patch, given its irradiance and range (eq. 8); at most 1."""
     if not np.isfinite(patch[0]):
         return 1.0
     gain = contrast_gain(p[2 * c], patch[1])
-    return min(radiance_of(patch[0], gain, p[2 * c + 1], p[2 * c + 1]), 1.0)
+    return min(radiance_of(patch[0], gain, p[2 * c + 1], light * p[2 * c + 1]), 1.0)

@@ -72,6 +72,8 @@ class Envelopes:
         Fraction of those pixels in the highest level, and in the lowest.
     grey : bool
         Whether no pixel has any colour.
+    limits : tuple of float
+        Where the bins begin and end, m; twice 0 without ranges.
     """
 
     range: NDArray[np.float64]
@@ -86,6 +88,7 @@ class Envelopes:
     saturated: NDArray[np.float64]
     zero: NDArray[np.float64]
     grey: bool
+    limits: tuple[float, float] = (0.0, 0.0)
 
 
 def observe(
@@ -190,6 +193,7 @@ def observe(
         saturated=counts[:, :, -1].sum(axis=0) * share,
         zero=counts[:, :, 0].sum(axis=0) * share,
         grey=pixels > 0 and not coloured,
+        limits=(low, high),
     )
 
 

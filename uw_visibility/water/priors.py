@@ -69,6 +69,9 @@ def fuse(
     ambient_min: NDArray[np.float64],
     daylight: Daylight | None,
     daylight_tolerance: float,
+    light: NDArray[np.float64] | None = None,
+    veil: NDArray[np.float64] | None = None,
+    veil_tolerance: NDArray[np.float64] | None = None,
 ) -> Fit:
     """Fuse the fit of all three channels with Gaussian priors.
 
@@ -89,6 +92,11 @@ def fuse(
     daylight_tolerance : float
         Standard deviation of how far the logarithms of the three ambient lights are
         from those of daylight.
+    light : (3,) float64 ndarray, optional
+        Light on the scene over the veil, W / B; 1 as in the paper where absent.
+    veil, veil_tolerance : (3,) float64 ndarray, optional
+        What is known of I∞, and the standard deviation of its logarithm; by default it
+        is near the brightest patch.
 
     Returns
     -------
@@ -101,8 +109,13 @@ def fuse(
         above = daylight.diffuse_attenuation
         off_colour = _perpendicular(fit.parameters[:, 0] if above is None else above)
         colour = float(off_colour @ np.log(daylight.white_reference))
+    if light is not None:
+        # Daylight is what lights the scene, not the veil.
+        colour -= float(off_colour @ np.log(light))
+    log_veil = np.log(ambient_min) + BRIGHT_EXCESS if veil is None else np.log(veil)
+    tolerance = np.full(3, BRIGHT_TOLERANCE) if veil_tolerance is None else veil_tolerance
     parameters, covariance = _combine(
-        fit.parameters.ravel(), fit.covariance, clear_water, np.log(ambient_min), off_colour,
+        fit.parameters.ravel(), fit.covariance, clear_water, log_veil, tolerance, off_colour,
         colour, daylight_tolerance)
     values = parameters.reshape(3, 2)
     values[:, 0] = np.clip(values[:, 0], *ATTENUATION_BOUNDS)
@@ -119,8 +132,8 @@ def _perpendicular(rate: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @njit(nogil=True)
 def _combine(
-    fitted: Any, covariance: Any, clear_water: Any, log_bright: Any, off_colour: Any,
-    colour: float, colour_tolerance: float,
+    fitted: Any, covariance: Any, clear_water: Any, log_veil: Any, veil_tolerance: Any,
+    off_colour: Any, colour: float, colour_tolerance: float,
 ) -> tuple[Any, Any]:
     """Combine β and ln I∞ with the expectations, reweighted by how far these are off."""
     first = fitted.copy()
@@ -137,8 +150,8 @@ def _combine(
         rows[c, 2 * c] += 1.0
         expected[c] = clear_water[c] - clear_water.mean()
         rows[3 + c, 2 * c + 1] = 1.0
-        expected[3 + c] = log_bright[c] + BRIGHT_EXCESS
-        deviation[3 + c] = BRIGHT_TOLERANCE
+        expected[3 + c] = log_veil[c]
+        deviation[3 + c] = veil_tolerance[c]
         rows[6, 2 * c + 1] = off_colour[c]
     expected[6] = colour
     deviation[6] = colour_tolerance

@@ -1,0 +1,249 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Open water in an image: large smooth areas without ranges, whose light is the veil B."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.jit import njit
+from uw_visibility.water.observations import Envelopes
+
+# The search looks at so many cells along the image's width, of 4 px at least.
+CELLS = 100
+CELL_LEAST = 4
+# Largest part of a cell's pixels that may have a range.
+MATCHED = 0.15
+# Variance of smooth water over that of noise and rounding, and in 8-bit codes beside it.
+ROUGHNESS = 3.0
+ROUGHNESS_LEAST = 0.35
+# Photons' noise, which the image's darkest parts do not show: variance per 8-bit code.
+PHOTONS = 0.015
+# Neighbouring cells differ by less than this part, or so many 8-bit codes.
+GRADIENT = 0.05
+GRADIENT_LEAST = 1.0
+# Cells around an area that are compared with it, and the part of them that may go on alike
+# (of a small and of a large area, by their parts of the image: in turbid water the far scene
+# itself is as bright as the veil).
+REACH = 2
+REACH_AREAS = (0.01, 0.05)
+CONTINUED = (0.5, 0.85)
+# Part of the image that open water covers at least.
+LEAST_AREA = 0.005
+# Part of its pixels that may be at the largest code value.
+SATURATED = 0.02
+# How much brighter than all matched patches it may be: beyond, it is the surface.
+BRIGHTEST = 1.6
+# How much redder than the far scene it may be: water takes red first.
+REDDER = 0.04
+# A close, dark thing is darker than the far scene's dark patches by this part, although
+# these grow lighter with range.
+DARKER = 0.85
+# Far cells are those with ranges beyond this quantile; water counts as it is near to them,
+# within this part of the image's width.
+FAR = 0.7
+NEAR_TO_FAR = 0.15
+# What the veil differs between directions, beside what the area itself shows; and what a
+# small area differs that may be a smooth, far thing: as much at this part of the image.
+DEVIATION = 0.04
+SMALL_DEVIATION = 0.3
+SMALL_AREA = 0.006
+
+
+@dataclass(frozen=True)
+class OpenWater:
+    """Irradiance of open water.
+
+    Attributes
+    ----------
+    veil, stddev : (3,) float64 ndarray
+        Irradiance, and how well it stands for the veil before the scene.
+    fraction : float
+        Part of the image.
+    """
+
+    veil: NDArray[np.float64]
+    stddev: NDArray[np.float64]
+    fraction: float
+
+
+def find_open_water(
+    image: NDArray[Any], range_map: NDArray[np.float32], valid: NDArray[np.bool_] | None,
+    irradiance: NDArray[np.float32], envelope: Envelopes,
+) -> OpenWater | None:
+    """Find open water beyond what is matched.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8 or uint16 ndarray
+        Code values.
+    range_map : (H, W) float32 ndarray
+        m; NaN where unknown.
+    valid : (H, W) bool ndarray or None
+        Pixels that show the scene.
+    irradiance : float32 ndarray
+        Of each code value.
+    envelope : Envelopes
+        What the matched pixels show.
+
+    Returns
+    -------
+    OpenWater or None
+        None where nothing looks like it.
+    """
+    height, width = range_map.shape
+    side = max(CELL_LEAST, width // CELLS)
+    rows, columns = height // side, width // side
+    cells = np.empty((rows, columns, 8))
+    mask = np.ones((1, 1), np.bool_) if valid is None else valid
+    _describe(image, range_map, mask, side, cells)
+    code = irradiance.size / 256
+    noise = 1.5 * (envelope.noise**2 + 1.0 / 12.0)
+    smooth: NDArray[np.bool_] = np.all(
+        cells[..., 3:6] <= ROUGHNESS * noise + (ROUGHNESS_LEAST * code) ** 2
+        + 1.5 * PHOTONS * code * cells[..., :3],
+        axis=2,
+    )
+    blank = smooth & (cells[..., 6] <= MATCHED) & _even(cells[..., :3], code)
+    blank &= cells[..., :3].max(axis=2) > 1.0 * code
+    light = np.stack([
+        np.interp(cells[..., c], np.arange(irradiance.size), irradiance) for c in range(3)
+    ], axis=2)
+    far = (cells[..., 6] > 0.5) & (
+        cells[..., 7] >= np.quantile(range_map[range_map > 0], FAR) if (range_map > 0).any()
+        else np.zeros((rows, columns), np.bool_))
+    if not far.any():
+        return None
+    away = cv2.distanceTransform((~far).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5) / columns
+    opened = cv2.morphologyEx(
+        blank.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    number, labels = cv2.connectedComponents(opened, connectivity=4)
+    area = np.zeros((rows, columns), np.bool_)
+    for label in range(1, number):
+        part = labels == label
+        if np.count_nonzero(part) < max(LEAST_AREA * part.size, 6):
+            continue
+        allowed = np.interp(np.count_nonzero(part) / part.size, REACH_AREAS, CONTINUED)
+        if (
+            _is_water(light[part], envelope, cells[part], irradiance.size - 1)
+            and _continued(part, cells, smooth, code) < allowed
+        ):
+            area |= part
+    if not area.any():
+        return None
+    weights = np.exp(-(away[area] - away[area].min()) / NEAR_TO_FAR)
+    weights /= weights.sum()
+    veil = weights @ light[area]
+    variance = weights @ (light[area] - veil) ** 2 + (veil - light[area].mean(axis=0)) ** 2
+    floor = (0.3 * code * np.diff(irradiance)[np.clip(
+        np.searchsorted(irradiance, veil), 0, irradiance.size - 2)])
+    fraction = float(np.count_nonzero(area)) / area.size
+    unsure = np.hypot(DEVIATION, SMALL_DEVIATION / (1.0 + (fraction / SMALL_AREA) ** 2))
+    stddev = np.sqrt(variance + (unsure * veil) ** 2 + floor**2)
+    return OpenWater(veil, stddev, fraction)
+
+
+def _even(means: NDArray[np.float64], code: float) -> NDArray[np.bool_]:
+    """Cells whose neighbours are nearly as bright."""
+    even = np.ones(means.shape[:2], np.bool_)
+    limit = np.maximum(GRADIENT * means, GRADIENT_LEAST * code)
+    for axis in (0, 1):
+        step = np.abs(np.diff(means, axis=axis))
+        limits = limit[1:] if axis == 0 else limit[:, 1:]
+        large = (step > limits).any(axis=2)
+        if axis == 0:
+            even[1:] &= ~large
+            even[:-1] &= ~large
+        else:
+            even[:, 1:] &= ~large
+            even[:, :-1] &= ~large
+    return even
+
+
+def _continued(
+    part: NDArray[np.bool_], cells: NDArray[np.float64], smooth: NDArray[np.bool_], code: float
+) -> float:
+    """Part of the matched surroundings that goes on as smooth and in the same colour.
+
+    A wall that is unmatched in part is such an area; open water ends at the outlines of
+    things.
+    """
+    near = 2 * REACH + 1
+    inside = part.astype(np.float64)
+    weight = cv2.blur(inside, (near, near), borderType=cv2.BORDER_CONSTANT)
+    ring = (weight > 1e-9) & ~part & (cells[..., 6] > 0.5) & (cells[..., 6] <= 1.0)
+    if not ring.any():
+        return 0.0
+    means = cells[..., :3]
+    beside = cv2.blur(means * inside[..., np.newaxis], (near, near), borderType=cv2.BORDER_CONSTANT)
+    beside = beside[ring] / weight[ring][:, np.newaxis]
+    limit = np.maximum(2.0 * GRADIENT * beside, 2.0 * GRADIENT_LEAST * code)
+    same = (np.abs(means[ring] - beside) <= limit).all(axis=1) & smooth[ring]
+    return float(same.mean())
+
+
+def _is_water(
+    light: NDArray[np.float64], envelope: Envelopes, cells: NDArray[np.float64], top: int
+) -> bool:
+    """Tell water from a close, dark thing, from the surface, and from what is overexposed."""
+    if (cells[:, :3].max(axis=1) >= 0.995 * top).mean() > SATURATED:
+        return False
+    veil = np.median(light, axis=0)
+    bins = len(envelope.range)
+    far = slice(bins - max(bins // 4, 1), bins)
+    near = slice(0, max(bins // 4, 1))
+    brightest = np.nanmax(envelope.bright, axis=1)
+    if (veil > BRIGHTEST * brightest).all():
+        return False
+    dark_far = np.nanmedian(envelope.dark[:, far], axis=1)
+    dark_near = np.nanmedian(envelope.dark[:, near], axis=1)
+    total = veil.sum()
+    far_light = np.nanmedian(envelope.bright[:, far], axis=1)
+    if veil[0] / total > far_light[0] / far_light.sum() + REDDER:
+        return False
+    darker = (veil < DARKER * dark_far) & (dark_far > dark_near)
+    return not bool(darker.sum() >= 2)
+
+
+@njit(nogil=True)
+def _describe(image: Any, range_map: Any, mask: Any, side: int, cells: Any) -> None:
+    """Mean code, squared second difference, matched part and mean range of each cell."""
+    masked = mask.size > 1
+    height, width = range_map.shape
+    for row in range(cells.shape[0]):
+        for column in range(cells.shape[1]):
+            cell = cells[row, column]
+            cell[:] = 0.0
+            rough = 0
+            known = 0
+            for y in range(row * side, (row + 1) * side):
+                for x in range(column * side, (column + 1) * side):
+                    if masked and not mask[y, x]:
+                        cell[6] += 1e6
+                        continue
+                    inside = (
+                        2 <= x < width - 2 and 2 <= y < height - 2 and (x + y) % 2 == 0)
+                    rough += inside
+                    for c in range(3):
+                        code = np.float64(image[y, x, c])
+                        cell[c] += code
+                        if inside:
+                            across = code - 0.5 * (
+                                np.float64(image[y, x - 2, c]) + np.float64(image[y, x + 2, c]))
+                            along = code - 0.5 * (
+                                np.float64(image[y - 2, x, c]) + np.float64(image[y + 2, x, c]))
+                            cell[3 + c] += 0.5 * (across * across + along * along)
+                    if range_map[y, x] > 0 and range_map[y, x] < np.inf:
+                        known += 1
+                        cell[7] += range_map[y, x]
+            pixels = side * side
+            for c in range(3):
+                cell[c] /= pixels
+                cell[3 + c] /= max(rough, 1)
+            cell[6] = (cell[6] + known) / pixels
+            cell[7] /= max(known, 1)

@@ -1,0 +1,311 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Veil and light apart: the fit of the dark envelope for each veil that may be, averaged.
+
+E = W ρ e^(−βd) + B (1 − e^(−βd)): in the sea the veil B is 0.2 to 1.2 of the light W on
+the scene (Akkaynak and Treibitz 2018, doi:10.1109/CVPR.2018.00703). The dark envelope
+shows little more than B β. So it is fitted for a grid of veils, each as likely as the
+fit, the decay of contrast and the likeness of the channels make it (Bayesian model
+averaging), or for the veil that open water shows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.optics.light_model import transmission
+from uw_visibility.water.contrast import Decay
+from uw_visibility.water.fit import AMBIENT_LIGHT_MAX, ATTENUATION_BOUNDS, Fit
+from uw_visibility.water.lower_envelope import NEIGHBOURING_BINS
+from uw_visibility.water.observations import Envelopes
+from uw_visibility.water.open_water import OpenWater
+
+# Veil over the brightest patch, and how likely each is beforehand: half of the
+# frames are as the paper has it.
+RATIOS = (0.2, 0.27, 0.37, 0.5, 0.65, 0.82, 1.0, 1.2)
+PRIOR = (0.05, 0.06, 0.08, 0.1, 0.1, 0.1, 0.45, 0.06)
+# How far a channel's veil is from such a ratio, as a logarithm.
+RATIO_TOLERANCE = 0.25
+# Bounds of the veil in units of what is known of it, or of its deviation.
+BELOW, ABOVE, DEVIATIONS = 0.8, 1.4, 2.5
+# Radiance of the brightest patch, and its standard deviation.
+BRIGHT_RADIANCE = 0.9
+BRIGHT_DEVIATION = 0.15
+LIGHT_LIMITS = (0.5, 8.0)
+# Light and veil that differ by no more than this, as a logarithm, are taken for one.
+SAME_LIGHT = 0.3
+# Part of the image at which what looks like open water is so as often as not.
+MISTAKEN_AREA = 0.006
+# What no frame can tell, as a part of β: the scale of range, the transfer, what a
+# pixel's footprint adds to the darkest patches.
+MODEL_ERROR = 0.07
+# An attenuation that is likely below clear water's is held by it.
+CLEAR_WATER_TOLERANCE = 0.1
+# The decay of contrast and a fit that are farther apart than this contradict each other.
+CONTRADICTION = 3.0
+# Likelihoods have longer tails than a normal law (Cauchy's scale, in deviations).
+TAIL = 2.0
+# What bins say together is worth so many times less than as if neighbours alone were alike:
+# the darkest patches of a whole scene follow no law.
+TEMPERATURE = 3.0
+
+FitVeil = Callable[
+    [NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], Fit]
+"""Fit with a lower and an upper bound of the veil, (3,) each, and W / B, (3,)."""
+FuseVeil = Callable[
+    [Fit, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], Fit]
+"""Fuse with priors: the fit, W / B, the veil and the deviation of its logarithm."""
+
+
+@dataclass(frozen=True)
+class VeilFit:
+    """Estimate with the veil apart from the light.
+
+    Attributes
+    ----------
+    fit : Fit
+        Attenuation and veil, with the spread between the veils that may be.
+    scene_light : (3,) float64 ndarray
+        W, irradiance of a white patch without water between.
+    scene_light_stddev : (3,) float64 ndarray
+        Its standard deviation.
+    cues : dict of str to tuple of (3,) float64 ndarray
+        What each cue says of β, and its standard deviation.
+    disagreement : float
+        Distance of the cues from each other, in standard deviations.
+    """
+
+    fit: Fit
+    scene_light: NDArray[np.float64]
+    scene_light_stddev: NDArray[np.float64]
+    cues: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+    disagreement: float
+
+
+def fit_free_veil(
+    fit: FitVeil,
+    fuse: FuseVeil,
+    envelope: Envelopes,
+    brightest: NDArray[np.float64],
+    clear_water: NDArray[np.float64],
+    contrast: Decay | None,
+    open_water: OpenWater | None,
+) -> VeilFit | None:
+    """Estimate attenuation, veil and light where the veil is not the light.
+
+    Parameters
+    ----------
+    fit, fuse : callable
+        The fit of the dark envelope, and its fusion with priors.
+    envelope : Envelopes
+        What is fitted.
+    brightest : (3,) float64 ndarray
+        The bright envelope at its brightest.
+    clear_water : (3,) float64 ndarray
+        κ, 1/m.
+    contrast : Decay or None
+        Decay of contrast with range.
+    open_water : OpenWater or None
+        Open water in view.
+
+    Returns
+    -------
+    VeilFit or None
+        None where no veil gives a fit.
+    """
+    cues: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+    components, logarithms = _over_ratios(fit, fuse, brightest, clear_water, contrast)
+    if open_water is not None:
+        seen = _with_open_water(fit, fuse, envelope, clear_water, contrast, open_water)
+        if seen is not None:
+            # What looks like open water may be a smooth, far thing, the likelier the smaller.
+            mistaken = 1.0 / (1.0 + open_water.fraction / MISTAKEN_AREA)
+            logarithms = [value + math.log(mistaken) for value in logarithms]
+            components.append(seen[0])
+            logarithms.append(seen[1] + math.log1p(-mistaken))
+    if not components:
+        return None
+    weights = np.exp(np.array(logarithms) - max(logarithms))
+    weights /= weights.sum()
+    alone = _mixture(components, weights)
+    name = "open water" if open_water is not None else "dark envelope"
+    cues[name] = _attenuation(alone)
+    disagreement = 0.0
+    if contrast is not None:
+        cues["contrast"] = contrast.attenuation, np.sqrt(np.diag(contrast.covariance))
+        disagreement = _distance(alone, contrast)
+        components = [_update(component, contrast) for component in components]
+    components = [_not_clearer(component, clear_water) for component in components]
+    mixed = _mixture(components, weights)
+    light, deviation = _light(components, weights, envelope)
+    return VeilFit(_with_model_error(mixed), light, deviation, cues, disagreement)
+
+
+def _over_ratios(
+    fit: FitVeil, fuse: FuseVeil, brightest: NDArray[np.float64],
+    clear_water: NDArray[np.float64], contrast: Decay | None,
+) -> tuple[list[Fit], list[float]]:
+    """Fit for each ratio of veil and brightest patch; return fits and log likelihoods."""
+    components: list[Fit] = []
+    logarithms: list[float] = []
+    for ratio, prior in zip(RATIOS, PRIOR, strict=True):
+        veil = ratio * brightest
+        light = np.full(3, np.clip(1.0 / ratio, 1.0, LIGHT_LIMITS[1]))
+        as_the_paper = ratio == 1.0
+        upper = np.full(3, AMBIENT_LIGHT_MAX) if as_the_paper else ABOVE * veil
+        found = fit(veil if as_the_paper else BELOW * veil, upper, light)
+        if (
+            not found.converged or not np.isfinite(found.covariance).all()
+            or (found.parameters[:, 0] >= ATTENUATION_BOUNDS[1]).any()
+        ):
+            continue
+        likelihood = math.log(prior) + _likelihood(found, clear_water)
+        found = _regular(fuse(found, light, 1.05 * veil, np.full(3, RATIO_TOLERANCE)))
+        if contrast is not None:
+            likelihood += _likelihood_of_contrast(found, contrast)
+        components.append(found)
+        logarithms.append(likelihood)
+    return components, logarithms
+
+
+def _with_open_water(
+    fit: FitVeil, fuse: FuseVeil, envelope: Envelopes, clear_water: NDArray[np.float64],
+    contrast: Decay | None, water: OpenWater,
+) -> tuple[Fit, float] | None:
+    """Fit with the veil that open water shows; return the fit and its log likelihood."""
+    lower = np.maximum(water.veil - DEVIATIONS * water.stddev, 0.3 * water.veil)
+    upper = water.veil + DEVIATIONS * water.stddev
+    light = np.ones(3)
+    for _ in range(2):
+        found = fit(lower, upper, light)
+        light = np.clip(
+            _bright_light(found.parameters[:, 0], water.veil, envelope) / water.veil,
+            *LIGHT_LIMITS)
+    found = fit(lower, upper, light)
+    if not found.converged or not np.isfinite(found.covariance).all():
+        return None
+    likelihood = _likelihood(found, clear_water)
+    fused = _regular(fuse(found, light, water.veil, water.stddev / water.veil))
+    if contrast is not None:
+        likelihood += _likelihood_of_contrast(fused, contrast)
+    return fused, likelihood
+
+
+def _bright_light(
+    attenuation: NDArray[np.float64], veil: NDArray[np.float64], envelope: Envelopes
+) -> NDArray[np.float64]:
+    """Light on the scene for which the brightest near patches are bright, (3,)."""
+    near = slice(0, -(-len(envelope.range) // 4))
+    left = transmission(attenuation[:, np.newaxis], envelope.range[near])
+    light = (envelope.bright[:, near] - veil[:, np.newaxis] * (1.0 - left)) / left
+    return np.maximum(np.nan_to_num(light).max(axis=1), 1e-3) / BRIGHT_RADIANCE
+
+
+def _light(
+    components: list[Fit], weights: NDArray[np.float64], envelope: Envelopes
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and standard deviation of the light on the scene over the components."""
+    values = np.empty((len(components), 3))
+    for index, component in enumerate(components):
+        attenuation, veil = component.parameters.T
+        light = _bright_light(attenuation, veil, envelope)
+        # Bright patches that are about as bright as the veil are lit as it is (W = B).
+        apart = np.log(light / veil)
+        same = math.exp(-0.5 * float(apart @ apart) / (3.0 * SAME_LIGHT**2))
+        values[index] = light * np.exp(-same * apart)
+    mean = weights @ values
+    spread = np.sqrt(weights @ (values - mean) ** 2 + (BRIGHT_DEVIATION * mean) ** 2)
+    return mean, spread
+
+
+def _likelihood(fit: Fit, clear_water: NDArray[np.float64]) -> float:
+    """Logarithm of how likely the dark envelope is, and channels that differ so."""
+    particles = fit.parameters[:, 0] - clear_water
+    mean = max(float(particles.mean()), 0.0)
+    variance = (0.02 + 0.3 * mean) ** 2 + np.diag(fit.covariance)[0::2]
+    off = float(((particles - particles.mean()) ** 2 / variance).sum())
+    off += float((np.minimum(particles, 0.0) ** 2 / (
+        (CLEAR_WATER_TOLERANCE * clear_water) ** 2 + np.diag(fit.covariance)[0::2])).sum())
+    bins = fit.cost / (TEMPERATURE * NEIGHBOURING_BINS)
+    return -0.5 * (bins + TAIL**2 * math.log1p(off / TAIL**2))
+
+
+def _likelihood_of_contrast(fit: Fit, contrast: Decay) -> float:
+    """Logarithm of how likely the decay of contrast is, if the fit holds."""
+    innovation = contrast.attenuation - fit.parameters[:, 0]
+    covariance = fit.covariance[0::2, 0::2] + contrast.covariance
+    distance = float(innovation @ np.linalg.solve(covariance, innovation))
+    _, logarithm = np.linalg.slogdet(covariance)
+    return -0.5 * (3.0 * TAIL**2 * math.log1p(distance / (3.0 * TAIL**2)) + float(logarithm))
+
+
+def _distance(fit: Fit, contrast: Decay) -> float:
+    """Distance of the decay of contrast from the fit, in standard deviations of one number."""
+    innovation = contrast.attenuation - fit.parameters[:, 0]
+    covariance = fit.covariance[0::2, 0::2] + contrast.covariance
+    return math.sqrt(float(innovation @ np.linalg.solve(covariance, innovation)) / 3.0)
+
+
+def _update(fit: Fit, contrast: Decay) -> Fit:
+    """Measure β by the decay of contrast (Kalman's update); less so where it is far off."""
+    gap = _distance(fit, contrast)
+    noise = contrast.covariance * (1.0 + (gap / TAIL) ** 2)
+    seen = fit.covariance[0::2]
+    gain = np.linalg.solve(seen[:, 0::2] + noise, seen).T
+    return _moved(fit, gain @ (contrast.attenuation - fit.parameters[:, 0]), gain @ seen)
+
+
+def _not_clearer(fit: Fit, clear_water: NDArray[np.float64]) -> Fit:
+    """Hold each channel by clear water, where it came out below."""
+    for c in range(3):
+        row = fit.covariance[2 * c]
+        if fit.parameters[c, 0] < clear_water[c]:
+            tolerance = CLEAR_WATER_TOLERANCE * clear_water[c]
+            gain = row / (row[2 * c] + tolerance**2)
+            missing = clear_water[c] - fit.parameters[c, 0]
+            fit = _moved(fit, gain * missing, np.outer(gain, row))
+    return fit
+
+
+def _moved(fit: Fit, step: NDArray[np.float64], known: NDArray[np.float64]) -> Fit:
+    """Add a step to the parameters, and take what is known now off their covariance."""
+    values = fit.parameters + step.reshape(3, 2)
+    values[:, 0] = np.clip(values[:, 0], *ATTENUATION_BOUNDS)
+    values[:, 1] = np.maximum(values[:, 1], 0.3 * fit.parameters[:, 1])
+    covariance = fit.covariance - known
+    return replace(fit, parameters=values, covariance=0.5 * (covariance + covariance.T))
+
+
+def _regular(fit: Fit) -> Fit:
+    """The fit with a covariance that is positive definite in spite of rounding."""
+    scale = np.sqrt(np.maximum(np.abs(np.diag(fit.covariance)), 1e-18))
+    values, vectors = np.linalg.eigh(fit.covariance / np.outer(scale, scale))
+    values = np.maximum(values, 1e-6)
+    covariance = (vectors * values) @ vectors.T * np.outer(scale, scale)
+    return replace(fit, covariance=covariance)
+
+
+def _mixture(components: list[Fit], weights: NDArray[np.float64]) -> Fit:
+    """Mean and covariance over components: within them and between them."""
+    values = np.array([c.parameters.ravel() for c in components])
+    mean = weights @ values
+    off = values - mean
+    covariance = (off.T * weights) @ off + sum(
+        w * c.covariance for w, c in zip(weights, components, strict=True))
+    best = components[int(np.argmax(weights))]
+    return replace(best, parameters=mean.reshape(3, 2), covariance=covariance)
+
+
+def _with_model_error(fit: Fit) -> Fit:
+    covariance = fit.covariance.copy()
+    covariance[0::2, 0::2] += MODEL_ERROR**2 * np.outer(fit.parameters[:, 0], fit.parameters[:, 0])
+    return replace(fit, covariance=covariance)
+
+
+def _attenuation(fit: Fit) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    return fit.parameters[:, 0].copy(), np.sqrt(np.diag(fit.covariance)[0::2])
