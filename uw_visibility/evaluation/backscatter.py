@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from uw_visibility.optics.light_model import transmission, veil_of
 from uw_visibility.optics.transfer import to_linear
 from uw_visibility.status import Status
 from uw_visibility.water.estimation import WaterEstimate
@@ -94,8 +95,8 @@ def _fit_channel(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Fit one channel; β and B with their covariance, or None where a bound stops them."""
     def model(p: NDArray[np.float64]) -> NDArray[np.float64]:
-        veil = p[0] * (1.0 - np.exp(-p[1] * distance))
-        return np.asarray(veil + p[2] * np.exp(-p[3] * distance))
+        veil = veil_of(p[0], transmission(p[1], distance))
+        return np.asarray(veil + p[2] * transmission(p[3], distance))
 
     first = np.array([max(float(light.max()), 1e-3), 0.3, 0.01, 0.3])
     result = least_squares(

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from uw_visibility.optics import light_model
 from uw_visibility.optics.light_model import attenuate
 from uw_visibility.simulation.view import View
 from uw_visibility.simulation.water import Water, WaterEffects
@@ -108,7 +109,7 @@ def split_irradiance(
     lit = 1.0 + effects.light_gradient * (geometry.column - 0.5)
     seen = 1.0 + effects.veil_gradient * (0.5 - geometry.row)
     direct = water.scene_light() * lit[..., np.newaxis] * radiance * transmission
-    veil = water.ambient_light() * seen[..., np.newaxis] * (1.0 - unveiled)
+    veil = light_model.veil_of(water.ambient_light() * seen[..., np.newaxis], unveiled)
     return direct.astype(np.float32), veil.astype(np.float32)
 
 
@@ -122,11 +123,12 @@ def path_transmission(
     bands = water.bands()
     if bands is None:
         path = np.asarray(ranges, dtype=np.float64)[..., np.newaxis]
-        transmission = np.exp(-np.maximum(water.attenuation(), 1e-12) * path)
+        transmission = light_model.transmission(np.maximum(water.attenuation(), 1e-12), path)
         unveiled = transmission
     else:
         transmission, unveiled = bands.transmission(ranges), bands.unveiled(ranges)
-    added = np.exp(-added_path(ranges, geometry, water.effects))[..., np.newaxis]
+    thickness = added_path(ranges, geometry, water.effects)[..., np.newaxis]
+    added = light_model.transmission(1.0, thickness)
     return transmission * added, unveiled * added
 
 
@@ -228,7 +230,7 @@ def effective_attenuation(
 
 def _best_rate(distance: NDArray[np.float64], transmission: NDArray[np.float64]) -> float:
     def loss(rate: float) -> float:
-        return float(np.square(transmission - np.exp(-rate * distance)).sum())
+        return float(np.square(transmission - light_model.transmission(rate, distance)).sum())
 
     local = -np.log(np.maximum(transmission, 1e-300)) / distance
     bounds = (float(local.min()) * 0.999, float(local.max()) * 1.001 + 1e-9)
