@@ -5,7 +5,7 @@
 #   make demo          simulate, run the node, play the bag into it, report: see demo/
 #   make test          the tests
 #   make lint          ruff, mypy, import-linter
-#   make bench         speed against OpenCV's StereoSGBM: see bench.json
+#   make bench         speed against OpenCV's StereoSGBM, and noise: see bench.json
 #   make test-oldest   the tests with the versions of Ubuntu 24.04 (needs Python 3.12)
 #   make parameters    write config/uw_visibility.yaml anew from the schema
 #   make clean         remove everything that these made

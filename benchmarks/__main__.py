@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import presets
+from benchmarks import noise, presets
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.compute.threads import Workers
 from uw_visibility.evaluation.baselines import sgbm
@@ -62,6 +62,7 @@ def main() -> None:
             small, large = (report[f"{w}x{h}"][threads] for w, h, _ in CASES)
             large["over_small"] = large["pipeline_ms"] / small["pipeline_ms"]
             print(f"{threads} thread(s): large over small {large['over_small']:.2f}")
+    report["noise"] = noise.compare([], options.rounds)
     report["presets"] = presets.compare([], options.rounds)
     Path(options.json).write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     print(f"\nratios written to {options.json}")

@@ -25,6 +25,7 @@ from uw_visibility.evaluation.degrade import load_scene
 from uw_visibility.evaluation.experiments import Plan
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility.simulation.camera import Sensor
 
 KAPPA = clear_water_attenuation(load_response("nikon_d5100"))
 ALPHA, DEPTH = 0.2, 2.0
@@ -142,7 +143,7 @@ def test_colours_are_measured_against_the_scene_in_air(run, anew):
 
 
 def test_csv_and_json_hold_the_same(run):
-    for name in ("cases", "transect"):
+    for name in ("cases", "noisy_cases", "transect"):
         for in_csv, in_json in zip(run.rows(f"{name}.csv"), run.report[name], strict=True):
             assert list(in_csv) == list(in_json)
             for text, value in zip(in_csv.values(), in_json.values(), strict=True):
@@ -211,3 +212,33 @@ def test_figures_show_the_water_nearest_to_the_papers():
     assert plan.attenuations == (0.0, 0.15, 0.3)
     assert plan.shown == (0.15, 1.0)
     assert [case.pictures for case in plan.cases()] == [False, False, True, False, False, False]
+
+
+def test_noise_is_an_axis_for_ours_and_for_all_peers(run, scene_folder):
+    (row,) = (row for row in run.report["noisy_cases"] if row["true.mean_attenuation"] > 0.1)
+    quiet = run.case(ALPHA)
+    assert (row["noise"], quiet["noise"]) == ("2", "0")
+    scene = load_scene(scene_folder)
+    left, right = scene.degraded(ALPHA, DEPTH, KAPPA, Sensor.gaussian(2.0))
+    difference = left.astype(float) - scene.degraded(ALPHA, DEPTH, KAPPA)[0]
+    assert difference.std() == pytest.approx(2.0, rel=0.05)
+    found = semi_global_matching(left, right, 16 * (int(np.nanmax(scene.disparity_left)) // 16 + 1))
+    known = np.isfinite(scene.disparity_left)
+    error = np.abs(found - scene.disparity_left)
+    assert row["correct.sgbm"] == pytest.approx((error[known] <= 1.0).mean())
+    assert row["wrong.sgbm"] == pytest.approx((error[known & np.isfinite(found)] > 1.0).mean())
+    for name in ("sgbm", "clahe_sgbm", "ours"):
+        assert row[f"correct.{name}"] < quiet[f"correct.{name}"]
+    table = {(r["noise"], float(r["mean_attenuation"])): r for r in run.rows("noise.csv")}
+    assert set(table) == {(noise, alpha) for noise in ("0", "2") for alpha in (0.0, ALPHA)}
+    assert float(table["2", ALPHA]["disparity.sgbm.correct"]) == row["correct.sgbm"]
+    assert float(table["0", ALPHA]["disparity.ours.wrong"]) == quiet["wrong.ours"]
+
+
+def test_a_noise_that_is_none_is_refused(scene_folder, tmp_path, capsys):
+    words = ["evaluate", str(scene_folder), "-o", str(tmp_path / "out"), "--noise"]
+    for noise in ("loud", "-1"):
+        assert main([*words, noise]) == 2
+        error = capsys.readouterr().err
+        assert "noise" in error
+        assert error.count("\n") == 1

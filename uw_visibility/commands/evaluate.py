@@ -35,11 +35,14 @@ written to DIR:
   cases.csv         a row for each scene and water: every estimate and its truth,
                     disparities and colours of all methods
   conditions.csv    means over the scenes for each water
+  noisy_cases.csv   the same with noise of the sensor
+  noise.csv         means over the scenes for each noise of the sensor and α, at one depth
   edges.csv         errors beside depth edges and elsewhere, by the way to a dense map
   transect.csv      a row for each frame of the transect
   evaluation.json   all of these, the settings, and the summary
   fig3_SCENE.png    pixels over range, envelopes and fitted curves (Fig. 3)
-  fig6.png          attenuation, unmatched and correct disparities over turbidity (Fig. 6)
+  fig6.png          attenuation, unmatched and correct disparities over turbidity (Fig. 6),
+                    and these with noise
   fig7.png          attenuation and colour difference over depth (Fig. 7)
   fig9.png          histogram equalisation, CLAHE, ours, oracle (Fig. 9)
   fig10.png         attenuation, visibility distance and depth of the transect (Fig. 10)
@@ -60,6 +63,7 @@ exit code: 0 done, 2 unusable input or options, 1 a failure inside"""
 
 QUICK_ATTENUATIONS, QUICK_DEPTHS, QUICK_FRAMES = (0.0, 0.2), (2.0,), 3
 QUICK_SIZE = (320, 240)
+NOISES, QUICK_NOISES = ("1", "2", "4", "camera"), ("2",)
 FRAMES = 20
 
 
@@ -88,6 +92,11 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     )
     add("--depth", metavar="Z", type=float, nargs="+", help="depths z, m (1 2 5)")
     add(
+        "--noise", metavar="N", nargs="+",
+        help="noises of the sensor beside none, at one depth: Gaussian of N codes of 255, or "
+        f"camera for shot and read noise; 0 for no other ({' '.join(NOISES)})",
+    )
+    add(
         "--frames", metavar="N", type=int,
         help=f"frames of the transect, 0 for none ({FRAMES})",
     )
@@ -101,7 +110,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     )
     add(
         "--quick", action="store_true",
-        help="a small grid (α 0 and 0.2 1/m, z 2 m) and a short, small transect",
+        help="a small grid (α 0 and 0.2 1/m, z 2 m, noise of 2 codes) and a short, small transect",
     )
     add(
         "--jobs", metavar="N", type=int, default=1,
@@ -213,6 +222,7 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         depths=tuple(arguments.depth or (QUICK_DEPTHS if quick else DEPTHS)),
         transect=transect,
         config=_read_config(arguments.params_file),
+        noises=tuple(arguments.noise or (QUICK_NOISES if quick else NOISES)),
     )
 
 

@@ -24,6 +24,7 @@ from uw_visibility.evaluation import baselines, metrics
 from uw_visibility.evaluation.degrade import Scene, fill_from_background
 from uw_visibility.evaluation.depth_edges import EdgeErrors, edge_errors
 from uw_visibility.evaluation.first_step import first_enhancement
+from uw_visibility.evaluation.noise_axis import sensor_of
 from uw_visibility.evaluation.oracle_matching import match_with_truth
 from uw_visibility.evaluation.readings import Reading, Truth, flat
 from uw_visibility.evaluation.scenes import SceneSource, search_limit, tolerance
@@ -81,12 +82,15 @@ class Case:
         z, m.
     pictures : bool
         Whether images and observations are wanted too, for figures.
+    noise : str
+        Noise of the sensor, see `sensor_of`.
     """
 
     source: SceneSource
     mean_attenuation: float
     depth: float
     pictures: bool = False
+    noise: str = "0"
 
 
 @dataclass(frozen=True)
@@ -131,6 +135,9 @@ class CaseResult:
         Share of all pixels that have a disparity, and of the pixels with known
         truth that have a correct one, by the names of `MATCHES`. A refused
         pair has no disparities: 0.
+    wrong : dict of str to float
+        Share of the matched pixels with known truth that have a wrong disparity, by
+        the names of `MATCHES`; NaN where nothing is matched.
     colour_difference : dict of str to float
         Mean ΔE*ab over the image, by the names of `IMAGES`; NaN where refused.
     pictures : Pictures or None
@@ -138,6 +145,8 @@ class CaseResult:
     edges : list of EdgeErrors
         Errors beside depth edges, where the case asked for pictures and the pair
         was not refused.
+    noise : str
+        Noise of the sensor.
     """
 
     scene: str
@@ -147,19 +156,21 @@ class CaseResult:
     readings: dict[str, Reading]
     matched: dict[str, float]
     correct: dict[str, float]
+    wrong: dict[str, float]
     colour_difference: dict[str, float]
     pictures: Pictures | None = None
     edges: list[EdgeErrors] = field(default_factory=list)
+    noise: str = "0"
 
     def row(self) -> dict[str, Any]:
         """Return the case as a row of a table."""
-        columns: dict[str, Any] = {"scene": self.scene}
+        columns: dict[str, Any] = {"scene": self.scene, "noise": self.noise}
         columns |= flat("true", self.truth)
         columns |= {"tolerance": self.tolerance, "refusal": self.refusal}
         for name, reading in self.readings.items():
             columns |= flat(name, reading)
         groups: tuple[tuple[str, Mapping[str, float]], ...] = (
-            ("matched", self.matched), ("correct", self.correct),
+            ("matched", self.matched), ("correct", self.correct), ("wrong", self.wrong),
             ("colour_difference", self.colour_difference),
         )
         for group, values in groups:
@@ -193,7 +204,8 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
     truth = Truth.of_clear_water_and_particles(
         case.mean_attenuation, case.depth, kappa, config.assessment.contrast
     )
-    left, right = scene.degraded(case.mean_attenuation, case.depth, kappa)
+    left, right = scene.degraded(
+        case.mean_attenuation, case.depth, kappa, sensor_of(case.noise))
     images, oracle_right = _peer_images(scene, left, right, truth)
     refusal, result = _process(bench.pipeline, left, right)
     if result is not None:
@@ -222,6 +234,14 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
             )
             for name in MATCHES
         },
+        wrong={
+            name: _if_any(
+                disparities.get(name),
+                lambda found: metrics.bad_fraction(found, scene.disparity_left, tolerance(scene)),
+                absent=float("nan"),
+            )
+            for name in MATCHES
+        },
         colour_difference={
             name: metrics.mean_colour_difference(images[name], scene.left)
             if name in images else float("nan")
@@ -233,6 +253,7 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         ),
         edges=[] if result is None or not case.pictures else edge_errors(
             scene, left, right, result, bench.rig, bench.config),
+        noise=case.noise,
     )
 
 
@@ -342,5 +363,5 @@ def _peer_matches(
     }
 
 
-def _if_any(found: Map | None, measure: Any) -> float:
-    return 0.0 if found is None else float(measure(found))
+def _if_any(found: Map | None, measure: Any, absent: float = 0.0) -> float:
+    return absent if found is None else float(measure(found))

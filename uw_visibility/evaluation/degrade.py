@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from uw_visibility.errors import InputError
 from uw_visibility.images.files import read_image
 from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
+from uw_visibility.simulation.camera import NOISELESS, Sensor
 from uw_visibility.stereo.rig import StereoRig
 
 # Middlebury 2005 and 2006 (Scharstein and Pal, doi 10.1109/CVPR.2007.383191):
@@ -68,17 +69,21 @@ class Scene:
         return self.rig.range_from_disparity(disparity)
 
     def degraded(
-        self, mean_attenuation: float, depth: float, clear_water_attenuation: ArrayLike
+        self,
+        mean_attenuation: float,
+        depth: float,
+        clear_water_attenuation: ArrayLike,
+        sensor: Sensor = NOISELESS,
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Return the pair as a camera below water sees it; see `degrade`."""
         left, right = (
             degrade(
                 image, self.range_of(fill_from_background(disparity)),
-                mean_attenuation, depth, clear_water_attenuation,
+                mean_attenuation, depth, clear_water_attenuation, sensor, seed,
             )
-            for image, disparity in (
+            for seed, (image, disparity) in enumerate((
                 (self.left, self.disparity_left), (self.right, self.disparity_right),
-            )
+            ))
         )
         return left, right
 
@@ -135,8 +140,10 @@ def degrade(
     mean_attenuation: float,
     depth: float,
     clear_water_attenuation: ArrayLike,
+    sensor: Sensor = NOISELESS,
+    seed: int = 0,
 ) -> NDArray[np.uint8]:
-    """Degrade an image as water does (eq. 1-3), without added noise, in 8 bit.
+    """Degrade an image as water does (eq. 1-3), in 8 bit.
 
     Parameters
     ----------
@@ -150,6 +157,10 @@ def degrade(
         Depth of the camera z, m. T·I0 is 1.
     clear_water_attenuation : (3,) array_like
         κ, 1/m.
+    sensor : Sensor
+        Noise of the camera; none by default.
+    seed : int
+        Seed of the noise; another one for each view.
 
     Returns
     -------
@@ -159,7 +170,8 @@ def degrade(
     attenuation = np.asarray(clear_water_attenuation, dtype=np.float64) + mean_attenuation
     ambient = ambient_light_at_depth(attenuation, depth)
     irradiance = attenuate(radiance / np.float32(255), range_map, attenuation, ambient)
-    return np.asarray(np.clip(irradiance * 255 + 0.5, 0, 255), dtype=np.uint8)
+    codes = sensor.read(irradiance, np.random.default_rng(seed))
+    return np.asarray(np.clip(codes + np.float32(0.5), 0, 255), dtype=np.uint8)
 
 
 def fill_from_background(disparity: NDArray[np.float32]) -> NDArray[np.float32]:

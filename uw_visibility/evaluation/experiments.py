@@ -17,9 +17,11 @@ from typing import Any
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.cases import Case, CaseResult, evaluate_case
+from uw_visibility.evaluation.noise_axis import sensor_of
 from uw_visibility.evaluation.parallel import Progress, run_all
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.transects import TransectPlan, TransectRow, evaluate_transect
+from uw_visibility.simulation.camera import NOISELESS
 
 ATTENUATIONS = (0.0, 0.1, 0.2, 0.3)
 DEPTHS = (1.0, 2.0, 5.0)
@@ -49,6 +51,8 @@ class Plan:
     config : PipelineConfig
         Parameters of the pipeline, but for its threads. The paper's experiments have
         the paper's model: one ambient light that is veil and light at once.
+    noises : tuple of str
+        Noises of the sensor beside none, see `sensor_of`; at the depth that figures show.
     """
 
     scenes: Sequence[SceneSource]
@@ -57,6 +61,7 @@ class Plan:
     transect: TransectPlan | None = None
     config: PipelineConfig = field(
         default_factory=lambda: PipelineConfig.from_parameters({"water.veil": "paper"}))
+    noises: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse what is no water, and put the grid in order."""
@@ -70,6 +75,8 @@ class Plan:
                     f"give numbers between 0 and {largest:g} {unit}"
                 )
             object.__setattr__(self, name, values)
+        noisy = [noise for noise in dict.fromkeys(self.noises) if sensor_of(noise) != NOISELESS]
+        object.__setattr__(self, "noises", tuple(noisy))
 
     @property
     def shown(self) -> tuple[float, float]:
@@ -86,6 +93,13 @@ class Plan:
             for scene in self.scenes for attenuation in self.attenuations for depth in self.depths
         ]
 
+    def noisy_cases(self) -> list[Case]:
+        """Return the cases with noise, scene by scene, at one depth."""
+        return [
+            Case(scene, attenuation, self.shown[1], noise=noise)
+            for scene in self.scenes for attenuation in self.attenuations for noise in self.noises
+        ]
+
 
 @dataclass(frozen=True)
 class Evaluation:
@@ -99,11 +113,14 @@ class Evaluation:
         In the order of `Plan.cases`.
     transect : list of TransectRow
         Empty where none was wanted.
+    noisy : list of CaseResult
+        In the order of `Plan.noisy_cases`.
     """
 
     plan: Plan
     cases: list[CaseResult]
     transect: list[TransectRow]
+    noisy: list[CaseResult] = field(default_factory=list)
 
 
 def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: items) -> Evaluation:
@@ -131,12 +148,13 @@ def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: it
         scene.load()
     # The transect goes first: it is the longest piece.
     work: list[TransectPlan | Case] = [] if plan.transect is None else [plan.transect]
-    work += plan.cases()
+    cases, noisy = plan.cases(), plan.noisy_cases()
+    work += [*cases, *noisy]
     threads = max(1, (os.cpu_count() or 1) // jobs)
     config = replace(plan.config, threads=threads)
     ordered = run_all(_evaluate, work, (config,), jobs, threads, progress)
-    split = len(work) - len(plan.cases())
-    return Evaluation(plan, ordered[split:], ordered[0] if split else [])
+    transect = ordered.pop(0) if plan.transect is not None else []
+    return Evaluation(plan, ordered[:len(cases)], transect, ordered[len(cases):])
 
 
 def _evaluate(piece: TransectPlan | Case, config: PipelineConfig) -> Any:

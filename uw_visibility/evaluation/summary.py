@@ -40,7 +40,8 @@ def summarise(evaluation: Evaluation) -> Summary:
         ``water`` by the names of `READINGS`; ``disparity`` and
         ``colour_difference`` by those of `MATCHES` and `IMAGES`; the last two
         again in ``conditions``, over the scenes, for each water; ``unmatched`` by
-        scene and depth; ``depth_edges`` by the names of `MAPS`; ``transect``.
+        scene and depth; ``depth_edges`` by the names of `MAPS`; ``noise``, over the
+        scenes, for each noise and α; ``transect``. All but ``noise`` are of cases without.
         NaN where there is nothing to take a mean of.
     """
     cases = evaluation.cases
@@ -73,6 +74,7 @@ def summarise(evaluation: Evaluation) -> Summary:
         ],
         "unmatched": _unmatched(cases),
         "depth_edges": _depth_edges(cases),
+        "noise": _noise(evaluation),
         "transect": _transect(evaluation.transect),
     }
 
@@ -200,6 +202,37 @@ def _depth_edges(cases: Sequence[CaseResult]) -> Summary:
         }
         for name in MAPS if errors
     }
+
+
+def _noise(evaluation: Evaluation) -> list[Summary]:
+    """Return means over the scenes for each noise and α, at one depth, without noise first."""
+    plan = evaluation.plan
+    if not evaluation.noisy:
+        return []
+    cases = [c for c in evaluation.cases if c.truth.depth == plan.shown[1]] + evaluation.noisy
+    return [
+        {
+            "noise": noise,
+            "mean_attenuation": attenuation,
+            "depth": plan.shown[1],
+            "mean_attenuation_error": {name: _absolute_errors(same, name) for name in READINGS},
+            "disparity": {
+                name: {
+                    "correct": _mean(case.correct[name] for case in same),
+                    "unmatched": _mean(1.0 - case.matched[name] for case in same),
+                    "wrong": _mean(case.wrong[name] for case in same),
+                }
+                for name in MATCHES
+            },
+        }
+        for noise in ("0", *plan.noises)
+        for attenuation in plan.attenuations
+        for same in [[
+            case for case in cases
+            if (case.noise == noise
+                and np.isclose(case.truth.mean_attenuation, attenuation, atol=1e-9))
+        ]]
+    ]
 
 
 def _mean_colour(cases: Sequence[CaseResult]) -> dict[str, dict[str, float | int]]:

@@ -18,7 +18,7 @@ from uw_visibility.evaluation.summary import Summary, columns_of
 
 
 def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None:
-    """Write ``cases.csv``, ``conditions.csv``, ``edges.csv``, ``transect.csv``, and all as JSON.
+    """Write the tables as CSV, and all of them as JSON.
 
     What is not assessable is an empty field of a CSV file and null in JSON.
 
@@ -34,11 +34,14 @@ def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None
     cases = [case.row() for case in evaluation.cases]
     transect = [row.row() for row in evaluation.transect]
     conditions = [columns_of(condition) for condition in summary["conditions"]]
+    noise = [columns_of(condition) for condition in summary["noise"]]
+    noisy = [case.row() for case in evaluation.noisy]
     edges = [
         {"scene": case.scene, **error.row()} for case in evaluation.cases for error in case.edges
     ]
     for name, rows in (
-        ("cases", cases), ("conditions", conditions), ("edges", edges), ("transect", transect),
+        ("cases", cases), ("conditions", conditions), ("noisy_cases", noisy), ("noise", noise),
+        ("edges", edges), ("transect", transect),
     ):
         if rows:
             (folder / f"{name}.csv").write_text(as_csv(rows), encoding="utf-8")
@@ -48,6 +51,7 @@ def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None
             "scenes": [_source(source) for source in plan.scenes],
             "attenuations": plan.attenuations,
             "depths": plan.depths,
+            "noises": plan.noises,
             "transect": None if plan.transect is None else vars(plan.transect),
             # The number of threads changes nothing in the result.
             "parameters": {
@@ -57,6 +61,7 @@ def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None
         },
         "summary": summary,
         "cases": cases,
+        "noisy_cases": noisy,
         "transect": transect,
     }
     text = json.dumps(plain(report), indent=1, ensure_ascii=False, allow_nan=False)

@@ -10,6 +10,7 @@ from typing import Any
 
 from uw_visibility.evaluation.cases import IMAGES, MATCHES, READINGS
 from uw_visibility.evaluation.depth_edges import DISTANCE, MAPS
+from uw_visibility.evaluation.noise_axis import title_of
 from uw_visibility.evaluation.summary import TURBID, Summary
 
 # Places that are listed of one reason; evaluation.json has them all.
@@ -37,7 +38,8 @@ def as_text(summary: Summary) -> str:
         parts += [
             f"{summary['cases']} cases: {', '.join(summary['scenes'])}",
             _water(summary), _disparity(summary), _colour(summary), _conditions(summary),
-            _unmatched(summary), _depth_edges(summary), _not_assessed(summary["water"]),
+            _unmatched(summary), _noise(summary["noise"]), _depth_edges(summary),
+            _not_assessed(summary["water"]),
         ]
     if summary["transect"] is not None:
         parts.append(_transect(summary["transect"]))
@@ -126,6 +128,26 @@ def _unmatched(summary: Summary) -> str:
             f"  {place['scene']:16s}{place['depth']:4g} {values}"
             f"{_number(place['above_oracle'], 3):>15s}"
         )
+    return "\n".join(lines)
+
+
+def _noise(rows: Sequence[Summary]) -> str:
+    """Means over the scenes for each noise and α."""
+    if not rows:
+        return ""
+    names = list(MATCHES)
+    lines = [
+        f"noise at z = {rows[0]['depth']:g} m, mean over the scenes: correct, wrong among matched",
+        f"{'α':>5s} {'':20s}{''.join(f'{name:>9s}' for name in SHORT_MATCHES)}{'|α̂ − α|':>12s}",
+    ]
+    for row in rows:
+        for what in ("correct", "wrong"):
+            values = "".join(
+                f"{_number(row['disparity'][name][what], 3):>9s}" for name in names)
+            first = what == "correct"
+            error = _number(row["mean_attenuation_error"]["pipeline"], 4) if first else ""
+            left = f"{row['mean_attenuation']:5.3g} {title_of(row['noise']) if first else '':20s}"
+            lines.append(f"{left if first else ' ' * len(left)}{values}{error:>10s}".rstrip())
     return "\n".join(lines)
 
 

@@ -24,6 +24,7 @@ from uw_visibility.evaluation.figures.style import (
     Style,
     save,
 )
+from uw_visibility.evaluation.noise_axis import title_of
 
 ROW_HEIGHT = 2.7
 Abscissa = Callable[[CaseResult], float]
@@ -34,7 +35,7 @@ def draw_over_attenuation(path: Path, evaluation: Evaluation) -> None:
 
     The paper shows the unmatched fraction alone, of a "conventional stereo matching
     framework" against its own. What is matched may be wrong, so the correct fraction
-    stands beside it.
+    stands beside it, once more for each noise of the sensor that was evaluated.
 
     Parameters
     ----------
@@ -45,7 +46,8 @@ def draw_over_attenuation(path: Path, evaluation: Evaluation) -> None:
     """
     depth = evaluation.plan.shown[1]
     scenes = _by_scene(evaluation, lambda case: case.truth.depth == depth)
-    figure, grid = _panels(len(scenes), 3)
+    noises = evaluation.plan.noises
+    figure, grid = _panels(len(scenes), 3 + len(noises))
     for row, (scene, cases) in zip(grid, scenes.items(), strict=True):
         _draw_readings(row[0], cases, _attenuation, list(READING_STYLES))
         _draw_lines(
@@ -54,8 +56,13 @@ def draw_over_attenuation(path: Path, evaluation: Evaluation) -> None:
         row[0].set_ylabel(f"{scene}\nestimate of α [1/m]")
         row[1].set_ylabel("unmatched fraction")
         row[2].set_ylabel(f"correct fraction (≤ {cases[0].tolerance:g} px)")
+        for axes, noise in zip(row[3:], noises, strict=True):
+            noisy = [c for c in evaluation.noisy if (c.scene, c.noise) == (scene, noise)]
+            _draw_lines(axes, noisy, _attenuation, MATCH_STYLES, lambda c, name: c.correct[name])
+            axes.set_ylabel(f"the same, {title_of(noise)}")
     grid[0, 1].set_ylim(bottom=0.0)
-    grid[0, 2].set_ylim(top=1.0)
+    for axes in grid[0, 2:]:
+        axes.set_ylim(0.0, 1.0)
     for axes in grid[-1]:
         axes.set_xlabel(ATTENUATION_LABEL)
     figure.suptitle(f"Decreasing visibility at z = {depth:g} m (as Fig. 6 of the paper)")
