@@ -172,7 +172,8 @@ def test_pair_that_has_no_camera_info_at_all_goes_on_waiting() -> None:
     }),
     ([("left", 5.1), ("left", 5.1)], {"left image with a stamp seen before": 1}),
     ([("left", 5.0)], {"left image with a stamp seen before": 1}),
-    ([("right", 4.5)], {"right image out of order": 1}),
+    ([("right", 4.5), ("right", 4.5)], {"right image with a stamp seen before": 1}),
+    ([("right", 4.5), ("right", 4.4)], {"right image out of order": 1}),
 ])
 def test_stamps_that_cannot_be_used_are_counted(
     arrivals: list[tuple[str, float]], dropped: dict[str, int]
@@ -219,6 +220,61 @@ def test_every_drop_is_told() -> None:
     assert told["left image unmatched"] == 7
 
 
+def test_late_image_is_out_of_order_once_its_side_goes_on() -> None:
+    sync = synchronizer()
+    feed(sync, ("left", 5.0), ("right", 5.0), ("left", 4.5))
+    assert (sync.waiting, sync.dropped.total()) == (1, 0)
+    assert feed(sync, ("left", 5.1), ("right", 5.1)) == [(5.1, 5.1)]
+    assert (sync.waiting, sync.dropped, sync.restarts) == (0, {"left image out of order": 1}, 0)
+
+
+def test_reset_and_the_end_count_whatever_waited() -> None:
+    for end in (Synchronizer.reset, Synchronizer.finish):
+        sync = synchronizer()
+        sync.add_info("left", image(1.0))
+        feed(sync, ("left", 1.0), ("right", 1.0), ("left", 2.0), ("right", 2.0), ("left", 0.5))
+        feed(sync, ("right", 3.0))
+        end(sync)
+        assert sync.waiting == 0
+        assert 2 * sync.frames + sync.dropped.total() == 6
+
+
+@given(
+    bags=st.lists(
+        st.tuples(st.integers(100, 130), st.integers(2, 8), st.integers(1, 4)), min_size=1,
+        max_size=3,
+    ),
+    plays=st.lists(st.integers(0, 2), min_size=1, max_size=6),
+    lead=st.integers(0, 3),
+    informed=st.booleans(),
+)
+def test_recordings_are_answered_whenever_they_are_played(
+    bags: list[tuple[int, int, int]], plays: list[int], lead: int, informed: bool
+) -> None:
+    sync = synchronizer()
+    images = 0
+    for play in plays:
+        start, count, step = bags[play % len(bags)]
+        stamps = [(start + step * number) / 10 for number in range(count)]
+        answered, dropped = sync.frames, sync.dropped.copy()
+        # One side is ahead of the other, as at high rates.
+        for number in range(count + lead):
+            for side, index in (("left", number), ("right", number - lead)):
+                if 0 <= index < count:
+                    images += 1
+                    sync.add_image(side, image(stamps[index]))
+                    if informed:
+                        sync.add_info(side, image(stamps[index]))
+        sync.end_wait()
+        sync.end_wait()
+        # Of one image nobody can tell whether it is late, or the first one of a recording.
+        lost = count - (sync.frames - answered)
+        assert lost <= 1
+        reasons = {reason.split(" image ")[1] for reason in sync.dropped - dropped}
+        assert reasons <= {"with a stamp seen before", "out of order"}
+    assert 2 * sync.frames + sync.waiting + sync.dropped.total() == images
+
+
 ARRIVALS = st.lists(
     st.tuples(st.sampled_from(["left", "right"]), st.integers(0, 60).map(lambda i: i / 10)),
     max_size=80,
@@ -235,6 +291,6 @@ def test_every_image_is_used_waits_or_is_counted(
     for side, seconds in arrivals:
         for frame in sync.add_image(side, image(seconds)):
             assert abs(frame.left.seconds - frame.right.seconds) <= tolerance + 1e-9
-        assert sync.waiting <= 2 * queue_size + 2
+        assert sync.waiting <= 2 * queue_size + 4
     used = 2 * sync.frames
     assert used + sync.waiting + sum(sync.dropped.values()) == len(arrivals)

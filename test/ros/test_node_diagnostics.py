@@ -146,6 +146,18 @@ def test_images_without_common_stamps_are_explained(node: Any, client: Any, part
     )
 
 
+def test_images_without_stamps_are_explained(client: Any, parts: Any) -> None:
+    end = time.monotonic() + 20.0
+    while "images have no stamp: fill header.stamp" not in client.diagnosis("input").message:
+        assert time.monotonic() < end, client.diagnosis("input")
+        for side, part in (("left", parts[0]), ("right", parts[1])):
+            part.header.stamp.sec = part.header.stamp.nanosec = 0
+            client.publishers[f"{side}/image"].publish(part)
+        time.sleep(0.2)
+    assert int(client.diagnosis("input").numbers["dropped: left image without a stamp"]) > 10
+    client.result(client.publish(*parts), "disparity")
+
+
 def test_input_that_stops_is_noticed(node: Any, client: Any, parts: Any) -> None:
     client.result(client.publish(*parts), "disparity")
     status = client.diagnosed("input", "no left/image_rect any more")

@@ -203,6 +203,50 @@ def test_publisher_that_is_killed_and_returns(node: Any, client: Any, parts: Any
     good_frame(client, parts)
 
 
+def test_short_recording_is_answered_each_time_it_is_played(
+    start_node: Callable[..., Any], make_client: Callable[..., Any], parts: Any
+) -> None:
+    start_node("-r", "__ns:=/again", "-p", "stereo.max_disparity:=40")
+    client = make_client(namespace="/again")
+    topics = {name: (p.msg_type, p.topic_name) for name, p in client.publishers.items()}
+    frames, plays = 9, 3
+    for play in range(plays):
+        if play:
+            # As a player does that is started anew.
+            for name, (kind, topic) in topics.items():
+                client.publishers[name] = client.node.create_publisher(kind, topic, 50)
+        client.wait(
+            lambda: all(p.get_subscription_count() == 1 for p in client.publishers.values()),
+            "a subscription to each input",
+        )
+        time.sleep(0.8)
+        before = len(client.received["disparity"])
+        for number in range(frames):
+            for part in parts:
+                part.header.stamp.sec, part.header.stamp.nanosec = 7, 100_000_000 * number
+            for name, part in zip(
+                ("left/camera_info", "right/camera_info", "left/image", "right/image"),
+                (parts[2], parts[3], parts[0], parts[1]), strict=True,
+            ):
+                client.publishers[name].publish(part)
+            time.sleep(0.15)
+        client.wait(
+            lambda n=before: len(client.received["disparity"]) - n >= frames - 1, "the answers"
+        )
+        for publisher in client.publishers.values():
+            client.node.destroy_publisher(publisher)
+        time.sleep(1.5)
+
+    def numbers(part: str) -> dict[str, str]:
+        return client.diagnosed(part, "").numbers
+
+    given, done = numbers("input"), numbers("pipeline")
+    answered = len(client.received["disparity"])
+    assert int(done["frames processed"]) == answered
+    lost = plays * frames - answered
+    assert lost == int(done["frames skipped"]) + int(given["dropped images"]) // 2
+
+
 def test_clock_that_jumps_back_starts_anew(
     start_node: Callable[..., Any], make_client: Callable[..., Any], parts: Any
 ) -> None:

@@ -15,7 +15,8 @@ from uw_visibility.messages.images import stamp_to_nanoseconds
 SIDES = ("left", "right")
 
 # A pair that is older than the last one by more than this comes from a
-# recording that was started again; one that is less old came out of order.
+# recording that was started again. An image that is less old may have come out of
+# order: what comes next of its side tells.
 RESTART_NANOSECONDS = 1_000_000_000
 
 
@@ -28,6 +29,9 @@ class Synchronizer:
     `end_wait` at the latest; where it does not, the newest one is taken at once. Every image
     leaves as part of a frame or is counted in `dropped`, and what waits is
     bounded.
+
+    Recordings may be played again, from any stamp: where the stamps of a side go back and
+    go on from there, all that follows is new.
 
     Parameters
     ----------
@@ -64,6 +68,8 @@ class Synchronizer:
         # By stamp, in the order of arrival.
         self._waiting: dict[str, dict[int, Any]] = {side: {} for side in SIDES}
         self._infos: dict[str, dict[int, Any]] = {side: {} for side in SIDES}
+        # Of each side the image that was older than the last pair, with its stamp.
+        self._late: dict[str, tuple[int, Any]] = {}
         self._pair: dict[str, Any] | None = None
         self._waited: dict[str, Any] | None = None
         self._last: int | None = None
@@ -73,15 +79,15 @@ class Synchronizer:
 
     @property
     def waiting(self) -> int:
-        """Images that wait, for a partner or for their CameraInfo."""
-        return sum(map(len, self._waiting.values())) + (2 if self._pair else 0)
+        """Images that wait, for a partner, for their CameraInfo, or for their next one."""
+        waiting = sum(map(len, self._waiting.values())) + len(self._late)
+        return waiting + (2 if self._pair else 0)
 
     def reset(self) -> None:
         """Drop what waits and accept any stamp next; CameraInfo and counters stay."""
-        for side, queue in self._waiting.items():
-            for _ in range(len(queue)):
-                self._drop(f"{side} image unmatched")
-            queue.clear()
+        self._drop_waiting()
+        for side in SIDES if self._pair is not None else ():
+            self._drop(f"{side} image without its camera_info")
         self._pair = self._waited = self._last = None
         self._sent = {}
 
@@ -129,20 +135,21 @@ class Synchronizer:
         """
         self.received[side] += 1
         stamp = stamp_to_nanoseconds(image.header.stamp)
-        reason = self._refusal(side, stamp)
-        if reason:
-            self._drop(f"{side} image {reason}")
+        if stamp == 0 or stamp in self._waiting[side]:
+            self._drop(f"{side} image {'with a stamp seen before' if stamp else 'without a stamp'}")
             return []
-        other = SIDES[side == "left"]
-        partner = self._partner(other, stamp)
-        if partner is None:
-            self._wait(side, stamp, image)
+        if not self._is_late(stamp):
+            self._drop_late(side)
+            return self._take(side, stamp, image)
+        late = self._late.get(side)
+        if late is not None and late[0] < stamp:
+            return self._start_again() + self._take(side, stamp, image)
+        if stamp == self._last or (late is not None and late[0] == stamp):
+            self._drop(f"{side} image with a stamp seen before")
             return []
-        pair = {side: image, other: self._waiting[other].pop(partner)}
-        self._advance(min(stamp, partner))
-        frames = self._release(at_once=True)
-        self._pair = pair
-        return frames + self._release(at_once=False)
+        self._drop_late(side)
+        self._late[side] = stamp, image
+        return []
 
     def end_wait(self) -> list[StereoFrame]:
         """Release a pair that was there at the last call already, with the newest CameraInfo.
@@ -168,20 +175,50 @@ class Synchronizer:
             The frame, or nothing.
         """
         frames = self._release(at_once=True)
-        for side, queue in self._waiting.items():
-            for _ in range(len(queue)):
-                self._drop(f"{side} image unmatched")
-            queue.clear()
+        self._drop_waiting()
         return frames
 
-    def _refusal(self, side: str, stamp: int) -> str:
-        if stamp == 0:
-            return "without a stamp"
-        if stamp in self._waiting[side]:
-            return "with a stamp seen before"
-        if self._last is not None and 0 <= self._last - stamp < RESTART_NANOSECONDS:
-            return "with a stamp seen before" if stamp == self._last else "out of order"
-        return ""
+    def _is_late(self, stamp: int) -> bool:
+        """Return whether an image is older than the last pair, but hardly."""
+        return self._last is not None and 0 <= self._last - stamp < RESTART_NANOSECONDS
+
+    def _take(self, side: str, stamp: int, image: Any) -> list[StereoFrame]:
+        """Pair an image, or let it wait."""
+        other = SIDES[side == "left"]
+        partner = self._partner(other, stamp)
+        if partner is None:
+            self._wait(side, stamp, image)
+            return []
+        pair = {side: image, other: self._waiting[other].pop(partner)}
+        restarted = self._advance(min(stamp, partner))
+        frames = self._release(at_once=True)
+        self._pair = pair
+        frames += self._release(at_once=False)
+        return frames + (self._take_late() if restarted else [])
+
+    def _take_late(self) -> list[StereoFrame]:
+        """Pair the images that were late, which are those of a recording that started again."""
+        late, self._late = self._late, {}
+        frames = []
+        for side, (stamp, image) in late.items():
+            frames += self._take(side, stamp, image)
+        return frames
+
+    def _start_again(self) -> list[StereoFrame]:
+        """Go on with the images that were late: a recording was started again."""
+        frames = self._release(at_once=True)
+        self._forget_before_restart()
+        self._last = None
+        self._sent = {}
+        return frames + self._take_late()
+
+    def _forget_before_restart(self) -> None:
+        self.restarts += 1
+        for side, queue in self._waiting.items():
+            # Whatever is older than the last pair came after it.
+            for stamp in [s for s in queue if self._last is not None and s > self._last]:
+                del queue[stamp]
+                self._drop(f"{side} image unmatched")
 
     def _partner(self, side: str, stamp: int) -> int | None:
         """Return the stamp of the nearest image that waits within the tolerance."""
@@ -201,16 +238,20 @@ class Synchronizer:
             del queue[next(iter(queue))]
             self._drop(f"{side} image unmatched")
 
-    def _advance(self, stamp: int) -> None:
-        """Note the time of a new pair, and let go of images that it leaves behind."""
+    def _advance(self, stamp: int) -> bool:
+        """Note the time of a new pair, let go of images that it leaves behind.
+
+        Returns whether it is that of a recording that was started again.
+        """
         restarted = self._last is not None and stamp < self._last
         if restarted:
-            self.restarts += 1
+            self._forget_before_restart()
         self._last = stamp
         for side, queue in self._waiting.items():
-            for other in [other for other in queue if restarted or other < stamp]:
+            for other in [other for other in queue if other < stamp]:
                 del queue[other]
                 self._drop(f"{side} image unmatched")
+        return restarted
 
     def _release(self, at_once: bool) -> list[StereoFrame]:
         """Return the pair that waits with its CameraInfo, if that is there or not waited for."""
@@ -236,6 +277,17 @@ class Synchronizer:
         self._sent = stamps
         self.frames += 1
         return [frame]
+
+    def _drop_waiting(self) -> None:
+        for side, queue in self._waiting.items():
+            for _ in range(len(queue)):
+                self._drop(f"{side} image unmatched")
+            queue.clear()
+            self._drop_late(side)
+
+    def _drop_late(self, side: str) -> None:
+        if self._late.pop(side, None) is not None:
+            self._drop(f"{side} image out of order")
 
     def _drop_pair(self, missing: list[str]) -> None:
         self._pair = None

@@ -22,7 +22,7 @@ from uw_visibility.ros.monitor.finding import ERROR, OK, STALE, WARN, Finding
 from uw_visibility.ros.monitor.reasons import ReasonLog
 from uw_visibility.ros.parameters import NodeParameters
 from uw_visibility.ros.transport.factory import message_type
-from uw_visibility.ros.transport.qos import publish_on, subscribe_to
+from uw_visibility.ros.transport.qos import describe_publishers, publish_on, subscribe_to
 
 SENSOR_TOPIC, NIS_TOPIC = "depth_sensor", "depth_plausibility/nis"
 
@@ -104,7 +104,10 @@ class DepthCheck:
             self._verdicts.add(
                 f"depth sensor and estimate do not agree ({report.verdict})", f": {report.reason}"
             )
-        return Finding(LEVELS[report.verdict], f"{report.verdict}: {report.reason}", values)
+        message = f"{report.verdict}: {report.reason}"
+        if report.reason.startswith("no depth_sensor"):
+            message += f", {describe_publishers(self._node, self._subscription)}"
+        return Finding(LEVELS[report.verdict], message, values)
 
     def _on_sensor(self, message: Any) -> None:
         config = self._parameters.settings.node.plausibility

@@ -20,12 +20,19 @@ from uw_visibility.ros.monitor.finding import ERROR, OK, WARN, Finding
 from uw_visibility.ros.monitor.rates import RecentCounts
 from uw_visibility.ros.monitor.reasons import ReasonLog
 from uw_visibility.ros.parameters import NodeParameters
-from uw_visibility.ros.transport.qos import IMAGE_DEPTH, subscribe_to
+from uw_visibility.ros.transport.qos import IMAGE_DEPTH, describe_publishers, subscribe_to
 from uw_visibility.ros.transport.subscription import AdaptiveReliabilitySubscription
 
 # An input that was silent for so long has stopped, s.
 SILENCE = 5.0
-RECENT_STAMPS = 10
+RECENT_STAMPS = RECENT_DROPS = 10
+# What synchronization.tolerance may be, s.
+LARGEST_TOLERANCE = 1.0
+# What to do where images make no frame, by the reason why they are dropped.
+ADVICE = {
+    "without a stamp": "images have no stamp: fill header.stamp with the time of exposure",
+    "seen before": "images repeat a stamp: give each pair a stamp of its own",
+}
 
 
 class StereoInput:
@@ -67,6 +74,7 @@ class StereoInput:
         config = parameters.settings.node.synchronization
         self.synchronizer = Synchronizer(config, self._report_drop)
         self._recent = RecentCounts(SILENCE)
+        self._latest_drops: deque[str] = deque(maxlen=RECENT_DROPS)
         self._arrivals: dict[str, float] = {}
         self._stamps: dict[str, deque[int]] = {side: deque(maxlen=RECENT_STAMPS) for side in SIDES}
         self._images: dict[str, AdaptiveReliabilitySubscription] = {}
@@ -100,19 +108,38 @@ class StereoInput:
     def silence(self) -> str:
         """Return why no stereo frame comes, or nothing where they do."""
         now = time.monotonic()
-        for topic, subscription in (self._images | self._infos).items():
+        for topic in self._images | self._infos:
             if topic not in self._arrivals:
-                return f"no {topic} yet: {self._senders(subscription.topic_name)}"
-        for topic, image in self._images.items():
+                return f"no {topic} yet: {self._describe_publishers(topic)}"
+        for topic in self._images:
             if now - self._arrivals[topic] > SILENCE:
-                return f"no {topic} any more: {self._senders(image.topic_name)}"
+                return f"no {topic} any more: {self._describe_publishers(topic)}"
         if now - self._arrivals.get("frame", 0.0) > SILENCE:
-            tolerance = self._parameters.settings.node.synchronization.tolerance
-            return (
-                "left and right images have no stamps in common: "
-                f"set synchronization.tolerance, which is {tolerance:g} s"
-            )
+            return self._explain_drops()
         return ""
+
+    def _describe_publishers(self, topic: str) -> str:
+        if topic in self._images:
+            return self._images[topic].describe_publishers()
+        return describe_publishers(self._node, self._infos[topic])
+
+    def _explain_drops(self) -> str:
+        """Return why images that come make no stereo frame."""
+        drops = " ".join(self._latest_drops)
+        for reason, advice in ADVICE.items():
+            if reason in drops:
+                return advice
+        tolerance = self._parameters.settings.node.synchronization.tolerance
+        gap = self._stamp_gap()
+        if gap is not None and gap > LARGEST_TOLERANCE:
+            return (
+                f"left and right images have no stamps in common, the nearest are {gap:.3g} s "
+                "apart: take both stamps from one clock"
+            )
+        return (
+            "left and right images have no stamps in common: "
+            f"set synchronization.tolerance, which is {tolerance:g} s"
+        )
 
     def diagnose(self) -> Finding:
         """Return level, message and numbers of the input."""
@@ -132,7 +159,8 @@ class StereoInput:
         )
         values["waiting images"] = sync.waiting
         values["restarts"] = sync.restarts
-        values["stamp gap (s)"] = self._stamp_gap()
+        gap = self._stamp_gap()
+        values["stamp gap (s)"] = "" if gap is None else f"{gap:.6f}"
         for topic, image in self._images.items():
             values[f"reliability of {topic}"] = image.reliability
         for topic in self._images | self._infos:
@@ -177,7 +205,9 @@ class StereoInput:
         self._arrivals[topic] = time.monotonic()
         if not self.active:
             return
-        self._stamps[side].append(stamp_to_nanoseconds(message.header.stamp))
+        stamp = stamp_to_nanoseconds(message.header.stamp)
+        if stamp:
+            self._stamps[side].append(stamp)
         self.synchronizer.config = self._parameters.settings.node.synchronization
         restarts = self.synchronizer.restarts
         frames = self.synchronizer.add_image(side, message)
@@ -196,14 +226,9 @@ class StereoInput:
 
     def _report_drop(self, reason: str) -> None:
         self._drops.add(f"dropped: {reason}")
+        self._latest_drops.append(reason)
 
-    def _senders(self, name: str) -> str:
-        count = self._node.count_publishers(name)
-        if count == 0:
-            return f"{name} has no publisher"
-        return f"{name} has {count} publisher{'s' * (count > 1)}, is their QoS compatible?"
-
-    def _stamp_gap(self) -> str:
+    def _stamp_gap(self) -> float | None:
         """Return the smallest difference of recent stamps of the two sides, s."""
         gaps = [abs(a - b) for a in self._stamps["left"] for b in self._stamps["right"]]
-        return f"{1e-9 * min(gaps):.6f}" if gaps else ""
+        return 1e-9 * min(gaps) if gaps else None

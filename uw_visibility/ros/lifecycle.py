@@ -12,7 +12,7 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, printable
 from uw_visibility.ros.memory import release_memory
 from uw_visibility.ros.monitor.finding import OK, WARN, Finding
 from uw_visibility.ros.run import STOP_TIMEOUT, run
@@ -124,7 +124,7 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         try:
             return self._change(request, response)
         except rclpy_implementation.RCLError:
-            wanted = request.transition.label or request.transition.id
+            wanted = printable(request.transition.label or request.transition.id)
             self.get_logger().warning(
                 f"no transition {wanted} from the state {self._state_machine.current_state[1]}"
             )

@@ -139,8 +139,8 @@ class PipelineState:
             values |= _values(self._result)
             values["around the pipeline (ms)"] = f"{self._around:.1f}"
             values["latency (ms)"] = f"{1e3 * self._latency:.1f}"
-        failures = self.failures.most_common(SHOWN_REASONS)
-        values |= {f"problem: {reason}": count for reason, count in failures}
+        failures = self.failures.selection(SHOWN_REASONS)
+        values |= {f"problem: {reason}": count for reason, count in failures.items()}
         if silence:
             stopped = self.processed > 0 or self.refused + self.failed > 0
             return Finding(ERROR if stopped else WARN, f"no output: {silence}", values)

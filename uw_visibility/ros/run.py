@@ -14,7 +14,7 @@ import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import LONGEST_MESSAGE, InputError, printable
 from uw_visibility.ros.start import SIGNALS
 from uw_visibility.ros.transport.middleware import give_memory, scarce_memory
 
@@ -101,7 +101,8 @@ def _spin(node: Any) -> None:
 
 
 def _refuse(error: Exception) -> int:
-    print(f"uw_visibility: {' '.join(str(error).split())}", file=sys.stderr)
+    text = " ".join(str(error).split())
+    print(f"uw_visibility: {printable(text, LONGEST_MESSAGE)}", file=sys.stderr)
     return 2
 
 

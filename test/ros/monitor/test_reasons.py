@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from uw_visibility.ros.monitor.reasons import MAX_REASONS, ReasonLog
+from uw_visibility.errors import LONGEST_MESSAGE
+from uw_visibility.ros.monitor.reasons import FURTHER, MAX_LINES, MAX_REASONS, ReasonLog
 
 
 def test_reason_is_logged_at_once_and_then_with_its_count() -> None:
@@ -20,11 +21,29 @@ def test_reason_is_logged_at_once_and_then_with_its_count() -> None:
     assert (log.total, log.counts) == (5, {"too dark": 4, "other": 1})
 
 
-def test_many_different_reasons_do_not_fill_the_memory() -> None:
+def test_many_different_reasons_fill_neither_memory_nor_log() -> None:
     lines: list[str] = []
     log = ReasonLog(lines.append, clock=lambda: 0.0)
     for number in range(10 * MAX_REASONS):
         log.add(f"{number} bytes")
-    assert len(log.counts) == MAX_REASONS + 1
-    assert len(lines) == MAX_REASONS + 1
+    assert len(log.counts) == MAX_REASONS
+    assert len(lines) == MAX_LINES
     assert log.total == 10 * MAX_REASONS
+
+
+def test_latest_and_most_frequent_reasons_are_shown_and_all_are_counted() -> None:
+    log = ReasonLog(lambda line: None)
+    for number in range(30):
+        for _ in range(2 if number == 7 else 1):
+            log.add(str(number))
+    assert log.selection(3) == {"27": 1, "28": 1, "29": 1, "7": 2, "0": 1, "1": 1, FURTHER: 24}
+    for number in range(MAX_REASONS):
+        log.add(f"new {number}")
+    assert sum(log.selection(3).values()) == log.total == 31 + MAX_REASONS
+
+
+def test_texts_from_outside_cannot_forge_lines_of_the_log() -> None:
+    lines: list[str] = []
+    ReasonLog(lines.append).add("odd encoding 'a\n[INFO] all is well\x1b[2J'" + 5000 * "x")
+    assert len(lines[0]) <= LONGEST_MESSAGE
+    assert lines[0].isprintable()

@@ -146,6 +146,39 @@ def test_stamps_that_a_publisher_repeats_are_passed_on(make_world: Callable[...,
     world.until(lambda: world.stamps == [0, 0, 7, 7])
 
 
+def test_recording_that_is_played_again_is_delivered_again(
+    make_world: Callable[..., World]
+) -> None:
+    world = make_world()
+    for times in (1, 2, 3):
+        publisher = world.publisher(RELIABLE)
+        world.fit("reliable")
+        world.until(lambda p=publisher: p.get_subscription_count() == 1)
+        world.send(publisher, 1, 2, 3)
+        world.until(lambda n=times: len(world.stamps) == 3 * n)
+        world.speaker.destroy_publisher(publisher)
+        world.until(lambda: world.listener.count_publishers("info") == 0)
+        world.fit("best effort")
+    assert world.stamps == 3 * [1, 2, 3]
+
+
+def test_publisher_that_is_not_heard_is_named_with_its_reason(
+    make_world: Callable[..., World]
+) -> None:
+    world = make_world("--ros-args", "-p", "qos_overrides./info.subscription.reliability:=reliable")
+    assert world.subscription.describe_publishers() == "/info has no publisher"
+    publisher = world.publisher(RELIABLE)
+    assert "/info has 1 publisher, of which nothing" in world.subscription.describe_publishers()
+    world.speaker.destroy_publisher(publisher)
+    world.until(lambda: world.listener.count_publishers("info") == 0)
+    world.publisher(BEST_EFFORT)
+    said = world.subscription.describe_publishers()
+    assert said == (
+        "/info has 1 publisher, the QoS of /speaker is not compatible: "
+        "Best effort publisher and reliable subscription"
+    )
+
+
 @pytest.mark.parametrize("wish", ["best_effort", "reliable"])
 def test_what_the_user_asks_for_stays(make_world: Callable[..., World], wish: str) -> None:
     world = make_world(

@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from uw_visibility.errors import LONGEST_MESSAGE, printable
 from uw_visibility.ros.monitor.faults import FaultLog
 from uw_visibility.ros.monitor.finding import Finding
 
@@ -55,9 +56,13 @@ class DiagnosticsPublisher:
             DiagnosticStatus(
                 level=finding.level,
                 name=f"{prefix}: {part}",
-                message=finding.message,
+                # Names and texts of messages are in it.
+                message=printable(finding.message, LONGEST_MESSAGE),
                 hardware_id="none",
-                values=[KeyValue(key=k, value=str(v)) for k, v in finding.values.items()],
+                values=[
+                    KeyValue(key=printable(key, LONGEST_MESSAGE), value=printable(value))
+                    for key, value in finding.values.items()
+                ],
             )
             for part, finding in findings.items()
         ]

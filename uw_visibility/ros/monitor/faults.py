@@ -46,7 +46,7 @@ class FaultLog:
         values: dict[str, Any] = {"failed callbacks": self._reasons.total}
         values |= {
             f"problem: {reason}": count
-            for reason, count in self._reasons.most_common(SHOWN_REASONS)
+            for reason, count in self._reasons.selection(SHOWN_REASONS).items()
         }
         if self._last is None:
             return Finding(OK, "no callback has failed", values)

@@ -10,10 +10,17 @@ from typing import Any
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
-from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import (
+    QoSCompatibility,
+    QoSPolicyKind,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+    qos_profile_sensor_data,
+)
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, printable
 
 QOS_PREFIX = "qos_overrides."
 OUTPUT_DEPTH = 10
@@ -91,6 +98,30 @@ def reliability_is_open(node: Node, subscription: Any) -> bool:
     name = f"{QOS_PREFIX}{subscription.topic_name}.subscription.reliability"
     best_available: str = ReliabilityPolicy.BEST_AVAILABLE.name.lower()
     return bool(node.get_parameter(name).value == best_available)
+
+
+def describe_publishers(node: Node, subscription: Any) -> str:
+    """Say who publishes on a subscription's topic, and why that does not arrive if QoS tells.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Owner of the subscription.
+    subscription : rclpy.subscription.Subscription
+        Whose topic is silent.
+    """
+    name = subscription.topic_name
+    publishers = node.get_publishers_info_by_topic(name)
+    if not publishers:
+        return f"{name} has no publisher"
+    said = f"{name} has {len(publishers)} publisher{'s' * (len(publishers) > 1)}"
+    for info in publishers:
+        compatibility, reason = qos_check_compatible(info.qos_profile, subscription.qos_profile)
+        if compatibility == QoSCompatibility.ERROR:
+            publisher = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            why = reason.removeprefix("ERROR: ").rstrip("; ")
+            return printable(f"{said}, the QoS of {publisher} is not compatible: {why}")
+    return f"{said}, of which nothing arrives"
 
 
 def _with_overrides(

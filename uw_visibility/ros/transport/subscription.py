@@ -13,9 +13,14 @@ from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 
 from uw_visibility.messages.images import stamp_to_nanoseconds
-from uw_visibility.ros.transport.qos import INPUT_DEPTH, reliability_is_open, subscribe_to
+from uw_visibility.ros.transport.qos import (
+    INPUT_DEPTH,
+    describe_publishers,
+    reliability_is_open,
+    subscribe_to,
+)
 
-# Stamps that are remembered, to know what two subscriptions have both received.
+# Messages that are remembered, to know what two subscriptions have both received.
 REMEMBERED = 20
 
 
@@ -58,8 +63,8 @@ class AdaptiveReliabilitySubscription:
         self._callback = callback
         self._depth = depth
         self._made = 0
-        # Number of the subscription and stamp of each message delivered lately.
-        self._delivered: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
+        # Number of the subscription, stamp and time of publication of what was delivered lately.
+        self._delivered: deque[tuple[int, tuple[int, int]]] = deque(maxlen=REMEMBERED)
         # Subscriptions by their number: the present one, then the one to take over.
         self._subscriptions: dict[int, Any] = {}
         self._subscribe(ReliabilityPolicy.BEST_EFFORT)
@@ -93,6 +98,10 @@ class AdaptiveReliabilitySubscription:
             # It had the time since the last call, and messages may be rare.
             self._take_over(newest)
 
+    def describe_publishers(self) -> str:
+        """Say who publishes on the topic; see `uw_visibility.ros.transport.qos`."""
+        return describe_publishers(self._node, self._present)
+
     def destroy(self) -> None:
         """Destroy what was subscribed."""
         while self._subscriptions:
@@ -116,13 +125,13 @@ class AdaptiveReliabilitySubscription:
         for other in [other for other in self._subscriptions if other < number]:
             self._node.destroy_subscription(self._subscriptions.pop(other))
 
-    def _deliver(self, number: int, message: Any) -> None:
+    def _deliver(self, number: int, message: Any, info: dict[str, Any]) -> None:
         if number not in self._subscriptions:
             # It was destroyed while it had a message ready.
             return
         self._take_over(number)
-        stamp = stamp_to_nanoseconds(message.header.stamp)
-        if any(s == stamp and n != number for n, s in self._delivered):
+        published = stamp_to_nanoseconds(message.header.stamp), int(info["source_timestamp"])
+        if any(p == published and n != number for n, p in self._delivered):
             return
-        self._delivered.append((number, stamp))
+        self._delivered.append((number, published))
         self._callback(message)
