@@ -152,13 +152,13 @@ def test_recording_that_is_played_again_is_delivered_again(
     world = make_world()
     for times in (1, 2, 3):
         publisher = world.publisher(RELIABLE)
-        world.update_qos("reliable")
+        world.adapt("reliable")
         world.until(lambda p=publisher: p.get_subscription_count() == 1)
         world.send(publisher, 1, 2, 3)
         world.until(lambda n=times: len(world.stamps) == 3 * n)
         world.speaker.destroy_publisher(publisher)
         world.until(lambda: world.listener.count_publishers("info") == 0)
-        world.update_qos("best effort")
+        world.adapt("best effort")
     assert world.stamps == 3 * [1, 2, 3]
 
 
