@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The command `uw_visibility`."""
+"""Command line of `uw_visibility`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COMMANDS = (enhance, replay, calibrate, simulate, evaluate, demo, warmup)
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are one sentence, like those of all other bad input."""
+    """Argument parser whose errors are one sentence, like those of all other bad input."""
 
     def error(self, message: str) -> NoReturn:
         raise InputError(f"{message} (see {self.prog} --help)")

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where compiled kernels are kept, and whose files may be run.
+"""Folders of compiled kernels, and whose files may be run.
 
 A kernel's file is code. It is run only where nobody but the user or root can have written
 it, and written only where nobody else can exchange it; root trusts root alone.

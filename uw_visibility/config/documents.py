@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""YAML and JSON from outside: read within limits, and refused where they are ambiguous."""
+"""YAML and JSON documents, read within limits and refused where they are ambiguous."""
 
 from __future__ import annotations
 

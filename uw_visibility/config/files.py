@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files of a user: regular ones of a size are read, and results appear whole or not at all."""
+"""File access: regular files within a size are read, and results appear whole or not at all."""
 
 from __future__ import annotations
 

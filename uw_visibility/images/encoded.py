@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Encoded images: size and completeness are read from the bytes before any of it is decoded.
+"""Encoded images: header and completeness are checked before anything is decoded.
 
 A few bytes can claim any size, and a decoder takes the memory for it first. What ends
 early, decoders fill with grey without a word.
@@ -45,7 +45,7 @@ class TruncatedError(InputError):
 
 
 class Header(NamedTuple):
-    """What the bytes of an encoded image say of it.
+    """Header of an encoded image: size, depth and completeness.
 
     Attributes
     ----------

@@ -78,7 +78,7 @@ class FrameWork:
 
 
 class FrameProcessor:
-    """Reads frames, runs the pipeline on them and makes the messages of its results.
+    """Frame processor: reads frames, runs the pipeline and makes the messages of its results.
 
     Pipelines are made anew when the calibration or their configuration changes.
 

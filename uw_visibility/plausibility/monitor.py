@@ -182,7 +182,7 @@ class DepthMonitor:
         return len(self._differences) >= self.config.bias_window
 
     def _bias(self) -> tuple[float, float]:
-        """Return the learned bias and its variance: the weighted mean of the first differences."""
+        """Return the learned bias (weighted mean of the first differences) and its variance."""
         if self.config.bias_window == 0:
             return 0.0, 0.0
         values, variances = np.array(self._differences[: self.config.bias_window]).T

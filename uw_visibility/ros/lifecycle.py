@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class UwVisibilityLifecycleNode(LifecycleNode):
-    """The same work as `uw_visibility.ros.node.UwVisibilityNode`, under a lifecycle.
+    """Managed node with the work of `uw_visibility.ros.node.UwVisibilityNode`.
 
     Configuring subscribes, advertises and compiles; only an active node takes
     images and publishes results.

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node ``uw_visibility`` and its main function."""
+"""Node ``uw_visibility`` and its main function."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from uw_visibility.ros.run import run
 
 
 class UwVisibilityNode(Node):
-    """Assesses the water, enhances the images and improves the disparity of stereo frames.
+    """Node that assesses the water, enhances images and improves the disparity of stereo frames.
 
     Attributes
     ----------

@@ -57,7 +57,7 @@ class Settings:
 
 
 class NodeParameters:
-    """Declares every parameter on a node and keeps `settings` up to date.
+    """ROS parameters of a node, declared at once; `settings` follows their changes.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a camera makes of light beside its noise: lens, colour filters, balance, curve, codec."""
+"""Camera effects beside noise: vignetting, colour filters, white balance, transfer, codec."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LARGEST_GAIN = 4.0
 
 @dataclass(frozen=True)
 class CameraEffects:
-    """How a camera departs from a linear one; the defaults change nothing.
+    """Departures of a camera from a linear one; the defaults change nothing.
 
     Attributes
     ----------

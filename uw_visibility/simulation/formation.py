@@ -33,7 +33,7 @@ _BLURS = (0.0, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24
 
 @dataclass(frozen=True)
 class Geometry:
-    """Where the pixels of an image look.
+    """Viewing directions of an image's pixels.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Effects:
-    """What disturbs the light model.
+    """Disturbances of the light model: marine snow and caustics.
 
     Attributes
     ----------

@@ -49,7 +49,7 @@ def spectral_types() -> list[str]:
 
 @dataclass(frozen=True)
 class BandAverages:
-    """What a camera's channels see of a water's spectrum.
+    """Band-averaged transmission of a water's spectrum in a camera's channels.
 
     Attributes
     ----------

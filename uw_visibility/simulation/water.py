@@ -27,7 +27,7 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class WaterEffects:
-    """How water departs from the paper's; the defaults change nothing.
+    """Departures of water from the paper's; the defaults change nothing.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ LEVELS_OF_MEANS = 1024
 
 @dataclass(frozen=True)
 class Levels:
-    """How code values are grouped into the levels of the histogram.
+    """Quantisation levels: groups of code values that the histogram counts.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ from uw_visibility.water.kalman import ATTENUATION, LIGHT, Measurement, WaterSta
 
 
 class TrackingEvent(Enum):
-    """What a frame did to the state."""
+    """Event of the filter: the effect of a frame on the state."""
 
     STARTED = "started"
     UPDATED = "updated"

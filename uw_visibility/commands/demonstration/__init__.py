@@ -1,3 +1,3 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The demonstration: a simulated transect through the real node, held against the truth."""
+"""Demonstration: a simulated transect through the real node, compared with the truth."""

@@ -20,7 +20,7 @@ TRUTH = "/ground_truth/"
 
 @dataclass(frozen=True)
 class RecordedFrame:
-    """What a bag holds for one instant.
+    """Messages and truth of one instant of a bag.
 
     Attributes
     ----------

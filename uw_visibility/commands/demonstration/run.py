@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The demonstration from end to end: simulate, run the node, play, compare, draw."""
+"""Demonstration from end to end: simulate, run the node, play, compare, draw."""
 
 from __future__ import annotations
 

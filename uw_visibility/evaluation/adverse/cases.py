@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""One case of the adverse study: a scene, an effect, and what each method says of the water."""
+"""Case of the adverse study: a scene, an effect, and each method's estimate of the water."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class AdverseCase:
 
 @dataclass(frozen=True)
 class AdverseResult:
-    """What came out of a case.
+    """Results of a case.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class AdverseResult:
 
 
 def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> AdverseResult:
-    """Put a scene under water with an effect, and let each method estimate the water.
+    """Simulate a scene under water with an effect, and estimate the water by each method.
 
     Parameters
     ----------

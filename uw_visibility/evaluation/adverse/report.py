@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The adverse study for a terminal, and as CSV and JSON."""
+"""Reports of the adverse study: text for a terminal, CSV and JSON."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The adverse study: every effect at every level on every scene."""
+"""Adverse study: every effect at every level on every scene."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DEPTHS = (3.0,)
 
 @dataclass(frozen=True)
 class AdversePlan:
-    """What is to be studied.
+    """Plan of an adverse study.
 
     Attributes
     ----------

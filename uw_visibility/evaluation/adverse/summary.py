@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The adverse study in numbers: error, σ, refusals, and what was published beyond 3 σ."""
+"""Summary statistics of the adverse study: error, σ, refusals, and estimates beyond 3 σ."""
 
 from __future__ import annotations
 

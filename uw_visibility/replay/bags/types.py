@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The message types of ROS 2 Jazzy, as rosbags knows them."""
+"""Message types of ROS 2 Jazzy, as rosbags knows them."""
 
 from __future__ import annotations
 

@@ -1,3 +1,3 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The report of a recording, in HTML and figures."""
+"""Report of a recording, in HTML and figures."""

@@ -1,3 +1,3 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What replay writes: table, mcap, summary and provenance."""
+"""Results of a replay: table, mcap, summary and provenance."""

@@ -19,7 +19,7 @@ SHOWN_REASONS = 10
 
 
 class FaultLog:
-    """Counts exceptions that callbacks and timers raised.
+    """Log of exceptions that callbacks and timers raised, with their counts.
 
     Safe to use from several threads.
 
