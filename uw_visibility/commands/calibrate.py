@@ -111,7 +111,7 @@ def _parameter_file(arguments: argparse.Namespace, found: Calibration) -> str:
 
 
 def _describe(found: Calibration, series: CalibrationSeries) -> str:
-    """Return what was found, how certain it is, and what it changes."""
+    """Return the calibration as text: values, certainty, and effect on depth."""
     import numpy as np
 
     low, high = found.depth_range

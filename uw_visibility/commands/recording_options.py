@@ -42,7 +42,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
 
 
 def read_recording_options(arguments: argparse.Namespace) -> ReplayOptions:
-    """Return what the options say.
+    """Return the options of a replay.
 
     Raises
     ------

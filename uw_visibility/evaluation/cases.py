@@ -179,7 +179,7 @@ class CaseResult:
 
 
 def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
-    """Put a scene under water and measure everything that the experiments need.
+    """Simulate a scene under water and measure everything that the experiments need.
 
     Parameters
     ----------

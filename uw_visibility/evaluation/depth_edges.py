@@ -130,7 +130,7 @@ def edge_errors(
 
 
 def _timed(call: Callable[[], Map]) -> tuple[Map, float]:
-    """Return what a call gives and its processor time, ms, once memory is allocated."""
+    """Return a call's result and its processor time, ms, once memory is allocated."""
     call()
     begin = time.thread_time()
     found = call()

@@ -64,7 +64,7 @@ class Plan:
     noises: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse what is no water, and put the grid in order."""
+        """Validate the waters and sort the grid."""
         for name, unit, largest in (
             ("attenuations", "1/m", LARGEST_ATTENUATION), ("depths", "m", LARGEST_DEPTH),
         ):

@@ -23,7 +23,7 @@ def first_enhancement(
     right: NDArray[Any],
     pipeline: Pipeline,
 ) -> NDArray[Any]:
-    """Restore the left image with the coarse map of step 1 and what it says of the water.
+    """Restore the left image with the coarse map of step 1 and its estimate of the water.
 
     Parameters
     ----------

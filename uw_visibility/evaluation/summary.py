@@ -80,7 +80,7 @@ def summarise(evaluation: Evaluation) -> Summary:
 
 
 def water_errors(pairs: Sequence[Pair]) -> Summary:
-    """Errors of α, d_vis and z, normalised errors of β, and what was not assessed and why.
+    """Errors of α, d_vis and z, normalised errors of β, and refusals by reason.
 
     Parameters
     ----------

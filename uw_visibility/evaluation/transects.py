@@ -26,7 +26,7 @@ from uw_visibility.water.estimation import WaterEstimator
 
 @dataclass(frozen=True)
 class TransectPlan:
-    """A transect to be swum; small, so that processes can exchange it.
+    """Plan of a rendered transect; small, so that processes can exchange it.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class TransectRow:
 
 
 def evaluate_transect(plan: TransectPlan, config: PipelineConfig) -> list[TransectRow]:
-    """Swim a transect and assess its frames, each alone and filtered over time.
+    """Render a transect and assess its frames, each alone and filtered over time.
 
     Parameters
     ----------

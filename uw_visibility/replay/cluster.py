@@ -80,7 +80,7 @@ def replay_on_cluster(
 
 
 def _outcome(future: Any) -> Summary | InputError:
-    """Return what became of a task; any other error is raised here."""
+    """Return the outcome of a task; any error but bad input is raised here."""
     try:
         return cast(Summary, future.result())
     except InputError as error:

@@ -164,7 +164,7 @@ class _Replay:
             self.summary.count(row)
 
     def _finish(self, hashed: bool) -> None:
-        """Close everything, whole or partial, and write what is made of it."""
+        """Close everything, whole or partial, and write report and summary."""
         if not hashed:
             self._hash.stop()
         if self.summary.complete:

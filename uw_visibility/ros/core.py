@@ -145,7 +145,7 @@ class NodeCore:
         self._made.callback(setattr, parameters, "try_out", None)
 
     def try_out(self, settings: Settings) -> None:
-        """Make what settings ask for, for images as they come.
+        """Try out settings on images as they come, before they are accepted.
 
         Parameters
         ----------
@@ -185,7 +185,7 @@ class NodeCore:
         return self.worker.stop(timeout)
 
     def destroy(self) -> None:
-        """Destroy what was made on the node, after `stop`."""
+        """Destroy publishers, subscriptions and timers, after `stop`."""
         self._made.close()
 
     def diagnose(self) -> Mapping[str, Finding]:

@@ -24,7 +24,7 @@ PUBLICATION = {"RMW_FASTRTPS_PUBLICATION_MODE": "ASYNCHRONOUS"}
 
 
 def node_environment(given: Mapping[str, str]) -> dict[str, str]:
-    """Return what to add to an environment for the node.
+    """Environment variables to add for the node.
 
     Parameters
     ----------

@@ -71,7 +71,7 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         return self._do(self._working_core.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give back what `on_configure` made."""
+        """Release what `on_configure` allocated."""
         return self._do(self._give_back)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -79,7 +79,7 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         return self._do(self._give_back)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give back what is left, so that the node can be configured again."""
+        """Release what is left, so that the node can be configured again."""
         return self._do(self._give_back)
 
     @property

@@ -9,7 +9,7 @@ import gc
 
 
 def release_memory() -> None:
-    """Give what is not in use back to the system, as after a clean-up.
+    """Return unused memory to the system, as after a clean-up.
 
     Each thread frees into an arena of its own, so that without this every new worker would
     leave one frame's memory behind.

@@ -34,7 +34,7 @@ class StereoCamera:
     baseline: float = 0.12
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be a camera."""
+        """Validate size, focal length and baseline."""
         if self.width < 8 or self.height < 8:
             raise InputError(
                 f"image size {self.width}x{self.height} is too small: give at least 8x8 pixels"
@@ -103,7 +103,7 @@ class Sensor:
     read_noise: float = 20.0
 
     def __post_init__(self) -> None:
-        """Refuse what no sensor has."""
+        """Validate full well and read noise."""
         if not self.full_well > 0.0:
             raise InputError(f"full well is {self.full_well:g} electrons: give more than zero")
         if not 0.0 <= self.read_noise < math.inf:

@@ -54,7 +54,7 @@ class CameraEffects:
     jpeg: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse what no camera does."""
+        """Validate the effects."""
         if self.transfer not in ("linear", "srgb"):
             raise InputError(f"transfer is {self.transfer!r}: give linear or srgb")
         if not all(0.0 < gain <= 10.0 for gain in self.white_balance):

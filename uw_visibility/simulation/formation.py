@@ -116,7 +116,7 @@ def split_irradiance(
 def path_transmission(
     ranges: Map, geometry: Geometry, water: Water
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Transmission of the light from the scene, and what the veil lacks, each (..., 3).
+    """Transmission of the scene's light, and missing share of the veil, each (..., 3).
 
     Both are e^(−T) where the water has no spectrum.
     """

@@ -70,7 +70,7 @@ def fractal_noise(
     lattice: Any, x: float, y: float, z: float, cell: float, octaves: int, persistence: float,
     footprint: float,
 ) -> float:
-    """Sum octaves of value noise, leaving out what a pixel cannot resolve.
+    """Fractal noise: octaves of value noise, without those that a pixel cannot resolve.
 
     An octave fades where its cells come near the pixel's footprint. So what is
     far away is smooth rather than aliased, and alike in both views.

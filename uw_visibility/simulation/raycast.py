@@ -156,7 +156,7 @@ def capsule_distance(capsule: Any, eye: Any, dx: float, dy: float, dz: float) ->
 def nearest(
     scene: Scene, candidates: Any, eye: Any, dx: float, dy: float, dz: float, limit: float
 ) -> tuple[float, int]:
-    """Return the distance to what a ray meets first, and which shape that is."""
+    """Nearest intersection of a ray: its distance, and the shape."""
     best = floor_distance(scene, eye, dx, dy, dz, limit)
     hit = FLOOR if best < math.inf else NOTHING
     centres, axes = scene.ellipsoid_centres, scene.ellipsoid_axes

@@ -73,7 +73,7 @@ class BandAverages:
         return self._interpolate(ranges, self.log_transmission)
 
     def unveiled(self, ranges: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return what the veil lacks of its value at infinity, shape (..., 3), 0 .. 1."""
+        """Missing share of the veil's value at infinity, shape (..., 3), 0 .. 1."""
         return self._interpolate(ranges, self.log_unveiled)
 
     def _interpolate(self, ranges: NDArray[np.floating], table: Vector) -> NDArray[np.float64]:

@@ -66,7 +66,7 @@ class Transect:
     water_effects: WaterEffects = WaterEffects()
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be swum."""
+        """Validate the plan."""
         if self.frames < 1:
             raise InputError(f"number of frames is {self.frames}: give at least 1")
         if not 0.0 < self.rate <= 1000.0:
@@ -84,7 +84,7 @@ class Transect:
         return self.speed * (self.frames - 1) / self.rate
 
     def render(self) -> Iterator[TransectFrame]:
-        """Swim the transect and yield its frames in turn."""
+        """Render the transect's frames in turn."""
         scene = reef(self.seed, self.length)
         renderer = Renderer(
             self.camera, self.sensor, self.effects, self.workers, self.camera_effects)

@@ -72,7 +72,7 @@ class WaterEffects:
     light_gradient: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what no water does."""
+        """Validate the effects."""
         for name, largest, unit in (
             ("particle_slope", 4.0, ""), ("cdom", 10.0, " 1/m"), ("blur", 20.0, " px/m"),
             ("layer", 10.0, " 1/m"), ("plume", 10.0, " 1/m"), ("plume_share", 1.0, ""),
@@ -137,7 +137,7 @@ class Water:
     effects: WaterEffects = WaterEffects()
 
     def __post_init__(self) -> None:
-        """Refuse what is not water."""
+        """Validate attenuation, depth and exposure."""
         if not 0.0 <= self.mean_attenuation < math.inf:
             raise InputError(
                 f"mean attenuation is {self.mean_attenuation:g} 1/m: give zero or more"

@@ -80,7 +80,7 @@ def _average_cells(start: int, stop: int, disparity: Any, small: Any) -> None:
 def _fill_open(
     start: int, stop: int, disparity: Any, small: Any, low: Any, high: Any, filled: Any
 ) -> None:
-    """Give open pixels the cells' values, interpolated between cell centres."""
+    """Interpolate open pixels bilinearly between cell centres."""
     last_row = small.shape[0] - 1
     last_column = small.shape[1] - 1
     half = np.float32(0.5)

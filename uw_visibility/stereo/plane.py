@@ -86,7 +86,7 @@ def fill_plane(
     tolerance: float = 1.0,
     seed: int = 0,
 ) -> tuple[NDArray[np.float32], DisparityPlane | None]:
-    """Fill what a thin mesh leaves open from the dominant plane (section II-E).
+    """Dominant plane in place of what a thin mesh leaves open (section II-E).
 
     Parameters
     ----------

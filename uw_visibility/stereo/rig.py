@@ -282,7 +282,7 @@ class Rectifier:
         return rectified[0], rectified[1]
 
     def rectify_reduced(self, left: NDArray[Any], factor: int) -> NDArray[Any]:
-        """Rectify a left image whose pixels are means of squares of the raw one's.
+        """Rectify a reduced left image, whose pixels are means of squares of the raw one's.
 
         Parameters
         ----------

@@ -119,7 +119,7 @@ class WaterState:
         self._drift = np.zeros((6, 6))
 
     def predict(self, elapsed: float, config: TrackingConfig) -> None:
-        """Let time pass (s): what is known becomes less so."""
+        """Predict the state after some time (s): its covariance grows."""
         turbidity = (config.turbidity_rate * self._scale()) ** 2 * elapsed
         self.covariance[ATTENUATION, ATTENUATION] += turbidity * (
             1.0 - _CHANNEL_SHARE**2 + _CHANNEL_SHARE**2 * np.eye(3)
@@ -145,7 +145,7 @@ class WaterState:
     def accepts(
         self, measurement: Measurement, probability: float, drifting: bool = True
     ) -> bool:
-        """Tell whether a measurement may well be one of this state, drifting on or not."""
+        """Chi-squared gate: whether a measurement may be one of this state, drifting or not."""
         index = np.flatnonzero(np.repeat(self.known & measurement.seen, 2))
         if index.size == 0:
             return True
@@ -178,7 +178,7 @@ class WaterState:
         return np.asarray(share * np.outer(innovation, innovation))
 
     def adapt(self, measurement: Measurement, probability: float) -> None:
-        """Let the process noise grow as far as innovations say that the water changed.
+        """Adapt the process noise to innovations that the state's covariance does not explain.
 
         They say so where this one is beyond the gate that the state would have
         without its drift of late; and where the mean of late ones, which is about

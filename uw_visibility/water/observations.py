@@ -212,7 +212,7 @@ def _quantiles(
 def _noise_shift(
     noise: NDArray[np.float64], rise: NDArray[np.float64], quantiles: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """How far noise moves the dark envelope below the darkest light.
+    """Bias of the dark envelope by noise: how far it lies below the darkest light.
 
     Where the dark end is as steep as noise alone makes it, the envelope lies
     at the noise's own quantile; where the scene itself makes a long tail, the

@@ -119,7 +119,7 @@ def score(
 
 
 def summarize(rows: Sequence[FrameComparison]) -> list[tuple[str, str]]:
-    """Return what the terminal shows: names and values.
+    """Summary statistics for the terminal: names and values.
 
     The disparity before and after is compared over the frames that the node
     answered.

@@ -125,7 +125,7 @@ def _draw_curves(
 
 
 def _legend() -> list[Line2D]:
-    """Name what the panels show, whatever their colour."""
+    """Legend of the panels, whatever their colour."""
     grey = "#555555"
     return [
         Line2D([], [], marker=".", linestyle="", color=IN_AIR, label="ρ, pixels in air"),

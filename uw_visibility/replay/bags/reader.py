@@ -77,7 +77,7 @@ class BagReader:
 
     @property
     def damage(self) -> list[str]:
-        """What could not be read so far, in sentences."""
+        """Damage found so far, in sentences."""
         return self._notes + [note for s in self._storages for note in s.damage]
 
     def messages(

@@ -61,7 +61,7 @@ class ReplayOptions:
     origin: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be done."""
+        """Validate the options."""
         if not 0.0 <= self.start < math.inf:
             raise InputError(f"--start is {self.start:g}: give the seconds to leave out")
         if not self.duration > 0.0:
@@ -87,7 +87,7 @@ class ReplayOptions:
         return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
 
     def extras(self) -> dict[str, Any]:
-        """Return what is made of a result beside the table and the messages, as JSON has it."""
+        """Return the outputs beside the table and the messages, for JSON."""
         return {"images": self.images, "video": self.video, "geo": self.geo}
 
     def with_threads(self, threads: int) -> ReplayOptions:

@@ -186,7 +186,7 @@ class InputStream:
         return start, stop
 
     def _take_calibration(self, start: int | None) -> None:
-        """Hand over the calibration that is given, or what was sent before the start."""
+        """Add the calibration that is given, or the last one sent before the start."""
         if self._options.infos is not None:
             for side, info in zip(("left", "right"), self._options.infos, strict=True):
                 self.synchronizer.add_info(side, _stamped(0, 0, info))
@@ -225,7 +225,7 @@ class InputStream:
             )
 
     def _is_latched(self, infos: dict[str, str]) -> bool:
-        """Tell whether there are fewer CameraInfo than images, so that one may be long ago."""
+        """Tell whether CameraInfo is latched: fewer of them than images."""
         for info, image in zip(infos, self.selection.images(), strict=True):
             counts = self._reader.channels[info].count, self._reader.channels[image].count
             if counts[0] is None or counts[1] is None or counts[0] < 0.9 * counts[1]:

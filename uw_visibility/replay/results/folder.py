@@ -48,7 +48,7 @@ def check_target(target: Path, force: bool) -> None:
 
 
 def read_state(folder: Path) -> dict[str, Any]:
-    """Return what a result says of itself.
+    """Read the state of a result: origin and completeness.
 
     Raises
     ------
@@ -98,7 +98,7 @@ class ResultFolder:
             raise InputError(f"cannot make folder {self.work}: {error.strerror}") from error
 
     def state(self) -> dict[str, Any]:
-        """Return what the partial result says of itself.
+        """State of the partial result.
 
         Raises
         ------
@@ -115,7 +115,7 @@ class ResultFolder:
             ) from error
 
     def write_state(self, state: dict[str, Any]) -> None:
-        """Write what the result says of itself."""
+        """Write the state of the result."""
         text = json.dumps(state, indent=1, allow_nan=False)
         aside = self.work / (MARK + ".new")
         aside.write_text(text + "\n", encoding="utf-8")
@@ -139,7 +139,7 @@ class ResultFolder:
             self.earlier = None
 
     def complete(self) -> None:
-        """Give the result its name."""
+        """Rename the complete result to its target."""
         if self.target.is_dir():
             shutil.rmtree(self.target)
         self.work.rename(self.target)

@@ -104,7 +104,7 @@ class Joiner:
             yield from self._complete(at_end=False)
 
     def restart(self) -> None:
-        """Forget what the plausibility test learned: the stamps of the images jumped back."""
+        """Reset the plausibility test: the stamps of the images jumped back."""
         if self._monitor is None:
             return
         report = self._monitor.report(self._now)
@@ -116,7 +116,7 @@ class Joiner:
         yield from self._complete(at_end=True)
 
     def report(self) -> Report | None:
-        """Return what the plausibility test found, if there is a sensor."""
+        """Report of the plausibility test, if there is a sensor."""
         if self._monitor is None:
             return None
         report = self._monitor.report(self._now)

@@ -25,7 +25,7 @@ def version() -> str:
 
 
 def fingerprint(files: Sequence[Path]) -> str:
-    """Return what tells at once whether files are the same as before.
+    """Fingerprint of files: names, sizes and samples of their bytes.
 
     It is a hash of names, sizes, both ends, and samples spread over each file: to
     read a day's recordings whole takes as long as replaying them. Files of up to
@@ -118,7 +118,7 @@ class FileHash:
         return "not computed" if self._stop.is_set() else self._hash.hexdigest()
 
     def stop(self) -> None:
-        """Give up."""
+        """Abandon the computation."""
         self._stop.set()
         self._thread.join()
 

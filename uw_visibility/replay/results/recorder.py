@@ -74,7 +74,7 @@ class FrameRecorder:
         self._results.close(provenance)
 
     def forget_estimates(self) -> None:
-        """Remove what only going on from here would need."""
+        """Remove the files that only a resumed replay would need."""
         self._estimates.remove()
 
     def _write_timing(self, answer: FrameAnswer) -> None:

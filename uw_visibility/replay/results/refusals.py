@@ -106,12 +106,12 @@ class Refusals:
         ]
 
     def state(self) -> list[dict[str, Any]]:
-        """Return them as JSON has it."""
+        """Serialise the refusals for JSON."""
         return [asdict(refusal) for refusal in self._refusals.values()]
 
     @classmethod
     def of_state(cls, state: list[dict[str, Any]]) -> Refusals:
-        """Return what `state` returned."""
+        """Restore from the output of `state`."""
         refusals = cls()
         for values in state:
             refusals._refusals[values["what"], values["why"]] = Refusal(**values)
@@ -119,7 +119,7 @@ class Refusals:
 
 
 def _refused(row: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Yield quantity and reason of what a row lacks."""
+    """Yield quantity and reason of each refusal in a row."""
     if row["status"] == FAILED:
         yield WHOLE_FRAME, row["reason"]
         return

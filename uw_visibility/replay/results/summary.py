@@ -91,7 +91,7 @@ class Summary:
         return self.status[FAILED]
 
     def rejections(self) -> str:
-        """Say how many frames the filter over frames rejected, where it did."""
+        """Number of frames that the filter over frames rejected, in words; empty for none."""
         rejected = self.filtering[str(TrackingEvent.OUTLIER)]
         estimates = sum(self.filtering[str(event)] for event in TAKEN) + rejected
         if not rejected:
@@ -116,7 +116,7 @@ class Summary:
             self.depth_status[row["depth_status"]] += 1
 
     def state(self, origin: Origin) -> dict[str, Any]:
-        """Return it as JSON has it, with what it was made from."""
+        """Serialise the summary and its origin for JSON."""
         return {
             "complete": self.complete, "version": origin.version, "bag": origin.bag,
             "input_sha256": self.provenance.get("input_sha256"),

@@ -78,7 +78,7 @@ class Collector:
             return self._news.wait_for(arrived, timeout)
 
     def by_stamp(self) -> dict[int, dict[str, Arrival]]:
-        """Return what came in by stamp (ns), then topic.
+        """Return the arrivals by stamp (ns), then topic.
 
         A message without a header belongs to the frame whose messages came in
         nearest to it: the node publishes a frame's messages in one go.

@@ -56,7 +56,7 @@ class FaultLog:
 
 
 def describe_fault(error: BaseException) -> str:
-    """Return what kind of exception was raised where."""
+    """Return an exception's type and the line that raised it."""
     places = traceback.extract_tb(error.__traceback__)
     name = type(error).__name__
     return f"{name} at {places[-1].filename}:{places[-1].lineno}" if places else name

@@ -28,7 +28,7 @@ class RecentCounts:
         self._snapshots: deque[tuple[float, dict[str, int]]] = deque()
 
     def update(self, now: float, counts: Mapping[str, int]) -> dict[str, int]:
-        """Return what was counted lately.
+        """Return the counts over the last seconds.
 
         Parameters
         ----------

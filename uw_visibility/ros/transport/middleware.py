@@ -34,7 +34,7 @@ ENOUGH = 2 * 640 * 480 * 3
 
 
 def give_memory(environment: MutableMapping[str, str] = os.environ) -> bool:
-    """Let messages leave and arrive through more memory; to be called before `rclpy.init`.
+    """Enlarge the memory of transport for images; to be called before `rclpy.init`.
 
     Nothing changes where the middleware was set up otherwise. Other middlewares do not
     read the variable.
@@ -58,7 +58,7 @@ def give_memory(environment: MutableMapping[str, str] = os.environ) -> bool:
 
 
 def scarce_memory(allowed: Path = SOCKET_MEMORY) -> str:
-    """Return what to do about sockets that have no room for a pair of images, or nothing.
+    """Advice on sockets that have no room for a pair of images, or nothing.
 
     Parameters
     ----------

@@ -101,7 +101,7 @@ def reliability_is_open(node: Node, subscription: Any) -> bool:
 
 
 def describe_publishers(node: Node, subscription: Any) -> str:
-    """Say who publishes on a subscription's topic, and why that does not arrive if QoS tells.
+    """Describe the publishers of a subscription's topic, and any mismatch of QoS.
 
     Parameters
     ----------

@@ -107,7 +107,7 @@ class DenseSearch:
         points: NDArray[np.float32],
         airlight: AirlightPrior | None = None,
     ) -> None:
-        """Try what the support points propose.
+        """Try the candidate disparities of the support points.
 
         Parameters
         ----------
@@ -130,7 +130,7 @@ class DenseSearch:
         plane: NDArray[np.float32],
         airlight: AirlightPrior | None = None,
     ) -> None:
-        """Try what the mesh proposes, and write the best of all.
+        """Try the disparities about the mesh's plane, and write the best of all.
 
         Parameters
         ----------
@@ -222,7 +222,7 @@ def _disparity_of(key: Any) -> Any:
 
 @njit(nogil=True)
 def as_disparity(start: int, stop: int, best: Any, disparity: Any) -> None:
-    """Write what was found as float32, px, with NaN for nothing."""
+    """Convert the disparities found to float32, px, with NaN for none."""
     for y in range(start, stop):
         for x in range(best.shape[1]):
             d = np.float32(best[y, x])

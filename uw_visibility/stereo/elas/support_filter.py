@@ -164,7 +164,7 @@ def mark_vertices(start: int, stop: int, kept: Any, vertices: Any) -> None:
 
 @njit(nogil=True)
 def _stands_out(kept: Any, row: int, column: int) -> bool:
-    """Whether a neighbour differs, or more than one is missing as at a region's border."""
+    """Tell whether a neighbour differs, or more than one is missing as at a region's border."""
     missing = 0
     for down, across in ((0, 1), (0, -1), (1, 0), (-1, 0)):
         difference = _step_to(kept, row, column, down, across)
