@@ -21,6 +21,7 @@ import pytest
 from hypothesis import settings
 
 WORKERS = 2
+NODE_FIXTURES = {"start_node", "make_client"}
 
 # The first example of a compiled kernel includes its compilation.
 settings.register_profile("project", deadline=None)
@@ -70,6 +71,13 @@ def pytest_configure_node(node: Any) -> None:
         stash[TURNS] = tempfile.TemporaryDirectory(prefix="uw_visibility_test_")
         node.config.add_cleanup(stash[TURNS].cleanup)
     node.workerinput["turns"] = stash[TURNS].name
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark as `node` what starts nodes through the fixtures that do."""
+    for item in items:
+        if NODE_FIXTURES & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.node)
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

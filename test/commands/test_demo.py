@@ -25,6 +25,8 @@ from uw_visibility.commands.demonstration.comparison import FrameComparison, sco
 from uw_visibility.commands.demonstration.node_process import NodeDied, NodeProcess
 from uw_visibility.messages.stamps import header_stamp, with_stamp
 
+pytestmark = pytest.mark.node
+
 COMMAND = [sys.executable, "-m", "uw_visibility.cli", "demo"]
 ENVIRONMENT = {k: v for k, v in os.environ.items() if not k.startswith("FASTRTPS")}
 

@@ -27,6 +27,8 @@ from uw_visibility.replay.results.mcap import NIS_TOPIC, NIS_TYPE
 from uw_visibility.replay.table import FAILED
 from uw_visibility.simulation.bag import TOPICS as RECORDED
 
+pytestmark = pytest.mark.node
+
 INPUTS = {topic: kind for topic, kind in RECORDED.items() if "ground_truth" not in topic}
 OUTPUTS = {
     f"/{topic}": kind

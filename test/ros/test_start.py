@@ -17,6 +17,8 @@ pytest.importorskip("rclpy", reason="ROS is not installed")
 
 from uw_visibility.ros import start
 
+pytestmark = pytest.mark.node
+
 ENVIRONMENT = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 COMMAND = "import sys; from uw_visibility.ros.start import {0}; sys.exit({0}())"
 
