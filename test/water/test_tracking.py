@@ -431,7 +431,7 @@ def test_a_channel_that_goes_dark_is_predicted_then_refused_and_comes_back():
     out = tracker.update(back, stamp + 7 * PERIOD)
     assert out.status is Status.OK
     assert out.attenuation[0] == pytest.approx(back.attenuation[0], abs=0.03)
-    assert out.attenuation_stddev[0] < 0.05
+    assert 0.75 < out.attenuation_stddev[0] / back.attenuation_stddev[0] < 1.001
 
 
 def test_a_channel_that_was_never_seen_is_not_invented():
@@ -463,6 +463,52 @@ def test_what_is_longer_unseen_is_less_certain():
     assert (np.diff(spreads, axis=0) > 0).all()
 
 
+@pytest.mark.parametrize("gap", [0.1, 2.0])
+def test_time_adds_the_variance_that_the_rates_say(gap):
+    config = TrackingConfig()
+    frame = drawn(np.random.default_rng(13))
+    tracker = WaterTracker(config)
+    tracker.update(frame, 0.0)
+    out = tracker.update(WaterEstimate.not_assessable(Status.TOO_DARK), gap)
+    light = np.tile((1.0, 0.0), 3) + np.stack((np.zeros(3), frame.ambient_light), axis=1).ravel()
+    added = (out.joint_covariance - frame.joint_covariance) / np.outer(light, light)
+    # Turbidity: three quarters of it are common to the channels.
+    wander = (config.turbidity_rate * frame.attenuation.mean()) ** 2 * gap
+    np.testing.assert_allclose(
+        added[0::2, 0::2], wander * (0.75 + 0.25 * np.eye(3)), rtol=1e-6)
+    # Light: exposure is common to them, colour is not.
+    colour = config.light_rate**2 * gap
+    np.testing.assert_allclose(
+        added[1::2, 1::2], config.exposure_change**2 + colour * np.eye(3), rtol=1e-6)
+
+
+def test_filtering_never_lessens_what_frames_share():
+    rng = np.random.default_rng(16)
+    tracker = WaterTracker(TrackingConfig(common_error=0.5))
+    for k in range(12):
+        frame = drawn(rng)
+        out = tracker.update(frame, k * PERIOD)
+        excess = out.joint_covariance[0::2, 0::2] - 0.5 * frame.joint_covariance[0::2, 0::2]
+        assert np.linalg.eigvalsh(excess).min() > -1e-9
+
+
+def test_after_a_ramp_uncertainty_grows_as_fast_as_the_water_changed():
+    """In proportion to time: who ramps goes on to, other than who wanders."""
+    grown = []
+    for gap in (0.5, 1.0, 2.0):
+        rng = np.random.default_rng(17)
+        tracker, stamp = settled(rng, scale=0.2, frames=10)
+        for k in range(1, 8):
+            tracker.update(drawn(rng, attenuation=BETA + 0.1 * k, scale=0.2), stamp + k * PERIOD)
+        before = tracker.estimate.attenuation_stddev
+        blind = WaterEstimate.not_assessable(Status.TOO_DARK)
+        after = tracker.update(blind, stamp + 7 * PERIOD + gap).attenuation_stddev
+        grown.append(np.sqrt(after**2 - before**2).mean() / gap)
+    np.testing.assert_allclose(grown, grown[0], rtol=0.1)
+    # The ramp is 0.5 1/m a second.
+    assert 0.25 < grown[0] < 1.0
+
+
 @pytest.mark.parametrize("stamp", [math.nan, math.inf])
 def test_a_stamp_that_is_no_time_is_refused(stamp):
     with pytest.raises(InputError, match="stamp"):
@@ -475,6 +521,25 @@ def test_the_filtered_state_is_assessed_like_any_other():
     assert seen.status is seen.depth_status is Status.OK
     assert abs(seen.mean_attenuation - 0.15) < 3 * seen.mean_attenuation_stddev
     assert abs(seen.depth - 4.0) < 3 * seen.depth_stddev
+
+
+def test_light_on_the_scene_keeps_its_ratio_to_the_veil_while_frames_are_rejected():
+    def lit(frame, ratio):
+        light = ratio * frame.ambient_light
+        return dataclasses.replace(frame, light=light, light_stddev=0.1 * light)
+
+    rng = np.random.default_rng(18)
+    tracker = WaterTracker()
+    for k in range(5):
+        out = tracker.update(lit(drawn(rng), 2.0), k * PERIOD)
+    out = tracker.update(lit(drawn(rng, attenuation=BETA + 1.0), 5.0), 5 * PERIOD)
+    assert tracker.event is TrackingEvent.OUTLIER
+    np.testing.assert_allclose(out.scene_light, 2.0 * out.ambient_light)
+    np.testing.assert_allclose(out.scene_light_stddev, 0.2 * out.ambient_light)
+    blind = WaterEstimate.not_assessable(Status.TOO_DARK)
+    out = tracker.update(blind, 6 * PERIOD)
+    np.testing.assert_allclose(out.scene_light, 2.0 * out.ambient_light)
+    assert WaterTracker().update(drawn(rng), 0.0).light is None
 
 
 def test_attenuation_stays_positive():

@@ -31,6 +31,9 @@ class TrackingEvent(Enum):
         return self.value
 
 
+_TAKEN_IN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTARTED)
+
+
 class WaterTracker:
     """Filters estimates of the water's state over time.
 
@@ -64,6 +67,8 @@ class WaterTracker:
         self._state: WaterState | None = None
         # Variance by the chance that rejected frames are right.
         self._doubt = np.zeros((6, 6))
+        # Light on the scene and its deviation, over the veil, in the frames taken in.
+        self._light = np.full((2, 3), np.nan)
         self._stamp = -math.inf
 
     def update(self, estimate: WaterEstimate, stamp_seconds: float) -> WaterEstimate:
@@ -101,6 +106,9 @@ class WaterTracker:
             if not self._state.known.any():
                 self._forget()
         self.event = self._correct(measurement)
+        if estimate.light is not None and self.event in _TAKEN_IN:
+            light = np.array((estimate.light, estimate.light_stddev)) / estimate.ambient_light
+            self._light = np.where(np.isfinite(light), light, self._light)
         self.estimate = self._filtered(estimate)
         return self.estimate
 
@@ -145,8 +153,11 @@ class WaterTracker:
         mean[absent] = np.nan
         joint[absent, :] = np.nan
         joint[:, absent] = np.nan
+        light = self._light * mean[LIGHT] if np.isfinite(self._light).any() else None
         return replace(
             estimate,
+            light=None if light is None else light[0],
+            light_stddev=None if light is None else light[1],
             status=next((reason for reason in status if reason is not Status.OK), Status.OK),
             attenuation=mean[ATTENUATION],
             ambient_light=mean[LIGHT],
