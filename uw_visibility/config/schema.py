@@ -23,13 +23,18 @@ from uw_visibility.config.parameters import (
     read_yaml,
     section,
 )
-from uw_visibility.config.water import AssessmentConfig, TrackingConfig, WaterConfig
+from uw_visibility.config.water import (
+    AssessmentConfig,
+    SurveyConfig,
+    TrackingConfig,
+    WaterConfig,
+)
 from uw_visibility.errors import InputError
 
 __all__ = [
     "AssessmentConfig", "CameraConfig", "EnhancementConfig", "NodeConfig", "PipelineConfig",
-    "PlausibilityConfig", "StereoConfig", "SynchronizationConfig", "TrackingConfig",
-    "WaterConfig",
+    "PlausibilityConfig", "StereoConfig", "SurveyConfig", "SynchronizationConfig",
+    "TrackingConfig", "WaterConfig",
 ]
 
 # tf2 takes none that begins with a slash.

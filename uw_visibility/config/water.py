@@ -101,3 +101,23 @@ class TrackingConfig:
         5.0, "Time without an estimate after which nothing is known of the state.",
         unit="s", minimum=0.01, maximum=3600.0,
     )
+
+
+@dataclass(frozen=True)
+class SurveyConfig:
+    """Observations of frames taken together, where each sees too little spread of range."""
+
+    enabled: bool = parameter(
+        True, "Estimate the water over frames while single ones do not show it, as in a survey "
+        "at constant altitude.",
+    )
+    window: float = parameter(
+        60.0, "Time over which frames are taken together.", unit="s", minimum=1.0,
+        maximum=3600.0,
+    )
+    min_frames: int = parameter(
+        20, "Frames that are needed.", minimum=8, maximum=10000,
+    )
+    max_frames: int = parameter(
+        240, "Frames that are kept; of more, evenly spaced ones.", minimum=16, maximum=10000,
+    )

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -16,11 +17,17 @@ from uw_visibility.images.noise import ROUNDING_VARIANCE
 from uw_visibility.images.view import ColourSamples, View
 from uw_visibility.optics.transfer import linear_table
 from uw_visibility.status import Status
-from uw_visibility.water.contrast import contrast_course, decay, envelope_decay, fuse_decays
+from uw_visibility.water.contrast import (
+    Decay,
+    contrast_course,
+    decay,
+    envelope_decay,
+    fuse_decays,
+)
 from uw_visibility.water.fit import Fit, blank, fit_plain
 from uw_visibility.water.lower_envelope import fit_lower_envelope
 from uw_visibility.water.observations import Envelopes, observe
-from uw_visibility.water.open_water import find_open_water
+from uw_visibility.water.open_water import OpenWater, find_open_water
 from uw_visibility.water.priors import Daylight, fuse
 from uw_visibility.water.validation import (
     black_attenuation,
@@ -224,21 +231,62 @@ class WaterEstimator:
         -------
         WaterEstimate
         """
-        if view.colour is None:
+        colour = view.colour
+        if colour is None:
             return WaterEstimate.not_assessable(Status.NO_COLOUR)
-        envelope = self._observe(view.colour, range_map, view.valid, range_error, coarse)
-        reason = self._refuse_frame(view.colour, envelope)
-        if reason is Status.OK and envelope.grey:
-            reason = Status.NO_COLOUR
+        envelope = self._observe(colour, range_map, view.valid, range_error, coarse)
+        if envelope.pixels == 0 and not colour.pixels.any():
+            return WaterEstimate.not_assessable(Status.TOO_DARK, envelope)
+        return self._estimate(
+            envelope, self._fewest_pixels(colour), start, range_error,
+            lambda active: self._cues(
+                colour, np.asarray(range_map, np.float32), view.valid, envelope, active))
+
+    def estimate_envelope(
+        self,
+        envelope: Envelopes,
+        contrast: Decay | None = None,
+        range_error: float = 0.0,
+    ) -> WaterEstimate:
+        """Estimate attenuation and ambient light from envelopes alone, as those of many frames.
+
+        Parameters
+        ----------
+        envelope : Envelopes
+        contrast : Decay, optional
+            Decay of contrast with range, where veil and light are told apart.
+        range_error : float
+            See `estimate`.
+
+        Returns
+        -------
+        WaterEstimate
+        """
+        return self._estimate(
+            envelope, self._config.min_bin_pixels, None, range_error,
+            lambda active: (contrast, None))
+
+    def _estimate(
+        self,
+        envelope: Envelopes,
+        fewest_pixels: int,
+        start: WaterEstimate | None,
+        range_error: float,
+        cues: Callable[[NDArray[np.bool_]], tuple[Decay | None, OpenWater | None]],
+    ) -> WaterEstimate:
+        """Validate, fit, validate the fit; `cues` gives those beside the envelopes."""
+        reason = refuse_frame(envelope, fewest_pixels, self._config.min_range_ratio)
         if reason is not Status.OK:
             return WaterEstimate.not_assessable(reason, envelope)
+        if envelope.grey:
+            return WaterEstimate.not_assessable(Status.NO_COLOUR, envelope)
         status = [refuse_channel(envelope, channel) for channel in range(3)]
         active = np.array([reason is Status.OK for reason in status])
         if not active.any():
             return WaterEstimate.not_assessable(status[0], envelope)
         if self._config.method != "paper" and self._config.veil == "free":
             return self._estimate_free_veil(
-                view.colour, range_map, view.valid, envelope, status, active, range_error)
+                envelope, status, active, range_error, *cues(active))
         fit = self._fit(envelope, active, start, range_error, self._clear_water)
         for channel in np.flatnonzero(active):
             status[channel] = validate_fit(fit, envelope, int(channel))
@@ -249,28 +297,37 @@ class WaterEstimator:
                 self._config.daylight_tolerance)
         return _assemble(fit, envelope, status)
 
-    def _estimate_free_veil(
+    def _cues(
         self,
         samples: ColourSamples,
-        range_map: NDArray[np.floating],
+        range_map: NDArray[np.float32],
         valid: NDArray[np.bool_] | None,
         envelope: Envelopes,
-        status: list[Status],
         active: NDArray[np.bool_],
-        range_error: float,
-    ) -> WaterEstimate:
-        """Estimate with the veil apart from the light."""
+    ) -> tuple[Decay | None, OpenWater | None]:
+        """Decay of contrast with range, and open water in view."""
         codes, irradiance = samples.pixels, linear_table(samples.transfer, samples.pixels.dtype)
-        ranges, valid = samples.reduce(np.asarray(range_map, dtype=np.float32), valid)
-        brightest = np.array(
-            [least_ambient_light(envelope, c) if active[c] else 1.0 for c in range(3)])
+        ranges, valid = samples.reduce(range_map, valid)
         mask = np.ones((1, 1), np.bool_) if valid is None else valid
         contrast = fuse_decays(
             decay(*contrast_course(
                 codes, ranges, mask, irradiance, envelope.limits,
                 np.sqrt(samples.noise**2 + ROUNDING_VARIANCE)), active),
             envelope_decay(envelope, active))
-        water = find_open_water(codes, ranges, valid, irradiance, envelope)
+        return contrast, find_open_water(codes, ranges, valid, irradiance, envelope)
+
+    def _estimate_free_veil(
+        self,
+        envelope: Envelopes,
+        status: list[Status],
+        active: NDArray[np.bool_],
+        range_error: float,
+        contrast: Decay | None,
+        water: OpenWater | None,
+    ) -> WaterEstimate:
+        """Estimate with the veil apart from the light."""
+        brightest = np.array(
+            [least_ambient_light(envelope, c) if active[c] else 1.0 for c in range(3)])
 
         def fit(
             lower: NDArray[np.float64], upper: NDArray[np.float64], light: NDArray[np.float64]
@@ -356,7 +413,9 @@ class WaterEstimator:
         samples = ColourSamples(
             np.dstack((view.pixels,) * 3), view.transfer, np.repeat(view.noise, 3))
         envelope = self._observe(samples, range_map, view.valid, range_error, coarse)
-        if self._refuse_frame(samples, envelope) is not Status.OK:
+        reason = refuse_frame(
+            envelope, self._fewest_pixels(samples), self._config.min_range_ratio)
+        if reason is not Status.OK:
             return None
         if refuse_channel(envelope, 0) is not Status.OK:
             return None
@@ -404,9 +463,8 @@ class WaterEstimator:
             plain=plain,
         )
 
-    def _refuse_frame(self, samples: ColourSamples, envelope: Envelopes) -> Status:
-        fewest = int(samples.count(self._config.min_bin_pixels))
-        return refuse_frame(envelope, samples.pixels, fewest, self._config.min_range_ratio)
+    def _fewest_pixels(self, samples: ColourSamples) -> int:
+        return int(samples.count(self._config.min_bin_pixels))
 
     def _fit(
         self,

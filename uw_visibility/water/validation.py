@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,24 +29,19 @@ MIN_NEAR_RADIANCE = 0.25
 MIN_OPTICAL_THICKNESS = 4.0
 
 
-def refuse_frame(
-    envelope: Envelopes, codes: NDArray[Any], min_pixels: int, min_range_ratio: float
-) -> Status:
+def refuse_frame(envelope: Envelopes, min_pixels: int, min_range_ratio: float) -> Status:
     """Validate a frame's observations: OK, or why no channel is assessable.
 
     Parameters
     ----------
     envelope : Envelopes
-    codes : ndarray
-        The image.
     min_pixels : int
         Pixels that a bin needs.
     min_range_ratio : float
         Ratio of the farthest to the nearest range that is needed.
     """
     if envelope.pixels < min_pixels * MIN_BINS:
-        # Nothing counted: are there no ranges, or is there no light?
-        return Status.TOO_DARK if not codes.any() else Status.TOO_FEW_OBSERVATIONS
+        return Status.TOO_FEW_OBSERVATIONS
     if (envelope.saturated > MAX_CLIPPED_FRACTION).all():
         return Status.SATURATED
     if len(envelope.range) == 0:
