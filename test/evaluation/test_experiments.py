@@ -65,7 +65,9 @@ def anew(scene_folder):
     scene = load_scene(scene_folder)
     left, right = scene.degraded(ALPHA, DEPTH, KAPPA)
     limit = 16 * (int(np.nanmax(scene.disparity_left)) // 16 + 1)
-    config = PipelineConfig.from_parameters({"stereo.max_disparity": limit - 1})
+    # The paper's water, which is lit as the scene is.
+    config = PipelineConfig.from_parameters(
+        {"water.veil": "paper", "stereo.max_disparity": limit - 1})
     rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
     return scene, left, right, limit, Pipeline(rig, config).process(left, right)
 
