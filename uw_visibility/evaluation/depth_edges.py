@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.matting import Matting
 from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.evaluation.degrade import Scene, fill_from_background
+from uw_visibility.evaluation.matting_laplacian import refine_by_laplacian
 from uw_visibility.evaluation.metrics import colour_difference, halo
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.pipeline.second_step import Stages
@@ -110,10 +111,12 @@ def edge_errors(
     maps = {"mesh": inpaint(mesh), "final": result.disparity_filled}
     maps["truth"] = fill_from_background(scene.disparity_left)
     times = {}
-    for method in ("guided", "laplacian"):
-        matting = Matting(replace(config.enhancement, matting=method), workers)
-        maps[method], times[method] = _timed(
-            lambda matting=matting: matting.refine(mesh, None, left).disparity)  # type: ignore[misc]
+    matting = Matting(config.enhancement, workers)
+    for method, refine in (
+        ("guided", lambda: matting.refine(mesh, None, left).disparity),
+        ("laplacian", lambda: refine_by_laplacian(mesh, left, config.enhancement)),
+    ):
+        maps[method], times[method] = _timed(refine)
     restorer = Restorer(config.enhancement, config.camera.transfer, workers)
     errors = []
     for name in MAPS:
