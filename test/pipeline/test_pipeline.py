@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from scenes import blurred, codes, stereo_pair, texture
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.errors import InputError
@@ -71,17 +72,8 @@ def test_nothing_unannounced_leaves(in_water, name):
 
 def scene_pair(disparity=14, seed=0, shape=(160, 240)):
     """A textured pair in colour: two planes, so that ranges differ."""
-    rng = np.random.default_rng(seed)
-    wide = np.zeros((shape[0], shape[1] + 40, 3))
-    for scale in (1, 2, 4, 8):
-        small = rng.random((shape[0] // scale + 1, shape[1] // scale + 41, 3))
-        wide += np.kron(small, np.ones((scale, scale, 1)))[: shape[0], : shape[1] + 40]
-    wide = (wide * 255 / wide.max()).astype(np.uint8)
-    left = wide[:, : shape[1]].copy()
-    right = np.vstack(
-        [wide[:80, 6 : shape[1] + 6], wide[80:, disparity : shape[1] + disparity]]
-    )
-    return left, right
+    wide = codes(blurred(texture((shape[0], shape[1] + 40, 3), seed), 0.6))
+    return stereo_pair(wide, np.repeat((6, disparity), shape[0] // 2), shape[1])
 
 
 RIG = StereoRig(focal_length=300.0, baseline=0.1, principal_point=(119.5, 79.5))
