@@ -25,8 +25,9 @@ from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.evaluation.degrade import Scene, fill_from_background
 from uw_visibility.evaluation.matting_laplacian import refine_by_laplacian
 from uw_visibility.evaluation.metrics import colour_difference, halo
+from uw_visibility.images.view import View
 from uw_visibility.pipeline.result import FrameResult
-from uw_visibility.pipeline.second_step import Stages
+from uw_visibility.pipeline.second_step import SecondStep
 from uw_visibility.stereo.interpolation import inpaint
 from uw_visibility.stereo.rig import StereoRig
 
@@ -105,10 +106,9 @@ def edge_errors(
         In the order of `MAPS`.
     """
     workers = Workers(1)
-    stages = Stages((left.shape[0], left.shape[1]), rig, config, workers)
-    stages.describe_raw(left, right)
-    mesh = stages.matcher.coarse_disparity(stages.matcher.support_points())
-    maps = {"mesh": inpaint(mesh), "final": result.disparity_filled}
+    step = SecondStep((left.shape[0], left.shape[1]), rig, config, workers)
+    mesh = step.coarse_disparity(View.of(left), View.of(right))
+    maps = {"mesh": inpaint(mesh), "final": result.stereo.filled}
     maps["truth"] = fill_from_background(scene.disparity_left)
     times = {}
     matting = Matting(config.enhancement, workers)

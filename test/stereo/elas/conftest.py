@@ -13,7 +13,7 @@ from scenes import stereo_pair
 from scenes import texture as texture_of
 
 from uw_visibility.compute.threads import Workers
-from uw_visibility.stereo.contrast import EvenContrast
+from uw_visibility.stereo.contrast import ContrastNormalizer
 
 Image = NDArray[np.uint8]
 
@@ -42,11 +42,11 @@ def shifted_pair() -> Callable[..., tuple[Image, Image]]:
 
 
 @pytest.fixture
-def contrast_of() -> Callable[[Image], EvenContrast]:
+def contrast_of() -> Callable[[Image], ContrastNormalizer]:
     """Maker of the raw contrast of an image."""
 
-    def make(image: Image) -> EvenContrast:
-        contrast = EvenContrast((image.shape[0], image.shape[1]))
+    def make(image: Image) -> ContrastNormalizer:
+        contrast = ContrastNormalizer((image.shape[0], image.shape[1]))
         # Texture from pixel to pixel, as in the tests, would else be measured as noise.
         contrast.stretch(image, Workers(1), np.zeros(3))
         return contrast
