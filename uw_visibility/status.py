@@ -21,6 +21,17 @@ class Status(str, Enum):
     NO_TEXTURE = "no texture"
     AMBIENT_LIGHT_UNBOUNDED = "ambient light unbounded"
     FIT_FAILED = "fit failed"
+    NO_DAYLIGHT_COLOUR = (
+        "light is not of daylight's colour (check camera.white_reference, white balance, lamps)"
+    )
+    UNEVEN_RADIUS = (
+        "dark patches at equal range depend on the distance from the image's middle "
+        "(vignetting? check camera.vignetting, camera.flat_field, lamps)"
+    )
+    UNEVEN_SIDES = (
+        "dark patches at equal range differ between halves of the image "
+        "(a plume, a layer, shade or lamps to one side?)"
+    )
     CUES_DISAGREE = (
         "cues disagree: envelope and contrast decay at different rates "
         "(check camera.transfer, calibration, lamps)"

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,10 +13,6 @@ from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.outputs import TOPICS
 from uw_visibility.messages.processor import FrameProcessor
-from uw_visibility.status import Status
-from uw_visibility.water.estimation import WaterEstimate
-from uw_visibility.water.filter import FilteredWater
-from uw_visibility.water.tracking import TrackingEvent
 
 HEIGHT, WIDTH = 96, 128
 ESTIMATES = {topic for topic in TOPICS if topic.startswith("visibility/")}
@@ -61,9 +56,9 @@ def test_matches_are_rated_where_asked_for_and_stay_the_same() -> None:
     settings = PipelineConfig(), NodeConfig()
     without, _ = processor.process(frame(), *settings, TOPICS)
     rated, _ = processor.process(frame(), *settings, TOPICS, confidence=True)
-    assert without.stereo.confidence is None
-    assert rated.stereo.confidence is not None
-    np.testing.assert_array_equal(rated.stereo.confidence > 0, np.isfinite(rated.disparity))
+    assert without.confidence is None
+    assert rated.confidence is not None
+    np.testing.assert_array_equal(rated.confidence > 0, np.isfinite(rated.disparity))
     np.testing.assert_array_equal(rated.disparity, without.disparity)
 
 
@@ -73,9 +68,8 @@ def test_images_that_nobody_wants_are_not_made_and_change_no_estimate() -> None:
     whole, every = processor.process(frame(), *settings, TOPICS)
     result, few = processor.process(frame(), *settings, ESTIMATES)
     assert set(few) == ESTIMATES & set(every)
-    images = result.images
-    assert (images.left.size, images.right.size, images.limited.size) == (0, 0, 0)
-    assert np.isnan(result.stereo.filled).all()
+    assert (result.left_enhanced.size, result.right_enhanced.size, result.limited.size) == (0, 0, 0)
+    assert np.isnan(result.disparity_filled).all()
     np.testing.assert_array_equal(result.water.attenuation, whole.water.attenuation)
     np.testing.assert_array_equal(result.disparity, whole.disparity)
     assert np.isfinite(whole.water.attenuation).any()
@@ -87,20 +81,19 @@ def test_images_that_nobody_wants_are_not_made_and_change_no_estimate() -> None:
         assert list(messages) == [f"{side}/enhanced/image"]
 
 
-def test_a_filtered_estimate_is_told_apart_from_the_frame_s_own() -> None:
-    work = FrameProcessor(make, rectify=False).begin(frame(), PipelineConfig())
-    assert (work.rig.focal_length, work.header.seconds) == (160.0, 1.0)
-    alone, filtered = (
-        WaterEstimate(
-            Status.OK, np.full(3, attenuation), np.full(3, 0.5),
-            np.tile(0.01 * np.eye(2), (3, 1, 1)), 9, 30, (Status.OK,) * 3,
-        )
-        for attenuation in (0.2, 0.4)
-    )
-    result = replace(work.assess(ESTIMATES), water=alone)
-    for given, expected in (
-        (None, 0.2), (FilteredWater(filtered, result.visibility, TrackingEvent.UPDATED), 0.4),
-    ):
-        messages = dict(work.messages(result, NodeConfig(), ESTIMATES, given))
-        assert messages["visibility/raw/attenuation"].vector.y == 0.2
-        assert messages["visibility/attenuation"].vector.y == expected
+def test_frames_are_filtered_over_time_where_they_come_in_order() -> None:
+    settings = PipelineConfig(), NodeConfig()
+    alone, _ = FrameProcessor(make, rectify=False).process(frame(), *settings, ESTIMATES)
+    assert alone.tracked is None
+    processor = FrameProcessor(make, rectify=False, track=True)
+    results = []
+    for nanosec in (0, 500_000_000):
+        later = frame()
+        later.left.header.stamp.nanosec = nanosec
+        results.append(processor.process(later, *settings, ESTIMATES)[0])
+    assert [str(result.tracking) for result in results] == ["started", "updated"]
+    first, second = (r.tracked.attenuation_stddev[0] for r in results)
+    assert second < first
+    # The same stamp again is no progress of time.
+    repeated, _ = processor.process(later, *settings, ESTIMATES)
+    assert str(repeated.tracking) == "started"

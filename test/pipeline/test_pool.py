@@ -49,6 +49,22 @@ def test_overlapping_frames_tell_what_they_tell_alone(frames: list[RenderedFrame
                 np.testing.assert_array_equal(result.water.covariance, expected.water.covariance)
 
 
+def test_frames_of_several_pipelines_are_tracked_as_those_of_one(
+    frames: list[RenderedFrame],
+) -> None:
+    pool, alone = PipelinePool(RIG, CONFIG), Pipeline(RIG, CONFIG)
+    with pool.pipeline() as first, pool.pipeline() as second:
+        for number, frame in enumerate(frames):
+            pipeline = (first, second)[number % 2]
+            result = pool.track(pipeline.process(frame.left, frame.right), 0.5 * number)
+            expected = alone.process(frame.left, frame.right, stamp=0.5 * number)
+            assert result.tracking == expected.tracking
+            np.testing.assert_array_equal(
+                result.tracked.attenuation, expected.tracked.attenuation)
+            assert result.tracked_visibility == expected.tracked_visibility
+            assert result.timing_ms.keys() == expected.timing_ms.keys()
+
+
 def test_a_pipeline_comes_back_after_a_frame_that_fails() -> None:
     pool = PipelinePool(RIG, CONFIG)
     with pytest.raises(ZeroDivisionError), pool.pipeline() as first:

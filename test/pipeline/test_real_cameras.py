@@ -62,7 +62,7 @@ def test_the_undisturbed_frame_is_assessed_truly(undisturbed):
     assert undisturbed.status is Status.OK
     assert abs(undisturbed.visibility.mean_attenuation - ALPHA) < 0.04
     assert abs(undisturbed.visibility.depth - DEPTH) < 0.3
-    np.testing.assert_allclose(undisturbed.stereo.right_gain, 1.0, atol=0.02)
+    np.testing.assert_allclose(undisturbed.right_gain, 1.0, atol=0.02)
 
 
 def test_srgb_images_tell_the_same_water(clean, undisturbed):
@@ -96,10 +96,10 @@ def test_a_vignette_that_is_known_changes_nothing(clean, undisturbed, transfer):
 def test_a_brighter_right_camera_gets_its_own_ambient_light(clean, undisturbed):
     gain = np.array([0.8, 0.65, 0.7])
     result = process(clean.left, encoded(clean.right, gain=gain))
-    np.testing.assert_allclose(result.stereo.right_gain, gain, rtol=0.02)
+    np.testing.assert_allclose(result.right_gain, gain, rtol=0.02)
     assert_same_water(result, undisturbed, 0.01, 0.15)
-    matched = undisturbed.stereo.matched_fraction
-    assert result.stereo.matched_fraction > matched - 0.05
+    matched = undisturbed.matched_fraction_enhanced
+    assert result.matched_fraction_enhanced > matched - 0.05
     difference = result.right_enhanced.astype(float) - undisturbed.right_enhanced
     assert np.median(np.abs(difference)) < 6
 

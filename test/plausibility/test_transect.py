@@ -55,7 +55,7 @@ def verdicts(
         said = depth + fault(time) + 0.05 * random.standard_normal()
         monitor.add_sensor(DepthSample(stamp, said, 0.05**2), time)
         visibility = result.visibility
-        estimate = DepthSample(stamp, visibility.depth, visibility.depth_stddev**2)
+        estimate = DepthSample(stamp, visibility.depth, visibility.depth_precision**2)
         monitor.add_estimate(estimate, visibility.depth_status, time)
         found.append(monitor.report(time).verdict)
     return found

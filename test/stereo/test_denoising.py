@@ -8,7 +8,7 @@ import pytest
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
-from uw_visibility.stereo.contrast import ContrastNormalizer
+from uw_visibility.stereo.contrast import EvenContrast
 from uw_visibility.stereo.denoising import LARGEST, LEAST_NOISE, NoiseAdaptiveSmoother
 from uw_visibility.stereo.elas import Matcher
 from uw_visibility.stereo.elas.noise_settings import settings_in_noise
@@ -74,7 +74,7 @@ def correct_share(left: np.ndarray, right: np.ndarray, noise: float, disparity: 
     matcher = Matcher(SHAPE, (0, 32), config, Workers(1))
     views = []
     for image in (left, right):
-        contrast = ContrastNormalizer(SHAPE)
+        contrast = EvenContrast(SHAPE)
         contrast.stretch(image, Workers(1), np.full(3, noise))
         views.append(contrast)
     matcher.describe(*views)
@@ -107,7 +107,7 @@ def test_noise_alone_is_not_matched() -> None:
     matcher = Matcher(SHAPE, (0, 32), StereoConfig(max_disparity=32), Workers(1))
     views = []
     for image in (left, right):
-        contrast = ContrastNormalizer(SHAPE)
+        contrast = EvenContrast(SHAPE)
         contrast.stretch(image, Workers(1))
         views.append(contrast)
     matcher.describe(*views)

@@ -73,7 +73,7 @@ def result_columns(result: FrameResult) -> dict[str, str]:
     dict of str to str
         Text by column.
     """
-    water, visibility, limited = result.water, result.visibility, result.images.limited
+    water, visibility = result.water, result.visibility
     columns = {
         "status": str(result.status),
         "visibility_status": str(visibility.status),
@@ -84,14 +84,15 @@ def result_columns(result: FrameResult) -> dict[str, str]:
         "visibility_distance_stddev": number(visibility.distance_stddev),
         "depth": number(visibility.depth),
         "depth_stddev": number(visibility.depth_stddev),
-        "support_points": str(int(result.stereo.support_points)),
-        "coverage": number(result.stereo.coverage),
-        "matched_fraction": number(result.stereo.matched_fraction),
+        "depth_precision": number(visibility.depth_precision),
+        "support_points": str(int(result.support_points)),
+        "coverage": number(result.coverage),
+        "matched_fraction": number(result.matched_fraction_enhanced),
         "matched_fraction_original": number(
-            math.nan if result.stereo.matched_fraction_original is None
-            else result.stereo.matched_fraction_original
+            math.nan if result.matched_fraction_original is None
+            else result.matched_fraction_original
         ),
-        "limited_fraction": number(float(limited.mean()) if limited.size else 0.0),
+        "limited_fraction": number(float(result.limited.mean()) if result.limited.size else 0.0),
     }
     for index, channel in enumerate(CHANNELS):
         columns[f"attenuation_{channel}"] = number(water.attenuation[index])
@@ -104,9 +105,9 @@ def result_columns(result: FrameResult) -> dict[str, str]:
 def depth_sample(row: Mapping[str, str]) -> tuple[DepthSample, Status]:
     """Return the estimated depth of a row with a result, and its status, to be judged."""
     status = Status(row["depth_status"])
-    known = bool(row["depth"] and row["depth_stddev"])
+    known = bool(row["depth"] and row["depth_precision"])
     depth = float(row["depth"]) if known else math.nan
-    variance = float(row["depth_stddev"]) ** 2 if known else math.nan
+    variance = float(row["depth_precision"]) ** 2 if known else math.nan
     return DepthSample(nanoseconds(row["stamp"]), depth, variance), status
 
 

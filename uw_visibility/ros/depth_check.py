@@ -81,7 +81,7 @@ class DepthCheck:
             return
         visibility = result.visibility
         sample = DepthSample(
-            stamp_to_nanoseconds(stamp), visibility.depth, visibility.depth_stddev**2
+            stamp_to_nanoseconds(stamp), visibility.depth, visibility.depth_precision**2
         )
         with self._lock:
             comparisons = self._updated_monitor().add_estimate(

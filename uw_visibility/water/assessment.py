@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uw_visibility.config.schema import AssessmentConfig, PipelineConfig
+from uw_visibility.config.schema import AssessmentConfig
 from uw_visibility.optics.light_model import visibility_distance
-from uw_visibility.optics.spectra import CameraResponse, clear_water_attenuation, load_response
+from uw_visibility.optics.spectra import CameraResponse, clear_water_attenuation
 from uw_visibility.status import Status
 from uw_visibility.water.depth import DepthModel
 from uw_visibility.water.estimation import WaterEstimate
@@ -20,6 +20,8 @@ from uw_visibility.water.estimation import WaterEstimate
 # A distance or depth whose standard deviation is beyond this fraction of it, or
 # of the largest depth, says nothing.
 MAX_RELATIVE_STDDEV = 1.0
+# Light whose colour is farther from that of any daylight below water tells no depth.
+MAX_COLOUR_ERROR = 3.0
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,9 @@ class Visibility:
         Visibility distance (eq. 12), m.
     depth, depth_stddev : float
         Depth (eq. 13), m, positive down.
+    depth_precision : float
+        The part of `depth_stddev` that differs between the frames of a dive, m: without
+        water type and white balance, which stay the same.
     """
 
     status: Status
@@ -48,6 +53,7 @@ class Visibility:
     distance_stddev: float = math.nan
     depth: float = math.nan
     depth_stddev: float = math.nan
+    depth_precision: float = math.nan
 
 
 class Assessor:
@@ -80,18 +86,6 @@ class Assessor:
         self._depth = DepthModel(config.water_type, response, white_reference, config.max_depth)
         self.daylight = self._depth.daylight
 
-    @classmethod
-    def from_config(cls, config: PipelineConfig) -> Assessor:
-        """Make the assessor that a pipeline's parameters describe.
-
-        Raises
-        ------
-        InputError
-            If the camera's spectral response cannot be loaded.
-        """
-        camera = config.camera
-        return cls(config.assessment, load_response(camera.response), camera.white_reference)
-
     def assess(self, estimate: WaterEstimate) -> Visibility:
         """Assess visibility and depth, with standard deviations by propagation.
 
@@ -116,17 +110,40 @@ class Assessor:
             if not distance_stddev <= MAX_RELATIVE_STDDEV * distance:
                 status, distance, distance_stddev = _first(
                     status, Status.RANGE_SPREAD_TOO_SMALL), math.nan, math.nan
-        depth_status, depth, depth_stddev = estimate.status, math.nan, math.nan
+        depth_status, depth = estimate.status, (math.nan, math.nan, math.nan)
         if estimate.status is Status.OK:
-            depth, depth_stddev = self._depth.depth(
-                estimate.attenuation, estimate.ambient_light, covariance)
-            if not depth_stddev <= MAX_RELATIVE_STDDEV * self._config.max_depth:
-                depth_status, depth, depth_stddev = (
-                    Status.AMBIENT_LIGHT_UNBOUNDED, math.nan, math.nan)
+            depth_status, depth = self._assess_depth(estimate, covariance)
+            largest = MAX_RELATIVE_STDDEV * self._config.max_depth
+            if depth_status is Status.OK and not depth[1] <= largest:
+                depth_status, depth = Status.AMBIENT_LIGHT_UNBOUNDED, (math.nan,) * 3
         return Visibility(
-            status, depth_status, alpha, alpha_stddev, distance, distance_stddev,
-            depth, depth_stddev,
-        )
+            status, depth_status, alpha, alpha_stddev, distance, distance_stddev, *depth)
+
+    def _assess_depth(
+        self, estimate: WaterEstimate, covariance: NDArray[np.float64]
+    ) -> tuple[Status, tuple[float, float, float]]:
+        """Depth by the colour of daylight, its standard deviation and its precision.
+
+        Where veil and light are told apart, the light is what came down; its depth
+        holds what is not known of the water above and of the camera's white.
+        """
+        if estimate.light is None:
+            depth, precision = self._depth.depth(
+                estimate.attenuation, estimate.ambient_light, covariance)
+            return Status.OK, (depth, precision, precision)
+        # How the light differs between frames of one scene is how the veil does.
+        scale = np.ones(6)
+        scale[1::2] = estimate.scene_light / estimate.ambient_light
+        depth, precision = self._depth.depth(
+            estimate.attenuation, estimate.scene_light, covariance * np.outer(scale, scale))
+        patches = np.zeros((6, 6))
+        patches[1::2, 1::2] = np.diag(estimate.scene_light_stddev**2)
+        _, scene = self._depth.depth(estimate.attenuation, estimate.scene_light, patches)
+        model, colour_error = self._depth.model_stddev(
+            depth, estimate.attenuation, estimate.attenuation_stddev, estimate.scene_light)
+        if colour_error > MAX_COLOUR_ERROR:
+            return Status.NO_DAYLIGHT_COLOUR, (math.nan, math.nan, math.nan)
+        return Status.OK, (depth, math.hypot(precision, scene, model), precision)
 
     def _mean_attenuation(
         self, estimate: WaterEstimate, covariance: NDArray[np.float64]

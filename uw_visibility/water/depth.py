@@ -14,6 +14,7 @@ from uw_visibility.optics.spectra import (
     clear_water_attenuation,
     theoretical_chromaticity,
     water_type_diffuse_attenuation,
+    water_types,
 )
 from uw_visibility.water.priors import Daylight
 
@@ -22,6 +23,14 @@ REFINEMENTS = 8
 
 CLEAR = "clear"
 ESTIMATED = "estimated"
+
+# How likely the configured water type is beforehand, against all others together.
+CONFIGURED = 0.5
+# How far the colour of light is from that of daylight below water of a type, as a logarithm.
+COLOUR_TOLERANCE = 0.2
+# The white that a camera has at the surface differs from the reference by this part.
+WHITE_TOLERANCE = 0.15
+SPREAD_STEP = 0.5
 
 
 class DepthModel:
@@ -65,6 +74,55 @@ class DepthModel:
             self._rate = diffuse_attenuation(water_type, response)
             self._table = theoretical_chromaticity(self._grid, self._rate, self._white)
         self.daylight = Daylight(self._white, self._rate)
+        names = [name for name in (CLEAR, *water_types()) if name != water_type]
+        self._others = np.array([diffuse_attenuation(name, response) for name in names])
+
+    def model_stddev(
+        self,
+        depth: float,
+        attenuation: NDArray[np.float64],
+        attenuation_stddev: NDArray[np.float64],
+        light: NDArray[np.float64],
+    ) -> tuple[float, float]:
+        """Standard deviation of depth by what is not known: water type and white balance.
+
+        Parameters
+        ----------
+        depth : float
+            As found for the configured type, m.
+        attenuation, attenuation_stddev : (3,) float64 ndarray
+            β and its standard deviation, 1/m: diffuse attenuation K is no larger.
+        light : (3,) float64 ndarray
+            Light on the scene.
+
+        Returns
+        -------
+        stddev : float
+            m; the spread of depths that other types give about it, each as likely as
+            the colour of the light makes it, with that of the camera's white.
+        colour_error : float
+            How far the colour is from daylight's below the best of the types, in
+            standard deviations.
+        """
+        own = attenuation if self._rate is None else self._rate
+        rates = np.concatenate((own[np.newaxis], self._others))
+        grid = np.arange(0.0, self._max_depth + SPREAD_STEP, SPREAD_STEP)
+        # ln of the light's colour less that of daylight at each depth, without brightness.
+        off = np.log(light / self._white) + rates[:, np.newaxis] * grid[:, np.newaxis]
+        off = off - off.mean(axis=2, keepdims=True)
+        errors = np.sqrt((off**2).sum(axis=2)) / COLOUR_TOLERANCE
+        best = errors.argmin(axis=1)
+        error = errors.min(axis=1)
+        beyond = np.maximum(rates - attenuation, 0.0) / np.maximum(attenuation_stddev, 1e-9)
+        prior = np.full(len(rates), (1.0 - CONFIGURED) / max(len(self._others), 1))
+        prior[0] = CONFIGURED
+        cost = 0.5 * error**2 + 0.5 * (beyond**2).sum(axis=1)
+        weight = prior * np.exp(-(cost - cost.min()))
+        weight /= weight.sum()
+        types = float(weight @ (grid[best] - depth) ** 2)
+        slope = own - own.mean()
+        white = WHITE_TOLERANCE**2 / max(float(slope @ slope), 1e-9)
+        return math.sqrt(types + white), float(error.min())
 
     def depth(
         self,

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,7 @@ from uw_visibility.water.fit import Fit, blank, fit_plain
 from uw_visibility.water.lower_envelope import fit_lower_envelope
 from uw_visibility.water.observations import Envelopes, observe
 from uw_visibility.water.open_water import OpenWater, find_open_water
+from uw_visibility.water.position import HalfEnvelopes, compare_halves, observe_halves
 from uw_visibility.water.priors import Daylight, fuse
 from uw_visibility.water.validation import (
     black_attenuation,
@@ -139,6 +140,24 @@ class WaterEstimate:
             channel_status=(reason, reason, reason),
             envelope=envelope,
         )
+
+
+class Cues(NamedTuple):
+    """What tells of the water beside the envelopes of the whole image.
+
+    Attributes
+    ----------
+    contrast : Decay or None
+        Decay of contrast with range.
+    open_water : OpenWater or None
+        Open water in view.
+    halves : HalfEnvelopes or None
+        Dark envelopes of halves of the image.
+    """
+
+    contrast: Decay | None = None
+    open_water: OpenWater | None = None
+    halves: HalfEnvelopes | None = None
 
 
 class WaterEstimator:
@@ -264,7 +283,7 @@ class WaterEstimator:
         """
         return self._estimate(
             envelope, self._config.min_bin_pixels, None, range_error,
-            lambda active: (contrast, None))
+            lambda active: Cues(contrast))
 
     def _estimate(
         self,
@@ -272,7 +291,7 @@ class WaterEstimator:
         fewest_pixels: int,
         start: WaterEstimate | None,
         range_error: float,
-        cues: Callable[[NDArray[np.bool_]], tuple[Decay | None, OpenWater | None]],
+        cues: Callable[[NDArray[np.bool_]], Cues],
     ) -> WaterEstimate:
         """Validate, fit, validate the fit; `cues` gives those beside the envelopes."""
         reason = refuse_frame(envelope, fewest_pixels, self._config.min_range_ratio)
@@ -286,7 +305,7 @@ class WaterEstimator:
             return WaterEstimate.not_assessable(status[0], envelope)
         if self._config.method != "paper" and self._config.veil == "free":
             return self._estimate_free_veil(
-                envelope, status, active, range_error, *cues(active))
+                envelope, status, active, range_error, cues(active))
         fit = self._fit(envelope, active, start, range_error, self._clear_water)
         for channel in np.flatnonzero(active):
             status[channel] = validate_fit(fit, envelope, int(channel))
@@ -304,8 +323,8 @@ class WaterEstimator:
         valid: NDArray[np.bool_] | None,
         envelope: Envelopes,
         active: NDArray[np.bool_],
-    ) -> tuple[Decay | None, OpenWater | None]:
-        """Decay of contrast with range, and open water in view."""
+    ) -> Cues:
+        """Decay of contrast with range, open water in view, and envelopes of halves."""
         codes, irradiance = samples.pixels, linear_table(samples.transfer, samples.pixels.dtype)
         ranges, valid = samples.reduce(range_map, valid)
         mask = np.ones((1, 1), np.bool_) if valid is None else valid
@@ -314,7 +333,14 @@ class WaterEstimator:
                 codes, ranges, mask, irradiance, envelope.limits,
                 np.sqrt(samples.noise**2 + ROUNDING_VARIANCE)), active),
             envelope_decay(envelope, active))
-        return contrast, find_open_water(codes, ranges, valid, irradiance, envelope)
+        rounding = np.sqrt(samples.noise**2 + ROUNDING_VARIANCE)
+        return Cues(
+            contrast,
+            find_open_water(codes, ranges, valid, irradiance, envelope),
+            observe_halves(
+                codes, ranges, mask, irradiance, envelope.limits,
+                rounding * np.nan_to_num(envelope.step).max(axis=1)),
+        )
 
     def _estimate_free_veil(
         self,
@@ -322,8 +348,7 @@ class WaterEstimator:
         status: list[Status],
         active: NDArray[np.bool_],
         range_error: float,
-        contrast: Decay | None,
-        water: OpenWater | None,
+        cues: Cues,
     ) -> WaterEstimate:
         """Estimate with the veil apart from the light."""
         brightest = np.array(
@@ -346,7 +371,8 @@ class WaterEstimator:
                 self._config.daylight_tolerance, light, veil, tolerance)
 
         found = fit_free_veil(
-            fit, fuse_priors, envelope, brightest, self._clear_water, contrast, water)
+            fit, fuse_priors, envelope, brightest, self._clear_water, cues.contrast,
+            cues.open_water)
         if found is None:
             return WaterEstimate.not_assessable(Status.FIT_FAILED, envelope)
         for channel in np.flatnonzero(active):
@@ -354,7 +380,16 @@ class WaterEstimator:
         if found.disagreement > CONTRADICTION:
             status = [
                 Status.CUES_DISAGREE if reason is Status.OK else reason for reason in status]
-        blanked = replace(found.fit, covariance=blank(found.fit.covariance.copy(), active))
+        covariance = found.fit.covariance.copy()
+        if cues.halves is not None:
+            attenuation, veil = found.fit.parameters.T
+            uneven = compare_halves(cues.halves, attenuation, veil, found.scene_light)
+            refuted = uneven.refutes(attenuation)
+            if refuted is not Status.OK:
+                status = [refuted if reason is Status.OK else reason for reason in status]
+            covariance[0::2, 0::2] += uneven.stddev_of(attenuation) ** 2 * np.outer(
+                attenuation, attenuation)
+        blanked = replace(found.fit, covariance=blank(covariance, active))
         estimate = _assemble(blanked, envelope, status)
         known = np.isfinite(estimate.attenuation)
         return replace(
@@ -362,7 +397,7 @@ class WaterEstimator:
             light=np.where(known, found.scene_light, np.nan),
             light_stddev=np.where(known, found.scene_light_stddev, np.nan),
             cues=found.cues,
-            open_water=0.0 if water is None else water.fraction,
+            open_water=0.0 if cues.open_water is None else cues.open_water.fraction,
         )
 
     def estimate_grey(

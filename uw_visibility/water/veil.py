@@ -210,7 +210,7 @@ def _light(
     components: list[Fit], weights: NDArray[np.float64], envelope: Envelopes
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mean and standard deviation of the light on the scene over the components."""
-    values = np.empty((len(components), 3))
+    values, deviations = np.empty((2, len(components), 3))
     for index, component in enumerate(components):
         attenuation, veil = component.parameters.T
         light = _bright_light(attenuation, veil, envelope)
@@ -218,8 +218,9 @@ def _light(
         apart = np.log(light / veil)
         same = math.exp(-0.5 * float(apart @ apart) / (3.0 * SAME_LIGHT**2))
         values[index] = light * np.exp(-same * apart)
+        deviations[index] = (1.0 - same) * BRIGHT_DEVIATION * values[index]
     mean = weights @ values
-    spread = np.sqrt(weights @ (values - mean) ** 2 + (BRIGHT_DEVIATION * mean) ** 2)
+    spread = np.sqrt(weights @ ((values - mean) ** 2 + deviations**2))
     return mean, spread
 
 

@@ -54,7 +54,7 @@ class Descriptors:
             ``(H, W)`` uint16.
         gain : ndarray
             ``(H, W)`` float32, factor of the gradients at each pixel; see
-            `uw_visibility.stereo.contrast.ContrastNormalizer`.
+            `uw_visibility.stereo.contrast.EvenContrast`.
         workers : Workers
             Threads.
         """

@@ -1,0 +1,238 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Dark envelopes of halves of the image at equal range: vignetting, plumes, lamps.
+
+Water and light that are the same all over give all parts of an image one dark
+envelope. Where the halves on two sides, or the middle and the surroundings, differ by
+more than dark patches do, no single attenuation describes the frame.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.jit import njit
+from uw_visibility.optics.light_model import transmission
+from uw_visibility.status import Status
+
+RANGE_BINS = 16
+# Left or right, top or bottom, middle or surroundings: a bit each.
+REGIONS = 8
+SPLITS = ("left and right", "top and bottom", "middle and surroundings")
+LEVELS = 192
+# Pixels that are read, and that half a bin needs; part of them below its dark envelope.
+PIXELS_READ = 90_000
+FEWEST = 60
+FEWEST_BINS = 2
+DARK = 0.03
+# Neighbours this far off belong to the same surface: their ranges differ by less than that.
+NEIGHBOUR = 3
+SAME_SURFACE = 0.04
+# Darkest patches of halves differ by this part of the direct light.
+DARKNESS = 0.08
+# Neighbouring bins show the same objects.
+NEIGHBOURING_BINS = 2.0
+# Halves of one water differ by up to so many deviations; what is beyond makes an error
+# of attenuation that is so many times as large, as range goes with position.
+USUAL = 1.5
+EFFECT = 1.7
+# Differences beyond so many deviations and this part of attenuation refute the estimate.
+SIGNIFICANT = 5.0
+LARGE = 0.25
+
+
+@dataclass(frozen=True)
+class Unevenness:
+    """How far the attenuations are apart that two parts of an image show.
+
+    Attributes
+    ----------
+    difference : (3, 3) float64 ndarray
+        Attenuation of the first half less that of the second, 1/m: splits by channels.
+    stddev : (3, 3) float64 ndarray
+        Its standard deviation; infinite where the halves share no ranges.
+    """
+
+    difference: NDArray[np.float64]
+    stddev: NDArray[np.float64]
+
+    @property
+    def significance(self) -> NDArray[np.float64]:
+        """(3,): difference over its deviation for each split, the median channel's."""
+        return np.asarray(np.median(self.difference / self.stddev, axis=1))
+
+    def stddev_of(self, attenuation: NDArray[np.float64]) -> float:
+        """Standard deviation of attenuation by its unevenness, as a part of itself.
+
+        Differences that scenes of one water show do not count.
+        """
+        beyond = np.abs(self.difference) - USUAL * self.stddev
+        part = np.median(np.maximum(beyond, 0.0) / attenuation, axis=1)
+        return EFFECT * float(part.max())
+
+    def refutes(self, attenuation: NDArray[np.float64]) -> Status:
+        """OK, or the reason why one attenuation does not describe the frame."""
+        part = np.median(np.abs(self.difference) / attenuation, axis=1)
+        uneven = (np.abs(self.significance) > SIGNIFICANT) & (part > LARGE)
+        if not uneven.any():
+            return Status.OK
+        ring = int(np.argmax(np.where(uneven, np.abs(self.significance), 0.0))) == 2
+        return Status.UNEVEN_RADIUS if ring else Status.UNEVEN_SIDES
+
+
+@dataclass(frozen=True)
+class HalfEnvelopes:
+    """Dark envelopes of halves of an image over range.
+
+    Attributes
+    ----------
+    range : (3, N) float64 ndarray
+        Mean range of each bin, m, for each split; NaN where a half has too few pixels.
+    dark : (2, 3, 3, N) float64 ndarray
+        Irradiance: halves by splits by channels.
+    noise : (3,) float64 ndarray
+        Its standard deviation by noise and rounding.
+    """
+
+    range: NDArray[np.float64]
+    dark: NDArray[np.float64]
+    noise: NDArray[np.float64]
+
+
+def observe_halves(
+    image: NDArray[Any], range_map: NDArray[np.float32], mask: NDArray[np.bool_],
+    irradiance: NDArray[np.float32], limits: tuple[float, float], noise: NDArray[np.float64],
+) -> HalfEnvelopes:
+    """Take the dark envelopes of halves of an image.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8 or uint16 ndarray
+        Code values.
+    range_map : (H, W) float32 ndarray
+        m; NaN where unknown.
+    mask : (H, W) or (1, 1) bool ndarray
+        Pixels that count; one for all.
+    irradiance : float32 ndarray
+        Of each code value.
+    limits : tuple of float
+        Least and largest range, m.
+    noise : (3,) float64 ndarray
+        Standard deviation of the image's noise and rounding, as irradiance.
+
+    Returns
+    -------
+    HalfEnvelopes
+    """
+    low, high = limits
+    counts = np.zeros((RANGE_BINS, REGIONS, 3, LEVELS), np.int32)
+    ranges = np.zeros((RANGE_BINS, 2))
+    top = float(irradiance[-1])
+    if high > low > 0:
+        stride = max(1, round(math.sqrt(range_map.size / PIXELS_READ)))
+        level_of = (np.sqrt(irradiance / top) * (LEVELS - 1)).astype(np.int32)
+        _count(
+            image, range_map, mask, level_of, np.float32(low),
+            np.float32(RANGE_BINS / math.log(high / low)), stride, counts, ranges)
+    mean = ranges[:, 0] / np.maximum(ranges[:, 1], 1.0)
+    edges = top * (np.arange(LEVELS + 1) / (LEVELS - 1)) ** 2
+    splits = np.arange(len(SPLITS))
+    second = (np.arange(REGIONS) >> splits[:, np.newaxis]) & 1
+    # Halves by splits by bins by channels by levels.
+    halves = np.stack([
+        np.einsum("sr,brcl->sbcl", second == half, counts) for half in (0, 1)])
+    enough = halves[:, :, :, 0].sum(axis=3).min(axis=0) >= FEWEST
+    dark = np.moveaxis(_quantile(halves, edges), 3, 2)
+    return HalfEnvelopes(np.where(enough, mean, np.nan), dark, noise)
+
+
+def compare_halves(
+    halves: HalfEnvelopes, attenuation: NDArray[np.float64], veil: NDArray[np.float64],
+    light: NDArray[np.float64],
+) -> Unevenness:
+    """Compare the dark envelopes of halves of an image.
+
+    Parameters
+    ----------
+    halves : HalfEnvelopes
+    attenuation, veil, light : (3,) float64 ndarray
+        β, B and W as estimated.
+
+    Returns
+    -------
+    Unevenness
+    """
+    difference = np.zeros((len(SPLITS), 3))
+    stddev = np.full((len(SPLITS), 3), np.inf)
+    for split, distance in enumerate(halves.range):
+        both = np.isfinite(distance)
+        if both.sum() < FEWEST_BINS:
+            continue
+        left = transmission(attenuation[:, np.newaxis], distance[both])
+        # What a unit of attenuation changes, and what differs besides.
+        by = veil[:, np.newaxis] * distance[both] * left
+        other = np.hypot(DARKNESS * light[:, np.newaxis] * left, halves.noise[:, np.newaxis])
+        weight = (by / other) ** 2
+        shift = (halves.dark[0, split] - halves.dark[1, split])[:, both] / by
+        total = weight.sum(axis=1)
+        mean = (weight * shift).sum(axis=1) / total
+        scatter = (weight * (shift - mean[:, np.newaxis]) ** 2).sum(axis=1) / (both.sum() - 1)
+        difference[split] = mean
+        stddev[split] = np.sqrt(NEIGHBOURING_BINS * np.maximum(scatter, 1.0) / total)
+    return Unevenness(difference, stddev)
+
+
+def _quantile(counts: NDArray[Any], edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Dark quantile of histograms (..., LEVELS)."""
+    running = counts.cumsum(axis=-1)
+    rank = DARK * running[..., -1:]
+    level = (running < rank).sum(axis=-1)
+    here = np.take_along_axis(counts, level[..., np.newaxis], -1)[..., 0]
+    upto = np.take_along_axis(running, level[..., np.newaxis], -1)[..., 0]
+    inside = 1.0 - (upto - rank[..., 0]) / np.maximum(here, 1)
+    return np.asarray(edges[level] + inside * (edges[level + 1] - edges[level]))
+
+
+@njit(nogil=True)
+def _count(
+    image: Any, range_map: Any, mask: Any, level_of: Any, low: float, bins_per_log: float,
+    stride: int, counts: Any, ranges: Any,
+) -> None:
+    """Count levels by range and region."""
+    height, width = range_map.shape
+    masked = mask.size > 1
+    middle_y, middle_x = 0.5 * height, 0.5 * width
+    # Half of the image is farther from its middle.
+    ring = 0.5 * (middle_y**2 + middle_x**2) * 0.66
+    for y in range(NEIGHBOUR, height - NEIGHBOUR, stride):
+        for x in range(NEIGHBOUR, width - NEIGHBOUR, stride):
+            here = range_map[y, x]
+            if not here >= low or (masked and not mask[y, x]):
+                continue
+            limit = np.float32(SAME_SURFACE) * here
+            if not (
+                abs(range_map[y - NEIGHBOUR, x] - here) <= limit
+                and abs(range_map[y + NEIGHBOUR, x] - here) <= limit
+                and abs(range_map[y, x - NEIGHBOUR] - here) <= limit
+                and abs(range_map[y, x + NEIGHBOUR] - here) <= limit
+            ):
+                continue
+            at = int(math.log(here / low) * bins_per_log)
+            if at >= counts.shape[0]:
+                continue
+            region = 0
+            if x >= middle_x:
+                region += 1
+            if y >= middle_y:
+                region += 2
+            if (y - middle_y) ** 2 + (x - middle_x) ** 2 >= ring:
+                region += 4
+            for c in range(3):
+                counts[at, region, c, level_of[image[y, x, c]]] += 1
+            ranges[at, 0] += here
+            ranges[at, 1] += 1
