@@ -31,7 +31,7 @@ from uw_visibility.simulation.camera import Pose, StereoCamera
 from uw_visibility.simulation.frame import Renderer
 from uw_visibility.simulation.scene import reef
 from uw_visibility.simulation.water import Water
-from uw_visibility.stereo.contrast import EvenContrast
+from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import Matcher
 
 # Width, height and number of disparities of each case.
@@ -97,7 +97,7 @@ def run_case(
     )
     pipeline = Pipeline(rig, config)
     matcher = Matcher((height, width), (0, disparities - 1), config.stereo, workers)
-    contrast = EvenContrast((height, width)), EvenContrast((height, width))
+    contrast = ContrastNormalizer((height, width)), ContrastNormalizer((height, width))
     for view, image in zip(contrast, (left, right), strict=True):
         view.stretch(image, workers)
     grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import yaml
 from numpy.typing import NDArray
+from scenes import blurred, codes, stereo_pair, texture
 
 import uw_visibility
 from uw_visibility.cli import main
@@ -32,11 +33,8 @@ Pair = Sequence[NDArray[Any]]
 
 def make_pair(dtype: type = np.uint8, width: int = 160, height: int = 120) -> Pair:
     """Return a fronto-parallel, textured scene, BGR."""
-    rng = np.random.default_rng(7)
-    scene = cv2.GaussianBlur(rng.random((height, width + DISPARITY, 3)), (0, 0), 1.2)
-    scene = (scene - scene.min()) / (scene.max() - scene.min())
-    codes = (scene * np.array([0.8, 0.7, 0.4]) * np.iinfo(dtype).max).astype(dtype)
-    return codes[:, :-DISPARITY], codes[:, DISPARITY:]
+    scene = blurred(texture((height, width + DISPARITY, 3), 7), 0.8)
+    return stereo_pair(codes(scene * np.array([0.8, 0.7, 0.4]), dtype), DISPARITY)
 
 
 def save(folder: Path, pair: Pair) -> tuple[str, str]:

@@ -19,12 +19,14 @@ import numpy as np
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.cli import main
 from uw_visibility.compute.jit import counts
-from uw_visibility.pipeline.second_step import warm_up_pair
+from uw_visibility.pipeline.warm_up import warm_up_pair
+from uw_visibility.water.filter import WaterFilter
 
 assert main(["warmup", "--size", "160x120"]) == 0
 known = counts.loaded + counts.compiled
 rig = StereoRig(200.0, 0.1, (119.5, 79.5))
 plain = Pipeline(rig)
+water_filter = WaterFilter(plain.config)
 even = Pipeline(rig, PipelineConfig.from_parameters({"camera.vignetting": [-0.2, 0.0, 0.0]}))
 for dtype in ("uint8", "uint16"):
     colour = warm_up_pair((160, 240), np.dtype(dtype))
@@ -33,7 +35,8 @@ for dtype in ("uint8", "uint16"):
         padded = [np.concatenate((i, i), axis=1)[:, :240] for i in pair]
         flipped = [i[::-1] for i in pair]
         for number, images in enumerate((pair, message, padded, flipped)):
-            plain.process(*images, stamp=float(number), match_original=True)
+            result = plain.process(*images, match_original=True)
+            water_filter.update(result.water, float(number))
             plain.process(*images, valid=np.ones((160, 240), bool), enhance=("left",))
     assert counts.loaded + counts.compiled == known, dtype
     # The one kernel that only a lens with fall-off needs.

@@ -12,19 +12,17 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.guided_filter import GuidedFilter
 from uw_visibility.enhancement.matting import Matting
-from uw_visibility.enhancement.matting_laplacian import conjugate_gradient, laplacian
 from uw_visibility.errors import InputError
 
 SHAPE = (96, 130)
-METHODS = ("guided", "laplacian")
 
 
 def textured(seed: int = 0, shape: tuple[int, int] = SHAPE) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 256, (*shape, 3)).astype(np.uint8)
 
 
-def matting(method: str = "guided", threads: int = 1, **values: object) -> Matting:
-    return Matting(EnhancementConfig(matting=method, **values), Workers(threads))
+def matting(threads: int = 1, **values: object) -> Matting:
+    return Matting(EnhancementConfig(**values), Workers(threads))
 
 
 def two_surfaces() -> tuple[np.ndarray, np.ndarray]:
@@ -37,11 +35,10 @@ def two_surfaces() -> tuple[np.ndarray, np.ndarray]:
     return truth, np.clip(image + noise, 0, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_constant_is_kept_exactly_between_single_points(method: str) -> None:
+def test_constant_is_kept_exactly_between_single_points() -> None:
     coarse = np.full(SHAPE, np.nan, np.float32)
     coarse[::7, ::9] = 23.5
-    matte = matting(method).refine(coarse, None, textured())
+    matte = matting().refine(coarse, None, textured())
     assert matte.ok
     np.testing.assert_array_equal(matte.disparity, np.float32(23.5))
 
@@ -70,8 +67,7 @@ def test_linear_function_of_the_guide_is_found() -> None:
     assert np.abs(matte.disparity - truth).mean() < 0.4 * truth.std() * 0.1
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_edges_follow_the_image_better_than_a_nearest_or_linear_fill(method: str) -> None:
+def test_edges_follow_the_image_better_than_a_nearest_or_linear_fill() -> None:
     from scipy.interpolate import griddata
 
     truth, image = two_surfaces()
@@ -81,7 +77,7 @@ def test_edges_follow_the_image_better_than_a_nearest_or_linear_fill(method: str
     values = truth[rows, columns].ravel()
     linear = griddata(points, values, grid, "linear").astype(np.float32)
     nearest = griddata(points, values, grid, "nearest").astype(np.float32)
-    matte = matting(method).refine(linear, None, image)
+    matte = matting().refine(linear, None, image)
     error = np.abs(matte.disparity - truth).mean()
     assert error < 0.5 * np.nanmean(np.abs(linear - truth))
     assert error < 0.7 * np.abs(nearest - truth).mean()
@@ -116,9 +112,8 @@ def test_confidence_falls_with_the_distance_to_data() -> None:
     assert confidence.max() <= 1
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_nothing_to_start_from_is_said(method: str) -> None:
-    matte = matting(method).refine(np.full(SHAPE, np.nan, np.float32), None, textured())
+def test_nothing_to_start_from_is_said() -> None:
+    matte = matting().refine(np.full(SHAPE, np.nan, np.float32), None, textured())
     assert not matte.ok
     assert np.isnan(matte.disparity).all()
     assert not matte.confidence.any()
@@ -130,14 +125,11 @@ def test_nothing_to_start_from_is_said(method: str) -> None:
         np.float32, st.tuples(st.integers(1, 40), st.integers(1, 40)),
         elements=st.one_of(st.just(np.nan), st.floats(0.5, 300, width=32)),
     ),
-    st.sampled_from(METHODS),
     st.booleans(),
 )
-def test_any_data_give_a_finite_map_within_their_extremes(
-    coarse: np.ndarray, method: str, grey: bool
-) -> None:
+def test_any_data_give_a_finite_map_within_their_extremes(coarse: np.ndarray, grey: bool) -> None:
     guide = textured(4, coarse.shape)
-    matte = matting(method).refine(coarse, None, guide[..., 0] if grey else guide)
+    matte = matting().refine(coarse, None, guide[..., 0] if grey else guide)
     assert matte.ok == np.isfinite(coarse).any()
     if matte.ok:
         assert np.isfinite(matte.disparity).all()
@@ -176,33 +168,6 @@ def test_image_of_another_size_or_type_is_refused() -> None:
         matting().refine(coarse, None, textured(0, (96, 131)))
     with pytest.raises(InputError, match="8 or 16 bit"):
         matting().refine(coarse, None, textured().astype(np.float32))
-
-
-def test_laplacian_is_symmetric_semidefinite_and_blind_to_constants() -> None:
-    guide = textured(7, (6, 7)).astype(np.float32) / 255
-    matrix = laplacian(guide, 1e-3).toarray()
-    np.testing.assert_allclose(matrix, matrix.T, atol=1e-12)
-    np.testing.assert_allclose(matrix.sum(axis=1), 0, atol=1e-10)
-    assert np.linalg.eigvalsh(matrix).min() > -1e-10
-
-
-def test_laplacian_is_nearly_blind_to_linear_functions_of_colour() -> None:
-    guide = textured(8, (8, 9)).astype(np.float32) / 255
-    matrix = laplacian(guide, 1e-6)
-    seen = (guide @ np.array([1.0, -2.0, 0.5])).ravel()
-    unseen = np.random.default_rng(9).normal(0, seen.std(), seen.size)
-    assert seen @ (matrix @ seen) < 1e-3 * (unseen @ (matrix @ unseen))
-
-
-def test_conjugate_gradient_solves() -> None:
-    import scipy.sparse
-
-    random = np.random.default_rng(10)
-    root = random.normal(size=(30, 30))
-    system = scipy.sparse.csr_matrix(root @ root.T + 5 * np.eye(30))
-    right = random.normal(size=30)
-    solution = conjugate_gradient(system, right, np.zeros(30))
-    np.testing.assert_allclose(system @ solution, right, atol=1e-4)
 
 
 def test_filter_keeps_its_buffers_for_one_size() -> None:

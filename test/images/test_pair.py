@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.errors import InputError
-from uw_visibility.images.pair import blindness, check_pair
+from uw_visibility.images.pair import check_pair, exposure_status
 from uw_visibility.status import Status
 
 GOOD = np.zeros((120, 160, 3), np.uint8)
@@ -40,7 +40,7 @@ def test_blindness_names_its_cause(dtype, channels):
     top = np.iinfo(dtype).max
     shape = (120, 160, *channels)
     noise = np.random.default_rng(0).integers(0, top, shape).astype(dtype)
-    assert blindness(np.zeros(shape, dtype)) is Status.TOO_DARK
-    assert blindness(np.full(shape, top, dtype)) is Status.SATURATED
-    assert blindness(np.full(shape, top // 2, dtype)) is Status.NO_TEXTURE
-    assert blindness(noise) is Status.OK
+    assert exposure_status(np.zeros(shape, dtype)) is Status.TOO_DARK
+    assert exposure_status(np.full(shape, top, dtype)) is Status.SATURATED
+    assert exposure_status(np.full(shape, top // 2, dtype)) is Status.NO_TEXTURE
+    assert exposure_status(noise) is Status.OK

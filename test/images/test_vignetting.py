@@ -10,7 +10,7 @@ from uw_visibility.config.schema import CameraConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.files import write_png
-from uw_visibility.images.vignetting import EvenIllumination, illumination
+from uw_visibility.images.vignetting import FlatFieldCorrection, illumination
 from uw_visibility.optics.transfer import from_linear, to_linear
 
 SHAPE = (90, 120)
@@ -19,7 +19,7 @@ COEFFICIENTS = (-0.4, 0.1, -0.05)
 
 
 def corrector(**config):
-    return EvenIllumination(CameraConfig(**config), CENTRES, Workers(2))
+    return FlatFieldCorrection(CameraConfig(**config), CENTRES, Workers(2))
 
 
 def scene(channels=3, seed=0):
@@ -105,7 +105,7 @@ def test_each_camera_may_have_its_own_flat_field(tmp_path):
 def test_the_result_is_the_same_for_any_number_of_threads():
     image = from_linear(scene(), "linear", np.uint8)
     results = [
-        EvenIllumination(CameraConfig(vignetting=COEFFICIENTS), CENTRES, Workers(n)).correct(
+        FlatFieldCorrection(CameraConfig(vignetting=COEFFICIENTS), CENTRES, Workers(n)).correct(
             image, image)[1] for n in (1, 3)
     ]
     np.testing.assert_array_equal(*results)

@@ -17,11 +17,13 @@ from uw_visibility.messages.frames import StereoFrame, StereoPair
 from uw_visibility.messages.images import MessageFactory, read_image, typestore_factory
 from uw_visibility.messages.output_images import Source
 from uw_visibility.messages.outputs import TOPICS, all_topics, each_message, enhanced_sides
-from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.pipeline.result import EnhancedImages, FrameResult, StereoResult
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.filter import FilteredWater
+from uw_visibility.water.tracking import TrackingEvent
 
 HEIGHT, WIDTH = 4, 40
 RIG = StereoRig(400.0, 0.12, (19.5, 1.5), (16.5, 1.5))
@@ -77,19 +79,24 @@ def result(**changes: Any) -> FrameResult:
     disparity = np.tile(np.linspace(0.0, 39.0, WIDTH, dtype=np.float32), (HEIGHT, 1))
     disparity[0, ::2] = np.nan
     fields: dict[str, Any] = {
-        "status": Status.OK, "step1": water, "water": water,
+        "water": water, "coarse_water": water,
         "visibility": Visibility(
             status=Status.OK, depth_status=Status.OK, mean_attenuation=0.25,
             mean_attenuation_stddev=0.01, distance=11.0, distance_stddev=0.5, depth=3.0,
             depth_stddev=0.25,
         ),
-        "clear_water_attenuation": np.array([0.2, 0.1, 0.0]), "disparity": disparity,
-        "disparity_filled": disparity, "range": disparity, "disparity_original": None,
-        "left_enhanced": LEFT, "right_enhanced": RIGHT, "limited": disparity > 1,
-        "support_points": 9, "coverage": 0.5, "matched_fraction_original": None,
-        "matched_fraction_enhanced": 0.9, "min_disparity": 0, "max_disparity": 32,
+        "clear_water_attenuation": np.array([0.2, 0.1, 0.0]),
+        "stereo": StereoResult(
+            disparity=disparity, filled=disparity, range=disparity, confidence=None,
+            original=None, support_points=9, coverage=0.5, min_disparity=0, max_disparity=32,
+            right_gain=np.ones(3),
+        ),
+        "images": EnhancedImages(LEFT, RIGHT, disparity > 1),
         "timing_ms": {"total": 1.0},
     }
+    for group, names in (("stereo", ("disparity", "min_disparity")), ("images", ("left", "right"))):
+        changed = {name: changes.pop(name) for name in names if name in changes}
+        fields[group] = replace(fields[group], **changed)
     return FrameResult(**(fields | changes))
 
 
@@ -100,10 +107,10 @@ def visibility(**changes: Any) -> Visibility:
 def build(
     make: MessageFactory, outcome: FrameResult | None = None, encoding: str = "rgb8",
     valid: np.ndarray | None = None, window: tuple[int, int, int, int] = (0, 0, WIDTH, HEIGHT),
-    rig: StereoRig = RIG,
+    rig: StereoRig = RIG, filtered: FilteredWater | None = None,
 ) -> dict[str, Any]:
     pair = StereoPair(LEFT, RIGHT, rig, valid, window, (encoding, encoding))
-    source = Source(make, frame(), pair, outcome or result(), CONFIG)
+    source = Source(make, frame(), pair, outcome or result(), CONFIG, filtered)
     return dict(each_message(source, all_topics(CONFIG)))
 
 
@@ -314,11 +321,11 @@ def test_raw_estimates_are_the_frame_s_and_the_others_filtered_where_there_is_a_
     alone = build(make)
     for topic in RAW:
         assert str(alone[topic]) == str(alone[topic.replace("raw/", "")])
-    filtered = result(
-        tracked=replace(result().water, attenuation=np.array([0.6, 0.4, 0.3])),
-        tracked_visibility=visibility(mean_attenuation=0.35, distance=8.0, depth=4.0),
+    filtered = FilteredWater(
+        replace(result().water, attenuation=np.array([0.6, 0.4, 0.3])),
+        visibility(mean_attenuation=0.35, distance=8.0, depth=4.0), TrackingEvent.UPDATED,
     )
-    both = build(make, filtered)
+    both = build(make, filtered=filtered)
     for topic in RAW:
         assert str(both[topic]) == str(alone[topic])
     assert both["visibility/attenuation"].vector.x == 0.6
@@ -329,15 +336,15 @@ def test_raw_estimates_are_the_frame_s_and_the_others_filtered_where_there_is_a_
 
 def test_what_the_filter_bridges_is_said_and_the_frame_s_own_is_not(make: MessageFactory) -> None:
     nothing = result(
-        status=Status.NO_COLOUR, water=WaterEstimate.not_assessable(Status.NO_COLOUR),
+        water=WaterEstimate.not_assessable(Status.NO_COLOUR),
         visibility=Visibility(Status.NO_COLOUR, Status.NO_COLOUR),
-        tracked=result().water, tracked_visibility=result().visibility,
     )
-    assert set(all_topics(CONFIG)) - set(build(make, nothing)) == RAW
+    filtered = FilteredWater(result().water, result().visibility, TrackingEvent.PREDICTED)
+    assert set(all_topics(CONFIG)) - set(build(make, nothing, filtered=filtered)) == RAW
 
 
 def test_grey_images_stay_grey(make: MessageFactory) -> None:
-    grey = result(left_enhanced=LEFT[..., 0].copy(), right_enhanced=RIGHT[..., 0].copy())
+    grey = result(left=LEFT[..., 0].copy(), right=RIGHT[..., 0].copy())
     image = build(make, grey, encoding="mono8")["left/enhanced/image"]
     assert (image.encoding, image.step) == ("mono8", WIDTH)
 
@@ -345,7 +352,7 @@ def test_grey_images_stay_grey(make: MessageFactory) -> None:
 def test_only_what_is_wanted_is_made(make: MessageFactory) -> None:
     pair = StereoPair(LEFT, RIGHT, RIG, None, (0, 0, WIDTH, HEIGHT), ("rgb8", "rgb8"))
     # Making an image of None would fail.
-    outcome = result(left_enhanced=None, right_enhanced=None)
+    outcome = result(left=None, right=None)
     source = Source(make, frame(), pair, outcome, NodeConfig())
     assert {topic for topic, _ in each_message(source, ESTIMATES)} == ESTIMATES
 
@@ -376,7 +383,7 @@ def test_points_project_onto_their_pixels_and_have_their_colours(
 ) -> None:
     left = {"rgb8": LEFT, "rgb16": LEFT.astype(np.uint16) * 257, "mono8": LEFT[..., 1].copy()}[kind]
     rig = replace(RIG, focal_length_y=300.0)
-    messages = build(make, result(left_enhanced=left, right_enhanced=left), kind, rig=rig)
+    messages = build(make, result(left=left, right=left), kind, rig=rig)
     cloud = messages["points2"]
     assert head(cloud) == (7, 250, "left_camera")
     assert (cloud.height, cloud.width, cloud.point_step) == (HEIGHT, WIDTH, 16)

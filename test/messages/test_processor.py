@@ -4,17 +4,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from scenes import in_water, row_ranges, stereo_pair, texture
 
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.outputs import TOPICS
 from uw_visibility.messages.processor import FrameProcessor
-from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.status import Status
+from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.filter import FilteredWater
+from uw_visibility.water.tracking import TrackingEvent
 
 HEIGHT, WIDTH = 96, 128
 ESTIMATES = {topic for topic in TOPICS if topic.startswith("visibility/")}
@@ -26,20 +29,21 @@ def make(name: str, /, **fields: Any) -> SimpleNamespace:
 
 def frame() -> StereoFrame:
     """Make a pair of three planes under water."""
-    disparity = np.repeat((16.0, 10.0, 6.0), HEIGHT // 3)
-    ranges = row_ranges(StereoRig(160.0, 0.1, (63.5, 47.5)), disparity, WIDTH)
-    pair = [
-        in_water(view, ranges, [0.5, 0.3, 0.2], [0.5, 0.5, 0.5])
-        for view in stereo_pair(texture((HEIGHT, WIDTH + 16, 3), 5), disparity)
-    ]
+    texture = np.random.default_rng(5).random((HEIGHT, WIDTH, 3))
+    left, right = np.empty((2, HEIGHT, WIDTH, 3))
+    for part, disparity in enumerate((16, 10, 6)):
+        rows = slice(part * HEIGHT // 3, (part + 1) * HEIGHT // 3)
+        transmission = np.exp(-np.array([0.5, 0.3, 0.2]) * 16 / disparity)
+        left[rows] = 0.5 * (1 - transmission + transmission * texture[rows])
+        right[rows] = np.roll(left[rows], -disparity, axis=1)
     header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0), frame_id="camera")
     roi = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0, do_rectify=False)
     messages: list[Any] = [
         SimpleNamespace(
             header=header, height=HEIGHT, width=WIDTH, encoding="rgb8", is_bigendian=0,
-            step=3 * WIDTH, data=pixels.tobytes(),
+            step=3 * WIDTH, data=(255 * pixels).astype(np.uint8).tobytes(),
         )
-        for pixels in pair
+        for pixels in (left, right)
     ]
     messages += [
         SimpleNamespace(
@@ -57,9 +61,9 @@ def test_matches_are_rated_where_asked_for_and_stay_the_same() -> None:
     settings = PipelineConfig(), NodeConfig()
     without, _ = processor.process(frame(), *settings, TOPICS)
     rated, _ = processor.process(frame(), *settings, TOPICS, confidence=True)
-    assert without.confidence is None
-    assert rated.confidence is not None
-    np.testing.assert_array_equal(rated.confidence > 0, np.isfinite(rated.disparity))
+    assert without.stereo.confidence is None
+    assert rated.stereo.confidence is not None
+    np.testing.assert_array_equal(rated.stereo.confidence > 0, np.isfinite(rated.disparity))
     np.testing.assert_array_equal(rated.disparity, without.disparity)
 
 
@@ -69,8 +73,9 @@ def test_images_that_nobody_wants_are_not_made_and_change_no_estimate() -> None:
     whole, every = processor.process(frame(), *settings, TOPICS)
     result, few = processor.process(frame(), *settings, ESTIMATES)
     assert set(few) == ESTIMATES & set(every)
-    assert (result.left_enhanced.size, result.right_enhanced.size, result.limited.size) == (0, 0, 0)
-    assert np.isnan(result.disparity_filled).all()
+    images = result.images
+    assert (images.left.size, images.right.size, images.limited.size) == (0, 0, 0)
+    assert np.isnan(result.stereo.filled).all()
     np.testing.assert_array_equal(result.water.attenuation, whole.water.attenuation)
     np.testing.assert_array_equal(result.disparity, whole.disparity)
     assert np.isfinite(whole.water.attenuation).any()
@@ -82,19 +87,20 @@ def test_images_that_nobody_wants_are_not_made_and_change_no_estimate() -> None:
         assert list(messages) == [f"{side}/enhanced/image"]
 
 
-def test_frames_are_filtered_over_time_where_they_come_in_order() -> None:
-    settings = PipelineConfig(), NodeConfig()
-    alone, _ = FrameProcessor(make, rectify=False).process(frame(), *settings, ESTIMATES)
-    assert alone.tracked is None
-    processor = FrameProcessor(make, rectify=False, track=True)
-    results = []
-    for nanosec in (0, 500_000_000):
-        later = frame()
-        later.left.header.stamp.nanosec = nanosec
-        results.append(processor.process(later, *settings, ESTIMATES)[0])
-    assert [str(result.tracking) for result in results] == ["started", "updated"]
-    first, second = (r.tracked.attenuation_stddev[0] for r in results)
-    assert second < first
-    # The same stamp again is no progress of time.
-    repeated, _ = processor.process(later, *settings, ESTIMATES)
-    assert str(repeated.tracking) == "started"
+def test_a_filtered_estimate_is_told_apart_from_the_frame_s_own() -> None:
+    work = FrameProcessor(make, rectify=False).begin(frame(), PipelineConfig())
+    assert (work.rig.focal_length, work.header.seconds) == (160.0, 1.0)
+    alone, filtered = (
+        WaterEstimate(
+            Status.OK, np.full(3, attenuation), np.full(3, 0.5),
+            np.tile(0.01 * np.eye(2), (3, 1, 1)), 9, 30, (Status.OK,) * 3,
+        )
+        for attenuation in (0.2, 0.4)
+    )
+    result = replace(work.assess(ESTIMATES), water=alone)
+    for given, expected in (
+        (None, 0.2), (FilteredWater(filtered, result.visibility, TrackingEvent.UPDATED), 0.4),
+    ):
+        messages = dict(work.messages(result, NodeConfig(), ESTIMATES, given))
+        assert messages["visibility/raw/attenuation"].vector.y == 0.2
+        assert messages["visibility/attenuation"].vector.y == expected

@@ -5,21 +5,22 @@
 import cv2
 import numpy as np
 import pytest
-from scenes import ReefView
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.errors import InputError
-from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.simulation.frame import RenderedFrame
+from uw_visibility.simulation.camera import Pose, StereoCamera
+from uw_visibility.simulation.frame import RenderedFrame, Renderer
+from uw_visibility.simulation.scene import reef
 from uw_visibility.simulation.water import Water
-from uw_visibility.stereo.pyramid import Reduction
+from uw_visibility.stereo.pyramid import Pyramid
 
 CAMERA = StereoCamera(644, 362, 600.0, 0.12)
 
 
 @pytest.fixture(scope="module")
 def frame() -> RenderedFrame:
-    return ReefView(CAMERA, water=Water(0.2, 3.0)).frame()
+    pose = Pose((0.0, 0.0, 1.5), tilt=0.3)
+    return Renderer(CAMERA).render(reef(), pose, Water(0.2, 3.0))
 
 
 def pipeline(**parameters: float) -> Pipeline:
@@ -33,20 +34,20 @@ def pipeline(**parameters: float) -> Pipeline:
 def test_large_images_are_matched_small_and_told_in_their_own_pixels(
     frame: RenderedFrame,
 ) -> None:
-    look = pipeline().first_look(frame.left, frame.right)
-    assert look.disparity.shape == (181, 322)
-    u, v, disparity = look.points.T
+    coarse = pipeline().coarse_estimate(frame.left, frame.right)
+    assert coarse.disparity.shape == (181, 322)
+    u, v, disparity = coarse.points.T
     assert u.max() > 600 and v.max() > 340
     truth = frame.disparity_left[np.round(v).astype(int), np.round(u).astype(int)]
     assert np.nanmedian(np.abs(disparity - truth)) < 0.5
-    dense = look.whole_disparity((362, 644))
+    dense = coarse.whole_disparity()
     assert dense.shape == (362, 644)
     assert np.nanmedian(np.abs(dense - frame.disparity_left)) < 1.0
 
 
 def test_the_water_seen_first_is_near_the_truth(frame: RenderedFrame) -> None:
-    look = pipeline().first_look(frame.left, frame.right)
-    np.testing.assert_allclose(look.water.attenuation, frame.attenuation, rtol=0.25)
+    coarse = pipeline().coarse_estimate(frame.left, frame.right)
+    np.testing.assert_allclose(coarse.water.attenuation, frame.attenuation, rtol=0.25)
 
 
 @pytest.mark.parametrize(
@@ -62,7 +63,8 @@ def test_the_water_seen_first_is_near_the_truth(frame: RenderedFrame) -> None:
 def test_small_copies_keep_enough_to_be_matched(
     frame: RenderedFrame, parameters: dict[str, float], width: int
 ) -> None:
-    assert pipeline(**parameters).first_look(frame.left, frame.right).disparity.shape[1] == width
+    coarse = pipeline(**parameters).coarse_estimate(frame.left, frame.right)
+    assert coarse.disparity.shape[1] == width
 
 
 def test_a_hand_is_left_out_at_the_size_of_the_images(frame: RenderedFrame) -> None:
@@ -70,10 +72,10 @@ def test_a_hand_is_left_out_at_the_size_of_the_images(frame: RenderedFrame) -> N
         cv2.circle(image.copy(), (at, 200), 70, (1, 1, 1), -1)
         for image, at in ((frame.left, 420), (frame.right, 200))
     )
-    look = pipeline().first_look(left, right)
-    assert look.view.valid is not None and look.view.valid.shape == (362, 644)
-    assert not look.view.valid[140:260, 370:470].any()
-    assert look.view.valid[:, :250].all()
+    coarse = pipeline().coarse_estimate(left, right)
+    assert coarse.view.valid is not None and coarse.view.valid.shape == (362, 644)
+    assert not coarse.view.valid[140:260, 370:470].any()
+    assert coarse.view.valid[:, :250].all()
 
 
 def test_a_mask_stays_where_nothing_is_in_the_way(frame: RenderedFrame) -> None:
@@ -88,22 +90,22 @@ def test_a_mask_stays_where_nothing_is_in_the_way(frame: RenderedFrame) -> None:
 
 def test_exchanged_large_images_are_refused(frame: RenderedFrame) -> None:
     with pytest.raises(InputError, match="exchange left and right"):
-        pipeline().first_look(frame.right, frame.left)
+        pipeline().coarse_estimate(frame.right, frame.left)
 
 
 @pytest.mark.parametrize("factor", [1, 2, 3])
 def test_points_go_there_and_back(factor: int) -> None:
     shape = (300, 400)
-    reduction = Reduction(factor, pipeline()._workers)
+    reduction = Pyramid(factor, pipeline()._workers)
     points = np.array([[0, 0, 3], [10, 20, 7.5], [130, 99, 0]], np.float32)
-    whole = reduction.whole_points(points, shape)
+    whole = reduction.upsample_points(points, shape)
     # The middle of a square of pixels, and its disparity.
     np.testing.assert_allclose(
         whole, points * factor + [(factor - 1) / 2, (factor - 1) / 2, 0], rtol=1e-6)
-    np.testing.assert_allclose(reduction.points(whole, shape), points, atol=1e-5)
+    np.testing.assert_allclose(reduction.downsample_points(whole, shape), points, atol=1e-5)
 
 
 def test_pixels_that_are_not_square_stay_so() -> None:
     rig = StereoRig(500.0, 0.1, (160.0, 120.0), None, 510.0)
-    small = Reduction(2, pipeline()._workers).rig(rig, (240, 320))
+    small = Pyramid(2, pipeline()._workers).rig(rig, (240, 320))
     assert small.focal_length == 250.0 and small.focal_length_y == 255.0

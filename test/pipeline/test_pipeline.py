@@ -4,12 +4,13 @@
 
 import numpy as np
 import pytest
+from scenes import blurred, codes, stereo_pair, texture
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.degrade import load_scene
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
-from uw_visibility.pipeline.second_step import warm_up_pair
+from uw_visibility.pipeline.warm_up import warm_up_pair
 from uw_visibility.status import Status
 from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
 
@@ -61,27 +62,18 @@ def test_colours_come_back(in_water, name):
 @pytest.mark.parametrize("name", SCENES)
 def test_nothing_unannounced_leaves(in_water, name):
     _, _, result = in_water[name]
-    assert np.isfinite(result.disparity_filled).all()
-    assert not np.isnan(result.range).any()
-    assert np.nanmin(result.disparity) >= result.min_disparity
-    assert np.nanmax(result.disparity) <= result.max_disparity + 1
+    assert np.isfinite(result.stereo.filled).all()
+    assert not np.isnan(result.stereo.range).any()
+    assert np.nanmin(result.disparity) >= result.stereo.min_disparity
+    assert np.nanmax(result.disparity) <= result.stereo.max_disparity + 1
     stages = {name: time for name, time in result.timing_ms.items() if name != "total"}
     assert result.timing_ms["total"] >= max(stages.values()) > 0
 
 
 def scene_pair(disparity=14, seed=0, shape=(160, 240)):
     """A textured pair in colour: two planes, so that ranges differ."""
-    rng = np.random.default_rng(seed)
-    wide = np.zeros((shape[0], shape[1] + 40, 3))
-    for scale in (1, 2, 4, 8):
-        small = rng.random((shape[0] // scale + 1, shape[1] // scale + 41, 3))
-        wide += np.kron(small, np.ones((scale, scale, 1)))[: shape[0], : shape[1] + 40]
-    wide = (wide * 255 / wide.max()).astype(np.uint8)
-    left = wide[:, : shape[1]].copy()
-    right = np.vstack(
-        [wide[:80, 6 : shape[1] + 6], wide[80:, disparity : shape[1] + disparity]]
-    )
-    return left, right
+    wide = codes(blurred(texture((shape[0], shape[1] + 40, 3), seed), 0.6))
+    return stereo_pair(wide, np.repeat((6, disparity), shape[0] // 2), shape[1])
 
 
 RIG = StereoRig(focal_length=300.0, baseline=0.1, principal_point=(119.5, 79.5))
@@ -90,6 +82,12 @@ RIG = StereoRig(focal_length=300.0, baseline=0.1, principal_point=(119.5, 79.5))
 @pytest.fixture(scope="module")
 def pipeline():
     return Pipeline(RIG, PipelineConfig.from_parameters({"stereo.max_disparity": 40}))
+
+
+def arrays(result):
+    """Return all arrays of a pair's stereo and images, by name."""
+    groups = {**vars(result.stereo), **vars(result.images)}
+    return {name: value for name, value in groups.items() if isinstance(value, np.ndarray)}
 
 
 def test_the_same_pair_gives_the_same_bits_whatever_the_threads():
@@ -101,20 +99,18 @@ def test_the_same_pair_gives_the_same_bits_whatever_the_threads():
         for n in (1, 2, 3)
     ]
     for other in results[1:]:
-        for name in ("disparity", "disparity_filled", "disparity_original", "range",
-                     "left_enhanced", "right_enhanced", "limited"):
-            np.testing.assert_array_equal(getattr(other, name), getattr(results[0], name), name)
+        for name, array in arrays(results[0]).items():
+            np.testing.assert_array_equal(arrays(other)[name], array, name)
         np.testing.assert_array_equal(other.water.attenuation, results[0].water.attenuation)
 
 
 def test_results_do_not_change_when_the_next_pair_comes(pipeline):
     left, right = scene_pair()
     first = pipeline.process(left, right)
-    kept = {n: getattr(first, n).copy() for n in ("disparity", "disparity_filled", "range",
-                                                  "left_enhanced", "right_enhanced")}
+    kept = {name: array.copy() for name, array in arrays(first).items()}
     pipeline.process(*scene_pair(disparity=20, seed=5))
     for name, value in kept.items():
-        np.testing.assert_array_equal(getattr(first, name), value, name)
+        np.testing.assert_array_equal(arrays(first)[name], value, name)
 
 
 def test_sixteen_bits_match_like_eight(pipeline):
@@ -189,6 +185,6 @@ def test_an_image_is_restored_with_step_1_where_step_2_is_refused(monkeypatch):
     monkeypatch.setattr(WaterEstimator, "estimate_view", only_once)
     refused = pipeline.process(left, right)
     assert refused.status is Status.FIT_FAILED
-    assert refused.step1.status is Status.OK
+    assert refused.coarse_water.status is Status.OK
     assert np.isnan(refused.visibility.distance)
     assert np.abs(refused.left_enhanced.astype(int) - left).mean() > 10

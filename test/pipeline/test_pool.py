@@ -7,12 +7,12 @@ from threading import Barrier
 
 import numpy as np
 import pytest
-from scenes import ReefView
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.pipeline.pool import PipelinePool
 from uw_visibility.simulation.camera import Pose, StereoCamera
-from uw_visibility.simulation.frame import RenderedFrame
+from uw_visibility.simulation.frame import RenderedFrame, Renderer
+from uw_visibility.simulation.scene import reef
 from uw_visibility.simulation.water import Water
 
 CAMERA = StereoCamera(200, 150, 200.0, 0.12)
@@ -23,7 +23,7 @@ CONFIG = PipelineConfig.from_parameters({"stereo.max_disparity": 40, "threads": 
 @pytest.fixture(scope="module")
 def frames() -> list[RenderedFrame]:
     return [
-        ReefView(CAMERA, pose=Pose((0.3 * i, 0.0, 1.5), tilt=0.3), water=Water(0.15, 3.0)).frame()
+        Renderer(CAMERA).render(reef(), Pose((0.3 * i, 0.0, 1.5), tilt=0.3), Water(0.15, 3.0))
         for i in range(4)
     ]
 
@@ -47,22 +47,6 @@ def test_overlapping_frames_tell_what_they_tell_alone(frames: list[RenderedFrame
                 np.testing.assert_array_equal(result.disparity, expected.disparity)
                 np.testing.assert_array_equal(result.left_enhanced, expected.left_enhanced)
                 np.testing.assert_array_equal(result.water.covariance, expected.water.covariance)
-
-
-def test_frames_of_several_pipelines_are_tracked_as_those_of_one(
-    frames: list[RenderedFrame],
-) -> None:
-    pool, alone = PipelinePool(RIG, CONFIG), Pipeline(RIG, CONFIG)
-    with pool.pipeline() as first, pool.pipeline() as second:
-        for number, frame in enumerate(frames):
-            pipeline = (first, second)[number % 2]
-            result = pool.track(pipeline.process(frame.left, frame.right), 0.5 * number)
-            expected = alone.process(frame.left, frame.right, stamp=0.5 * number)
-            assert result.tracking == expected.tracking
-            np.testing.assert_array_equal(
-                result.tracked.attenuation, expected.tracked.attenuation)
-            assert result.tracked_visibility == expected.tracked_visibility
-            assert result.timing_ms.keys() == expected.timing_ms.keys()
 
 
 def test_a_pipeline_comes_back_after_a_frame_that_fails() -> None:

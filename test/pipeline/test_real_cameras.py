@@ -7,13 +7,12 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from scenes import ReefView
 
 from uw_visibility import FrameResult, Pipeline, PipelineConfig, StereoRig
 from uw_visibility.images.vignetting import illumination
 from uw_visibility.optics.transfer import from_linear, to_linear
 from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
-from uw_visibility.simulation.frame import Effects
+from uw_visibility.simulation.frame import Effects, Renderer
 from uw_visibility.simulation.scene import reef
 from uw_visibility.simulation.water import Water
 from uw_visibility.status import Status
@@ -34,7 +33,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def clean(scene):
-    return ReefView(CAMERA, scene, POSE, WATER, SMALL_CAMERA).frame()
+    return Renderer(CAMERA, SMALL_CAMERA).render(scene, POSE, WATER)
 
 
 def process(left, right, **parameters) -> FrameResult:
@@ -63,7 +62,7 @@ def test_the_undisturbed_frame_is_assessed_truly(undisturbed):
     assert undisturbed.status is Status.OK
     assert abs(undisturbed.visibility.mean_attenuation - ALPHA) < 0.04
     assert abs(undisturbed.visibility.depth - DEPTH) < 0.3
-    np.testing.assert_allclose(undisturbed.right_gain, 1.0, atol=0.02)
+    np.testing.assert_allclose(undisturbed.stereo.right_gain, 1.0, atol=0.02)
 
 
 def test_srgb_images_tell_the_same_water(clean, undisturbed):
@@ -97,10 +96,10 @@ def test_a_vignette_that_is_known_changes_nothing(clean, undisturbed, transfer):
 def test_a_brighter_right_camera_gets_its_own_ambient_light(clean, undisturbed):
     gain = np.array([0.8, 0.65, 0.7])
     result = process(clean.left, encoded(clean.right, gain=gain))
-    np.testing.assert_allclose(result.right_gain, gain, rtol=0.02)
+    np.testing.assert_allclose(result.stereo.right_gain, gain, rtol=0.02)
     assert_same_water(result, undisturbed, 0.01, 0.15)
-    matched = undisturbed.matched_fraction_enhanced
-    assert result.matched_fraction_enhanced > matched - 0.05
+    matched = undisturbed.stereo.matched_fraction
+    assert result.stereo.matched_fraction > matched - 0.05
     difference = result.right_enhanced.astype(float) - undisturbed.right_enhanced
     assert np.median(np.abs(difference)) < 6
 
@@ -131,9 +130,9 @@ def test_a_hand_near_the_lens_does_not_pass_for_water(clean, undisturbed, shade,
 ], ids=["caustics", "snow", "both"])
 def test_noise_caustics_and_snow_do_not_pass_for_water(scene, effects, tolerance):
     errors, depths = [], []
-    view = ReefView(CAMERA, scene, POSE, WATER, SMALL_CAMERA, effects)
+    renderer = Renderer(CAMERA, SMALL_CAMERA, effects)
     for seed in range(4):
-        frame = view.frame(seed, 0.7 * seed)
+        frame = renderer.render(scene, POSE, WATER, seed=seed, time=0.7 * seed)
         result = process(frame.left, frame.right)
         assert result.status is Status.OK
         errors.append(result.visibility.mean_attenuation - ALPHA)

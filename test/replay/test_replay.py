@@ -101,7 +101,7 @@ def test_messages_and_table_are_those_of_the_common_path(transect: Path, tmp_pat
             assert found.pop((f"/{topic}", time)) == expected, topic
         assert float(row["visibility_distance"]) == result.visibility.distance
         assert float(row["attenuation_green"]) == result.water.attenuation[1]
-        assert float(row["matched_fraction"]) == result.matched_fraction_enhanced
+        assert float(row["matched_fraction"]) == result.stereo.matched_fraction
         assert row["filtered_depth"] == ""
     assert {topic for topic, _ in found} == {"/depth_plausibility/nis"}
 
@@ -298,7 +298,7 @@ def test_the_library_yields_what_the_command_writes(
     assert [f.number for f in frames] == list(range(FRAMES))
     for frame, row in zip(frames, rows, strict=True):
         assert float(row["depth"]) == frame.result.visibility.depth
-        assert frame.result.confidence is not None
+        assert frame.result.stereo.confidence is not None
         assert frame.messages["disparity"].header.stamp.sec == frame.stamp // 10**9
     assert len(list(replay.read(transect, ALONE, start=1.0, every=2))) == 2
     with pytest.raises(InputError, match=r"water\.bin"):
@@ -317,4 +317,4 @@ def test_the_pair_as_recorded_is_matched_on_request(
         assert row == without
     assert "of the pair as recorded" in (tmp_path / "out" / "report.html").read_text()
     frame = next(replay.read(transect, match_original=True))
-    assert frame.result.matched_fraction_original is not None
+    assert frame.result.stereo.matched_fraction_original is not None

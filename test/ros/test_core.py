@@ -7,17 +7,19 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import fields
 from typing import Any
 
+import numpy as np
 import pytest
 
 from uw_visibility.errors import InputError
+from uw_visibility.messages.estimates import ImageHeader
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.outputs import TOPICS
-from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.pipeline.result import EnhancedImages, FrameResult, StereoResult
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
+from uw_visibility.water.estimation import WaterEstimate
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
@@ -33,10 +35,13 @@ ESTIMATES = {topic for topic in TOPICS if topic.startswith("visibility/")}
 
 
 FRAME = StereoFrame(Image(), Image(), CameraInfo(), CameraInfo())
-RESULT = FrameResult(**(dict.fromkeys(f.name for f in fields(FrameResult)) | {
-    "visibility": Visibility(Status.TOO_DARK, Status.TOO_DARK), "coverage": 0.5,
-    "matched_fraction_enhanced": 0.5, "timing_ms": {"total": 1.0},
-}))
+WATER = WaterEstimate.not_assessable(Status.TOO_DARK)
+NOTHING = np.full((1, 1), np.nan, np.float32)
+RESULT = FrameResult(
+    WATER, WATER, Visibility(Status.TOO_DARK, Status.TOO_DARK), np.zeros(3),
+    StereoResult(NOTHING, NOTHING, NOTHING, None, None, 0, 0.5, 0, 32, np.ones(3)),
+    EnhancedImages(NOTHING, NOTHING, NOTHING > 0), {"total": 1.0},
+)
 
 
 class Processor:
@@ -47,6 +52,8 @@ class Processor:
         self.calibrations, self.rig = 0, None
         self.asked: list[set[str]] = []
         self.failure: Exception | None = None
+        self.header = ImageHeader(1, 0, "camera")
+        self.rig = None
 
     def begin(self, frame: Any, pipeline: Any) -> Any:
         return self
@@ -57,10 +64,9 @@ class Processor:
             raise self.failure
         return RESULT
 
-    def track(self, result: Any) -> Any:
-        return result
-
-    def messages(self, result: Any, node: Any, topics: Any) -> list[tuple[str, Any]]:
+    def messages(
+        self, result: Any, node: Any, topics: Any, filtered: Any
+    ) -> list[tuple[str, Any]]:
         return [("visibility/mean_attenuation", Float64(data=1.0))]
 
 

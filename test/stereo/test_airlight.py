@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import in_water, patches
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.degrade import load_scene
 from uw_visibility.evaluation.metrics import correct_fraction
-from uw_visibility.optics.light_model import attenuate
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
-from uw_visibility.optics.transfer import from_linear
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.status import Status
 from uw_visibility.stereo.airlight import Airlight
@@ -35,16 +34,15 @@ def water(attenuation=ATTENUATION, ambient=AMBIENT, deviation=0.0):
 
 
 def seen(radiance, disparity, transfer="linear", dtype=np.uint8):
-    range_map = RIG.range_from_disparity(disparity)
-    light = attenuate(radiance.astype(np.float32), range_map, ATTENUATION, AMBIENT)
-    return from_linear(light, transfer, dtype)
+    ranges = RIG.range_from_disparity(disparity)
+    return in_water(radiance, ranges, ATTENUATION, AMBIENT, dtype=dtype, transfer=transfer)
 
 
 def scene(darkest=0.0, seed=0):
     rng = np.random.default_rng(seed)
     disparity = np.tile(np.linspace(12, 40, SHAPE[1]), (SHAPE[0], 1)).astype(np.float32)
     # Patches, since an image of noise alone is taken for a noisy one.
-    return np.kron(rng.uniform(darkest, 1.0, (8, 12, 3)), np.ones((10, 10, 1))), disparity
+    return patches(rng.uniform(darkest, 1.0, (8, 12, 3)), 10), disparity
 
 
 def airlight(transfer="linear", threads=1):

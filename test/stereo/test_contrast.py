@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.compute.threads import Workers
-from uw_visibility.stereo.contrast import EvenContrast
+from uw_visibility.stereo.contrast import ContrastNormalizer
 
 ATTENUATION = np.array([0.5, 0.3, 0.2])
 AMBIENT = np.array([0.3, 0.7, 0.8])
@@ -16,7 +16,7 @@ NO_NOISE = np.zeros(3)
 
 
 def stretched(image):
-    contrast = EvenContrast(image.shape[:2])
+    contrast = ContrastNormalizer(image.shape[:2])
     contrast.stretch(image, Workers(2), NO_NOISE)
     return contrast
 
@@ -54,7 +54,7 @@ def test_contrast_of_near_and_far_becomes_even():
     transmission = np.exp(-ATTENUATION * ranges[..., None])
     light = AMBIENT * (stripes[:, None] * transmission + 1 - transmission)
     image = np.round(light * 65535).astype(np.uint16)
-    contrast = EvenContrast(SHAPE)
+    contrast = ContrastNormalizer(SHAPE)
     contrast.restore(image, ranges, ATTENUATION, AMBIENT, Workers(1), NO_NOISE)
     levels = contrast.grey * contrast.gain
     near, far = np.ptp(levels[20]), np.ptp(levels[60])
@@ -66,7 +66,7 @@ def test_channels_that_are_not_known_are_left_out():
     rng = np.random.default_rng(2)
     image = rng.integers(0, 255, (*SHAPE, 3)).astype(np.uint8)
     attenuation = np.array([np.nan, 0.3, np.nan])
-    contrast = EvenContrast(SHAPE)
+    contrast = ContrastNormalizer(SHAPE)
     ranges = np.full(SHAPE, 2, np.float32)
     contrast.restore(image, ranges, attenuation, AMBIENT, Workers(1), NO_NOISE)
     np.testing.assert_allclose(contrast.grey, image[..., 1].astype(int) * 256, atol=1)
@@ -78,7 +78,7 @@ def test_unknown_range_takes_the_gain_of_the_farthest():
     ranges[:10] = 4
     ranges[10:20] = np.nan
     ranges[20:30] = np.inf
-    contrast = EvenContrast(SHAPE)
+    contrast = ContrastNormalizer(SHAPE)
     contrast.restore(image, ranges, ATTENUATION, AMBIENT, Workers(1), NO_NOISE)
     np.testing.assert_array_equal(contrast.gain[:30], contrast.gain[0, 0])
     assert contrast.gain[40, 0] < contrast.gain[0, 0]

@@ -5,11 +5,10 @@
 import cv2
 import numpy as np
 import pytest
-from scenes import blurred, codes, stereo_pair
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
-from uw_visibility.stereo.contrast import EvenContrast
+from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.denoising import LARGEST, LEAST_NOISE, NoiseAdaptiveSmoother
 from uw_visibility.stereo.elas import Matcher
 from uw_visibility.stereo.elas.noise_settings import settings_in_noise
@@ -75,7 +74,7 @@ def correct_share(left: np.ndarray, right: np.ndarray, noise: float, disparity: 
     matcher = Matcher(SHAPE, (0, 32), config, Workers(1))
     views = []
     for image in (left, right):
-        contrast = EvenContrast(SHAPE)
+        contrast = ContrastNormalizer(SHAPE)
         contrast.stretch(image, Workers(1), np.full(3, noise))
         views.append(contrast)
     matcher.describe(*views)
@@ -85,12 +84,14 @@ def correct_share(left: np.ndarray, right: np.ndarray, noise: float, disparity: 
 
 def test_noisy_pairs_are_matched_better_than_as_they_are(
 ) -> None:
-    wide = blurred(np.random.default_rng(3).random((96, 172)), 2.0) * 800 / 255
-    wide = 120 / 255 + 0.5 * (wide - wide.mean())
+    wide = cv2.GaussianBlur(np.random.default_rng(3).random((96, 172)), (0, 0), 2.0) * 800
+    wide = 120 + 0.5 * (wide - wide.mean())
     random = np.random.default_rng(4)
     left, right = (
-        codes(np.repeat(part[..., None], 3, 2) + random.normal(0, 20 / 255, (*SHAPE, 3)))
-        for part in stereo_pair(wide, 12)
+        np.clip(
+            np.repeat(part[..., None], 3, 2) + random.normal(0, 20, (*SHAPE, 3)) + 0.5, 0, 255
+        ).astype(np.uint8)
+        for part in (wide[:, :160], wide[:, 12:])
     )
     as_they_are = correct_share(left, right, 0.0, 12)
     smoothed = correct_share(left, right, 20.0, 12)
@@ -106,7 +107,7 @@ def test_noise_alone_is_not_matched() -> None:
     matcher = Matcher(SHAPE, (0, 32), StereoConfig(max_disparity=32), Workers(1))
     views = []
     for image in (left, right):
-        contrast = EvenContrast(SHAPE)
+        contrast = ContrastNormalizer(SHAPE)
         contrast.stretch(image, Workers(1))
         views.append(contrast)
     matcher.describe(*views)

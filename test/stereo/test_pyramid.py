@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
-from uw_visibility.stereo.pyramid import Reduction
+from uw_visibility.stereo.pyramid import Pyramid
 
 FAST = Path(__file__).resolve().parents[2] / "config" / "fast.yaml"
 RIG = StereoRig(300.0, 0.1, (160.0, 121.0), (157.5, 121.0))
@@ -52,7 +52,7 @@ def pair() -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("factor", [2, 3, 4])
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_slope_comes_back_as_it_was(factor: int, threads: int) -> None:
-    reduction = Reduction(factor, Workers(threads))
+    reduction = Pyramid(factor, Workers(threads))
     height, width = HEIGHT // factor, WIDTH // factor
     if reduction.factor((HEIGHT, WIDTH)) == 1:
         assert (height, width) < (64, 96)
@@ -60,7 +60,7 @@ def test_a_slope_comes_back_as_it_was(factor: int, threads: int) -> None:
     # A square's disparity is the mean of its pixels', and smaller by the factor.
     whole = slope()[: height * factor, : width * factor]
     small = whole.reshape(height, factor, width, factor).mean(axis=(1, 3)) / factor
-    full = reduction.disparity(small.astype(np.float32), (HEIGHT, WIDTH))
+    full = reduction.upsample_disparity(small.astype(np.float32), (HEIGHT, WIDTH))
     assert full.shape == (HEIGHT, WIDTH)
     inside = (slice(factor, height * factor - factor), slice(factor, width * factor - factor))
     np.testing.assert_allclose(full[inside], slope()[inside], atol=2e-4)
@@ -72,7 +72,7 @@ def test_two_surfaces_are_not_mixed_and_nothing_is_made_up() -> None:
     small = np.full((100, 120), 5.0, np.float32)
     small[:, 60:] = 12.0
     small[40:60] = np.nan
-    full = Reduction(2, Workers(1)).disparity(small, (200, 240))
+    full = Pyramid(2, Workers(1)).upsample_disparity(small, (200, 240))
     assert set(np.unique(full[np.isfinite(full)])) == {10.0, 24.0}
     assert np.isnan(full[80:120]).all()
     assert np.isfinite(full[:80]).all()
@@ -83,7 +83,7 @@ def test_two_surfaces_are_not_mixed_and_nothing_is_made_up() -> None:
 def test_a_point_has_the_same_range_at_both_sizes(
     factor: int, x: float, y: float, disparity: float
 ) -> None:
-    small = Reduction(factor, Workers(1)).rig(RIG, (480, 640))
+    small = Pyramid(factor, Workers(1)).rig(RIG, (480, 640))
     u, v = (x + 0.5) / factor - 0.5, (y + 0.5) / factor - 0.5
     points = []
     for rig, point, shift in ((RIG, (x, y), disparity), (small, (u, v), disparity / factor)):
@@ -93,21 +93,15 @@ def test_a_point_has_the_same_range_at_both_sizes(
     np.testing.assert_allclose(points[0], points[1], rtol=1e-6, atol=1e-9)
 
 
-def test_a_mask_keeps_what_is_whole_and_small_images_stay() -> None:
-    reduction = Reduction(2, Workers(1))
-    mask = np.ones((201, 301), bool)
-    mask[0, 7] = False
-    small = reduction.mask(mask)
-    assert small is not None
-    assert small.shape == (100, 150)
-    assert np.argwhere(~small).tolist() == [[0, 3]]
+def test_images_too_small_to_be_matched_smaller_stay() -> None:
+    reduction = Pyramid(2, Workers(1))
     image = np.zeros((120, 180, 3), np.uint8)
-    assert reduction.image(image) is image
+    assert reduction.downsample(image) is image
 
 
 def test_the_search_covers_the_same_disparities_at_most() -> None:
     config = StereoConfig(min_disparity=5, max_disparity=63)
-    found = Reduction(2, Workers(1)).settings(config, (480, 640))
+    found = Pyramid(2, Workers(1)).settings(config, (480, 640))
     assert (found.min_disparity, found.max_disparity) == (3, 31)
 
 
@@ -120,17 +114,19 @@ def test_the_fast_preset_publishes_full_size_and_true_geometry(
     )
     assert fast.timing_ms["reduction"] > 0
     for result in (whole, fast):
-        assert result.disparity_original is not None
-        for disparity in (result.disparity, result.disparity_filled, result.disparity_original):
+        assert result.stereo.original is not None
+        for disparity in (result.disparity, result.stereo.filled, result.stereo.original):
             error = (disparity - slope())[:, 40:]
             assert np.isfinite(error).mean() > 0.8
             assert abs(np.nanmean(error)) < 0.05
             assert np.nanpercentile(np.abs(error), 95) < 0.5
         truth = RIG.range_from_disparity(slope())
-        assert np.median(np.abs(result.range / truth - 1)) < 0.01
-    for name in ("left_enhanced", "right_enhanced", "limited", "range"):
-        assert getattr(fast, name).shape == getattr(whole, name).shape, name
-    assert (fast.min_disparity, fast.max_disparity) == (whole.min_disparity, whole.max_disparity)
+        assert np.median(np.abs(result.stereo.range / truth - 1)) < 0.01
+    assert fast.stereo.range.shape == whole.stereo.range.shape
+    for name in ("left", "right", "limited"):
+        assert getattr(fast.images, name).shape == getattr(whole.images, name).shape, name
+    limits = [(r.stereo.min_disparity, r.stereo.max_disparity) for r in (whole, fast)]
+    assert limits[0] == limits[1]
     assert abs(fast.visibility.mean_attenuation - whole.visibility.mean_attenuation) < 0.03
     # The images are as sharp as ever: they are not made from the small ones.
     sharpness = [
@@ -149,5 +145,7 @@ def test_the_fast_preset_gives_the_same_bits_for_any_number_of_threads(
         ).process(*pair)
         for threads in (1, 2)
     ]
-    for name in ("disparity", "disparity_filled", "left_enhanced", "right_enhanced"):
-        np.testing.assert_array_equal(*(getattr(result, name) for result in results))
+    for name in ("disparity", "filled"):
+        np.testing.assert_array_equal(*(getattr(result.stereo, name) for result in results))
+    for name in ("left", "right"):
+        np.testing.assert_array_equal(*(getattr(result.images, name) for result in results))

@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from scenes import codes, patches, stereo_pair
 
 from uw_visibility.optics.transfer import from_linear
 from uw_visibility.stereo.radiometry import right_gain
@@ -14,14 +15,9 @@ GAIN = np.array([1.3, 0.8, 1.05])
 def pair(gain=GAIN, transfer="linear", dtype=np.uint8, disparity=7.5, noise=0.01, seed=0):
     """A textured pair of one disparity, and points all over it."""
     rng = np.random.default_rng(seed)
-    wide = np.kron(rng.uniform(0.1, 0.6, (15, 30, 3)), np.ones((8, 8, 1)))
-    columns = np.arange(200) + disparity
-    low = np.floor(columns).astype(int)
-    part = (columns - low)[None, :, None]
-    left = wide[:, :200]
-    right = ((1 - part) * wide[:, low] + part * wide[:, low + 1]) * gain
-    images = [from_linear(i + noise * rng.standard_normal(i.shape), transfer, dtype)
-              for i in (left, right)]
+    left, right = stereo_pair(patches(rng.uniform(0.1, 0.6, (15, 30, 3)), 8), disparity, 200)
+    images = [codes(i + noise * rng.standard_normal(i.shape), dtype, transfer)
+              for i in (left, right * gain)]
     u, v = np.meshgrid(np.arange(0, 200, 5), np.arange(0, 120, 5))
     points = np.stack((u.ravel(), v.ravel(), np.full(u.size, disparity)), axis=1)
     return *images, points.astype(np.float32)

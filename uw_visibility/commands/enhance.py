@@ -195,9 +195,11 @@ def _write(folder: Path, result: FrameResult) -> None:
     write_png(folder / "right_enhanced.png", result.right_enhanced)
     matched = np.where(np.isfinite(result.disparity), result.disparity, np.float32(np.inf))
     write_pfm(folder / "disparity.pfm", matched)
-    if result.confidence is not None:
-        write_pfm(folder / "confidence.pfm", result.confidence)
-    for name, values in (("disparity_filled", result.disparity_filled), ("range", result.range)):
+    if result.stereo.confidence is not None:
+        write_pfm(folder / "confidence.pfm", result.stereo.confidence)
+    for name, values in (
+        ("disparity_filled", result.stereo.filled), ("range", result.stereo.range)
+    ):
         known = np.isfinite(values)
         if not known.all():
             share = 1.0 - known.mean()

@@ -21,6 +21,8 @@ for each mean attenuation and depth of a grid, and compare what the pipeline mak
 them with the truth, with OpenCV's matcher and histogram methods, and with the oracle,
 which knows the water and the ranges. A rendered transect stands for section IV.
 
+The water there is lit as the scene is, and parameter water.veil is paper unless it is set.
+
 With --adverse, it shows instead what the estimates of the water say where water and
 camera are not the model's: each effect, at some levels, is put on every scene, and
 counted is what was refused, and why, and what was published more than 3 σ wrong, beside
@@ -189,7 +191,7 @@ def _run_adverse(arguments: argparse.Namespace) -> None:
         depths=tuple(arguments.depth or DEPTHS),
         seeds=arguments.seeds,
         matched=arguments.ranges == "matched",
-        config=_read_config(arguments.params_file),
+        config=_read_config(arguments.params_file, {}),
     )
     results = run_adverse(
         plan, arguments.jobs, lambda done, total: progress_bar(done, "evaluate", total)
@@ -221,16 +223,18 @@ def _plan(arguments: argparse.Namespace) -> Plan:
             arguments.attenuation or (QUICK_ATTENUATIONS if quick else ATTENUATIONS)),
         depths=tuple(arguments.depth or (QUICK_DEPTHS if quick else DEPTHS)),
         transect=transect,
-        config=_read_config(arguments.params_file),
+        # Veil and light are one in the paper's experiments.
+        config=_read_config(arguments.params_file, {"water.veil": "paper"}),
         noises=tuple(arguments.noise or (QUICK_NOISES if quick else NOISES)),
     )
 
 
-def _read_config(path: Path | None) -> PipelineConfig:
+def _read_config(path: Path | None, defaults: dict[str, Any]) -> PipelineConfig:
+    """Read the parameters, with other defaults for some."""
     from uw_visibility.commands.params_file import read_params_file
     from uw_visibility.config.schema import PipelineConfig
 
-    config = PipelineConfig.from_parameters(read_params_file(path))
+    config = PipelineConfig.from_parameters({**defaults, **read_params_file(path)})
     if config.camera.transfer != "linear":
         raise InputError(
             f"{path}: camera.transfer is {config.camera.transfer}: "

@@ -34,10 +34,10 @@ def frame_report(result: FrameResult) -> dict[str, Any]:
     return {
         "status": str(frame_status(result)),
         "step1": {
-            "attenuation": _channels(result.step1.attenuation),
-            "ambient_light": _channels(result.step1.ambient_light),
-            "support_points": int(result.support_points),
-            "coverage": _number(result.coverage),
+            "attenuation": _channels(result.coarse_water.attenuation),
+            "ambient_light": _channels(result.coarse_water.ambient_light),
+            "support_points": int(result.stereo.support_points),
+            "coverage": _number(result.stereo.coverage),
         },
         "step2": {
             "attenuation": _channels(result.water.attenuation),
@@ -55,8 +55,8 @@ def frame_report(result: FrameResult) -> dict[str, Any]:
         "depth": _number(visibility.depth),
         "depth_stddev": _number(visibility.depth_stddev),
         "matched_fraction": {
-            "original": _number(result.matched_fraction_original),
-            "enhanced": _number(result.matched_fraction_enhanced),
+            "original": _number(result.stereo.matched_fraction_original),
+            "enhanced": _number(result.stereo.matched_fraction),
         },
         "timing_ms": {stage: round(time, 3) for stage, time in result.timing_ms.items()},
     }

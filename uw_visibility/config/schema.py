@@ -186,12 +186,6 @@ class EnhancementConfig:
         "of white: limits the gain further.",
         minimum=1e-3, maximum=10.0,
     )
-    matting: str = parameter(
-        "guided",
-        "How the coarse disparity becomes dense: guided (a filter, fast) or laplacian "
-        "(a closed-form matting solve, for reference).",
-        choices=("guided", "laplacian"),
-    )
     matting_radius: int = parameter(
         4, "Reach of the matting filter; larger holes are filled from coarser scales.",
         unit="px", minimum=4, maximum=256,

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.guided_filter import GuidedFilter
-from uw_visibility.enhancement.matting_laplacian import solve_matting
 from uw_visibility.errors import InputError
 
 
@@ -43,7 +42,7 @@ class Matting:
     Parameters
     ----------
     config : EnhancementConfig
-        `matting` tells the method, `matting_radius` and `matting_smoothness` its reach.
+        `matting_radius` and `matting_smoothness` tell the filter's reach.
     workers : Workers, optional
         Threads; one by default.
     """
@@ -93,8 +92,7 @@ class Matting:
         guided = self._filter_for(coarse.shape)
         disparity = np.empty(coarse.shape, np.float32)
         dense_confidence = np.empty(coarse.shape, np.float32)
-        solve = solve_matting if self._config.matting == "laplacian" else GuidedFilter.run
-        ok = solve(guided, coarse, confidence, image, disparity, dense_confidence)
+        ok = guided.run(coarse, confidence, image, disparity, dense_confidence)
         if not ok:
             disparity[:] = np.nan
             dense_confidence[:] = 0

@@ -213,7 +213,8 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         images["final"] = result.left_enhanced
     disparities = _peer_matches(left, right, images["oracle"], oracle_right, bench.disparities)
     if result is not None:
-        disparities["ours_raw"], disparities["ours"] = result.disparity_original, result.disparity
+        disparities["ours_raw"] = result.stereo.original
+        disparities["ours"] = result.disparity
     disparities["oracle_ours"] = match_with_truth(
         left, right, fill_from_background(scene.disparity_left), truth, bench.rig, bench.config)
     readings = bench.read(left, bench.exact_range, result, refusal)
@@ -296,7 +297,7 @@ class _Bench:
             readings |= dict.fromkeys(("step1", "pipeline", "paper_pipeline"), refused)
         else:
             found = self.rig.range_from_disparity(result.disparity)
-            readings["step1"] = self._reading(result.step1)
+            readings["step1"] = self._reading(result.coarse_water)
             readings["pipeline"] = Reading.of(result.water, result.visibility)
             readings["paper_pipeline"] = self._reading(
                 self._estimators["paper"].estimate(left, found)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,9 +23,11 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.matting import Matting
 from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.evaluation.degrade import Scene, fill_from_background
+from uw_visibility.evaluation.matting_laplacian import refine_by_laplacian
 from uw_visibility.evaluation.metrics import colour_difference, halo
+from uw_visibility.images.view import View
 from uw_visibility.pipeline.result import FrameResult
-from uw_visibility.pipeline.second_step import Stages
+from uw_visibility.pipeline.second_step import SecondStep
 from uw_visibility.stereo.interpolation import inpaint
 from uw_visibility.stereo.rig import StereoRig
 
@@ -104,16 +106,17 @@ def edge_errors(
         In the order of `MAPS`.
     """
     workers = Workers(1)
-    stages = Stages((left.shape[0], left.shape[1]), rig, config, workers)
-    stages.describe_raw(left, right)
-    mesh = stages.matcher.coarse_disparity(stages.matcher.support_points())
-    maps = {"mesh": inpaint(mesh), "final": result.disparity_filled}
+    step = SecondStep((left.shape[0], left.shape[1]), rig, config, workers)
+    mesh = step.coarse_disparity(View.of(left), View.of(right))
+    maps = {"mesh": inpaint(mesh), "final": result.stereo.filled}
     maps["truth"] = fill_from_background(scene.disparity_left)
     times = {}
-    for method in ("guided", "laplacian"):
-        matting = Matting(replace(config.enhancement, matting=method), workers)
-        maps[method], times[method] = _timed(
-            lambda matting=matting: matting.refine(mesh, None, left).disparity)  # type: ignore[misc]
+    matting = Matting(config.enhancement, workers)
+    for method, refine in (
+        ("guided", lambda: matting.refine(mesh, None, left).disparity),
+        ("laplacian", lambda: refine_by_laplacian(mesh, left, config.enhancement)),
+    ):
+        maps[method], times[method] = _timed(refine)
     restorer = Restorer(config.enhancement, config.camera.transfer, workers)
     errors = []
     for name in MAPS:

@@ -38,8 +38,8 @@ def first_enhancement(
         Like `left`.
     """
     config = pipeline.config
-    first = pipeline.first_look(left, right)
-    dense = first.whole_disparity((left.shape[0], left.shape[1]))
+    first = pipeline.coarse_estimate(left, right)
+    dense = first.whole_disparity()
     restorer = Restorer(config.enhancement, config.camera.transfer, Workers(config.threads))
     enhanced, _ = restorer.restore(left, pipeline.rig.range_from_disparity(dense), first.water)
     return np.asarray(enhanced)

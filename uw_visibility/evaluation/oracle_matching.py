@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.readings import Truth
-from uw_visibility.pipeline.second_step import Stages
+from uw_visibility.images.view import StereoViews, View
+from uw_visibility.pipeline.first_step import CoarseEstimate
+from uw_visibility.pipeline.second_step import SecondStep
+from uw_visibility.pipeline.timing import StageClock
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimation import WaterEstimate
@@ -42,14 +45,13 @@ def match_with_truth(
     (H, W) float32 ndarray
         Disparity, px; NaN where unmatched.
     """
-    stages = Stages((left.shape[0], left.shape[1]), rig, config, Workers(config.threads))
+    transfer = config.camera.transfer
+    views = StereoViews(View.of(left, transfer), View.of(right, transfer))
+    step = SecondStep(views.left.shape, rig, config, Workers(config.threads))
     water = WaterEstimate(
         Status.OK, np.array(truth.attenuation), np.array(truth.ambient_light),
         np.zeros((3, 2, 2)), 0, 0, (Status.OK,) * 3,
     )
-    stages.describe_raw(left, right)
-    raw = stages.matcher.support_points().points
-    airlight = stages.airlight_prior(left, water, raw)
-    stages.describe_restored(left, right, disparity, rig, water, np.ones(3))
-    support = stages.matcher.support_points(airlight, raw)
-    return stages.matcher.dense_disparity(support, airlight).disparity
+    raw = step.support_points(*views)
+    known = CoarseEstimate(water, raw, disparity, rig, views.left, np.ones(3), 1.0)
+    return step.run(views, known, StageClock()).disparity

@@ -22,6 +22,7 @@ from uw_visibility.simulation.transect import Transect
 from uw_visibility.simulation.water import RESPONSE
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.estimation import WaterEstimator
+from uw_visibility.water.filter import WaterFilter
 
 
 @dataclass(frozen=True)
@@ -117,8 +118,8 @@ def evaluate_transect(plan: TransectPlan, config: PipelineConfig) -> list[Transe
     rig = camera.rig
     pipeline = Pipeline(rig, config)
     kappa = clear_water_attenuation(load_response(RESPONSE))
-    assessor = Assessor(
-        config.assessment, load_response(config.camera.response), config.camera.white_reference)
+    water_filter = WaterFilter(config)
+    assessor = Assessor.from_config(config)
     estimator = WaterEstimator(
         config.water, assessor.clear_water_attenuation, config.camera.transfer,
         assessor.daylight)
@@ -131,21 +132,25 @@ def evaluate_transect(plan: TransectPlan, config: PipelineConfig) -> list[Transe
         exact = estimator.estimate(
             frame.left, np.where(known, frame.range_left, np.float32(np.nan)))
         rows.append(TransectRow(
-            time, truth, *_read(pipeline, frame, time), Reading.of(exact, assessor.assess(exact))))
+            time, truth, *_read(pipeline, water_filter, frame, time),
+            Reading.of(exact, assessor.assess(exact))))
     return rows
 
 
-def _read(pipeline: Pipeline, frame: RenderedFrame, time: float) -> tuple[Reading, Reading]:
+def _read(
+    pipeline: Pipeline, water_filter: WaterFilter, frame: RenderedFrame, time: float
+) -> tuple[Reading, Reading]:
     """Read a frame alone, and the state filtered up to it."""
     try:
-        result = pipeline.process(frame.left, frame.right, stamp=time, enhance=())
+        result = pipeline.process(frame.left, frame.right, enhance=())
     except InputError as error:
         refused = Reading.refused(f"pair refused: {error}")
         return refused, refused
     alone = Reading.of(result.water, result.visibility)
-    if result.tracked is None or result.tracked_visibility is None:
+    filtered = water_filter.update(result.water, time)
+    if filtered is None:
         return alone, Reading.refused("tracking is off")
-    return alone, Reading.of(result.tracked, result.tracked_visibility)
+    return alone, Reading.of(filtered.water, filtered.visibility)
 
 
 def frame_to_frame(truths: Sequence[Truth], readings: Sequence[Reading]) -> float:

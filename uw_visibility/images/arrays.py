@@ -21,5 +21,8 @@ RangeMap: TypeAlias = NDArray[np.float32]
 DisparityMap: TypeAlias = NDArray[np.float32]
 """``(H, W)`` float32, left-referenced, px; NaN where unmatched."""
 
+Points: TypeAlias = NDArray[np.float32]
+"""``(N, 3)`` float32: column, row and disparity, px."""
+
 PerChannel: TypeAlias = NDArray[np.float64]
 """``(3,)`` float64 for R, G, B, or ``(1,)`` for grey."""

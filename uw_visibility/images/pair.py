@@ -77,7 +77,7 @@ def read_only(image: NDArray[Any]) -> NDArray[Any]:
     return view
 
 
-def blindness(image: NDArray[Any]) -> Status:
+def exposure_status(image: NDArray[Any]) -> Status:
     """Tell why an image shows nothing.
 
     Parameters

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -127,6 +128,13 @@ class View:
         if mask is None:
             return self
         return replace(self, valid=~mask if self.valid is None else self.valid & ~mask)
+
+
+class StereoViews(NamedTuple):
+    """The two views of one frame."""
+
+    left: View
+    right: View
 
 
 def _samples(

@@ -26,7 +26,7 @@ LEAST_ILLUMINATION = 0.05
 _OUTSIDE = 0.001
 
 
-class EvenIllumination:
+class FlatFieldCorrection:
     """Corrects the images of a pair of cameras.
 
     Parameters

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.schema import NodeConfig
+from uw_visibility.messages.estimates import Estimate, ImageHeader, field_of_view
 from uw_visibility.messages.frames import StereoFrame, StereoPair
 from uw_visibility.messages.images import MessageFactory, write_image
 from uw_visibility.messages.output_kernels import (
@@ -23,6 +24,7 @@ from uw_visibility.messages.output_kernels import (
 )
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.stereo.calibration import matrix_of
+from uw_visibility.water.filter import FilteredWater
 
 # sensor_msgs/PointField.FLOAT32.
 POINT_FLOAT32 = 7
@@ -37,6 +39,17 @@ class Source:
     pair: StereoPair
     result: FrameResult
     config: NodeConfig
+    filtered: FilteredWater | None = None
+
+    def estimate(self, filtered: bool) -> Estimate:
+        """Return the estimate of the frame alone, or the filtered one where frames are tracked."""
+        alone = self.result
+        found = self.filtered if filtered and self.filtered is not None else alone
+        view = field_of_view(alone.disparity.shape[1], self.pair.rig.focal_length)
+        return Estimate(
+            self.make, ImageHeader.of(self.frame.left), found.water, found.visibility, view,
+            self.config,
+        )
 
     @functools.cached_property
     def left_header(self) -> Any:
@@ -64,13 +77,8 @@ class Source:
         disparity, low, _ = self.disparity
         return depth_of(disparity, low, self.pair.rig.focal_length * self.pair.rig.baseline)
 
-    def header(self, stamp: Any, frame_id: str) -> Any:
-        """Make a header from a stamp of whatever library."""
-        time = self.make("builtin_interfaces/msg/Time", sec=stamp.sec, nanosec=stamp.nanosec)
-        return self.make("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
-
     def _header(self, message: Any) -> Any:
-        return self.header(message.header.stamp, message.header.frame_id)
+        return ImageHeader.of(message).message(self.make)
 
 
 def left_image(source: Source) -> Any:
@@ -146,8 +154,8 @@ def corrected_disparity(source: Source) -> tuple[NDArray[np.float32], float, flo
         The range of disparities searched, without what lies behind infinity.
     """
     result, rig = source.result, source.pair.rig
-    low = max(result.min_disparity - rig.offset, 0.0)
-    high = max(result.max_disparity - rig.offset, low)
+    low = max(result.stereo.min_disparity - rig.offset, 0.0)
+    high = max(result.stereo.max_disparity - rig.offset, low)
     pixels = published_disparity(result.disparity, source.pair.valid, rig.offset, low, high)
     return pixels, low, high
 
@@ -197,8 +205,8 @@ def _valid_window(source: Source) -> tuple[int, int, int, int]:
     """Return the window that may hold disparities: the partner must lie in the right image."""
     x, y, width, height = source.pair.valid_window
     image_width = source.result.disparity.shape[1]
-    start = max(x, source.result.min_disparity)
-    stop = min(x + width, image_width + source.result.max_disparity)
+    start = max(x, source.result.stereo.min_disparity)
+    stop = min(x + width, image_width + source.result.stereo.max_disparity)
     return start, y, max(stop - start, 0), height
 
 

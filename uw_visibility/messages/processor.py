@@ -8,11 +8,14 @@ from collections.abc import Collection, Iterator
 from typing import Any
 
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
+from uw_visibility.messages.estimates import ImageHeader
 from uw_visibility.messages.frames import FrameReader, StereoFrame, StereoPair
-from uw_visibility.messages.images import MessageFactory, stamp_to_nanoseconds
+from uw_visibility.messages.images import MessageFactory
 from uw_visibility.messages.outputs import Source, each_message, enhanced_sides
 from uw_visibility.pipeline.pool import PipelinePool
 from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.filter import FilteredWater
 
 
 class FrameWork:
@@ -28,23 +31,25 @@ class FrameWork:
         Pipelines for the pair.
     make : MessageFactory
         Makes the outgoing messages.
-    track : bool
-        Whether to filter over the frames before.
     """
 
     def __init__(
-        self,
-        frame: StereoFrame,
-        pair: StereoPair,
-        pool: PipelinePool,
-        make: MessageFactory,
-        track: bool,
+        self, frame: StereoFrame, pair: StereoPair, pool: PipelinePool, make: MessageFactory
     ) -> None:
         self._frame = frame
         self._pair = pair
         self._pool = pool
         self._make = make
-        self._track = track
+
+    @property
+    def rig(self) -> StereoRig:
+        """Geometry of the pair."""
+        return self._pair.rig
+
+    @property
+    def header(self) -> ImageHeader:
+        """Stamp and frame of the left image."""
+        return ImageHeader.of(self._frame.left)
 
     def assess(
         self,
@@ -61,19 +66,28 @@ class FrameWork:
                 enhance=enhanced_sides(topics), confidence=confidence, colour=pair.chroma,
             )
 
-    def track(self, result: FrameResult) -> FrameResult:
-        """Filter what `assess` found over the frames before, where they are tracked."""
-        if not self._track:
-            return result
-        stamp = 1e-9 * stamp_to_nanoseconds(self._frame.left.header.stamp)
-        return self._pool.track(result, stamp)
-
     def messages(
-        self, result: FrameResult, node_config: NodeConfig, topics: Collection[str]
+        self,
+        result: FrameResult,
+        node_config: NodeConfig,
+        topics: Collection[str],
+        filtered: FilteredWater | None = None,
     ) -> Iterator[tuple[str, Any]]:
-        """Make the messages of a result, by topic; what is not assessable is absent."""
+        """Make the messages of a result, by topic; what is not assessable is absent.
+
+        Parameters
+        ----------
+        result : FrameResult
+            Of this frame.
+        node_config : NodeConfig
+            Holds for this frame.
+        topics : collection of str
+            Outputs wanted, of `uw_visibility.messages.outputs.all_topics`.
+        filtered : FilteredWater, optional
+            The estimate filtered up to this frame, where frames are tracked.
+        """
         return each_message(
-            Source(self._make, self._frame, self._pair, result, node_config), topics
+            Source(self._make, self._frame, self._pair, result, node_config, filtered), topics
         )
 
 
@@ -88,9 +102,6 @@ class FrameProcessor:
         Makes the outgoing messages.
     rectify : bool
         Whether the images are raw.
-    track : bool
-        Whether frames come one after the other, to be filtered over time as
-        `TrackingConfig` says; else each is taken for itself.
 
     Attributes
     ----------
@@ -98,8 +109,7 @@ class FrameProcessor:
         Knows how often the calibration changed.
     """
 
-    def __init__(self, make: MessageFactory, rectify: bool, track: bool = False) -> None:
-        self._track = track
+    def __init__(self, make: MessageFactory, rectify: bool) -> None:
         self.reader = FrameReader(rectify)
         self._make = make
         self._pool: PipelinePool | None = None
@@ -128,7 +138,7 @@ class FrameProcessor:
         wanted = (pair.rig, pipeline_config)
         if self._pool is None or wanted != self._pool.made_for:
             self._pool = PipelinePool(*wanted)
-        return FrameWork(frame, pair, self._pool, self._make, self._track)
+        return FrameWork(frame, pair, self._pool, self._make)
 
     def process(
         self,
@@ -140,7 +150,7 @@ class FrameProcessor:
         match_original: bool = False,
         confidence: bool = False,
     ) -> tuple[FrameResult, dict[str, Any]]:
-        """Process one frame, from `begin` to the messages.
+        """Process one frame for itself, from `begin` to the messages.
 
         Parameters
         ----------
@@ -169,5 +179,4 @@ class FrameProcessor:
         """
         work = self.begin(frame, pipeline_config)
         result = work.assess(topics, match_original=match_original, confidence=confidence)
-        result = work.track(result)
         return result, dict(work.messages(result, node_config, topics))

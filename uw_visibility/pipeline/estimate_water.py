@@ -15,8 +15,7 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.pair import read_only
-from uw_visibility.images.vignetting import EvenIllumination
-from uw_visibility.optics.spectra import load_response
+from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Assessor, Visibility
@@ -116,16 +115,16 @@ def estimate_water(
     camera = config.camera
     image = read_only(np.ascontiguousarray(image))
     centres = (rig.principal_point, rig.principal_point_right or rig.principal_point)
-    illumination = EvenIllumination(camera, centres, Workers(1))
+    illumination = FlatFieldCorrection(camera, centres, Workers(1))
     if illumination.needed:
         image, _ = illumination.correct(image, image)
-    assessor = Assessor(config.assessment, load_response(camera.response), camera.white_reference)
+    assessor = Assessor.from_config(config)
     estimator = WaterEstimator(
         config.water, assessor.clear_water_attenuation, camera.transfer, assessor.daylight)
     range_map = rig.range_from_disparity(disparity.astype(np.float32))
     water = estimator.estimate(
         image, range_map, valid,
-        range_error=disparity_stddev / (rig.focal_length * rig.baseline),
+        range_error=rig.range_error(disparity_stddev),
     )
     return WaterResult(
         water.status, water, assessor.assess(water), assessor.clear_water_attenuation, range_map)

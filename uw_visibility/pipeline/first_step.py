@@ -9,32 +9,26 @@ images. The water itself is read from the images as they are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.matting import Matting
 from uw_visibility.errors import InputError
-from uw_visibility.images.pair import blindness
-from uw_visibility.images.view import View
-from uw_visibility.pipeline.second_step import (
-    FEWEST_SUPPORT_POINTS,
-    describe_raw,
-    disparity_limits,
-    range_error,
-)
+from uw_visibility.images.arrays import DisparityMap, Image, PerChannel, Points
+from uw_visibility.images.pair import exposure_status
+from uw_visibility.images.view import StereoViews, View
 from uw_visibility.pipeline.timing import StageClock
 from uw_visibility.status import Status
-from uw_visibility.stereo.contrast import EvenContrast
-from uw_visibility.stereo.elas import Matcher, SupportPoints
+from uw_visibility.stereo.contrast import ContrastNormalizer
+from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS, Matcher, SupportPoints
 from uw_visibility.stereo.interpolation import fill_plane
-from uw_visibility.stereo.pyramid import Reduction
+from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.radiometry import right_gain
 from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.stereo.search_range import disparity_limits
 from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
 from uw_visibility.water.foreground import foreground_mask
 
@@ -47,9 +41,10 @@ _EXCHANGED_RATIO = 1.5
 # Deviation of a disparity between the mesh's points, px.
 _MESH_DEVIATION = 1.0
 
+
 @dataclass(frozen=True)
-class FirstLook:
-    """What step 1 says of a pair.
+class CoarseEstimate:
+    """Water and coarse disparity of the raw pair (step 1).
 
     Attributes
     ----------
@@ -71,21 +66,21 @@ class FirstLook:
     """
 
     water: WaterEstimate
-    points: NDArray[np.float32]
-    disparity: NDArray[np.float32]
+    points: Points
+    disparity: DisparityMap
     rig: StereoRig
     view: View
-    right_gain: NDArray[np.float64]
+    right_gain: PerChannel
     coverage: float
 
-    def whole_disparity(self, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """Return `disparity` at the images' size, height and width, px."""
-        reduction = Reduction(shape[1] // self.disparity.shape[1], Workers(1))
-        return reduction.disparity(self.disparity, shape)
+    def whole_disparity(self) -> DisparityMap:
+        """Return `disparity` at the images' size, px."""
+        pyramid = Pyramid(self.view.shape[1] // self.disparity.shape[1], Workers(1))
+        return pyramid.upsample_disparity(self.disparity, self.view.shape)
 
 
 class FirstStep:
-    """Step 1 for one size of image, in memory that is allocated once.
+    """Sparse matching, matting and a first estimate of the water; buffers preallocated.
 
     Parameters
     ----------
@@ -95,45 +90,44 @@ class FirstStep:
         Geometry of the pair.
     config : PipelineConfig
         Parameters, for images of this size.
+    estimator : WaterEstimator
+        Reads the water.
     workers : Workers
         Threads.
     """
 
     def __init__(
-        self, shape: tuple[int, int], rig: StereoRig, config: PipelineConfig, workers: Workers
+        self,
+        shape: tuple[int, int],
+        rig: StereoRig,
+        config: PipelineConfig,
+        estimator: WaterEstimator,
+        workers: Workers,
     ) -> None:
-        self._reduction = Reduction(_reduction_factor(shape, config), workers)
+        self._pyramid = Pyramid(_reduction_factor(shape, config), workers)
         self._rig = rig
-        self._small_rig = self._reduction.rig(rig, shape)
-        small = self._reduction.shape(shape)
-        stereo = self._reduction.settings(config.stereo, shape)
-        limits = disparity_limits(replace(config, stereo=stereo), small[1])
-        self._matcher = Matcher(small, limits, stereo, workers)
-        self._contrast = (EvenContrast(small), EvenContrast(small))
+        self._small_rig = self._pyramid.rig(rig, shape)
+        small = self._pyramid.shape(shape)
+        stereo = self._pyramid.settings(config.stereo, shape)
+        self._matcher = Matcher(small, disparity_limits(stereo, small[1]), stereo, workers)
+        self._contrast = (ContrastNormalizer(small), ContrastNormalizer(small))
         self._matting = Matting(config.enhancement, workers)
+        self._estimator = estimator
         self._workers = workers
 
-    def look(
-        self,
-        left: View,
-        right: View,
-        estimator: WaterEstimator,
-        clock: StageClock,
-    ) -> FirstLook:
-        """Take a first look at a pair.
+    def run(self, views: StereoViews, clock: StageClock) -> CoarseEstimate:
+        """Estimate the water and a coarse disparity from the raw pair.
 
         Parameters
         ----------
-        left, right : View
+        views : StereoViews
             The pair.
-        estimator : WaterEstimator
-            What reads the water.
         clock : StageClock
             Times the stages.
 
         Returns
         -------
-        FirstLook
+        CoarseEstimate
 
         Raises
         ------
@@ -141,68 +135,65 @@ class FirstStep:
             If the images are dark, saturated or of one colour, or exchanged.
         """
         with clock("support points"):
-            small = self._workers.together(
-                lambda: self._reduction.image(left.pixels),
-                lambda: self._reduction.image(right.pixels),
+            left, right = self._workers.together(
+                lambda: self._pyramid.downsample_view(views.left),
+                lambda: self._pyramid.downsample_view(views.right),
             )
-            describe_raw(self._matcher, self._contrast, small, self._workers)
+            self._matcher.describe_raw(self._contrast, left, right)
             support = self._matcher.support_points()
-            self._refuse_useless_pair(*small, support)
+            self._refuse_useless_pair(left.pixels, right.pixels, support)
 
-        def unlike_the_scene() -> tuple[NDArray[np.float64], View]:
-            with clock("gain and foreign things"):
-                gain = right_gain(*small, support.points, left.transfer)
-                return gain, self._without_foreground(left, small[0], support)
-
-        def draw_mesh() -> NDArray[np.float32]:
+        def draw_mesh() -> DisparityMap:
             with clock("coarse disparity"):
                 return self._matcher.coarse_disparity(support)
 
-        mesh, (gain, counted) = self._workers.together(draw_mesh, unlike_the_scene)
+        def unlike_the_scene() -> tuple[PerChannel, View]:
+            with clock("gain and foreground"):
+                gain = right_gain(left.pixels, right.pixels, support.points, left.transfer)
+                return gain, self._without_foreground(views.left, left.pixels, support)
 
-        def refine() -> NDArray[np.float32]:
+        def refine() -> DisparityMap:
             with clock("matting"):
                 # A thin mesh is helped by the dominant plane.
                 filled, _ = fill_plane(mesh, support.points)
-                return self._matting.refine(filled, None, small[0]).disparity
+                return self._matting.refine(filled, None, left.pixels).disparity
 
         def estimate() -> WaterEstimate:
             with clock("visibility estimation 1"):
-                return self._estimate(counted, mesh, support, estimator)
+                return self._estimate(view, mesh, support)
 
+        mesh, (gain, view) = self._workers.together(draw_mesh, unlike_the_scene)
         disparity, water = self._workers.together(refine, estimate)
-        return FirstLook(
-            water, self._reduction.whole_points(support.points, left.shape), disparity,
-            self._small_rig, counted, gain,
-            float(np.count_nonzero(np.isfinite(mesh)) / mesh.size),
+        return CoarseEstimate(
+            water=water,
+            points=self._pyramid.upsample_points(support.points, view.shape),
+            disparity=disparity,
+            rig=self._small_rig,
+            view=view,
+            right_gain=gain,
+            coverage=float(np.count_nonzero(np.isfinite(mesh)) / mesh.size),
         )
 
     def _without_foreground(
-        self, view: View, small: NDArray[Any], support: SupportPoints
+        self, view: View, small: Image, support: SupportPoints
     ) -> View:
         """Leave a diver's hand and the like out of the pixels that tell the water."""
         if small.ndim == 2:
             return view
         found = foreground_mask(small, support.points, view.transfer)
-        return view.without(self._reduction.whole_mask(found, view.shape))
+        return view.without(self._pyramid.upsample_mask(found, view.shape))
 
     def _estimate(
-        self,
-        view: View,
-        mesh: NDArray[np.float32],
-        support: SupportPoints,
-        estimator: WaterEstimator,
+        self, view: View, mesh: DisparityMap, support: SupportPoints
     ) -> WaterEstimate:
         if len(support) < FEWEST_SUPPORT_POINTS:
             return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
-        ranges = self._rig.range_from_disparity(self._reduction.disparity(mesh, view.shape))
-        return estimator.estimate_view(
-            view, ranges, range_error=range_error(self._rig, _MESH_DEVIATION), coarse=True,
+        ranges = self._rig.range_from_disparity(self._pyramid.upsample_disparity(mesh, view.shape))
+        return self._estimator.estimate_view(
+            view, ranges, range_error=self._rig.range_error(_MESH_DEVIATION), coarse=True,
         )
 
-    def _refuse_useless_pair(
-        self, left: NDArray[Any], right: NDArray[Any], support: SupportPoints
-    ) -> None:
+    def _refuse_useless_pair(self, left: Image, right: Image, support: SupportPoints) -> None:
         """Raise where few support points have a cause that no water explains.
 
         Exchanged images still match here and there, and what follows from that
@@ -210,19 +201,19 @@ class FirstStep:
         """
         if len(support) < FEWEST_SUPPORT_POINTS:
             for side, image in (("left", left), ("right", right)):
-                reason = blindness(image)
+                reason = exposure_status(image)
                 if reason is not Status.OK:
                     raise InputError(f"{side} image: {reason}; nothing can be matched")
-        if self._matcher.exchanged_ratio() > _EXCHANGED_RATIO:
+        if self._matcher.swapped_ratio() > _EXCHANGED_RATIO:
             raise InputError(
                 "the images match with negative disparities only: exchange left and right"
             )
 
 
 def _reduction_factor(shape: tuple[int, int], config: PipelineConfig) -> int:
-    low, high = disparity_limits(config, shape[1])
+    low, high = disparity_limits(config.stereo, shape[1])
     # At least as small as what step 2 matches.
-    factor = Reduction(config.stereo.reduction, Workers(1)).factor(shape)
+    factor = Pyramid(config.stereo.reduction, Workers(1)).factor(shape)
     while (
         shape[1] // (2 * factor) >= _LEAST_WIDTH
         and (high - low) // (2 * factor) >= _FEWEST_DISPARITIES

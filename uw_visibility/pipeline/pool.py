@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.pipeline.pipeline import Pipeline
-from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.stereo.rig import StereoRig
 
 
@@ -41,8 +40,7 @@ class PipelinePool:
     def __init__(self, rig: StereoRig, config: PipelineConfig) -> None:
         self.made_for = rig, config
         self._workers = Workers(config.threads)
-        self._first = Pipeline(rig, config, self._workers)
-        self._free = [self._first]
+        self._free = [Pipeline(rig, config, self._workers)]
         self._lock = threading.Lock()
 
     @contextmanager
@@ -56,7 +54,3 @@ class PipelinePool:
         finally:
             with self._lock:
                 self._free.append(lent)
-
-    def track(self, result: FrameResult, stamp: float) -> FrameResult:
-        """Filter a frame over those before; see `Pipeline.track`."""
-        return self._first.track(result, stamp)

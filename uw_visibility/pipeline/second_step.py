@@ -1,31 +1,57 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The parts of the pipeline that hold memory for one size of image."""
+"""Step 2 of Fig. 4: dense matching of the pair with its contrast restored."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import DisparityMap, PerChannel, Points
+from uw_visibility.images.view import StereoViews, View
+from uw_visibility.pipeline.first_step import CoarseEstimate
+from uw_visibility.pipeline.timing import StageClock
 from uw_visibility.stereo.airlight import Airlight, AirlightPrior
-from uw_visibility.stereo.contrast import EvenContrast
+from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import DenseMatch, Matcher
 from uw_visibility.stereo.interpolation import GapFiller, inpaint
+from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.stereo.search_range import disparity_limits
 from uw_visibility.stereo.views import in_right_view
-from uw_visibility.water.estimation import WaterEstimate
-
-# Fewer support points than this make no mesh worth a plane.
-FEWEST_SUPPORT_POINTS = 10
 
 
-class Stages:
-    """Matching and filling for one size of image, one pair at a time.
+@dataclass(frozen=True)
+class ImprovedDisparity:
+    """What step 2 matched.
+
+    Attributes
+    ----------
+    disparity : ndarray
+        ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
+    confidence : ndarray or None
+        ``(H, W)`` float32, probability that `disparity` is within 1 px of the truth;
+        0 where unmatched; None where not asked for.
+    original : ndarray or None
+        ``(H, W)`` float32, px; the raw pair matched alone, where asked for.
+    match : DenseMatch
+        Both views, at the size at which they were matched.
+    support_points : int
+        Support points of the restored pair.
+    """
+
+    disparity: DisparityMap
+    confidence: DisparityMap | None
+    original: DisparityMap | None
+    match: DenseMatch
+    support_points: int
+
+
+class SecondStep:
+    """Dense matching of the restored pair; buffers preallocated for one size of image.
 
     Parameters
     ----------
@@ -34,7 +60,7 @@ class Stages:
     rig : StereoRig
         Geometry of the pair.
     config : PipelineConfig
-        Parameters.
+        Parameters, for images of this size.
     workers : Workers
         Threads.
 
@@ -45,154 +71,135 @@ class Stages:
     """
 
     def __init__(
-        self,
-        shape: tuple[int, int],
-        rig: StereoRig,
-        config: PipelineConfig,
-        workers: Workers,
+        self, shape: tuple[int, int], rig: StereoRig, config: PipelineConfig, workers: Workers
     ) -> None:
-        self.shape = shape
-        self.disparities = disparity_limits(config, shape[1])
-        self.matcher = Matcher(shape, self.disparities, config.stereo, workers)
-        self.rig = rig
+        self._shape = shape
         self._workers = workers
-        self._contrast = (EvenContrast(shape), EvenContrast(shape))
+        self._pyramid = Pyramid(config.stereo.reduction, workers)
+        stereo = self._pyramid.settings(config.stereo, shape)
+        small = self._pyramid.shape(shape)
+        limits = disparity_limits(stereo, small[1])
+        self._matcher = Matcher(small, limits, stereo, workers)
+        self._contrast = (ContrastNormalizer(small), ContrastNormalizer(small))
         self._airlight = Airlight(
-            shape, rig, self.disparities[1] + 2, config.camera.transfer, workers
+            small, self._pyramid.rig(rig, shape), limits[1] + 2, config.camera.transfer, workers
         )
         self._airlight_used = config.stereo.airlight_prior > 0
-        self._gaps = GapFiller(shape, config.enhancement.max_gap, workers)
+        self._gaps = GapFiller(small, config.enhancement.max_gap, workers)
 
-    def describe_raw(self, left: NDArray[Any], right: NDArray[Any]) -> None:
-        """Describe the pair for the matcher as it is."""
-        describe_raw(self.matcher, self._contrast, (left, right), self._workers)
-
-    def match_raw(self, left: NDArray[Any], right: NDArray[Any]) -> NDArray[np.float32]:
-        """Match the pair as it is, for comparison."""
-        self.describe_raw(left, right)
-        support = self.matcher.support_points()
-        return self.matcher.dense_disparity(support, confidence=False).disparity
-
-    def describe_restored(
+    def run(
         self,
-        left: NDArray[Any],
-        right: NDArray[Any],
-        coarse: NDArray[np.float32],
-        rig: StereoRig,
-        water: WaterEstimate,
-        right_gain: NDArray[np.float64],
-    ) -> None:
-        """Describe the pair with its contrast restored; without estimate as it is.
+        views: StereoViews,
+        coarse: CoarseEstimate,
+        clock: StageClock,
+        *,
+        match_original: bool = False,
+        confidence: bool = True,
+    ) -> ImprovedDisparity:
+        """Match a pair densely, its contrast restored with what step 1 says.
 
         Parameters
         ----------
-        left, right : ndarray
-            ``(H, W, 3)`` or ``(H, W)``; uint8 or uint16.
-        coarse : ndarray
-            ``(h, w)`` float32, dense disparity of the left view at this size or at a
-            fraction of it, px.
-        rig : StereoRig
-            Geometry at the size of `coarse`.
-        water : WaterEstimate
-            Attenuation and ambient light.
-        right_gain : ndarray
-            ``(3,)`` float64, irradiance in the right image over that in the left.
+        views : StereoViews
+            The pair.
+        coarse : CoarseEstimate
+            Of step 1.
+        clock : StageClock
+            Times the stages.
+        match_original : bool
+            Whether to match the raw pair too, for comparison.
+        confidence : bool
+            Whether to rate the disparities.
+
+        Returns
+        -------
+        ImprovedDisparity
         """
-        if left.ndim == 2 or not np.isfinite(water.attenuation).any():
-            self.describe_raw(left, right)
+        left, right = self._downsample(views, clock)
+        original = None
+        if match_original:
+            with clock("original disparity"):
+                original = self._match_raw(left, right)
+        with clock("image enhancement 1"):
+            self._describe_restored(left, right, coarse)
+            points = self._pyramid.downsample_points(coarse.points, self._shape)
+            airlight = self._airlight_prior(left, coarse, points)
+        with clock("improved disparity"):
+            support = self._matcher.support_points(airlight, points)
+            match = self._matcher.dense_disparity(support, airlight, confidence=confidence)
+        return self._upsample(match, original, len(support), clock)
+
+    def fill(self, improved: ImprovedDisparity) -> DisparityMap:
+        """Fill gaps of the left view's disparity, then large areas; at the images' size, px."""
+        match = improved.match
+        filled = inpaint(self._gaps.fill(match.disparity, match.right), self._workers)
+        return self._pyramid.upsample_disparity(filled, self._shape)
+
+    def coarse_disparity(self, left: View, right: View) -> DisparityMap:
+        """Return the mesh of a raw pair's support points, at the size that is matched, px."""
+        self._matcher.describe_raw(self._contrast, left, right)
+        return self._matcher.coarse_disparity(self._matcher.support_points())
+
+    def support_points(self, left: View, right: View) -> Points:
+        """Return the support points of a raw pair, at the size that is matched, px."""
+        self._matcher.describe_raw(self._contrast, left, right)
+        return self._matcher.support_points().points
+
+    def _downsample(self, views: StereoViews, clock: StageClock) -> StereoViews:
+        if self._pyramid.factor(self._shape) == 1:
+            return views
+        with clock("reduction"):
+            return StereoViews(*(self._pyramid.downsample_view(view) for view in views))
+
+    def _match_raw(self, left: View, right: View) -> DisparityMap:
+        self._matcher.describe_raw(self._contrast, left, right)
+        support = self._matcher.support_points()
+        return self._matcher.dense_disparity(support, confidence=False).disparity
+
+    def _describe_restored(self, left: View, right: View, coarse: CoarseEstimate) -> None:
+        """Describe the pair with its contrast restored; without estimate as it is."""
+        water = coarse.water
+        if left.colour is None or not np.isfinite(water.attenuation).any():
+            self._matcher.describe_raw(self._contrast, left, right)
             return
 
-        def describe(side: int, image: NDArray[Any]) -> None:
-            disparity = in_right_view(coarse, self._workers) if side else coarse
-            light = right_gain * water.ambient_light if side else water.ambient_light
+        def describe(side: int, view: View, disparity: DisparityMap, light: PerChannel) -> None:
             self._contrast[side].restore(
-                image, rig.range_from_disparity(disparity), water.attenuation, light,
-                self._workers,
+                view.pixels, coarse.rig.range_from_disparity(disparity), water.attenuation,
+                light, self._workers, view.noise,
             )
-            self.matcher.describe_view(side, self._contrast[side])
+            self._matcher.describe_view(side, self._contrast[side])
 
-        self._workers.together(lambda: describe(0, left), lambda: describe(1, right))
-
-    def airlight_prior(
-        self,
-        left: NDArray[Any],
-        water: WaterEstimate,
-        points: NDArray[np.float32],
-        noise: NDArray[np.float64] | None = None,
-    ) -> AirlightPrior | None:
-        """Bound ranges by the light that the water adds, as far as matches ``(N, 3)`` agree."""
-        if left.ndim == 2 or not self._airlight_used:
-            return None
-        return self._airlight.prior(left, water, points, noise)
-
-    def fill(self, match: DenseMatch) -> NDArray[np.float32]:
-        """Fill gaps of the left view's disparity, then large areas."""
-        return inpaint(self._gaps.fill(match.disparity, match.right), self._workers)
-
-
-def describe_raw(
-    matcher: Matcher,
-    contrast: tuple[EvenContrast, EvenContrast],
-    pair: tuple[NDArray[Any], NDArray[Any]],
-    workers: Workers,
-) -> None:
-    """Describe a pair for a matcher as it is.
-
-    Parameters
-    ----------
-    matcher : Matcher
-        Of the size of the images.
-    contrast : tuple of EvenContrast
-        Of the left and of the right view; overwritten, and used until the pair is matched.
-    pair : tuple of ndarray
-        ``(H, W, 3)`` or ``(H, W)``; uint8 or uint16.
-    workers : Workers
-        Threads.
-    """
-
-    def describe(side: int) -> None:
-        contrast[side].stretch(pair[side], workers)
-        matcher.describe_view(side, contrast[side])
-
-    workers.together(lambda: describe(0), lambda: describe(1))
-
-
-def range_error(rig: StereoRig, deviation: float) -> float:
-    """Standard deviation of range over its square, 1/m, for that of the disparity, px."""
-    return deviation / (rig.focal_length * rig.baseline)
-
-
-def disparity_limits(config: PipelineConfig, width: int) -> tuple[int, int]:
-    """Return the smallest and the largest disparity searched, px.
-
-    Raises
-    ------
-    InputError
-        If they leave nothing to search.
-    """
-    low = config.stereo.min_disparity
-    high = config.stereo.max_disparity or width // 4
-    high = min(high, width - 16)
-    if high - low < 8:
-        raise InputError(
-            f"stereo.min_disparity is {low} and the largest disparity {high} px: "
-            "leave at least 8 px between them"
+        self._workers.together(
+            lambda: describe(0, left, coarse.disparity, water.ambient_light),
+            lambda: describe(
+                1, right, in_right_view(coarse.disparity, self._workers),
+                coarse.right_gain * water.ambient_light,
+            ),
         )
-    return low, high
 
+    def _airlight_prior(
+        self, left: View, coarse: CoarseEstimate, points: Points
+    ) -> AirlightPrior | None:
+        """Bound ranges by the light that the water adds, as far as matches agree."""
+        if left.colour is None or not self._airlight_used:
+            return None
+        return self._airlight.prior(left.pixels, coarse.water, points, left.noise)
 
-def warm_up_pair(
-    shape: tuple[int, int], dtype: np.dtype[Any], *, grey: bool = False
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return a pair of three planes under water, which every stage has work with."""
-    height, width = shape
-    texture = np.random.default_rng(0).random((height, width, 3))
-    left, right = np.empty((2, height, width, 3))
-    for part, disparity in enumerate((12, 8, 5)):
-        rows = slice(part * height // 3, (part + 1) * height // 3)
-        transmission = np.exp(-np.array([0.5, 0.3, 0.2]) * 16 / disparity)
-        left[rows] = (1 - transmission) + transmission * texture[rows]
-        right[rows] = np.roll(left[rows], -disparity, axis=1)
-    scale = 0.8 * np.iinfo(dtype).max
-    first, second = ((scale * image).astype(dtype) for image in (left, right))
-    return (first[..., 1], second[..., 1]) if grey else (first, second)
+    def _upsample(
+        self,
+        match: DenseMatch,
+        original: DisparityMap | None,
+        support_points: int,
+        clock: StageClock,
+    ) -> ImprovedDisparity:
+        """Bring what was matched to the size of the images."""
+        disparity, confidence = match.disparity, match.confidence
+        if self._pyramid.factor(self._shape) > 1:
+            with clock("full size"):
+                disparity = self._pyramid.upsample_disparity(disparity, self._shape)
+                if confidence is not None:
+                    confidence = self._pyramid.upsample_confidence(confidence, disparity)
+                if original is not None:
+                    original = self._pyramid.upsample_disparity(original, self._shape)
+        return ImprovedDisparity(disparity, confidence, original, match, support_points)

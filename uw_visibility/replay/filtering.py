@@ -12,25 +12,16 @@ import pickle
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
-
-import numpy as np
 
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
-from uw_visibility.messages.images import stamp_to_nanoseconds
-from uw_visibility.messages.output_images import Source
-from uw_visibility.messages.outputs import all_topics, each_message
-from uw_visibility.optics.spectra import load_response
+from uw_visibility.messages.estimates import ESTIMATES, Estimate, ImageHeader, field_of_view
+from uw_visibility.messages.outputs import FILTERED, all_topics
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.replay.bags.types import jazzy_types
 from uw_visibility.replay.table import number
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.assessment import Assessor, Visibility
 from uw_visibility.water.estimation import WaterEstimate
-from uw_visibility.water.tracking import WaterTracker
-
-FOLDER, RAW = "visibility/", "visibility/raw/"
+from uw_visibility.water.filter import FilteredWater, WaterFilter
 
 
 @dataclass(frozen=True)
@@ -39,32 +30,26 @@ class FrameEstimate:
 
     Attributes
     ----------
-    water, visibility
+    water : WaterEstimate
         Of the frame alone.
     rig : StereoRig
         Another one begins anew.
-    shape : tuple of int
-        Height and width of the images.
-    seconds, nanoseconds, frame_id
-        Of the left image's header.
+    field_of_view : float
+        Of the left image, rad.
+    header : ImageHeader
+        Of the left image.
     """
 
     water: WaterEstimate
-    visibility: Visibility
     rig: StereoRig
-    shape: tuple[int, int]
-    seconds: int
-    nanoseconds: int
-    frame_id: str
+    field_of_view: float
+    header: ImageHeader
 
     @classmethod
-    def of(cls, result: FrameResult, rig: StereoRig, header: Any) -> FrameEstimate:
+    def of(cls, result: FrameResult, rig: StereoRig, header: ImageHeader) -> FrameEstimate:
         """Take it from a result, without what is large."""
-        height, width = result.disparity.shape
-        return cls(
-            replace(result.water, envelope=None), result.visibility, rig, (height, width),
-            int(header.stamp.sec), int(header.stamp.nanosec), str(header.frame_id),
-        )
+        view = field_of_view(result.disparity.shape[1], rig.focal_length)
+        return cls(replace(result.water, envelope=None), rig, view, header)
 
 
 def split_topics(pipeline: PipelineConfig, node: NodeConfig) -> tuple[list[str], list[str]]:
@@ -72,7 +57,7 @@ def split_topics(pipeline: PipelineConfig, node: NodeConfig) -> tuple[list[str],
     topics = list(all_topics(node))
     if not pipeline.tracking.enabled:
         return topics, []
-    filtered = [t for t in topics if t.startswith(FOLDER) and not t.startswith(RAW)]
+    filtered = [f"{FILTERED}/{name}" for name in ESTIMATES]
     return [t for t in topics if t not in filtered], filtered
 
 
@@ -86,16 +71,9 @@ class FilterStage:
     """
 
     def __init__(self, pipeline: PipelineConfig, node: NodeConfig) -> None:
-        camera = pipeline.camera
         self._node = node
-        self._topics = split_topics(pipeline, node)[1]
-        self._types = all_topics(node)
         self._store, self._make = jazzy_types()
-        self._assessor = Assessor(
-            pipeline.assessment, load_response(camera.response), camera.white_reference
-        )
-        self._tracker = WaterTracker(pipeline.tracking)
-        self._rig: StereoRig | None = None
+        self._filter = WaterFilter(pipeline)
 
     def add(self, estimate: FrameEstimate) -> tuple[list[tuple[str, bytes]], dict[str, str]]:
         """Take a frame's estimate.
@@ -112,47 +90,31 @@ class FilterStage:
         columns : dict of str to str
             Of the table.
         """
-        if not self._topics:
+        filtered = self._filter.update(estimate.water, estimate.header.seconds, estimate.rig)
+        if filtered is None:
             return [], {}
-        if estimate.rig != self._rig:
-            self._tracker.reset()
-            self._rig = estimate.rig
-        header = SimpleNamespace(
-            stamp=SimpleNamespace(sec=estimate.seconds, nanosec=estimate.nanoseconds),
-            frame_id=estimate.frame_id,
+        source = Estimate(
+            self._make, estimate.header, filtered.water, filtered.visibility,
+            estimate.field_of_view, self._node,
         )
-        water = self._tracker.update(
-            estimate.water, 1e-9 * stamp_to_nanoseconds(header.stamp)
-        )
-        visibility = self._assessor.assess(water)
-        source = self._source(estimate, header, water, visibility)
+        messages = ((name, kind, source.message(name)) for name, kind in ESTIMATES.items())
         return [
-            (topic, bytes(self._store.serialize_cdr(message, self._types[topic])))
-            for topic, message in each_message(source, self._topics)
-        ], self._columns(visibility)
+            (f"{FILTERED}/{name}", bytes(self._store.serialize_cdr(message, kind)))
+            for name, kind, message in messages if message is not None
+        ], _columns(filtered)
 
-    def _source(
-        self, estimate: FrameEstimate, header: Any, water: WaterEstimate, visibility: Visibility
-    ) -> Source:
-        """Return what messages of the filtered estimate are made from."""
-        result: Any = SimpleNamespace(
-            water=estimate.water, visibility=estimate.visibility, tracked=water,
-            tracked_visibility=visibility, disparity=np.broadcast_to(np.nan, estimate.shape),
-        )
-        frame: Any = SimpleNamespace(left=SimpleNamespace(header=header))
-        pair: Any = SimpleNamespace(rig=estimate.rig)
-        return Source(self._make, frame, pair, result, self._node)
 
-    def _columns(self, visibility: Visibility) -> dict[str, str]:
-        return {
-            "filtered_mean_attenuation": number(visibility.mean_attenuation),
-            "filtered_mean_attenuation_stddev": number(visibility.mean_attenuation_stddev),
-            "filtered_visibility_distance": number(visibility.distance),
-            "filtered_visibility_distance_stddev": number(visibility.distance_stddev),
-            "filtered_depth": number(visibility.depth),
-            "filtered_depth_stddev": number(visibility.depth_stddev),
-            "filtering": str(self._tracker.event or ""),
-        }
+def _columns(filtered: FilteredWater) -> dict[str, str]:
+    visibility = filtered.visibility
+    return {
+        "filtered_mean_attenuation": number(visibility.mean_attenuation),
+        "filtered_mean_attenuation_stddev": number(visibility.mean_attenuation_stddev),
+        "filtered_visibility_distance": number(visibility.distance),
+        "filtered_visibility_distance_stddev": number(visibility.distance_stddev),
+        "filtered_depth": number(visibility.depth),
+        "filtered_depth_stddev": number(visibility.depth_stddev),
+        "filtering": str(filtered.event),
+    }
 
 
 class EstimateLog:

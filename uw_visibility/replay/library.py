@@ -19,6 +19,7 @@ from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
 from uw_visibility.replay.inputs.topics import Wanted
 from uw_visibility.replay.work import Recording, RecordingProcessor
+from uw_visibility.water.filter import FilteredWater, WaterFilter
 
 log = logging.getLogger(__name__)
 
@@ -37,6 +38,8 @@ class ReplayedFrame:
         When the left image was received, ns.
     result : FrameResult
         What the pipeline found.
+    filtered : FilteredWater or None
+        The water's state filtered over the frames up to this one; None where tracking is off.
     messages : dict of str to object
         What the node would have published, by topic.
     """
@@ -45,6 +48,7 @@ class ReplayedFrame:
     stamp: int
     time: int
     result: FrameResult
+    filtered: FilteredWater | None
     messages: Mapping[str, Any]
 
 
@@ -114,15 +118,18 @@ def read(
     with BagReader(bag) as reader:
         stream = InputStream(reader, options)
         recording = Recording.of(reader, stream.selection, options, all_topics(options.node))
-        processor = RecordingProcessor(recording, track=True)
+        processor = RecordingProcessor(recording)
+        water_filter = WaterFilter(options.pipeline)
         for event in stream.events():
             if not isinstance(event, RecordedFrame):
                 continue
             try:
-                result, messages = processor.process(event)
+                result, filtered, messages = processor.process(event, water_filter)
             except InputError as error:
                 log.warning("frame %d: %s", event.number, error)
                 continue
-            yield ReplayedFrame(event.number, event.stamp, event.time, result, messages)
+            yield ReplayedFrame(
+                event.number, event.stamp, event.time, result, filtered, messages
+            )
         for note in reader.damage:
             log.warning("%s", note)

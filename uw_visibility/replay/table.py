@@ -73,7 +73,7 @@ def result_columns(result: FrameResult) -> dict[str, str]:
     dict of str to str
         Text by column.
     """
-    water, visibility = result.water, result.visibility
+    water, visibility, limited = result.water, result.visibility, result.images.limited
     columns = {
         "status": str(result.status),
         "visibility_status": str(visibility.status),
@@ -85,14 +85,14 @@ def result_columns(result: FrameResult) -> dict[str, str]:
         "depth": number(visibility.depth),
         "depth_stddev": number(visibility.depth_stddev),
         "depth_precision": number(visibility.depth_precision),
-        "support_points": str(int(result.support_points)),
-        "coverage": number(result.coverage),
-        "matched_fraction": number(result.matched_fraction_enhanced),
+        "support_points": str(int(result.stereo.support_points)),
+        "coverage": number(result.stereo.coverage),
+        "matched_fraction": number(result.stereo.matched_fraction),
         "matched_fraction_original": number(
-            math.nan if result.matched_fraction_original is None
-            else result.matched_fraction_original
+            math.nan if result.stereo.matched_fraction_original is None
+            else result.stereo.matched_fraction_original
         ),
-        "limited_fraction": number(float(result.limited.mean()) if result.limited.size else 0.0),
+        "limited_fraction": number(float(limited.mean()) if limited.size else 0.0),
     }
     for index, channel in enumerate(CHANNELS):
         columns[f"attenuation_{channel}"] = number(water.attenuation[index])

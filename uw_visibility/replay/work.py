@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import traceback
 import uuid
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,7 +17,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.messages import output_kernels
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.outputs import all_topics
-from uw_visibility.messages.processor import FrameProcessor
+from uw_visibility.messages.processor import FrameProcessor, FrameWork
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.replay.bags.decoder import Decoder
@@ -30,6 +30,7 @@ from uw_visibility.replay.inputs.stream import RecordedFrame
 from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.table import FAILED, result_columns, seconds
 from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.filter import FilteredWater, WaterFilter
 
 # Kernels are compiled once per type of pixel, not per size or rig.
 WARM_UP_RIG = StereoRig(200.0, 0.1, (79.5, 59.5))
@@ -131,15 +132,13 @@ class RecordingProcessor:
     Parameters
     ----------
     recording : Recording
-    track : bool
-        Whether all frames come here in order, to be filtered over time.
     """
 
-    def __init__(self, recording: Recording, track: bool = False) -> None:
+    def __init__(self, recording: Recording) -> None:
         self._recording = recording
         self._decoder = Decoder(recording.channels, recording.ros1)
         self._types, make = jazzy_types()
-        self._processor = FrameProcessor(make, recording.node.rectify, track)
+        self._processor = FrameProcessor(make, recording.node.rectify)
         self._types_by_topic = all_topics(recording.node)
 
     def answer(self, frame: RecordedFrame) -> FrameAnswer:
@@ -149,8 +148,9 @@ class RecordingProcessor:
             "right_stamp": seconds(frame.right_stamp), "time": seconds(frame.time),
         }
         try:
-            read = self._read(frame)
-            result, messages = self._process(read)
+            work = self._begin(frame)
+            result = self._assess(work)
+            messages = dict(self._messages(work, result))
         except InputError as error:
             return FrameAnswer(frame.time, {**row, "status": FAILED, "reason": str(error)})
         except Exception as error:
@@ -161,30 +161,37 @@ class RecordingProcessor:
             (topic, bytes(self._types.serialize_cdr(message, self._types_by_topic[topic])))
             for topic, message in messages.items()
         ]
-        rig = self._processor.reader.rig
-        assert rig is not None
-        estimate = FrameEstimate.of(result, rig, read.left.header)
+        estimate = FrameEstimate.of(result, work.rig, work.header)
         return FrameAnswer(
             frame.time, {**row, **result_columns(result)}, serialised, estimate, result.timing_ms
         )
 
-    def process(self, frame: RecordedFrame) -> tuple[FrameResult, dict[str, Any]]:
-        """Process a frame; returns result and messages by topic."""
-        return self._process(self._read(frame), confidence=True)
+    def process(
+        self, frame: RecordedFrame, water_filter: WaterFilter
+    ) -> tuple[FrameResult, FilteredWater | None, dict[str, Any]]:
+        """Process the next frame; returns result, filtered estimate and messages by topic."""
+        work = self._begin(frame)
+        result = self._assess(work, confidence=True)
+        filtered = water_filter.update(result.water, work.header.seconds, work.rig)
+        return result, filtered, dict(self._messages(work, result, filtered))
 
-    def _read(self, frame: RecordedFrame) -> StereoFrame:
-        return StereoFrame(*(
+    def _begin(self, frame: RecordedFrame) -> FrameWork:
+        messages = StereoFrame(*(
             self._decoder.decode(m) if isinstance(m, Recorded) else m
             for m in (frame.left, frame.right, frame.left_info, frame.right_info)
         ))
+        return self._processor.begin(messages, self._recording.pipeline)
 
-    def _process(
-        self, frame: StereoFrame, confidence: bool = False
-    ) -> tuple[FrameResult, dict[str, Any]]:
-        return self._processor.process(
-            frame, self._recording.pipeline, self._recording.node, self._recording.topics,
-            match_original=self._recording.match_original, confidence=confidence,
+    def _assess(self, work: FrameWork, confidence: bool = False) -> FrameResult:
+        return work.assess(
+            self._recording.topics, match_original=self._recording.match_original,
+            confidence=confidence,
         )
+
+    def _messages(
+        self, work: FrameWork, result: FrameResult, filtered: FilteredWater | None = None
+    ) -> Iterator[tuple[str, Any]]:
+        return work.messages(result, self._recording.node, self._recording.topics, filtered)
 
 
 _processors: dict[str, RecordingProcessor] = {}

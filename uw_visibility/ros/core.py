@@ -26,7 +26,6 @@ from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.processor import FrameProcessor
 from uw_visibility.pipeline.pipeline import Pipeline
-from uw_visibility.pipeline.second_step import disparity_limits
 from uw_visibility.ros.depth_check import DepthCheck
 from uw_visibility.ros.inputs import SILENCE, StereoInput
 from uw_visibility.ros.monitor.faults import describe_fault
@@ -39,6 +38,8 @@ from uw_visibility.ros.transport.qos import publish_on
 from uw_visibility.ros.worker import NewestWorker
 from uw_visibility.stereo.calibration import image_size
 from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.stereo.search_range import disparity_limits
+from uw_visibility.water.filter import WaterFilter
 
 # A pair waits for CameraInfo of its own stamp for one to two of these, s.
 CAMERA_INFO_PERIOD = 0.1
@@ -96,7 +97,8 @@ class NodeCore:
         self._jumps = ReasonLog(lambda line: self._log.warning(line))
         self._changes = ReasonLog(lambda line: self._log.warning(line))
         self._active_since: float | None = None
-        self._processor = FrameProcessor(make_message, self._settings.node.rectify, track=True)
+        self._processor = FrameProcessor(make_message, self._settings.node.rectify)
+        self._filter: WaterFilter | None = None
         self.worker = NewestWorker(
             self._process, self._warm_up, self._frames_at_once(), self._settings.node.niceness
         )
@@ -165,7 +167,7 @@ class NodeCore:
         if shape is not None:
             pipeline.allocate(shape)
         elif config.stereo.max_disparity:
-            disparity_limits(config, LARGEST_WIDTH)
+            disparity_limits(config.stereo, LARGEST_WIDTH)
         self._tried = config, rig, shape
 
     def activate(self) -> None:
@@ -275,9 +277,11 @@ class NodeCore:
         yield
         if not self._wanted():
             return
-        result = work.track(result)
         begin = time.perf_counter()
-        for topic, message in work.messages(result, settings.node, topics):
+        if self._filter is None or self._filter.config != settings.pipeline:
+            self._filter = WaterFilter(settings.pipeline)
+        filtered = self._filter.update(result.water, work.header.seconds, work.rig)
+        for topic, message in work.messages(result, settings.node, topics, filtered):
             self._publishers[topic].publish(message)
         around += time.perf_counter() - begin
         stamp = frame.left.header.stamp

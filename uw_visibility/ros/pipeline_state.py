@@ -157,7 +157,7 @@ def _values(result: FrameResult) -> dict[str, Any]:
         "status": result.status,
         "visibility status": result.visibility.status,
         "depth status": result.visibility.depth_status,
-        "support points": result.support_points,
-        "coverage": f"{result.coverage:.3f}",
-        "matched fraction": f"{result.matched_fraction_enhanced:.3f}",
+        "support points": result.stereo.support_points,
+        "coverage": f"{result.stereo.coverage:.3f}",
+        "matched fraction": f"{result.stereo.matched_fraction:.3f}",
     } | {f"{stage} (ms)": f"{duration:.1f}" for stage, duration in result.timing_ms.items()}

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from uw_visibility.config.water import AssessmentConfig
 from uw_visibility.errors import InputError
+from uw_visibility.messages.estimates import UNMEASURED_VARIANCE
 from uw_visibility.messages.images import MessageFactory, write_image
-from uw_visibility.messages.outputs import UNMEASURED_VARIANCE
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.bags.writer import BagWriter
 from uw_visibility.simulation.camera import StereoCamera

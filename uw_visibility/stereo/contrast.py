@@ -38,7 +38,7 @@ _FULL_CONTRAST = 1.5 * 255.0
 _TABLE = 512
 
 
-class EvenContrast:
+class ContrastNormalizer:
     """Grey image and gain of one view, in memory that is allocated once.
 
     Parameters

@@ -15,11 +15,12 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.pair import MIN_HEIGHT, MIN_WIDTH, read_only
+from uw_visibility.images.view import View
 from uw_visibility.stereo.rig import StereoRig
 
 
-class Reduction:
-    """Takes a pair to a fraction of its size and disparities back.
+class Pyramid:
+    """Two-level image pyramid: a pair at a fraction of its size, and its disparities back.
 
     A pixel of the small images is the mean of a square of pixels. What does not fill
     a square at the right and lower border is left out of them, and its disparity is
@@ -47,7 +48,7 @@ class Reduction:
         factor = self.factor(shape)
         return shape[0] // factor, shape[1] // factor
 
-    def image(self, image: NDArray[Any]) -> NDArray[Any]:
+    def downsample(self, image: NDArray[Any]) -> NDArray[Any]:
         """Return the small image, of the same type."""
         factor = self.factor(image.shape)
         if factor == 1:
@@ -56,16 +57,12 @@ class Reduction:
         whole = image[: height * factor, : width * factor]
         return read_only(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
 
-    def mask(self, mask: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
-        """Return which of the small pixels have all of theirs in a mask."""
-        if mask is None or self.factor(mask.shape) == 1:
-            return mask
-        factor = self.factor(mask.shape)
-        height, width = self.shape(mask.shape)
-        squares = mask[: height * factor, : width * factor]
-        return np.asarray(squares.reshape(height, factor, width, factor).all(axis=(1, 3)))
+    def downsample_view(self, view: View) -> View:
+        """Return the small view, whose noise is its own; all of its pixels count."""
+        small = self.downsample(view.pixels)
+        return view if small is view.pixels else View.of(small, view.transfer)
 
-    def whole_mask(
+    def upsample_mask(
         self, mask: NDArray[np.bool_] | None, shape: tuple[int, ...]
     ) -> NDArray[np.bool_] | None:
         """Return which pixels of the full size have their small one in a mask."""
@@ -101,19 +98,19 @@ class Reduction:
             max_disparity=config.max_disparity // factor,
         )
 
-    def points(
+    def downsample_points(
         self, points: NDArray[np.float32], shape: tuple[int, ...]
     ) -> NDArray[np.float32]:
         """Return points ``(N, 3)`` of a size, column, row and disparity, px of the small one."""
         return _scaled(points, 1.0 / self.factor(shape))
 
-    def whole_points(
+    def upsample_points(
         self, points: NDArray[np.float32], shape: tuple[int, ...]
     ) -> NDArray[np.float32]:
         """Return points ``(N, 3)`` of the small images, column, row and disparity, px of a size."""
         return _scaled(points, self.factor(shape))
 
-    def disparity(
+    def upsample_disparity(
         self, small: NDArray[np.float32], shape: tuple[int, ...]
     ) -> NDArray[np.float32]:
         """Bring a disparity map to full size, in pixels of the full size.
@@ -140,7 +137,7 @@ class Reduction:
         self._workers.rows(_enlarge, shape[0], small, factor, full)
         return full
 
-    def confidence(
+    def upsample_confidence(
         self, small: NDArray[np.float32], disparity: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         """Bring confidences to the full size of the disparities made from the same pixels."""

@@ -181,6 +181,10 @@ class StereoRig:
         scale = np.float32(self.focal_length * self.baseline)
         return self.ray_lengths(corrected.shape) * (scale / corrected)
 
+    def range_error(self, disparity_stddev: float) -> float:
+        """Standard deviation of range over its square, 1/m, for that of the disparity, px."""
+        return disparity_stddev / (self.focal_length * self.baseline)
+
     def disparity_from_range(self, range_map: NDArray[np.float32]) -> NDArray[np.float32]:
         """Disparity x_left - x_right, from range along the line of sight.
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uw_visibility.config.schema import AssessmentConfig
+from uw_visibility.config.schema import AssessmentConfig, PipelineConfig
 from uw_visibility.optics.light_model import visibility_distance
-from uw_visibility.optics.spectra import CameraResponse, clear_water_attenuation
+from uw_visibility.optics.spectra import CameraResponse, clear_water_attenuation, load_response
 from uw_visibility.status import Status
 from uw_visibility.water.depth import DepthModel
 from uw_visibility.water.estimation import WaterEstimate
@@ -85,6 +85,18 @@ class Assessor:
         self.clear_water_attenuation = clear_water_attenuation(response)
         self._depth = DepthModel(config.water_type, response, white_reference, config.max_depth)
         self.daylight = self._depth.daylight
+
+    @classmethod
+    def from_config(cls, config: PipelineConfig) -> Assessor:
+        """Make the assessor that a pipeline's parameters describe.
+
+        Raises
+        ------
+        InputError
+            If the camera's spectral response cannot be loaded.
+        """
+        camera = config.camera
+        return cls(config.assessment, load_response(camera.response), camera.white_reference)
 
     def assess(self, estimate: WaterEstimate) -> Visibility:
         """Assess visibility and depth, with standard deviations by propagation.

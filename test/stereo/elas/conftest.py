@@ -9,22 +9,18 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scenes import stereo_pair
+from scenes import texture as texture_of
 
 from uw_visibility.compute.threads import Workers
-from uw_visibility.stereo.contrast import EvenContrast
+from uw_visibility.stereo.contrast import ContrastNormalizer
 
 Image = NDArray[np.uint8]
 
 
 def make_texture(shape: tuple[int, int], seed: int = 0) -> Image:
-    """Return noise of several scales, (H, W) uint8."""
-    rng = np.random.default_rng(seed)
-    image = np.zeros(shape)
-    for scale in (1, 2, 4, 8):
-        small = rng.normal(size=(shape[0] // scale + 2, shape[1] // scale + 2))
-        image += np.kron(small, np.ones((scale, scale)))[: shape[0], : shape[1]] * scale**0.5
-    image -= image.min()
-    return (image * (255 / image.max())).astype(np.uint8)
+    """Return contrast of several scales, (H, W) uint8."""
+    return (255 * texture_of(shape, seed)).astype(np.uint8)
 
 
 @pytest.fixture
@@ -40,18 +36,17 @@ def shifted_pair() -> Callable[..., tuple[Image, Image]]:
     def make(
         shape: tuple[int, int] = (96, 160), disparity: int = 12, seed: int = 0
     ) -> tuple[Image, Image]:
-        wide = make_texture((shape[0], shape[1] + disparity), seed)
-        return wide[:, : shape[1]].copy(), wide[:, disparity:].copy()
+        return stereo_pair(make_texture((shape[0], shape[1] + disparity), seed), disparity)
 
     return make
 
 
 @pytest.fixture
-def contrast_of() -> Callable[[Image], EvenContrast]:
+def contrast_of() -> Callable[[Image], ContrastNormalizer]:
     """Maker of the raw contrast of an image."""
 
-    def make(image: Image) -> EvenContrast:
-        contrast = EvenContrast((image.shape[0], image.shape[1]))
+    def make(image: Image) -> ContrastNormalizer:
+        contrast = ContrastNormalizer((image.shape[0], image.shape[1]))
         # Texture from pixel to pixel, as in the tests, would else be measured as noise.
         contrast.stretch(image, Workers(1), np.zeros(3))
         return contrast

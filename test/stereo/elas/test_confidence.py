@@ -23,10 +23,10 @@ def curve(scene, mean_attenuation):
         {"stereo.max_disparity": search_limit(scene) - 1, "threads": 1})
     rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
     result = Pipeline(rig, config).process(*scene.degraded(mean_attenuation, 2.0, kappa))
-    assert result.confidence.dtype == np.float32
-    np.testing.assert_array_equal(result.confidence > 0, np.isfinite(result.disparity))
+    assert result.stereo.confidence.dtype == np.float32
+    np.testing.assert_array_equal(result.stereo.confidence > 0, np.isfinite(result.disparity))
     known = scene.known & np.isfinite(result.disparity)
-    confidence = result.confidence[known]
+    confidence = result.stereo.confidence[known]
     error = np.abs(result.disparity - scene.disparity_left)[known]
     edges = np.quantile(confidence, np.linspace(0, 1, PARTS + 1))
     part = np.clip(np.searchsorted(edges, confidence, "right") - 1, 0, PARTS - 1)

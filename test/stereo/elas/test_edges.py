@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from uw_visibility.compute.threads import Workers
-from uw_visibility.stereo.contrast import EvenContrast
+from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas.edges import EdgeVote
 
 SHAPE = (60, 90)
@@ -15,7 +15,7 @@ NEAR, FAR = 30.0, 10.0
 
 
 def contrast(grey, gain=1.0):
-    made = EvenContrast(SHAPE)
+    made = ContrastNormalizer(SHAPE)
     made.grey[:] = np.asarray(grey) * 256
     made.gain[:] = gain / 256
     return made

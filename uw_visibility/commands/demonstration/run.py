@@ -128,7 +128,7 @@ def _compare(
     rows = []
     pairs = zip(frames, answers, strict=True)
     for index, (frame, answer) in enumerate(_checked(pairs, "compare", len(frames), check)):
-        before = pipeline.process(frame.left, frame.right, match_original=True).disparity_original
+        before = pipeline.process(frame.left, frame.right, match_original=True).stereo.original
         assert before is not None
         seconds = (frame.time - frames[0].time) * 1e-9
         row = compare(frame, seconds, answer.messages, answer.latency, before)

@@ -127,7 +127,8 @@ def _reasons(summary: Summary) -> str:
                 known = methods["ours"]["reasons"]
                 reasons = {r: n for r, n in reasons.items() if n > known.get(r, 0)}
             if reasons:
-                told = "; ".join(f"{reason}: {n}" for reason, n in reasons.items())
+                # What to check is in evaluation.json.
+                told = "; ".join(f"{r.split(' (')[0]}: {n}" for r, n in reasons.items())
                 lines.append(f"  {name}{what}: {told}")
     return "\n".join(["refused, ours", *lines]) if lines else "refused, ours: none"
 

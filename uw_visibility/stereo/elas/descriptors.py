@@ -54,7 +54,7 @@ class Descriptors:
             ``(H, W)`` uint16.
         gain : ndarray
             ``(H, W)`` float32, factor of the gradients at each pixel; see
-            `uw_visibility.stereo.contrast.EvenContrast`.
+            `uw_visibility.stereo.contrast.ContrastNormalizer`.
         workers : Workers
             Threads.
         """

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
-from uw_visibility.stereo.contrast import EvenContrast
+from uw_visibility.stereo.contrast import ContrastNormalizer
 
 # Pixels that vote: five by five of them, this far apart.
 STRIDE = 3
@@ -44,7 +44,7 @@ class EdgeVote:
         self._before = np.empty(shape, np.float32)
 
     def move(
-        self, disparity: NDArray[np.float32], image: EvenContrast, workers: Workers
+        self, disparity: NDArray[np.float32], image: ContrastNormalizer, workers: Workers
     ) -> None:
         """Move the edges of a map ``(H, W)`` float32, px, in place; NaN stays NaN."""
         np.copyto(self._before, disparity)

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
+from uw_visibility.images.view import View
 from uw_visibility.stereo.airlight import AirlightPrior
-from uw_visibility.stereo.contrast import EvenContrast
+from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import dense, mesh, postprocess
 from uw_visibility.stereo.elas.confidence import rate
 from uw_visibility.stereo.elas.dense import DenseSearch, DenseSettings
@@ -99,20 +100,40 @@ class Matcher:
         self._noise = NoiseFilter(shape, config.noise_ratio)
         self._segments = postprocess.SegmentFilter(shape)
         self._edges = EdgeVote(shape)
-        self._left: EvenContrast | None = None
+        self._left: ContrastNormalizer | None = None
         self._mean = AdaptiveMean(shape, config.smoothing_difference)
 
-    def describe(self, left: EvenContrast, right: EvenContrast) -> None:
+    def describe(self, left: ContrastNormalizer, right: ContrastNormalizer) -> None:
         """Compute the descriptors of a pair, which is not changed until it is matched."""
         self._workers.together(
             lambda: self.describe_view(0, left), lambda: self.describe_view(1, right)
         )
 
-    def describe_view(self, side: int, image: EvenContrast) -> None:
+    def describe_view(self, side: int, image: ContrastNormalizer) -> None:
         """Compute the descriptors of one view of a pair: 0 is the left one, 1 the right."""
         if side == 0:
             self._left = image
         self._views[side].compute(image.grey, image.gain, self._workers)
+
+    def describe_raw(
+        self, contrast: tuple[ContrastNormalizer, ContrastNormalizer], left: View, right: View
+    ) -> None:
+        """Compute the descriptors of a pair as it is, its contrast stretched.
+
+        Parameters
+        ----------
+        contrast : tuple of ContrastNormalizer
+            Of the left and of the right view; overwritten, and used until the pair is
+            matched.
+        left, right : View
+            The pair.
+        """
+
+        def describe(side: int, view: View) -> None:
+            contrast[side].stretch(view.pixels, self._workers, view.noise)
+            self.describe_view(side, contrast[side])
+
+        self._workers.together(lambda: describe(0, left), lambda: describe(1, right))
 
     def support_points(
         self,
@@ -125,9 +146,9 @@ class Matcher:
             airlight, earlier,
         )
 
-    def exchanged_ratio(self) -> float:
+    def swapped_ratio(self) -> float:
         """Matches of the described pair with its images exchanged, over those in order."""
-        return self._support.exchanged_ratio(
+        return self._support.swapped_ratio(
             self._views[0].values, self._views[1].values, self._disparities, self._workers
         )
 

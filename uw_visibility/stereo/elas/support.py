@@ -21,6 +21,9 @@ from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_differ
 from uw_visibility.stereo.elas.descriptors import MIDDLE
 from uw_visibility.stereo.elas.support_filter import keep_consistent, mark_vertices, smooth
 
+FEWEST_SUPPORT_POINTS = 10
+"""Fewer of them make no mesh worth a plane."""
+
 # A support point is compared at the four corners of a square of this half side,
 # so that its window reaches 9 x 9 pixels.
 REACH = 2
@@ -98,7 +101,7 @@ class SupportGrid:
         self._vertices = np.empty((rows, columns), np.bool_)
         self._agreed = np.empty((rows, columns), np.float32)
 
-    def exchanged_ratio(
+    def swapped_ratio(
         self,
         left: NDArray[np.uint8],
         right: NDArray[np.uint8],

@@ -1,68 +1,77 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Closed-form matting of a disparity map: the reference form of the guided filter.
+"""Closed-form matting of a disparity map: the reference for the guided filter.
 
 Levin, Lischinski and Weiss, doi 10.1109/TPAMI.2007.1177.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
 from numpy.typing import NDArray
 
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.guided_filter import CELL, NO_PLANE, GuidedFilter
-
-if TYPE_CHECKING:
-    import scipy.sparse
 
 # Weight λ of the data beside the smoothness that the image asks for.
 DATA_WEIGHT = 10.0
-TOLERANCE = 1e-5
 ITERATIONS = 2000
 # Windows of 3 x 3 cells.
 OFFSETS = tuple((y, x) for y in (0, 1, 2) for x in (0, 1, 2))
 
 
-def solve_matting(
-    guided: GuidedFilter,
-    coarse: NDArray[np.float32],
-    confidence: NDArray[np.float32],
-    guide: NDArray[np.generic],
-    disparity: NDArray[np.float32],
-    dense_confidence: NDArray[np.float32],
-) -> bool:
-    """Minimise dᵀLd + λ Σ confidence (d - coarse)², with L the matting Laplacian of the image.
+def refine_by_laplacian(
+    coarse: NDArray[np.float32], guide: NDArray[np.generic], config: EnhancementConfig
+) -> NDArray[np.float32]:
+    """Minimise dᵀLd + λ Σ (d - coarse)², with L the matting Laplacian of the image.
 
     Solved on the guided filter's finest grid, from its result, and brought to
-    the image's resolution with its coefficients. Parameters and result are
-    those of `GuidedFilter.run`.
-    """
-    # Imported here, since it takes long, and the guided filter does without.
-    import scipy.sparse
+    the image's resolution with its coefficients.
 
-    if not guided.run(coarse, confidence, guide, disparity, dense_confidence):
-        return False
+    Parameters
+    ----------
+    coarse : (H, W) float32 ndarray
+        Disparity, px; NaN where unknown.
+    guide : (H, W, 3) ndarray of uint8 or uint16
+        Image of the same view, at least 12 px high and wide.
+    config : EnhancementConfig
+        Reach and smoothness of the filter.
+
+    Returns
+    -------
+    (H, W) float32 ndarray
+        px; NaN where there was no disparity to start from.
+    """
+    guided = GuidedFilter(
+        (coarse.shape[0], coarse.shape[1]), config.matting_radius, config.matting_smoothness,
+        Workers(1),
+    )
+    confidence = np.ones(coarse.shape, np.float32)
+    disparity = np.full(coarse.shape, np.nan, np.float32)
+    unused = np.empty(coarse.shape, np.float32)
+    if not guided.run(coarse, confidence, guide, disparity, unused):
+        return disparity
     limits = guided.reduce(coarse, confidence, guide)
     finest = guided.levels[0]
-    if min(finest.value.shape) < 3:
-        return True
     data = DATA_WEIGHT * finest.weight.astype(np.float64).ravel()
-    system = laplacian(finest.guide, guided.smoothness) + scipy.sparse.diags(data)
+    system = laplacian(finest.guide, config.matting_smoothness) + scipy.sparse.diags(data)
     height, width = finest.value.shape
     sampled = disparity[CELL // 2 :: CELL, CELL // 2 :: CELL]
     padding = ((0, height - sampled.shape[0]), (0, width - sampled.shape[1]))
     start = np.pad(sampled, padding, mode="edge").astype(np.float64).ravel()
-    solution = conjugate_gradient(system, data * finest.value.ravel(), start)
+    solution, _ = scipy.sparse.linalg.cg(
+        system, data * finest.value.ravel(), start, atol=0.0, maxiter=ITERATIONS,
+        M=scipy.sparse.diags(1.0 / system.diagonal()),
+    )
     finest.value[:] = solution.reshape(height, width)
     finest.prior[:] = finest.value
     finest.weight[:] = 1
     guided.regress(radius=1)
-    kept = dense_confidence.copy()
-    guided.apply(guide, NO_PLANE, limits, disparity, dense_confidence)
-    dense_confidence[:] = kept
-    return True
+    guided.apply(guide, NO_PLANE, limits, disparity, unused)
+    return disparity
 
 
 def laplacian(guide: NDArray[np.float32], smoothness: float) -> scipy.sparse.csr_matrix:
@@ -80,8 +89,6 @@ def laplacian(guide: NDArray[np.float32], smoothness: float) -> scipy.sparse.csr
     (h * w, h * w) sparse matrix
         Symmetric, positive semidefinite; constants are in its null space.
     """
-    import scipy.sparse
-
     height, width = guide.shape[:2]
     index = np.arange(height * width).reshape(height, width)
     rows, columns = height - 2, width - 2
@@ -99,40 +106,3 @@ def laplacian(guide: NDArray[np.float32], smoothness: float) -> scipy.sparse.csr
     second = np.tile(members, (1, count)).ravel()
     size = height * width
     return scipy.sparse.coo_matrix((blocks.ravel(), (first, second)), shape=(size, size)).tocsr()
-
-
-def conjugate_gradient(
-    system: scipy.sparse.csr_matrix, right: NDArray[np.float64], start: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Solve a symmetric, positive definite system, preconditioned with its diagonal.
-
-    Parameters
-    ----------
-    system : (n, n) sparse matrix
-        The system.
-    right, start : (n,) float64 ndarray
-        Right side, and where to start from.
-
-    Returns
-    -------
-    (n,) float64 ndarray
-        The solution, to a relative residual of `TOLERANCE`.
-    """
-    inverse = 1.0 / system.diagonal()
-    solution = start.copy()
-    residual = right - system @ solution
-    preconditioned = inverse * residual
-    direction = preconditioned.copy()
-    energy = float(residual @ preconditioned)
-    goal = TOLERANCE * float(np.linalg.norm(right))
-    for _ in range(ITERATIONS):
-        if float(np.linalg.norm(residual)) <= goal:
-            break
-        ahead = system @ direction
-        step = energy / float(direction @ ahead)
-        solution += step * direction
-        residual -= step * ahead
-        preconditioned = inverse * residual
-        previous, energy = energy, float(residual @ preconditioned)
-        direction = preconditioned + (energy / previous) * direction
-    return solution

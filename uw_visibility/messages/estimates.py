@@ -1,0 +1,177 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""An estimate of the water as outgoing messages, of a frame alone or filtered over frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.config.schema import NodeConfig
+from uw_visibility.messages.images import MessageFactory
+from uw_visibility.status import Status
+from uw_visibility.water.assessment import Visibility
+from uw_visibility.water.estimation import WaterEstimate
+
+# Variance of the components of a pose that are not measured: whoever fuses
+# them by mistake gives them no weight. A variance of 0 would mean certainty
+# to robot_localization, and -1 would be taken by its magnitude.
+UNMEASURED_VARIANCE = 1e6
+
+# sensor_msgs/Range.INFRARED: the nearest to visible light that the message knows.
+RADIATION_LIGHT = 1
+
+
+class ImageHeader(NamedTuple):
+    """Stamp and frame of an image."""
+
+    sec: int
+    nanosec: int
+    frame_id: str
+
+    @classmethod
+    def of(cls, message: Any) -> ImageHeader:
+        """Read the header of a message of rclpy or rosbags."""
+        header = message.header
+        return cls(int(header.stamp.sec), int(header.stamp.nanosec), str(header.frame_id))
+
+    @property
+    def seconds(self) -> float:
+        """The stamp, s."""
+        return 1e-9 * (self.sec * 1_000_000_000 + self.nanosec)
+
+    def message(self, make: MessageFactory) -> Any:
+        """Make it a ``std_msgs/Header``."""
+        time = make("builtin_interfaces/msg/Time", sec=self.sec, nanosec=self.nanosec)
+        return make("std_msgs/msg/Header", stamp=time, frame_id=self.frame_id)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What the messages of an estimate are made from.
+
+    Attributes
+    ----------
+    make : MessageFactory
+        Makes the messages.
+    header : ImageHeader
+        Of the left image.
+    water : WaterEstimate
+    visibility : Visibility
+    field_of_view : float
+        Of the left image, horizontally, rad.
+    config : NodeConfig
+        `max_range` and `depth_frame`.
+    """
+
+    make: MessageFactory
+    header: ImageHeader
+    water: WaterEstimate
+    visibility: Visibility
+    field_of_view: float
+    config: NodeConfig
+
+    def message(self, name: str) -> Any:
+        """Make the message of an output of `ESTIMATES`; None where it is not assessable."""
+        return _BUILDERS[name][1](self)
+
+
+def field_of_view(width: int, focal_length: float) -> float:
+    """Return the angle that an image of a width and focal length, px, shows, rad."""
+    return 2.0 * math.atan(width / (2.0 * focal_length))
+
+
+def _distance(estimate: Estimate) -> Any:
+    visibility = estimate.visibility
+    if visibility.status is not Status.OK or math.isnan(visibility.distance):
+        return None
+    max_range = estimate.config.max_range
+    seen = visibility.distance <= max_range
+    return estimate.make(
+        "sensor_msgs/msg/Range",
+        header=estimate.header.message(estimate.make),
+        radiation_type=RADIATION_LIGHT,
+        field_of_view=estimate.field_of_view,
+        min_range=0.0,
+        max_range=max_range,
+        range=visibility.distance if seen else math.inf,
+        variance=_variance(visibility.distance_stddev) if seen else 0.0,
+    )
+
+
+def _variance(stddev: float) -> float:
+    """Return a variance for Range, where 0 says that it is not known."""
+    return stddev**2 if math.isfinite(stddev) else 0.0
+
+
+def _attenuation(estimate: Estimate) -> Any:
+    return _vector(estimate, estimate.water.attenuation)
+
+
+def _attenuation_stddev(estimate: Estimate) -> Any:
+    return _vector(estimate, estimate.water.attenuation_stddev)
+
+
+def _ambient_light(estimate: Estimate) -> Any:
+    return _vector(estimate, estimate.water.ambient_light)
+
+
+def _vector(estimate: Estimate, values: NDArray[np.float64]) -> Any:
+    if estimate.water.status is not Status.OK or not np.isfinite(values).all():
+        return None
+    vector = estimate.make(
+        "geometry_msgs/msg/Vector3",
+        x=float(values[0]), y=float(values[1]), z=float(values[2]),
+    )
+    return estimate.make(
+        "geometry_msgs/msg/Vector3Stamped", header=estimate.header.message(estimate.make),
+        vector=vector,
+    )
+
+
+def _mean_attenuation(estimate: Estimate) -> Any:
+    visibility = estimate.visibility
+    if visibility.status is not Status.OK or not math.isfinite(visibility.mean_attenuation):
+        return None
+    return estimate.make("std_msgs/msg/Float64", data=float(visibility.mean_attenuation))
+
+
+def _depth(estimate: Estimate) -> Any:
+    visibility = estimate.visibility
+    numbers = (visibility.depth, visibility.depth_stddev)
+    if visibility.depth_status is not Status.OK or not all(map(math.isfinite, numbers)):
+        return None
+    covariance = UNMEASURED_VARIANCE * np.eye(6)
+    covariance[2, 2] = visibility.depth_stddev**2
+    pose = estimate.make(
+        "geometry_msgs/msg/Pose",
+        position=estimate.make("geometry_msgs/msg/Point", x=0.0, y=0.0, z=-float(visibility.depth)),
+        orientation=estimate.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+    )
+    header = estimate.header._replace(frame_id=estimate.config.depth_frame)
+    return estimate.make(
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        header=header.message(estimate.make),
+        pose=estimate.make(
+            "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.ravel()
+        ),
+    )
+
+
+_BUILDERS: dict[str, tuple[str, Callable[[Estimate], Any]]] = {
+    "distance": ("sensor_msgs/msg/Range", _distance),
+    "attenuation": ("geometry_msgs/msg/Vector3Stamped", _attenuation),
+    "attenuation_stddev": ("geometry_msgs/msg/Vector3Stamped", _attenuation_stddev),
+    "ambient_light": ("geometry_msgs/msg/Vector3Stamped", _ambient_light),
+    "mean_attenuation": ("std_msgs/msg/Float64", _mean_attenuation),
+    "depth": ("geometry_msgs/msg/PoseWithCovarianceStamped", _depth),
+}
+
+ESTIMATES = MappingProxyType({name: kind for name, (kind, _) in _BUILDERS.items()})
+"""Type of message by output."""
