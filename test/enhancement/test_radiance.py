@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scenes import in_water
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
@@ -34,8 +35,8 @@ def scene(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 
 def seen(radiance: np.ndarray, distance: np.ndarray, transfer: str, dtype: type) -> np.ndarray:
-    light = attenuate(radiance, distance, WATER.attenuation, WATER.ambient_light)
-    return from_linear(light, transfer, dtype)
+    return in_water(
+        radiance, distance, WATER.attenuation, WATER.ambient_light, dtype=dtype, transfer=transfer)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])

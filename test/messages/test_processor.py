@@ -9,12 +9,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from scenes import in_water, row_ranges, stereo_pair, texture
 
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.outputs import TOPICS
 from uw_visibility.messages.processor import FrameProcessor
 from uw_visibility.status import Status
+from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimation import WaterEstimate
 from uw_visibility.water.filter import FilteredWater
 from uw_visibility.water.tracking import TrackingEvent
@@ -29,21 +31,20 @@ def make(name: str, /, **fields: Any) -> SimpleNamespace:
 
 def frame() -> StereoFrame:
     """Make a pair of three planes under water."""
-    texture = np.random.default_rng(5).random((HEIGHT, WIDTH, 3))
-    left, right = np.empty((2, HEIGHT, WIDTH, 3))
-    for part, disparity in enumerate((16, 10, 6)):
-        rows = slice(part * HEIGHT // 3, (part + 1) * HEIGHT // 3)
-        transmission = np.exp(-np.array([0.5, 0.3, 0.2]) * 16 / disparity)
-        left[rows] = 0.5 * (1 - transmission + transmission * texture[rows])
-        right[rows] = np.roll(left[rows], -disparity, axis=1)
+    disparity = np.repeat((16.0, 10.0, 6.0), HEIGHT // 3)
+    ranges = row_ranges(StereoRig(160.0, 0.1, (63.5, 47.5)), disparity, WIDTH)
+    pair = [
+        in_water(view, ranges, [0.5, 0.3, 0.2], [0.5, 0.5, 0.5])
+        for view in stereo_pair(texture((HEIGHT, WIDTH + 16, 3), 5), disparity)
+    ]
     header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0), frame_id="camera")
     roi = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0, do_rectify=False)
     messages: list[Any] = [
         SimpleNamespace(
             header=header, height=HEIGHT, width=WIDTH, encoding="rgb8", is_bigendian=0,
-            step=3 * WIDTH, data=(255 * pixels).astype(np.uint8).tobytes(),
+            step=3 * WIDTH, data=pixels.tobytes(),
         )
-        for pixels in (left, right)
+        for pixels in pair
     ]
     messages += [
         SimpleNamespace(

@@ -5,12 +5,12 @@
 import cv2
 import numpy as np
 import pytest
+from scenes import ReefView
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.errors import InputError
-from uw_visibility.simulation.camera import Pose, StereoCamera
-from uw_visibility.simulation.frame import RenderedFrame, Renderer
-from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.camera import StereoCamera
+from uw_visibility.simulation.frame import RenderedFrame
 from uw_visibility.simulation.water import Water
 from uw_visibility.stereo.pyramid import Pyramid
 
@@ -19,8 +19,7 @@ CAMERA = StereoCamera(644, 362, 600.0, 0.12)
 
 @pytest.fixture(scope="module")
 def frame() -> RenderedFrame:
-    pose = Pose((0.0, 0.0, 1.5), tilt=0.3)
-    return Renderer(CAMERA).render(reef(), pose, Water(0.2, 3.0))
+    return ReefView(CAMERA, water=Water(0.2, 3.0)).frame()
 
 
 def pipeline(**parameters: float) -> Pipeline:

@@ -7,12 +7,12 @@ from threading import Barrier
 
 import numpy as np
 import pytest
+from scenes import ReefView
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.pipeline.pool import PipelinePool
 from uw_visibility.simulation.camera import Pose, StereoCamera
-from uw_visibility.simulation.frame import RenderedFrame, Renderer
-from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.frame import RenderedFrame
 from uw_visibility.simulation.water import Water
 
 CAMERA = StereoCamera(200, 150, 200.0, 0.12)
@@ -23,7 +23,7 @@ CONFIG = PipelineConfig.from_parameters({"stereo.max_disparity": 40, "threads": 
 @pytest.fixture(scope="module")
 def frames() -> list[RenderedFrame]:
     return [
-        Renderer(CAMERA).render(reef(), Pose((0.3 * i, 0.0, 1.5), tilt=0.3), Water(0.15, 3.0))
+        ReefView(CAMERA, pose=Pose((0.3 * i, 0.0, 1.5), tilt=0.3), water=Water(0.15, 3.0)).frame()
         for i in range(4)
     ]
 

@@ -7,12 +7,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from scenes import ReefView
 
 from uw_visibility import FrameResult, Pipeline, PipelineConfig, StereoRig
 from uw_visibility.images.vignetting import illumination
 from uw_visibility.optics.transfer import from_linear, to_linear
 from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
-from uw_visibility.simulation.frame import Effects, Renderer
+from uw_visibility.simulation.frame import Effects
 from uw_visibility.simulation.scene import reef
 from uw_visibility.simulation.water import Water
 from uw_visibility.status import Status
@@ -33,7 +34,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def clean(scene):
-    return Renderer(CAMERA, SMALL_CAMERA).render(scene, POSE, WATER)
+    return ReefView(CAMERA, scene, POSE, WATER, SMALL_CAMERA).frame()
 
 
 def process(left, right, **parameters) -> FrameResult:
@@ -130,9 +131,9 @@ def test_a_hand_near_the_lens_does_not_pass_for_water(clean, undisturbed, shade,
 ], ids=["caustics", "snow", "both"])
 def test_noise_caustics_and_snow_do_not_pass_for_water(scene, effects, tolerance):
     errors, depths = [], []
-    renderer = Renderer(CAMERA, SMALL_CAMERA, effects)
+    view = ReefView(CAMERA, scene, POSE, WATER, SMALL_CAMERA, effects)
     for seed in range(4):
-        frame = renderer.render(scene, POSE, WATER, seed=seed, time=0.7 * seed)
+        frame = view.frame(seed, 0.7 * seed)
         result = process(frame.left, frame.right)
         assert result.status is Status.OK
         errors.append(result.visibility.mean_attenuation - ALPHA)

@@ -11,14 +11,14 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from scenes import ReefView
 
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.images import ENCODINGS
 from uw_visibility.messages.processor import FrameProcessor
-from uw_visibility.simulation.camera import Pose, StereoCamera
-from uw_visibility.simulation.frame import RenderedFrame, Renderer
-from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.camera import StereoCamera
+from uw_visibility.simulation.frame import RenderedFrame
 from uw_visibility.simulation.water import Water
 
 CAMERA = StereoCamera()
@@ -34,7 +34,7 @@ def make(name: str, /, **fields: Any) -> SimpleNamespace:
 @pytest.fixture(scope="module")
 def rendered() -> RenderedFrame:
     """Render a reef from 1.5 m above it, in water of 0.2 1/m at 3 m of depth."""
-    return Renderer(CAMERA).render(reef(), Pose((0.0, 0.0, 1.5), tilt=0.3), Water(0.2, 3.0))
+    return ReefView(CAMERA, water=Water(0.2, 3.0)).frame()
 
 
 @pytest.fixture(scope="module")

@@ -22,11 +22,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from scenes import in_water, row_ranges, stereo_pair, texture
 
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.messages.outputs import all_topics
-from uw_visibility.optics.light_model import attenuate
+from uw_visibility.stereo.rig import StereoRig
 
 # Set by the conftest above, for this process and the nodes alike.
 DOMAIN = int(os.environ["ROS_DOMAIN_ID"])
@@ -62,26 +63,17 @@ class KnownScene:
 
 
 def make_scene() -> KnownScene:
-    generator = np.random.default_rng(11)
-    columns = np.arange(WIDTH)
-    rows = np.repeat(np.linspace(5.0, 24.0, HEIGHT)[:, None], WIDTH, axis=1)
-    fine = generator.random((HEIGHT, WIDTH + 40, 3))
-    coarse = np.kron(generator.random((HEIGHT // 8, WIDTH // 8 + 5, 3)), np.ones((8, 8, 1)))
-    texture = np.clip(1.6 * (0.5 * fine + 0.5 * coarse) - 0.3, 0.0, 1.0)
-    right = np.stack([
-        np.stack([np.interp(columns + d, np.arange(WIDTH + 40), c) for c in row.T], -1)
-        for row, d in zip(texture, rows[:, 0], strict=True)
-    ])
-    y, x = np.mgrid[:HEIGHT, :WIDTH]
-    ray = np.sqrt(1 + ((x - CENTRE[0]) / FOCAL) ** 2 + ((y - CENTRE[1]) / FOCAL) ** 2)
-    ranges = (FOCAL * BASELINE / rows * ray).astype(np.float32)
+    disparity = np.linspace(5.0, 24.0, HEIGHT)
+    # Some of it is black and some white, as the estimate of the water needs.
+    radiance = np.clip(1.6 * texture((HEIGHT, WIDTH + 40, 3), 11, (1, 8)) - 0.3, 0.0, 1.0)
+    ranges = row_ranges(StereoRig(FOCAL, BASELINE, CENTRE), disparity, WIDTH)
     attenuation, ambient_light = np.array([0.6, 0.4, 0.3]), np.array([0.4, 0.55, 0.6])
-    images = [
-        np.round(255 * attenuate(radiance.astype(np.float32), ranges, attenuation, ambient_light))
-        .clip(0, 255).astype(np.uint8)
-        for radiance in (texture[:, :WIDTH], right)
-    ]
-    return KnownScene(*images, rows, attenuation, ambient_light)
+    left, right = (
+        in_water(view, ranges, attenuation, ambient_light)
+        for view in stereo_pair(radiance, disparity, WIDTH)
+    )
+    rows = np.repeat(disparity[:, np.newaxis], WIDTH, axis=1)
+    return KnownScene(left, right, rows, attenuation, ambient_light)
 
 
 def double(scene: KnownScene) -> KnownScene:

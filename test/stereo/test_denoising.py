@@ -5,6 +5,7 @@
 import cv2
 import numpy as np
 import pytest
+from scenes import blurred, codes, stereo_pair
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
@@ -84,14 +85,12 @@ def correct_share(left: np.ndarray, right: np.ndarray, noise: float, disparity: 
 
 def test_noisy_pairs_are_matched_better_than_as_they_are(
 ) -> None:
-    wide = cv2.GaussianBlur(np.random.default_rng(3).random((96, 172)), (0, 0), 2.0) * 800
-    wide = 120 + 0.5 * (wide - wide.mean())
+    wide = blurred(np.random.default_rng(3).random((96, 172)), 2.0) * 800 / 255
+    wide = 120 / 255 + 0.5 * (wide - wide.mean())
     random = np.random.default_rng(4)
     left, right = (
-        np.clip(
-            np.repeat(part[..., None], 3, 2) + random.normal(0, 20, (*SHAPE, 3)) + 0.5, 0, 255
-        ).astype(np.uint8)
-        for part in (wide[:, :160], wide[:, 12:])
+        codes(np.repeat(part[..., None], 3, 2) + random.normal(0, 20 / 255, (*SHAPE, 3)))
+        for part in stereo_pair(wide, 12)
     )
     as_they_are = correct_share(left, right, 0.0, 12)
     smoothed = correct_share(left, right, 20.0, 12)

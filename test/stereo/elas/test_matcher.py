@@ -4,14 +4,13 @@
 
 import numpy as np
 import pytest
+from scenes import ReefView
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.evaluation.baselines import semi_global_matching
 from uw_visibility.evaluation.degrade import load_scene
-from uw_visibility.simulation.camera import Pose, StereoCamera
-from uw_visibility.simulation.frame import Renderer
-from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.water import Water
 from uw_visibility.stereo.elas import Matcher
 
@@ -37,8 +36,7 @@ def step_pair(texture, near=20, far=8):
 
 def test_disparities_are_not_drawn_to_whole_pixels(contrast_of):
     """Over a reef that has all of them, the error does not follow the fraction of a pixel."""
-    pose = Pose((0.0, 0.0, 1.5), tilt=0.3)
-    frame = Renderer(StereoCamera(320, 240, 400.0, 0.12)).render(reef(), pose, Water(0.0, 3.0))
+    frame = ReefView(StereoCamera(320, 240, 400.0, 0.12), water=Water(0.0, 3.0)).frame()
     pair = frame.left, frame.right
 
     def bias_by_fraction(disparity):
