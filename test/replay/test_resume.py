@@ -19,8 +19,8 @@ from bag_copies import DARK, DIVE_FRAMES, HARD_PARAMETERS, messages_of, paramete
 
 from uw_visibility.cli import main
 from uw_visibility.replay.filtering import EstimateLog
+from uw_visibility.replay.results import provenance
 from uw_visibility.replay.results.folder import ResultFolder
-from uw_visibility.replay.results.mcap import provenance
 from uw_visibility.replay.results.recorder import FrameRecorder
 from uw_visibility.replay.table import read_rows
 from uw_visibility.replay.work import RecordingProcessor

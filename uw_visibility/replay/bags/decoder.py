@@ -9,7 +9,7 @@ from typing import Any
 
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, printable
 from uw_visibility.replay.bags.storage import Channel, Recorded
 
 IDL_SEPARATOR = "=" * 80 + "\n"
@@ -50,25 +50,32 @@ class Decoder:
         except Exception as error:
             # The generated readers check nothing: damage shows as any kind of error.
             raise InputError(
-                f"a message on {message.topic} is damaged: {type(error).__name__}"
+                f"a message on {printable(message.topic)} is damaged: {type(error).__name__}"
             ) from error
 
     def _store(self, kind: str) -> Any:
         channel = self._channels.get(kind)
-        # Recordings of older distributions hold no definitions; the common ones never changed.
-        known = get_typestore(Stores.ROS1_NOETIC if self._ros1 else Stores.ROS2_JAZZY)
-        if channel is None or not channel.format:
-            if kind not in known.types:
-                raise InputError(f"the recording does not define its type {kind}")
+        # The common types never changed. What a recording says of them may be damaged, or
+        # another thing under their name.
+        known = common_types(self._ros1)
+        if kind in known.types:
             return known
+        if channel is None or not channel.format:
+            raise InputError(f"the recording does not define its type {printable(kind)}")
         store = get_typestore(Stores.EMPTY)
         try:
             store.register(_types(channel))
         except Exception as error:
             raise InputError(
-                f"the definition of {kind} in the recording cannot be read: {error}"
+                f"the definition of {printable(kind)} in the recording cannot be read: "
+                f"{printable(error)}"
             ) from error
         return store
+
+
+def common_types(ros1: bool) -> Any:
+    """Return the type store of the messages that come with ROS."""
+    return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
 
 
 def _types(channel: Channel) -> dict[str, Any]:

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
@@ -13,10 +15,11 @@ from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, printable
 from uw_visibility.replay.bags.salvage_mcap import McapSalvage
 from uw_visibility.replay.bags.salvage_rosbag1 import Rosbag1Salvage
-from uw_visibility.replay.bags.salvage_sqlite import SqliteSalvage
+from uw_visibility.replay.bags.source import RecordingPath, Source, open_regular
+from uw_visibility.replay.bags.sqlite import SqliteFile
 from uw_visibility.replay.bags.storage import Channel, Recorded, Storage, wanted
 
 FORMATS = {
@@ -27,9 +30,11 @@ FORMATS = {
 
 SALVAGE: dict[str, Callable[[Path], Storage]] = {
     ".mcap": McapSalvage,
-    ".db3": SqliteSalvage,
+    ".db3": SqliteFile,
     ".bag": Rosbag1Salvage,
 }
+# The end of an MCAP file: a footer of three numbers, and the magic bytes.
+FOOTER, FOOTER_SIZE = struct.Struct("<QQI8s"), 28
 
 
 def open_file(path: Path) -> Storage:
@@ -54,9 +59,13 @@ def open_file(path: Path) -> Storage:
             f"{path} is no recording: give a .mcap, .db3 or .bag file, or the folder of a bag"
         )
     try:
-        return IndexedFile(path)
+        open_regular(path).close()
+        if path.suffix == ".db3":
+            return _checked(SqliteFile(path), path, "it holds no topics")
     except OSError as error:
         raise InputError(f"cannot read bag {path}: {error.strerror or error}") from error
+    try:
+        return IndexedFile(path)
     except Exception as error:
         # A damaged file fails in whatever way its bytes lead to.
         return _salvage(path, error)
@@ -67,7 +76,10 @@ class IndexedFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._reader: Any = Reader1(path) if path.suffix == ".bag" else Reader2(path)
+        if path.suffix == ".mcap":
+            _check_index(path)
+        kind = Reader1 if path.suffix == ".bag" else Reader2
+        self._reader: Any = kind(RecordingPath(path))
         self._reader.open()
         self.damage: list[str] = []
         self.channels = [
@@ -89,13 +101,20 @@ class IndexedFile:
             for connection, time, data in self._reader.messages(chosen, start, stop):
                 read[connection.topic] += 1
                 yield Recorded(connection.topic, connection.msgtype, time, data)
+            whole = start is None and stop is None
+            if whole and any((c.msgcount or 0) > read[c.topic] for c in chosen):
+                raise ValueError("its index names messages that it does not lead to")
         except GeneratorExit:
             raise
         except Exception as error:
             # As above: nobody can list what damaged bytes raise.
-            rest = _salvage(self._path, error)
+            try:
+                rest = _salvage(self._path, error)
+            except InputError as hopeless:
+                self.damage.append(str(hopeless))
+                return
             yield from _after(read, rest, topics, start, stop)
-            self.damage += rest.damage
+            self.damage += [note for note in rest.damage if note not in self.damage]
             rest.close()
 
     def close(self) -> None:
@@ -118,11 +137,39 @@ def _after(
             yield message
 
 
+def _check_index(path: Path) -> None:
+    """Refuse an index that is not what its checksum says, where it has one.
+
+    Raises
+    ------
+    ValueError
+        If they differ.
+    """
+    with Source.of(path) as source:
+        begin, _, checksum, _ = FOOTER.unpack(source.read(source.size - FOOTER_SIZE, FOOTER_SIZE))
+        if begin and checksum:
+            # It is that of all from the index to itself.
+            index = source.read(begin, source.size - begin - 12)
+            if zlib.crc32(index) != checksum:
+                raise ValueError("its index differs from its checksum")
+
+
 def _salvage(path: Path, error: Exception) -> Storage:
-    reason = " ".join(str(error).split()) or type(error).__name__
-    storage = SALVAGE[path.suffix](path)
+    reason = printable(" ".join(str(error).split()) or type(error).__name__)
+    storage = _checked(SALVAGE[path.suffix](path), path, reason)
+    storage.damage.insert(0, f"{path.name} is damaged ({reason}): read as far as it goes")
+    return storage
+
+
+def _checked(storage: Storage, path: Path, reason: str) -> Storage:
+    """Refuse a file of which no topic can be read.
+
+    Raises
+    ------
+    InputError
+        With the reason, or what is damaged.
+    """
     if not storage.channels:
         storage.close()
-        raise InputError(f"cannot read bag {path}: {reason}") from error
-    storage.damage.insert(0, f"{path.name} is damaged ({reason}): read as far as it goes")
+        raise InputError(f"cannot read bag {path}: {'; '.join(storage.damage) or reason}")
     return storage

@@ -4,12 +4,15 @@
 
 from __future__ import annotations
 
+import stat
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
-import yaml
-
-from uw_visibility.errors import InputError
+from uw_visibility.config.documents import read_document
+from uw_visibility.config.files import check_regular
+from uw_visibility.errors import InputError, printable
 from uw_visibility.replay.bags.indexed import SALVAGE
 
 PACKED = ".zstd"
@@ -17,6 +20,13 @@ PACKED = ".zstd"
 
 class UnreadableError(InputError):
     """Unreadable recording: it is there, but nothing of it can be read."""
+
+
+class Named(NamedTuple):
+    """Name and type of a topic."""
+
+    topic: str
+    type: str
 
 
 @dataclass(frozen=True)
@@ -31,6 +41,8 @@ class Layout:
         Whether each message is packed by itself.
     expected : dict of str to int
         Messages by topic, as the metadata counts them.
+    types : dict of str to str
+        Types of message by topic, as the metadata names them.
     notes : list of str
         What is missing.
     """
@@ -39,6 +51,33 @@ class Layout:
     packed_messages: bool = False
     expected: dict[str, int] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    types: dict[str, str] = field(default_factory=dict)
+
+    def corrections(self, found: Mapping[str, str], known: Collection[str]) -> dict[str, Named]:
+        """Return what topics should be called whose name or type is damaged in the files.
+
+        Parameters
+        ----------
+        found : mapping of str to str
+            Types by topic in the files.
+        known : collection of str
+            Common types of messages.
+
+        Returns
+        -------
+        dict of str to Named
+            Name and type by the metadata, by the name in the files; none where more
+            than one name differs, since then it is not clear which is which.
+        """
+        corrected = {
+            topic: Named(topic, self.types[topic]) for topic, kind in found.items()
+            if kind not in known and self.types.get(topic, kind) in known
+        }
+        unknown = [topic for topic in found if topic not in self.types]
+        lacking = [topic for topic in self.types if topic not in found and self.expected[topic]]
+        if len(unknown) == len(lacking) == 1:
+            corrected[unknown[0]] = Named(lacking[0], self.types[lacking[0]])
+        return corrected
 
 
 def find_files(path: Path) -> Layout:
@@ -58,27 +97,62 @@ def find_files(path: Path) -> Layout:
     InputError
         If there is no recording; `UnreadableError` if all its files are missing.
     """
-    if not path.exists():
-        raise InputError(f"cannot read bag {path}: it is missing")
-    if path.is_file():
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError) as error:
+        reason = "it is missing" if isinstance(error, FileNotFoundError) else error
+        raise InputError(f"cannot read bag {path}: {reason}") from error
+    if not stat.S_ISDIR(mode):
+        check_regular(path, "bag")
         return Layout([path])
     try:
-        text = (path / "metadata.yaml").read_text(encoding="utf-8")
-        about = yaml.safe_load(text)["rosbag2_bagfile_information"]
+        about = read_document(path / "metadata.yaml", "metadata")["rosbag2_bagfile_information"]
         packed = str(about.get("compression_mode", "")).lower() == "message"
         expected = {
-            topic["topic_metadata"]["name"]: int(topic["message_count"])
+            str(topic["topic_metadata"]["name"]): _count(topic["message_count"])
             for topic in about.get("topics_with_message_count", [])
         }
+        types = {
+            str(topic["topic_metadata"]["name"]): str(topic["topic_metadata"].get("type"))
+            for topic in about.get("topics_with_message_count", [])
+        }
+        # A name with a path would lead out of the bag.
         names = [Path(str(name)).name for name in about["relative_file_paths"]]
-    except (OSError, ValueError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+    except (InputError, KeyError, TypeError, AttributeError) as error:
         return _without_metadata(path, error)
-    missing = [name for name in names if not (path / name).exists()]
+    missing = [name for name in names if not _is_there(path / name)]
     if len(missing) == len(names):
-        raise UnreadableError(f"cannot read bag {path}: its files are missing")
-    notes = [f"missing files: {', '.join(missing)}"] if missing else []
+        # What is there under other names is read all the same.
+        files = _files(path)
+        if not files:
+            raise UnreadableError(f"cannot read bag {path}: its files are missing")
+        return Layout(
+            files, packed, expected, ["the files have other names than metadata.yaml"], types
+        )
+    notes = [f"missing files: {', '.join(map(printable, missing))}"] if missing else []
     files = [path / name for name in names if name not in missing]
-    return Layout(files, packed, expected, notes)
+    return Layout(files, packed, expected, notes, types)
+
+
+def _count(value: object) -> int:
+    if not isinstance(value, int) or value < 0:
+        raise TypeError("a number of messages is none")
+    return value
+
+
+def _is_there(file: Path) -> bool:
+    try:
+        return file.is_file()
+    except (OSError, ValueError):
+        # Names that no file system takes.
+        return False
+
+
+def _files(path: Path) -> list[Path]:
+    try:
+        return sorted(f for f in path.iterdir() if suffix(f) in SALVAGE and _is_there(f))
+    except OSError as error:
+        raise InputError(f"cannot read bag {path}: {error.strerror}") from error
 
 
 def suffix(file: Path) -> str:
@@ -87,7 +161,7 @@ def suffix(file: Path) -> str:
 
 
 def _without_metadata(path: Path, error: Exception) -> Layout:
-    files = sorted(file for file in path.iterdir() if suffix(file) in SALVAGE)
+    files = _files(path)
     if not files:
         raise InputError(
             f"cannot read bag {path}: it holds no metadata.yaml and no recording"

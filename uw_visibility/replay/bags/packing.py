@@ -1,23 +1,59 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Decompression in recordings, with the libraries that rosbags brings."""
+"""Decompression in recordings, with the libraries that rosbags brings, up to a stated size."""
 
 from __future__ import annotations
 
+import bz2
+import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, NamedTuple
+
+import lz4.frame
+import rosbags.rosbag1.reader
+import rosbags.rosbag2.storage_mcap
 
 # What rosbags itself unpacks with, so that nothing else need be installed.
 from rosbags.rosbag2.reader import zstd
-from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
 
-BLOCK = 1 << 20
+from uw_visibility.replay.bags.source import MOST_AT_ONCE
+
+BLOCK = 1 << 16
+# A file that unpacks to more than this is no recording but made to fill a disk: images, even
+# black ones with some noise, are packed to a tenth.
+LARGEST_RATIO, LEAST_FREE = 200, 1 << 30
+
+DECOMPRESSORS: dict[str, Callable[[], Any]] = {
+    "zstd": zstd.ZstdDecompressor,
+    "lz4": lz4.frame.LZ4FrameDecompressor,
+    "bz2": bz2.BZ2Decompressor,
+}
+
+# How data begin that are packed.
+ZSTD = b"\x28\xb5\x2f\xfd"
+MAGIC = {"zstd": ZSTD, "lz4": b"\x04\x22\x4d\x18", "bz2": b"BZh"}
 
 
 class PackingError(Exception):
     """Packed data are damaged, or packed in an unknown way."""
 
 
-def unpack(data: bytes, compression: str, size: int = 0) -> bytes:
+class Unpacked(NamedTuple):
+    """Decompressed data, as far as they go.
+
+    Attributes
+    ----------
+    data : bytes
+    problem : str
+        Why they end early; empty where they are whole.
+    """
+
+    data: bytes
+    problem: str
+
+
+def unpack(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> bytes:
     """Decompress data.
 
     Parameters
@@ -25,9 +61,9 @@ def unpack(data: bytes, compression: str, size: int = 0) -> bytes:
     data : bytes
         Packed data.
     compression : str
-        "zstd", "lz4", or "" for none.
-    size : int
-        Length of the unpacked data, where it is known.
+        "zstd", "lz4", "bz2", or "" or "none" for none.
+    most : int
+        Bytes at which unpacking is given up.
 
     Returns
     -------
@@ -38,11 +74,43 @@ def unpack(data: bytes, compression: str, size: int = 0) -> bytes:
     PackingError
         If that cannot be done.
     """
+    unpacked = unpack_part(data, compression, most)
+    if unpacked.problem:
+        raise PackingError(f"{compression}: {unpacked.problem}")
+    return unpacked.data
+
+
+def unpack_part(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> Unpacked:
+    """Decompress data as far as it goes; the parameters are those of `unpack`."""
+    if compression in ("", "none"):
+        return Unpacked(data, "" if len(data) <= most else f"more than {most} bytes")
+    if compression not in DECOMPRESSORS:
+        # A wrong bit in the name: the data have one too.
+        named = [name for name, magic in MAGIC.items() if data.startswith(magic)]
+        if not named:
+            return Unpacked(b"", "it is not known")
+        compression = named[0]
+    parts: list[bytes] = []
+    size = 0
+    rest = data
     try:
-        return bytes(DECOMPRESSORS[compression](data, size))
+        while rest:
+            stream = DECOMPRESSORS[compression]()
+            while not stream.eof:
+                part = stream.decompress(rest, max_length=BLOCK)
+                rest = b""
+                parts.append(part)
+                size += len(part)
+                if size > most:
+                    return Unpacked(b"".join(parts)[:most], f"more than {most} bytes")
+                if not part and stream.needs_input:
+                    return Unpacked(b"".join(parts), "it is cut off")
+            # Several frames may follow one another.
+            rest = stream.unused_data or b""
     except Exception as error:
         # Each library has errors of its own.
-        raise PackingError(f"{compression}: {error}") from error
+        return Unpacked(b"".join(parts), str(error))
+    return Unpacked(b"".join(parts), "")
 
 
 def unpack_file(source: Path, target: Path) -> str:
@@ -58,11 +126,35 @@ def unpack_file(source: Path, target: Path) -> str:
     str
         Why it ended early; empty where it did not.
     """
+    packed_size = source.stat().st_size
+    most = min(
+        max(LARGEST_RATIO * packed_size, MOST_AT_ONCE),
+        shutil.disk_usage(target.parent).free - LEAST_FREE,
+    )
+    size = 0
     with source.open("rb") as packed, target.open("wb") as unpacked:
         try:
             with zstd.open(packed, "rb") as stream:
-                while block := stream.read(BLOCK):
+                while block := stream.read(MOST_AT_ONCE >> 8):
+                    size += len(block)
+                    if size > most:
+                        return (
+                            f"{source.name} unpacks to more than {most} bytes: read as far as that"
+                        )
                     unpacked.write(block)
-        except (EOFError, zstd.ZstdError) as error:
+        except (EOFError, zstd.ZstdError, OSError) as error:
             return f"{source.name} is damaged ({error}): read as far as it goes"
     return ""
+
+
+def _limit_rosbags() -> None:
+    """Limit of size for rosbags, which has none of itself."""
+    ros2, ros1 = rosbags.rosbag2.storage_mcap.DECOMPRESSORS, rosbags.rosbag1.reader.decompressors
+    for name in ("zstd", "lz4"):
+        # The size is stated beside the data, by the same hand.
+        ros2[name] = lambda data, size, name=name: unpack(data, name, min(size, MOST_AT_ONCE))
+    for name in ("bz2", "lz4"):
+        ros1[name] = lambda data, name=name: unpack(data, name)
+
+
+_limit_rosbags()

@@ -5,16 +5,21 @@
 from __future__ import annotations
 
 import tempfile
+from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.errors import InputError
-from uw_visibility.replay.bags.decoder import Decoder
+from uw_visibility.config.files import check_regular
+from uw_visibility.errors import InputError, printable
+from uw_visibility.replay.bags.decoder import Decoder, common_types
 from uw_visibility.replay.bags.indexed import SALVAGE, open_file
-from uw_visibility.replay.bags.layout import PACKED, UnreadableError, find_files, suffix
-from uw_visibility.replay.bags.packing import PackingError, unpack, unpack_file
+from uw_visibility.replay.bags.layout import PACKED, Named, UnreadableError, find_files, suffix
+from uw_visibility.replay.bags.packing import ZSTD, PackingError, unpack, unpack_file
 from uw_visibility.replay.bags.storage import Channel, Recorded, Storage
+
+# Times are nanoseconds of 63 bit.
+LATEST = 1 << 63
 
 __all__ = ["BagReader", "Recorded", "UnreadableError"]
 
@@ -48,8 +53,9 @@ class BagReader:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self._folder = tempfile.TemporaryDirectory(prefix="uw_visibility_")
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._storages: list[Storage] = []
+        self._unusable: Counter[str] = Counter()
         try:
             layout = find_files(self.path)
             self.files, self._notes = layout.files, list(layout.notes)
@@ -59,7 +65,12 @@ class BagReader:
             self.close()
             raise
         self.ros1 = self.files[0].suffix == ".bag"
-        self.channels = self._merge_channels()
+        self._corrections: dict[str, Named] = {}
+        merged = self._merge_channels()
+        if layout.types:
+            found = {topic: channel.type for topic, channel in merged.items()}
+            self._corrections = layout.corrections(found, common_types(self.ros1).types)
+        self.channels = {c.topic: c for c in map(self._correct, merged.values())}
         self.decoder = Decoder({c.type: c for c in self.channels.values()}, self.ros1)
 
     @property
@@ -78,7 +89,12 @@ class BagReader:
     @property
     def damage(self) -> list[str]:
         """Damage found so far, in sentences."""
-        return self._notes + [note for s in self._storages for note in s.damage]
+        notes = [
+            *self._notes, *(note for s in self._storages for note in s.damage),
+            *(f"{reason} ({count})" for reason, count in self._unusable.items()),
+        ]
+        # Each reading finds the same damage again.
+        return list(dict.fromkeys(notes))
 
     def messages(
         self,
@@ -95,13 +111,24 @@ class BagReader:
         start, stop : int, optional
             Times of reception in ns: from start up to, but without, stop.
         """
+        self._unusable.clear()
+        damaged = {named.topic: topic for topic, named in self._corrections.items()}
+        wanted = None if topics is None else {damaged.get(topic, topic) for topic in topics}
         for storage in self._storages:
-            for message in storage.messages(topics, start, stop):
-                if self._packed_messages:
+            for message in storage.messages(wanted, start, stop):
+                named = self._corrections.get(message.topic)
+                if named is not None:
+                    message = message._replace(topic=named.topic, type=named.type)
+                topic = printable(message.topic)
+                if not 0 <= message.time < LATEST:
+                    self._unusable[f"messages on {topic} have no time"] += 1
+                    continue
+                # Of one file by itself, and with damaged metadata, only the message tells.
+                if self._packed_messages or (not self.ros1 and message.data.startswith(ZSTD)):
                     try:
                         message = message._replace(data=unpack(message.data, "zstd"))
                     except PackingError:
-                        self._notes.append(f"a message on {message.topic} cannot be unpacked")
+                        self._unusable[f"messages on {topic} cannot be unpacked"] += 1
                         continue
                 yield message
 
@@ -113,7 +140,8 @@ class BagReader:
         """Close all files."""
         for storage in self._storages:
             storage.close()
-        self._folder.cleanup()
+        if self._folder is not None:
+            self._folder.cleanup()
 
     def __enter__(self) -> BagReader:
         return self
@@ -136,8 +164,13 @@ class BagReader:
     def _unpack(self, file: Path) -> Path:
         if file.suffix != PACKED:
             return file
-        unpacked = Path(self._folder.name) / file.stem
-        note = unpack_file(file, unpacked)
+        check_regular(file, "bag")
+        try:
+            self._folder = self._folder or tempfile.TemporaryDirectory(prefix="uw_visibility_")
+            unpacked = Path(self._folder.name) / file.stem
+            note = unpack_file(file, unpacked)
+        except OSError as error:
+            raise InputError(f"cannot unpack bag {file}: {error.strerror or error}") from error
         if note:
             self._notes.append(note)
         return unpacked
@@ -157,12 +190,21 @@ class BagReader:
                     best.topic, best.type, best.format, best.definition, count
                 )
             else:
-                self._notes.append(f"{channel.topic} has a second type, {channel.type}")
-        return {
-            topic: Channel(c.topic, c.type, c.format, c.definition, self._count(c))
-            for topic, c in merged.items()
-        }
+                self._notes.append(
+                    f"{printable(channel.topic)} has a second type, {printable(channel.type)}"
+                )
+        return merged
 
-    def _count(self, channel: Channel) -> int | None:
-        """Return how many messages a topic should have: damage must not hide what is missing."""
-        return self._expected.get(channel.topic, channel.count)
+    def _correct(self, channel: Channel) -> Channel:
+        """Return a channel as the metadata has it: damage must not hide what is missing."""
+        named = self._corrections.get(channel.topic)
+        if named is not None:
+            self._notes.append(
+                f"{printable(channel.topic)} ({printable(channel.type)}) is taken for "
+                f"{printable(named.topic)} ({printable(named.type)}), as metadata.yaml has it"
+            )
+            channel = Channel(*named, "", "", channel.count)
+        return Channel(
+            channel.topic, channel.type, channel.format, channel.definition,
+            self._expected.get(channel.topic, channel.count),
+        )

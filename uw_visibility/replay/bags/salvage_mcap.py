@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Salvage of MCAP files without a usable index: their records in turn, up to where they end.
+"""Salvage of MCAP files without a usable index: their records in turn, over what is damaged.
 
 The format is that of https://mcap.dev/spec: records of an opcode, a length and
 a content; chunks hold records again.
@@ -8,22 +8,28 @@ a content; chunks hold records again.
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from collections.abc import Collection, Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
 
-from uw_visibility.replay.bags.packing import PackingError, unpack
+from uw_visibility.replay.bags.packing import unpack_part
+from uw_visibility.replay.bags.source import MOST_AT_ONCE, LimitError, Source
 from uw_visibility.replay.bags.storage import Channel, Recorded, wanted
 
 MAGIC = b"\x89MCAP0\r\n"
 SCHEMA, CHANNEL, MESSAGE, CHUNK = 3, 4, 5, 6
 # What comes after the messages of a file.
 DATA_END = 15
-# No record of an image is as long as this: a length beyond it is damage.
-LONGEST_RECORD = 1 << 32
+HEAD = 9
+# Of a chunk before its compression, and of a message before its data.
+CHUNK_FIELDS, MESSAGE_FIELDS = 28, 22
+# A chunk or a message, wherever it begins; lengths of 2^32 and more are none.
+RECORD = re.compile(
+    rb"\x06(?=....\0{4}.{28}(?:\0{4}|\x03\0{3}lz4|\x04\0{3}zstd))|\x05(?=....\0{4})", re.DOTALL
+)
 
 
 class McapSalvage:
@@ -36,7 +42,7 @@ class McapSalvage:
         self._schemas: dict[int, tuple[str, str, str]] = {}
         self._by_id: dict[int, Channel] = {}
         self.damage: list[str] = []
-        self._lost = 0
+        self._lost = self._skipped = self._differ = 0
         for _ in self._scan(messages=False):
             pass
         self.channels = list(self._by_id.values())
@@ -45,75 +51,139 @@ class McapSalvage:
         self, topics: Collection[str] | None, start: int | None, stop: int | None
     ) -> Iterator[Recorded]:
         """Yield messages in the order of the file."""
-        self._lost = 0
+        self._lost = self._skipped = self._differ = 0
         for message in self._scan(messages=True):
             if wanted(message, topics, start, stop):
                 yield message
-        if self._lost:
-            self.damage.append(
-                f"{self._path.name}: {self._lost} chunks of messages could not be unpacked"
-            )
+        for count, what in (
+            (self._lost, "chunks of messages could not be unpacked to their end"),
+            (self._differ, "chunks are not what their checksums say, and used all the same"),
+            (self._skipped, "damaged records were skipped"),
+        ):
+            if count:
+                self.damage.append(f"{self._path.name}: {count} {what}")
 
     def close(self) -> None:
         """Nothing is open between two scans."""
 
     def _scan(self, messages: bool) -> Iterator[Recorded]:
-        with self._path.open("rb") as file:
-            if file.read(len(MAGIC)) != MAGIC:
-                return
-            yield from self._records(file, messages)
+        with Source.of(self._path) as source:
+            # Its first bytes may be damaged like any others.
+            yield from self._records(source, len(MAGIC), messages, chunks=True)
 
-    def _records(self, file: BinaryIO, messages: bool) -> Iterator[Recorded]:
-        while len(head := file.read(9)) == 9:
-            kind, length = struct.unpack("<BQ", head)
-            if kind == DATA_END or not 0 < kind < 0x80 or length > LONGEST_RECORD:
-                return
-            content = file.read(length)
-            if len(content) < length and kind != CHUNK:
-                return
-            if kind == CHUNK:
-                yield from self._chunk(content, messages)
-            elif kind == MESSAGE and messages:
-                yield from self._message(content)
-            elif kind in (SCHEMA, CHANNEL):
-                self._describe(kind, BytesIO(content))
+    def _records(
+        self, source: Source, at: int, messages: bool, chunks: bool
+    ) -> Iterator[Recorded]:
+        while at + HEAD <= source.size:
+            kind, length = struct.unpack("<BQ", source.read(at, HEAD))
+            if chunks and kind == DATA_END:
+                if messages:
+                    return
+                # After it come the channels once more.
+                chunks = False
+            end = self._end(source, at, kind, length, chunks)
+            if end is None:
+                # Of the last chunk or message of a file that is cut off, what is there is used.
+                after = self._next(source, at + 1, chunks)
+                end = source.size if after is None else after
+                if kind != CHUNK or not chunks:
+                    self._skipped += after is not None
+                    at = end
+                    continue
+            try:
+                content = source.read(at + HEAD, end - at - HEAD)
+                if kind == CHUNK:
+                    yield from self._chunk(content, messages)
+                elif kind == MESSAGE and messages:
+                    yield from self._message(content)
+                elif kind in (SCHEMA, CHANNEL):
+                    self._describe(kind, BytesIO(content))
+            except (struct.error, LimitError):
+                self._skipped += 1
+            at = end
+
+    def _end(
+        self, source: Source, at: int, kind: int, length: int, chunks: bool
+    ) -> int | None:
+        """Return where a record ends, or None where nothing that says so fits."""
+        lengths = [length]
+        if kind == CHUNK:
+            if not chunks:
+                return None
+            head = source.read(at + HEAD, CHUNK_FIELDS + 16)
+            if len(head) == CHUNK_FIELDS + 16:
+                (name,) = struct.unpack_from("<I", head, CHUNK_FIELDS)
+                if name <= 4:
+                    (packed,) = struct.unpack_from("<Q", head, CHUNK_FIELDS + 4 + name)
+                    lengths.append(CHUNK_FIELDS + 12 + name + packed)
+        for candidate in lengths:
+            end = at + HEAD + candidate
+            if kind != 0 and self._begins(source, end):
+                return end
+        return None
+
+    def _begins(self, source: Source, at: int) -> bool:
+        """Tell whether a record may begin at a place, or the data end there."""
+        if at >= source.size:
+            return at == source.size
+        head = source.read(at, HEAD)
+        if len(head) < HEAD:
+            # The end of a file that is cut off.
+            return True
+        kind, length = struct.unpack("<BQ", head)
+        # Applications may have records of their own.
+        return kind != 0 and length <= max(source.size - at - HEAD, MOST_AT_ONCE)
+
+    def _next(self, source: Source, at: int, chunks: bool) -> int | None:
+        """Find where a record begins that is one by all that it says."""
+        for place in source.find(RECORD, at):
+            kind, length = struct.unpack("<BQ", source.read(place, HEAD))
+            if kind == CHUNK and chunks:
+                head = source.read(place + HEAD, CHUNK_FIELDS + 16)
+                (name,) = struct.unpack_from("<I", head, CHUNK_FIELDS)
+                if len(head) < CHUNK_FIELDS + 12 + name:
+                    continue
+                (packed,) = struct.unpack_from("<Q", head, CHUNK_FIELDS + 4 + name)
+                if length == CHUNK_FIELDS + 12 + name + packed:
+                    return place
+            elif kind == MESSAGE and length >= MESSAGE_FIELDS:
+                content = source.read(place + HEAD, 2)
+                known = len(content) == 2 and struct.unpack("<H", content)[0] in self._by_id
+                if known and self._begins(source, place + HEAD + length):
+                    return place
+        return None
 
     def _chunk(self, content: bytes, messages: bool) -> Iterator[Recorded]:
-        try:
-            records = _unpack(content)
-        except (PackingError, struct.error):
+        _, _, size, checksum = struct.unpack_from("<QQQI", content)
+        stream = BytesIO(content[CHUNK_FIELDS:])
+        compression = _string(stream)
+        (length,) = struct.unpack("<Q", stream.read(8))
+        records, problem = unpack_part(stream.read(min(length, len(content))), compression)
+        if problem or len(records) < size:
             self._lost += 1
-            return
-        yield from self._records(BytesIO(records), messages)
+        elif checksum and zlib.crc32(records[:size]) != checksum:
+            self._differ += 1
+        if records:
+            yield from self._records(Source.of(records), 0, messages, chunks=False)
 
     def _message(self, content: bytes) -> Iterator[Recorded]:
         channel, _, time, _ = struct.unpack_from("<HIQQ", content)
         if channel in self._by_id:
             about = self._by_id[channel]
-            yield Recorded(about.topic, about.type, time, content[22:])
+            yield Recorded(about.topic, about.type, time, content[MESSAGE_FIELDS:])
+        else:
+            self._skipped += 1
 
     def _describe(self, kind: int, content: BytesIO) -> None:
         (number,) = struct.unpack("<H", content.read(2))
         if kind == SCHEMA:
             name, encoding, definition = (_string(content) for _ in range(3))
             form = {"ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}.get(encoding, "")
-            self._schemas[number] = (name, form, definition)
+            self._schemas.setdefault(number, (name, form, definition))
             return
         (schema,) = struct.unpack("<H", content.read(2))
         name, form, definition = self._schemas.get(schema, ("unknown", "", ""))
-        self._by_id[number] = Channel(_string(content), name, form, definition)
-
-
-def _unpack(content: bytes) -> bytes:
-    """Return the records of a chunk; of one that is cut off, those that are there."""
-    _, _, size, checksum = struct.unpack_from("<QQQI", content)
-    stream = BytesIO(content[28:])
-    compression = _string(stream)
-    (length,) = struct.unpack("<Q", stream.read(8))
-    records = unpack(stream.read(length), compression, size)
-    if len(records) == size and checksum and zlib.crc32(records) != checksum:
-        raise PackingError("the checksum differs")
-    return records
+        self._by_id.setdefault(number, Channel(_string(content), name, form, definition))
 
 
 def _string(stream: BytesIO) -> str:

@@ -1,0 +1,127 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Random access to a recording's bytes, within a limit."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from uw_visibility.config.files import check_regular
+
+MOST_AT_ONCE = 256 << 20
+"""Bytes that are held of a recording at once: more than any message or usual chunk has."""
+BLOCK = 1 << 20
+# Longer than any pattern that is looked for.
+OVERLAP = 256
+
+
+class LimitError(Exception):
+    """More bytes are asked for at once than are held."""
+
+
+class Source:
+    """Random access to the bytes of a file or of a chunk.
+
+    Parameters
+    ----------
+    file : BinaryIO
+        A file that is open, or one in memory; closed with this.
+
+    Attributes
+    ----------
+    size : int
+        Bytes.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.size = file.seek(0, io.SEEK_END)
+
+    @classmethod
+    def of(cls, content: Path | bytes) -> Source:
+        """Return the bytes of a file, or such that are held."""
+        return cls(open_regular(content) if isinstance(content, Path) else io.BytesIO(content))
+
+    def read(self, at: int, length: int) -> bytes:
+        """Return bytes from a place on; fewer where they end before.
+
+        Raises
+        ------
+        LimitError
+            If these are more than are held at once.
+        """
+        length = max(0, min(length, self.size - at)) if at >= 0 else 0
+        if length > MOST_AT_ONCE:
+            raise LimitError(f"a record claims {length} bytes")
+        self._file.seek(at)
+        return self._file.read(length)
+
+    def find(self, pattern: re.Pattern[bytes], at: int) -> Iterator[int]:
+        """Yield the places of a pattern from a place on."""
+        while at < self.size:
+            block = self.read(at, BLOCK + OVERLAP)
+            for match in pattern.finditer(block):
+                if match.start() < BLOCK:
+                    yield at + match.start()
+            at += BLOCK
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> Source:
+        return self
+
+    def __exit__(self, *details: object) -> None:
+        self.close()
+
+
+class _LimitedFile(io.BufferedReader):
+    """A file of which no more is read at once than is held."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        if size is None or size < 0:
+            size = os.fstat(self.fileno()).st_size - self.tell()
+        if size > MOST_AT_ONCE:
+            raise LimitError(f"a record claims {size} bytes")
+        return super().read(max(size, 0))
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a regular file, of which no more is read at once than is held.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    check_regular(path, "bag")
+    return _LimitedFile(io.FileIO(path))
+
+
+class RecordingPath:
+    """A file as rosbags takes one (`rosbags.interfaces.typing.RPath`), read within limits."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.suffix, self.stem = path.suffix, path.stem
+
+    def open(self, *_args: Any, **_kwargs: Any) -> BinaryIO:
+        """Open the file, which is only ever read."""
+        return open_regular(self._path)
+
+    def exists(self) -> bool:
+        """Tell whether the file is there."""
+        return self._path.exists()
+
+    def is_dir(self) -> bool:
+        """Tell that it is no folder."""
+        return False
+
+    def __str__(self) -> str:
+        return str(self._path)
