@@ -127,19 +127,6 @@ def test_chromaticity_of_many_depths():
     assert (np.diff(gamma[:, 0]) < 0).all()
 
 
-def test_turbid_water_types_attenuate_more():
-    response = optics.load_response("nikon_d5100")
-    clear = optics.clear_water_attenuation(response)
-    types = optics.water_types()
-    assert {"IB", "II", "III"} <= set(types)
-    betas = [optics.water_type_attenuation(name, response) for name in ("IB", "II", "III")]
-    assert (clear < betas[0]).all()
-    assert (betas[0] < betas[1]).all()
-    assert (betas[1] < betas[2]).all()
-    with pytest.raises(InputError, match="IB"):
-        optics.water_type_attenuation("X", response)
-
-
 def test_daylight_of_a_higher_temperature_is_bluer():
     response = optics.load_response("nikon_d5100")
     d55, d65 = (optics.daylight_white(response, name) for name in ("d55", "d65"))

@@ -17,7 +17,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uw_visibility.errors import InputError
-from uw_visibility.stereo.rig import Rectifier, StereoRig
+from uw_visibility.stereo.rectification import Rectifier
+from uw_visibility.stereo.rig import StereoRig
 
 FOCAL, BASELINE, CENTRE = 400.0, 0.12, (31.5, 23.5)
 SIZE = (64, 48)

@@ -16,7 +16,8 @@ from uw_visibility.images.pair import read_only
 from uw_visibility.messages.compressed import message_chroma, read_compressed, read_size
 from uw_visibility.messages.images import image_view, output_encoding, read_image
 from uw_visibility.stereo.calibration import image_size, matrix_of
-from uw_visibility.stereo.rig import Rectifier, StereoRig
+from uw_visibility.stereo.rectification import Rectifier
+from uw_visibility.stereo.rig import StereoRig
 
 
 class StereoFrame(NamedTuple):

@@ -14,24 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from uw_visibility.errors import InputError
 from uw_visibility.optics import tables
 from uw_visibility.optics.light_model import transmission
-from uw_visibility.optics.transfer import encode_table, from_linear, linear_table, to_linear
-
-__all__ = [
-    "CameraResponse", "clear_water_attenuation", "clear_water_spectrum", "compose_attenuation",
-    "daylight_spectrum", "daylight_white", "encode_table", "from_linear", "linear_table",
-    "load_response", "response_names", "theoretical_chromaticity", "to_linear",
-    "water_type_attenuation", "water_type_diffuse_attenuation", "water_type_spectrum",
-    "water_types",
-]
 
 # Eq. 10 integrates over these wavelengths, which are those of Smith and Baker's table.
 WAVELENGTH_MIN = 200.0
 WAVELENGTH_MAX = 800.0
-WAVELENGTH_STEP = 1.0
-
-# Part of what natural particles scatter that goes backwards: mean of Petzold's
-# measurements (1972), in C. D. Mobley, Light and Water, 1994, table 3.10.
-BACKSCATTERED = 0.0183
+WAVELENGTHS = np.arange(WAVELENGTH_MIN, WAVELENGTH_MAX + 0.5)
 
 
 @dataclass(frozen=True)
@@ -51,6 +38,31 @@ class CameraResponse:
     name: str
     wavelength: NDArray[np.float64]
     sensitivity: NDArray[np.float64]
+
+    def at(self, wavelength: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Response at wavelengths (N,), nm, as (N, 3) float64; 0 beyond those measured."""
+        return np.stack([
+            np.interp(wavelength, self.wavelength, self.sensitivity[:, c], left=0.0, right=0.0)
+            for c in range(3)
+        ], axis=1)
+
+    def band_average(
+        self, wavelength: NDArray[np.float64], spectrum: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Mean of a spectrum, weighted with the response of each channel (eq. 10).
+
+        Parameters
+        ----------
+        wavelength, spectrum : (N,) float64 ndarray
+            nm, rising, and the values there; beyond, the nearest value counts.
+
+        Returns
+        -------
+        (3,) float64 ndarray
+        """
+        weight = self.at(WAVELENGTHS)
+        values = np.interp(WAVELENGTHS, wavelength, spectrum)
+        return np.asarray(values @ weight / weight.sum(axis=0), dtype=np.float64)
 
 
 def load_response(name_or_path: str | Path) -> CameraResponse:
@@ -89,7 +101,7 @@ def load_response(name_or_path: str | Path) -> CameraResponse:
     response = CameraResponse(name, values[:, 0], values[:, 1:])
     if (response.sensitivity < 0).any():
         raise InputError(f"camera response {name} has a negative value: set it to 0")
-    if not (_on_grid(response).sum(axis=0) > 0).all():
+    if not (response.at(WAVELENGTHS).sum(axis=0) > 0).all():
         raise InputError(
             f"camera response {name} has a channel without any response between "
             f"{WAVELENGTH_MIN:g} and {WAVELENGTH_MAX:g} nm: wavelengths are in nm"
@@ -142,10 +154,7 @@ def clear_water_attenuation(response: CameraResponse) -> NDArray[np.float64]:
     (3,) float64 ndarray
         κ for R, G, B, 1/m.
     """
-    weight = _on_grid(response)
-    wavelength, attenuation = clear_water_spectrum()
-    on_grid = np.interp(_grid(), wavelength, attenuation)
-    return np.asarray(on_grid @ weight / weight.sum(axis=0), dtype=np.float64)
+    return response.band_average(*clear_water_spectrum())
 
 
 def compose_attenuation(
@@ -186,108 +195,6 @@ def compose_attenuation(
     return total
 
 
-def water_types() -> list[str]:
-    """Return the names of the Jerlov water types whose measured properties are shipped."""
-    _, rows = tables.read_shipped("jerlov_water_types.csv")
-    return list(dict.fromkeys(row[0] for row in rows))
-
-
-def water_type_spectrum(
-    water_type: str,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Measured absorption and scattering of a Jerlov water type.
-
-    Parameters
-    ----------
-    water_type : str
-        One of `water_types`.
-
-    Returns
-    -------
-    wavelength : (N,) float64 ndarray
-        nm, rising.
-    absorption, scattering : (N,) float64 ndarray
-        a and b, 1/m.
-
-    Raises
-    ------
-    InputError
-        If the type is not known.
-
-    References
-    ----------
-    B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types,
-    Applied Optics 61(33), 2022, doi 10.1364/AO.470464.
-    """
-    head, rows = tables.read_shipped("jerlov_water_types.csv")
-    if water_type not in water_types():
-        raise InputError(
-            f"no water type {water_type!r}: give one of {', '.join(water_types())}"
-        )
-    mine = [row for row in rows if row[0] == water_type]
-    values = tables.numbers(
-        (head, mine), ("wavelength_nm", "a_per_m", "b_per_m"), "jerlov_water_types.csv"
-    )
-    return values[:, 0], values[:, 1], values[:, 2]
-
-
-def water_type_attenuation(
-    water_type: str, response: CameraResponse
-) -> NDArray[np.float64]:
-    """Beam attenuation a + b of a Jerlov water type as a camera sees it.
-
-    Parameters
-    ----------
-    water_type : str
-        One of `water_types`.
-    response : CameraResponse
-
-    Returns
-    -------
-    (3,) float64 ndarray
-        β for R, G, B, 1/m. Beyond the measured wavelengths, the nearest
-        measured one counts.
-
-    Raises
-    ------
-    InputError
-        If the type is not known.
-
-    References
-    ----------
-    B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types,
-    Applied Optics 61(33), 2022, doi 10.1364/AO.470464.
-    """
-    return _water_type(water_type, response, 1.0)
-
-
-def water_type_diffuse_attenuation(
-    water_type: str, response: CameraResponse
-) -> NDArray[np.float64]:
-    """Diffuse attenuation K = a + b_b of a Jerlov water type as a camera sees it.
-
-    How daylight fades with depth: light scattered forwards is not lost to it, so
-    that only the part scattered back counts, as in clear water's K_w.
-
-    Parameters
-    ----------
-    water_type : str
-        One of `water_types`.
-    response : CameraResponse
-
-    Returns
-    -------
-    (3,) float64 ndarray
-        K for R, G, B, 1/m; see `water_type_attenuation` for its source.
-
-    Raises
-    ------
-    InputError
-        If the type is not known.
-    """
-    return _water_type(water_type, response, BACKSCATTERED)
-
-
 def daylight_white(response: CameraResponse, illuminant: str = "d55") -> NDArray[np.float64]:
     """White point of daylight, RGB, for a camera without white balance.
 
@@ -308,8 +215,8 @@ def daylight_white(response: CameraResponse, illuminant: str = "d55") -> NDArray
         If the illuminant is not known.
     """
     wavelength, relative_power = daylight_spectrum(illuminant)
-    power = np.interp(_grid(), wavelength, relative_power, left=0.0, right=0.0)
-    white = power @ _on_grid(response)
+    power = np.interp(WAVELENGTHS, wavelength, relative_power, left=0.0, right=0.0)
+    white = power @ response.at(WAVELENGTHS)
     return np.asarray(white / white[1], dtype=np.float64)
 
 
@@ -369,25 +276,3 @@ def theoretical_chromaticity(
     # Of the chromaticity, what all channels lose alike is no part.
     light = np.asarray(white_reference, np.float64) * transmission(rate - rate.min(), below)
     return np.asarray(light / light.sum(axis=-1, keepdims=True))
-
-
-def _grid() -> NDArray[np.float64]:
-    return np.arange(WAVELENGTH_MIN, WAVELENGTH_MAX + WAVELENGTH_STEP / 2, WAVELENGTH_STEP)
-
-
-def _on_grid(response: CameraResponse) -> NDArray[np.float64]:
-    channels = (
-        np.interp(_grid(), response.wavelength, response.sensitivity[:, c], left=0.0, right=0.0)
-        for c in range(3)
-    )
-    return np.stack(list(channels), axis=1)
-
-
-def _water_type(
-    water_type: str, response: CameraResponse, scattering: float
-) -> NDArray[np.float64]:
-    """Absorption, and a part of scattering, of a Jerlov type as a camera sees it, 1/m."""
-    wavelength, absorbed, scattered = water_type_spectrum(water_type)
-    weight = _on_grid(response)
-    on_grid = np.interp(_grid(), wavelength, absorbed + scattering * scattered)
-    return np.asarray(on_grid @ weight / weight.sum(axis=0), dtype=np.float64)

@@ -19,14 +19,8 @@ from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
 from uw_visibility.optics import tables
-from uw_visibility.optics.spectra import (
-    BACKSCATTERED,
-    CameraResponse,
-    daylight_spectrum,
-    load_response,
-    water_type_spectrum,
-    water_types,
-)
+from uw_visibility.optics.jerlov import BACKSCATTERED, water_type_spectrum, water_types
+from uw_visibility.optics.spectra import CameraResponse, daylight_spectrum, load_response
 
 CLEAR = "clear"
 """Name of clear sea water among the water types."""
@@ -163,8 +157,4 @@ def _spectrum(water_type: str) -> tuple[Vector, Vector, Vector]:
 def _weights(response: CameraResponse) -> Vector:
     """Return response times daylight on the grid of wavelengths, shape (n, 3)."""
     daylight = np.interp(_WAVELENGTHS, *daylight_spectrum())
-    channels = [
-        np.interp(_WAVELENGTHS, response.wavelength, response.sensitivity[:, c], 0.0, 0.0)
-        for c in range(3)
-    ]
-    return np.asarray(np.stack(channels, axis=1) * daylight[:, np.newaxis])
+    return np.asarray(response.at(_WAVELENGTHS) * daylight[:, np.newaxis])

@@ -1,0 +1,152 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Rectification of raw image pairs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.stereo.calibration import (
+    EQUIDISTANT,
+    CameraCalibration,
+    read_pair,
+)
+from uw_visibility.stereo.rig import StereoRig
+
+
+class Rectifier:
+    """Rectification of raw image pairs.
+
+    Parameters
+    ----------
+    left, right : object
+        CameraInfo messages with K, D, R and P; see `StereoRig.from_camera_info`.
+
+    Attributes
+    ----------
+    rig : StereoRig
+        Geometry of the rectified images.
+    size : tuple of int
+        Width and height of the images, px.
+    valid : ndarray, (H, W) bool
+        Where the rectified left image shows the raw one.
+    valid_window : tuple of int
+        (x, y, width, height) of the smallest window that holds all of `valid`.
+
+    Raises
+    ------
+    InputError
+        If the cameras are not calibrated, their sizes differ, the distortion
+        model is not known, or R and P leave nothing of the image.
+    """
+
+    def __init__(self, left: Any, right: Any) -> None:
+        calibrations = read_pair(left, right)
+        self.rig = StereoRig.from_projection(*(c.projection for c in calibrations))
+        self.size = calibrations[0].size
+        maps = [
+            _undistortion_maps(calibration, side)
+            for calibration, side in zip(calibrations, ("left", "right"), strict=True)
+        ]
+        self._left_map = maps[0]
+        self._reduced: dict[int, tuple[NDArray[Any], NDArray[Any]]] = {}
+        # Fixed-point maps are about twice as fast to apply as float ones.
+        self._maps = [cv2.convertMaps(x, y, cv2.CV_16SC2) for x, y in maps]
+        self.valid = _inside(*maps[0], self.size)
+        self.valid.flags.writeable = False
+        if not self.valid.any() or not _inside(*maps[1], self.size).any():
+            raise InputError(
+                "R and P of camera_info leave nothing of the image: calibrate the stereo pair again"
+            )
+        rows, columns = np.flatnonzero(self.valid.any(1)), np.flatnonzero(self.valid.any(0))
+        self.valid_window = (
+            int(columns[0]), int(rows[0]),
+            int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1),
+        )
+
+    def rectify(
+        self, left: NDArray[Any], right: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Rectify a pair of raw images.
+
+        Parameters
+        ----------
+        left, right : ndarray, (H, W) or (H, W, 3), uint8 or uint16
+            Raw images; their channels are not mixed.
+
+        Returns
+        -------
+        left, right : ndarray
+            Like the input; 0 where the raw image does not reach.
+
+        Raises
+        ------
+        InputError
+            If an image has another size than its CameraInfo.
+        """
+        width, height = self.size
+        rectified = []
+        for image, maps, side in zip((left, right), self._maps, ("left", "right"), strict=True):
+            if image.shape[:2] != (height, width):
+                raise InputError(
+                    f"{side} image has {image.shape[1]}x{image.shape[0]} pixels and its "
+                    f"camera_info {width}x{height}: publish the camera_info of this image"
+                )
+            rectified.append(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR))
+        return rectified[0], rectified[1]
+
+    def rectify_reduced(self, left: NDArray[Any], factor: int) -> NDArray[Any]:
+        """Rectify a reduced left image, whose pixels are means of squares of the raw one's.
+
+        Parameters
+        ----------
+        left : ndarray, (H // factor, W // factor) or (H // factor, W // factor, 3)
+            uint8 or uint16.
+        factor : int
+            Side of the squares, px.
+
+        Returns
+        -------
+        ndarray
+            Like the input, at the same fraction of the rectified image's size.
+        """
+        if factor not in self._reduced:
+            height, width = left.shape[:2]
+            x, y = (
+                (cv2.resize(
+                    plane[: height * factor, : width * factor], (width, height),
+                    interpolation=cv2.INTER_AREA,
+                ) + 0.5) / factor - 0.5
+                for plane in self._left_map
+            )
+            self._reduced[factor] = cv2.convertMaps(x, y, cv2.CV_16SC2)
+        maps = self._reduced[factor]
+        return np.asarray(cv2.remap(left, maps[0], maps[1], cv2.INTER_LINEAR))
+
+
+def _undistortion_maps(
+    calibration: CameraCalibration, side: str
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    calibration.check_distortion(side)
+    function: Any = cv2.initUndistortRectifyMap
+    if calibration.distortion_model == EQUIDISTANT:
+        function = cv2.fisheye.initUndistortRectifyMap
+    x, y = function(
+        calibration.camera_matrix, calibration.distortion, calibration.rotation,
+        calibration.projection[:, :3], calibration.size, cv2.CV_32FC1,
+    )
+    return x, y
+
+
+def _inside(
+    x: NDArray[np.float32], y: NDArray[np.float32], size: tuple[int, int]
+) -> NDArray[np.bool_]:
+    # The fixed-point maps round to 1/32 px, so a hair outside is still inside.
+    reach = 1.0 / 64.0
+    horizontal = (x >= -reach) & (x <= size[0] - 1 + reach)
+    return horizontal & (y >= -reach) & (y <= size[1] - 1 + reach)
