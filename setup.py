@@ -28,7 +28,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/config", [str(file) for file in Path("config").glob("*.*")]),
-        (f"share/{NAME}/launch", [str(file) for file in Path("launch").glob("*.launch.py")]),
+        (f"share/{NAME}/launch", [str(file) for file in Path("launch").glob("*.launch.*")]),
         (f"share/{NAME}/foxglove", [str(file) for file in Path("foxglove").glob("*.json")]),
     ],
     # Tables are read as files, and compiled kernels are cached beside their source.
@@ -44,8 +44,10 @@ setup(
     extras_require={
         # On a robot these come from apt with ROS 2 Jazzy itself.
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
-        # Commands that read and write recordings, draw and show progress.
-        "report": ["jinja2>=3.1", "matplotlib>=3.6", "rosbags>=0.11.9", "tqdm>=4.66"],
+        # Commands that draw and show progress.
+        "report": ["jinja2>=3.1", "matplotlib>=3.6", "tqdm>=4.66"],
+        # Commands that read and write recordings; the only library that no apt has.
+        "recordings": ["rosbags>=0.11.9"],
         # replay --scheduler, on a Dask cluster that is there already.
         "distributed": ["distributed>=2024.1"],
         "test": [
@@ -53,7 +55,6 @@ setup(
             "import-linter",
             "mypy",
             "pytest",
-            "pytest-benchmark",
             "pytest-xdist",
             "ruff",
             "types-PyYAML",

@@ -24,10 +24,11 @@ from launch_ros.events.lifecycle import ChangeState
 from lifecycle_msgs.msg import Transition
 
 from launch import LaunchContext, LaunchDescription
+from uw_visibility.config.parameters import read_yaml
 from uw_visibility.ros.environment import node_environment
 
 PACKAGE = "uw_visibility"
-SWITCH = ["true", "false"]
+SWITCH = ["", "true", "false"]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -38,6 +39,9 @@ def generate_launch_description() -> LaunchDescription:
             "namespace", default_value="", description="Namespace of the node.",
         ),
         DeclareLaunchArgument(
+            "node_name", default_value=PACKAGE, description="Name of the node.",
+        ),
+        DeclareLaunchArgument(
             "params_file", default_value=str(parameters), description="Parameter file.",
         ),
         DeclareLaunchArgument(
@@ -46,28 +50,38 @@ def generate_launch_description() -> LaunchDescription:
             "empty.",
         ),
         DeclareLaunchArgument(
-            "rectify", default_value="false", choices=SWITCH,
-            description="Take image_raw instead of image_rect, and rectify it.",
+            "rectify", default_value="", choices=SWITCH,
+            description="Take image_raw instead of image_rect, and rectify it; as params_file "
+            "says where empty.",
         ),
         DeclareLaunchArgument(
-            "image_transport", default_value="raw", choices=["raw", "compressed"],
-            description="Take Image messages, or CompressedImage on the topics + /compressed.",
+            "image_transport", default_value="", choices=["", "raw", "compressed"],
+            description="Take Image messages, or CompressedImage on the topics + /compressed; as "
+            "params_file says where empty.",
         ),
         DeclareLaunchArgument(
             "depth_sensor", default_value="depth_sensor",
             description="Topic of the depth sensor; see plausibility.sensor_type.",
         ),
         DeclareLaunchArgument(
-            "use_sim_time", default_value="false", choices=SWITCH,
-            description="Take the time from /clock, as with ros2 bag play --clock.",
+            "use_sim_time", default_value="", choices=SWITCH,
+            description="Take the time from /clock, as with ros2 bag play --clock; as params_file "
+            "says where empty.",
         ),
         DeclareLaunchArgument(
-            "lifecycle", default_value="false", choices=SWITCH,
+            "lifecycle", default_value="false", choices=SWITCH[1:],
             description="Start a managed node, which somebody configures and activates.",
         ),
         DeclareLaunchArgument(
-            "autostart", default_value="true", choices=SWITCH,
+            "autostart", default_value="true", choices=SWITCH[1:],
             description="Configure and activate the managed node at once.",
+        ),
+        DeclareLaunchArgument(
+            "respawn", default_value="false", choices=SWITCH[1:],
+            description="Start the node again when its process has ended.",
+        ),
+        DeclareLaunchArgument(
+            "respawn_delay", default_value="2.0", description="Time until then, s.",
         ),
         DeclareLaunchArgument("log_level", default_value="info", description="Log level."),
         OpaqueFunction(function=make_node),
@@ -84,19 +98,21 @@ def make_node(context: LaunchContext) -> list[Any]:
         raise FileNotFoundError(
             f"params_file is {value('params_file')}, which is no file: name a parameter file"
         )
-    # What the file says holds unless an argument asks for more.
+    # What the file says holds unless an argument says otherwise.
     overrides: dict[str, Any] = {
-        name: True for name in ("rectify", "use_sim_time") if value(name) == "true"
+        name: value(name) == "true" for name in ("rectify", "use_sim_time") if value(name)
     }
-    if value("image_transport") != "raw":
+    if value("image_transport"):
         overrides["image_transport"] = value("image_transport")
+    full_name = "/".join(["", *value("namespace").strip("/").split("/"), value("node_name")])
+    given = read_yaml(value("params_file"), full_name.replace("//", "/")) | overrides
+    image = "image_raw" if given.get("rectify") else "image_rect"
     prefix = f"{value('camera_namespace').rstrip('/')}/" if value("camera_namespace") else ""
-    image = "image_raw" if value("rectify") == "true" else "image_rect"
     managed = value("lifecycle") == "true"
     node = (LifecycleNode if managed else Node)(
         package=PACKAGE,
         executable="uw_visibility_lifecycle_node" if managed else "uw_visibility_node",
-        name=PACKAGE,
+        name=value("node_name"),
         namespace=value("namespace"),
         parameters=[value("params_file"), *([overrides] if overrides else [])],
         remappings=[
@@ -109,6 +125,8 @@ def make_node(context: LaunchContext) -> list[Any]:
         ],
         ros_arguments=["--log-level", value("log_level")],
         additional_env=node_environment(os.environ),
+        respawn=value("respawn") == "true",
+        respawn_delay=float(value("respawn_delay")),
         output="screen",
         emulate_tty=True,
     )

@@ -42,7 +42,6 @@ ROSDEP_KEYS = {
     "numpy": "python3-numpy",
     "rcl_interfaces": "rcl_interfaces",
     "rclpy": "rclpy",
-    "rosbags": "python3-rosbags-pip",
     "scipy": "python3-scipy",
     "sensor_msgs": "sensor_msgs",
     "std_msgs": "std_msgs",
@@ -50,6 +49,8 @@ ROSDEP_KEYS = {
     "tqdm": "python3-tqdm",
     "yaml": "python3-yaml",
 }
+# rosdep would install it with pip, which packages for apt must not ask for.
+NOT_IN_APT = {"rosbags"}
 # The name on PyPI of each module that does not come with ROS.
 PIP_NAMES = {
     "PIL": "pillow",
@@ -148,8 +149,46 @@ def test_every_import_is_declared_for_rosdep_and_for_pip() -> None:
     pip = {requirement.partition(">")[0] for requirement in requirements}
     for folder in (PACKAGE, ROOT / "launch"):
         for file, name in third_party(folder):
-            assert ROSDEP_KEYS[name] in keys, f"{file} imports {name}"
+            if name not in NOT_IN_APT:
+                assert ROSDEP_KEYS[name] in keys, f"{file} imports {name}"
             assert PIP_NAMES.get(name, "numpy") in pip, f"{file} imports {name}"
+
+
+def test_everything_that_rosdep_installs_comes_from_apt() -> None:
+    package = ElementTree.parse(ROOT / "package.xml").getroot()
+    keys = {str(element.text) for element in package if element.tag.endswith("depend")}
+    assert not {key for key in keys if key.endswith("-pip")}
+    assert not {key for key in keys for name in NOT_IN_APT if name in key}
+
+
+NO_ROSBAGS = """
+import sys
+
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "rosbags":
+            raise ModuleNotFoundError(name)
+
+sys.meta_path.insert(0, Blocker())
+from uw_visibility.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize("words", [
+    ["replay", ".", "-o", "out"], ["simulate", "-o", "out"], ["calibrate", "."],
+    ["demo", "-o", "out"],
+])
+def test_commands_say_how_to_get_rosbags_where_it_is_missing(
+    words: list[str], tmp_path: Path
+) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", NO_ROSBAGS, *words], cwd=tmp_path, text=True, check=False,
+        capture_output=True,
+    )
+    assert (ended.stdout, ended.returncode) == ("", 2)
+    assert "rosbags, which is not installed: pip install rosbags" in ended.stderr
+    assert ended.stderr.count("\n") == 1
 
 
 def test_the_core_imports_its_few_libraries_only() -> None:

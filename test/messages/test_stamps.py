@@ -3,6 +3,9 @@
 """Header stamps of serialised messages, against rosbags' own serialisation."""
 
 import pytest
+
+pytest.importorskip("rosbags", reason="rosbags is not installed")
+
 from rosbags.typesys import Stores, get_typestore
 
 from uw_visibility.errors import InputError

@@ -34,7 +34,8 @@ from uw_visibility.ros.parameters import NodeParameters
 ESTIMATES = {topic for topic in TOPICS if topic.startswith("visibility/")}
 
 
-FRAME = StereoFrame(Image(), Image(), CameraInfo(), CameraInfo())
+INFO = CameraInfo(width=160, height=120)
+FRAME = StereoFrame(Image(), Image(), INFO, INFO)
 WATER = WaterEstimate.not_assessable(Status.TOO_DARK)
 NOTHING = np.full((1, 1), np.nan, np.float32)
 RESULT = FrameResult(
@@ -132,3 +133,12 @@ def test_failure_costs_one_frame_and_tells_its_traceback_once(
     said = "".join(capfd.readouterr())
     assert said.count("Traceback") == 1
     assert "dropped a frame: the frame is odd: make it even" in said
+
+
+def test_images_that_memory_has_no_room_for_are_refused_before_they_are_read(core: Any) -> None:
+    huge = CameraInfo(width=30000, height=30000)
+    core.worker.offer(FRAME._replace(left_info=huge, right_info=huge))
+    wait(lambda: core.state.refused == 1)
+    (reason,) = core.state.failures.counts
+    assert "30000x30000 pixels, more than max_megapixels, which is 8" in reason
+    assert core._processor.asked == []

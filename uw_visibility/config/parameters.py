@@ -8,6 +8,7 @@ import dataclasses
 import difflib
 import functools
 import math
+import re
 import typing
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -233,16 +234,18 @@ def flatten(values: Any, prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def read_yaml(path: str | Path) -> dict[str, Any]:
+def read_yaml(path: str | Path, node: str | None = None) -> dict[str, Any]:
     """Read a ROS 2 parameter file as values by dotted name.
 
-    The form is that of ``ros2 param dump``: a node's name (or ``/**``), then
-    ``ros__parameters``, then the values, nested or with dots.
+    The form is that of ``ros2 param dump``: a node's name (or ``/**``), perhaps under
+    namespaces, then ``ros__parameters``, then the values, nested or with dots.
 
     Parameters
     ----------
     path : str or Path
         The file.
+    node : str, optional
+        Full name of a node, such as ``/auv/uw_visibility``, whose values are wanted alone.
 
     Returns
     -------
@@ -253,20 +256,41 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
     InputError
         If the file cannot be read or has another form.
     """
-    content = read_document(path, "parameter file")
     values: dict[str, Any] = {}
-    blocks = content.values() if isinstance(content, dict) else [None]
-    for block in blocks:
-        if not isinstance(block, dict) or not isinstance(block.get("ros__parameters"), dict):
-            raise InputError(
-                f"parameter file {path} has no 'ros__parameters' under a node's name: "
-                "see config/uw_visibility.yaml for the form"
-            )
+    for name, parameters in _node_blocks(read_document(path, "parameter file"), "", path):
+        if node is not None and not _names(name, node):
+            continue
         try:
-            values.update(flatten(block["ros__parameters"]))
+            values.update(flatten(parameters))
         except InputError as error:
             raise InputError(f"parameter file {path}: {error}") from error
     return {k: v for k, v in values.items() if not k.startswith(ROS_PARAMETERS)}
+
+
+def _node_blocks(
+    content: Any, namespace: str, path: str | Path
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield what a file says of nodes, by their names or patterns of such."""
+    if not isinstance(content, dict) or not content:
+        raise InputError(
+            f"parameter file {path} has no 'ros__parameters' under a node's name: "
+            "see config/uw_visibility.yaml for the form"
+        )
+    for key, block in content.items():
+        name = f"{namespace}/{str(key).strip('/')}"
+        if isinstance(block, dict) and isinstance(block.get("ros__parameters"), dict):
+            yield name, block["ros__parameters"]
+        else:
+            yield from _node_blocks(block, name, path)
+
+
+def _names(pattern: str, node: str) -> bool:
+    """Return whether a name of a parameter file stands for a node: * any part, ** any parts."""
+    parts = "".join(
+        "(/[^/]+)*" if part == "**" else "/" + re.escape(part).replace(r"\*", "[^/]*")
+        for part in pattern.strip("/").split("/")
+    )
+    return re.fullmatch(parts, node) is not None
 
 
 def _numbers(value: Any) -> Any:

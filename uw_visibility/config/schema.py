@@ -360,6 +360,11 @@ class NodeConfig:
         "receive messages among them; 0 not at all, 19 most.",
         minimum=0, maximum=19, read_only=True,
     )
+    max_megapixels: float = parameter(
+        8.0, "Larger images are refused. A pair takes about 220 bytes a pixel, for each of the "
+        "frames that are processed at once.",
+        unit="1e6 px", minimum=0.01, maximum=100.0,
+    )
     max_range: float = parameter(
         50.0, "Visibility beyond this is published as infinite.",
         unit="m", minimum=0.1, maximum=1000.0,

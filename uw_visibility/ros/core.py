@@ -261,6 +261,12 @@ class NodeCore:
     def _answer(self, frame: StereoFrame) -> Iterator[None]:
         begin = time.perf_counter()
         settings = self._settings
+        width, height = image_size(frame.left_info, "left")
+        if width * height > 1e6 * settings.node.max_megapixels:
+            raise InputError(
+                f"images have {width}x{height} pixels, more than max_megapixels, which is "
+                f"{settings.node.max_megapixels:g}: raise it where there is memory for them"
+            )
         work = self._processor.begin(frame, settings.pipeline)
         calibrations = self._processor.reader.calibrations
         if calibrations > max(self.state.calibrations, 1):
@@ -268,7 +274,6 @@ class NodeCore:
         self.state.calibrations = calibrations
         rig = self._processor.reader.rig
         if rig is not None:
-            width, height = image_size(frame.left_info, "left")
             self._images = rig, (height, width)
         around = time.perf_counter() - begin
         yield
