@@ -9,7 +9,7 @@ import pytest
 
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.radiance import Restorer
-from uw_visibility.enhancement.white_balance import keep_camera_white
+from uw_visibility.enhancement.white_balance import restoration_water
 from uw_visibility.optics.light_model import attenuate
 from uw_visibility.optics.transfer import from_linear
 
@@ -42,7 +42,7 @@ def test_a_board_that_the_camera_has_balanced_stays_white() -> None:
     wrong = SimpleNamespace(attenuation=ATTENUATION, ambient_light=LIGHT * [1.0, 1.1, 1.25])
     before = board_of(image, distance, wrong)
     assert before.max() - before.min() > 15
-    water = keep_camera_white(image, distance, wrong, "linear")
+    water = restoration_water(image, distance, wrong, "linear")
     after = board_of(image, distance, water)
     assert after.max() - after.min() <= 3
     assert after.mean() == pytest.approx(before.mean(), abs=8)
@@ -52,9 +52,23 @@ def test_a_board_that_the_camera_has_balanced_stays_white() -> None:
 def test_a_picture_that_the_water_has_coloured_is_restored_as_before() -> None:
     image, distance = picture(np.ones(3))
     true = SimpleNamespace(attenuation=ATTENUATION, ambient_light=LIGHT)
-    water = keep_camera_white(image, distance, true, "linear")
+    water = restoration_water(image, distance, true, "linear")
     np.testing.assert_array_equal(water.scene_light, LIGHT)
     assert water.balanced == 0.0
+
+
+def test_nothing_is_overexposed_where_the_light_is_estimated_too_low() -> None:
+    image, distance = picture(np.ones(3))
+    low = SimpleNamespace(
+        attenuation=ATTENUATION, ambient_light=0.4 * LIGHT, scene_light=0.4 * LIGHT
+    )
+    plain, _ = Restorer(EnhancementConfig(max_noise=10.0)).restore(image, distance, low)
+    assert np.mean((plain == 255).all(axis=2)) > 0.1
+    water = restoration_water(image, distance, low, "linear")
+    enhanced, _ = Restorer(EnhancementConfig(max_noise=10.0)).restore(image, distance, water)
+    assert np.mean((enhanced == 255).all(axis=2)) < 0.02
+    # The colour is that of the estimate.
+    np.testing.assert_allclose(water.scene_light / water.scene_light[0], LIGHT / LIGHT[0])
 
 
 @pytest.mark.parametrize("missing", [0, 2])
@@ -62,7 +76,7 @@ def test_without_an_estimate_of_a_channel_nothing_is_changed(missing: int) -> No
     image, distance = picture(np.ones(3))
     attenuation = ATTENUATION.copy()
     attenuation[missing] = np.nan
-    water = keep_camera_white(
+    water = restoration_water(
         image, distance, SimpleNamespace(attenuation=attenuation, ambient_light=LIGHT), "linear"
     )
     np.testing.assert_array_equal(water.scene_light, LIGHT)
@@ -72,4 +86,4 @@ def test_saturated_pixels_are_no_white() -> None:
     image, distance = picture(np.ones(3))
     image[:10] = 255
     true = SimpleNamespace(attenuation=ATTENUATION, ambient_light=LIGHT)
-    assert keep_camera_white(image, distance, true, "linear").balanced == 0.0
+    assert restoration_water(image, distance, true, "linear").balanced == 0.0

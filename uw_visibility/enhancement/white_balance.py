@@ -17,14 +17,16 @@ from numpy.typing import NDArray
 from uw_visibility.optics.light_model import Water, contrast_gain, radiance_of, scene_light_of
 from uw_visibility.optics.transfer import linear_table
 
-# White is looked for in the brightest pixels, this part of those that have a range and are
-# not saturated; these are so many samples at the most.
+# Pixels with a range that are looked at, at the most, and at least.
+_SAMPLES = 10_000
+_FEWEST = 200
+# White is looked for in the brightest of them that are not saturated, this part.
 _BRIGHTEST = 0.01
-_SAMPLES = 40_000
-_FEWEST = 20
 # Saturation (max - min) / max of their pixel values up to which they are white for certain,
 # and from which on they are not.
 _NEUTRAL = (0.06, 0.12)
+# Part of the pixels that may be restored as brighter than white.
+_OVEREXPOSED = 0.005
 
 
 class RestorationWater(NamedTuple):
@@ -44,25 +46,26 @@ class RestorationWater(NamedTuple):
     balanced: float = 0.0
 
 
-def keep_camera_white(
+def restoration_water(
     image: NDArray[Any],
     range_map: NDArray[np.float32],
     water: Water,
     transfer: str,
 ) -> RestorationWater:
-    """Correct the scene light so that patches which the camera shows as white stay so.
+    """Correct the scene light W for restoration: the camera's white stays, nothing is overexposed.
 
     The brightest unsaturated pixels are taken for white where their colour in the image is
     neutral: of light that is not balanced, water would have taken the red. W is then scaled
-    in each channel so that their restored colour is the one they had; their brightness is
-    that of the restoration.
+    in each channel so that their restored colour is the one they had. Where much of the
+    scene would be restored as brighter than white, as sunlit sand before a dark wall, W is
+    raised alike in all channels.
 
     Parameters
     ----------
     image : (H, W, 3) or (H, W) ndarray of uint8 or uint16
         Pixel values.
     range_map : (H, W) float32 ndarray
-        Range along the line of sight, m.
+        Range along the line of sight, m; NaN where it was not measured.
     water : Water
         State to restore with; NaN where not assessable.
     transfer : str
@@ -71,45 +74,49 @@ def keep_camera_white(
     Returns
     -------
     RestorationWater
-        The same with W corrected; as it was where no white is seen.
+        The same with W corrected; as it was where too little is seen or assessable.
     """
     attenuation = np.array(water.attenuation, np.float64, ndmin=1)
     veil = np.array(water.ambient_light, np.float64, ndmin=1)
     light = np.array(scene_light_of(water), ndmin=1)
-    unchanged = RestorationWater(attenuation, veil, light)
-    if image.ndim == 2 or not np.isfinite(attenuation + veil + light).all():
-        return unchanged
-    codes, distance = _brightest(image, range_map)
-    if len(codes) < _FEWEST:
-        return unchanged
-    seen = np.median(codes.astype(np.float64), axis=0)
+    codes, distance = _samples(image, range_map)
+    if len(codes) < _FEWEST or not np.isfinite(attenuation + veil + light).all():
+        return RestorationWater(attenuation, veil, light)
+    irradiance = linear_table(transfer, image.dtype)[codes].astype(np.float64)
+    gain = contrast_gain(attenuation, distance[:, np.newaxis])
+    radiance = radiance_of(irradiance, gain, veil, light)
+    factor, balanced = _white(codes, irradiance, radiance)
+    exposure = np.quantile((radiance / factor).mean(axis=1), 1.0 - _OVEREXPOSED)
+    return RestorationWater(attenuation, veil, light * factor * max(exposure, 1.0), balanced)
+
+
+def _white(
+    codes: NDArray[Any], irradiance: NDArray[np.float64], radiance: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """Factor of each channel's light by which the camera's white stays, and how sure it is one."""
+    channels = codes.shape[1]
+    unchanged = np.ones(channels), 0.0
+    brightness = codes.sum(axis=1, dtype=np.uint32)
+    bright = brightness >= np.quantile(brightness, 1.0 - _BRIGHTEST)
+    seen = np.median(codes[bright].astype(np.float64), axis=0)
     saturation = 1.0 - seen.min() / max(seen.max(), 1.0)
     certain, not_at_all = _NEUTRAL
     weight = float(np.clip((not_at_all - saturation) / (not_at_all - certain), 0.0, 1.0))
-    if weight == 0.0:
+    restored = np.median(radiance[bright], axis=0)
+    if channels == 1 or weight == 0.0 or restored.min() <= 0.0:
         return unchanged
-    irradiance = linear_table(transfer, image.dtype)[codes].astype(np.float64)
-    gain = contrast_gain(attenuation, distance[:, np.newaxis])
-    restored = np.median(radiance_of(irradiance, gain, veil, light), axis=0)
-    shown = np.median(irradiance, axis=0)
-    if restored.min() <= 0.0:
-        return unchanged
+    shown = np.median(irradiance[bright], axis=0)
     factor = (restored / restored.mean()) / (shown / shown.mean())
-    return RestorationWater(attenuation, veil, light * factor**weight, weight)
+    return factor**weight, weight
 
 
-def _brightest(
+def _samples(
     image: NDArray[Any], range_map: NDArray[np.float32]
 ) -> tuple[NDArray[Any], NDArray[np.float64]]:
-    """Pixel values, (N, 3), and ranges, (N,), of the brightest unsaturated pixels with a range."""
+    """Pixel values, (N, C), and ranges, (N,), of pixels that have a range and are unsaturated."""
     stride = max(1, int(np.sqrt(range_map.size / _SAMPLES)))
     distance = range_map[::stride, ::stride].ravel()
-    codes = image[::stride, ::stride].reshape(-1, 3)
+    codes = image[::stride, ::stride].reshape(distance.size, -1)
     usable = np.isfinite(distance) & (distance > 0)
     usable &= (codes < np.iinfo(image.dtype).max).all(axis=1)
-    codes, distance = codes[usable], distance[usable]
-    if not len(codes):
-        return codes, distance.astype(np.float64)
-    brightness = codes.sum(axis=1, dtype=np.uint32)
-    bright = brightness >= np.quantile(brightness, 1.0 - _BRIGHTEST)
-    return codes[bright], distance[bright].astype(np.float64)
+    return codes[usable], distance[usable].astype(np.float64)
