@@ -16,6 +16,7 @@ from uw_visibility.optics.transfer import from_linear
 ATTENUATION = np.array([0.35, 0.2, 0.16])
 LIGHT = np.array([0.55, 0.8, 0.9])
 SHAPE = (120, 160)
+ALL = np.ones(SHAPE, np.bool_)
 BOARD = np.s_[30:80, 40:120]
 
 
@@ -42,7 +43,7 @@ def test_a_board_that_the_camera_has_balanced_stays_white() -> None:
     wrong = SimpleNamespace(attenuation=ATTENUATION, ambient_light=LIGHT * [1.0, 1.1, 1.25])
     before = board_of(image, distance, wrong)
     assert before.max() - before.min() > 15
-    water = restoration_water(image, distance, wrong, "linear")
+    water = restoration_water(image, distance, ALL, wrong, "linear")
     after = board_of(image, distance, water)
     assert after.max() - after.min() <= 3
     assert after.mean() == pytest.approx(before.mean(), abs=8)
@@ -52,7 +53,7 @@ def test_a_board_that_the_camera_has_balanced_stays_white() -> None:
 def test_a_picture_that_the_water_has_coloured_is_restored_as_before() -> None:
     image, distance = picture(np.ones(3))
     true = SimpleNamespace(attenuation=ATTENUATION, ambient_light=LIGHT)
-    water = restoration_water(image, distance, true, "linear")
+    water = restoration_water(image, distance, ALL, true, "linear")
     np.testing.assert_array_equal(water.scene_light, LIGHT)
     assert water.balanced == 0.0
 
@@ -64,7 +65,7 @@ def test_nothing_is_overexposed_where_the_light_is_estimated_too_low() -> None:
     )
     plain, _ = Restorer(EnhancementConfig(max_noise=10.0)).restore(image, distance, low)
     assert np.mean((plain == 255).all(axis=2)) > 0.1
-    water = restoration_water(image, distance, low, "linear")
+    water = restoration_water(image, distance, ALL, low, "linear")
     enhanced, _ = Restorer(EnhancementConfig(max_noise=10.0)).restore(image, distance, water)
     assert np.mean((enhanced == 255).all(axis=2)) < 0.02
     # The colour is that of the estimate.
@@ -76,9 +77,8 @@ def test_without_an_estimate_of_a_channel_nothing_is_changed(missing: int) -> No
     image, distance = picture(np.ones(3))
     attenuation = ATTENUATION.copy()
     attenuation[missing] = np.nan
-    water = restoration_water(
-        image, distance, SimpleNamespace(attenuation=attenuation, ambient_light=LIGHT), "linear"
-    )
+    partly = SimpleNamespace(attenuation=attenuation, ambient_light=LIGHT)
+    water = restoration_water(image, distance, ALL, partly, "linear")
     np.testing.assert_array_equal(water.scene_light, LIGHT)
 
 
@@ -86,4 +86,4 @@ def test_saturated_pixels_are_no_white() -> None:
     image, distance = picture(np.ones(3))
     image[:10] = 255
     true = SimpleNamespace(attenuation=ATTENUATION, ambient_light=LIGHT)
-    assert restoration_water(image, distance, true, "linear").balanced == 0.0
+    assert restoration_water(image, distance, ALL, true, "linear").balanced == 0.0

@@ -121,7 +121,7 @@ def test_sixteen_bits_match_like_eight(pipeline):
     both = np.isfinite(eight.disparity) & np.isfinite(sixteen.disparity)
     assert both.mean() > 0.9 * np.isfinite(eight.disparity).mean()
     # Noise is measured in other units, so that single pixels fall on the other side of an edge.
-    assert np.mean(np.abs(eight.disparity - sixteen.disparity)[both] >= 2) < 0.001
+    assert np.mean(np.abs(eight.disparity - sixteen.disparity)[both] >= 2) < 0.005
 
 
 def test_grey_matches_and_colour_is_not_assessable(pipeline):

@@ -54,6 +54,10 @@ def frame_report(result: FrameResult) -> dict[str, Any]:
         "visibility_distance_stddev": _number(visibility.distance_stddev),
         "depth": _number(visibility.depth),
         "depth_stddev": _number(visibility.depth_stddev),
+        "white": None if result.images.scene_light is None else {
+            "scene_light": _channels(result.images.scene_light),
+            "from_camera": _number(result.images.balanced),
+        },
         "matched_fraction": {
             "original": _number(result.stereo.matched_fraction_original),
             "enhanced": _number(result.stereo.matched_fraction),

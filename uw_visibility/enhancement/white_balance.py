@@ -49,6 +49,7 @@ class RestorationWater(NamedTuple):
 def restoration_water(
     image: NDArray[Any],
     range_map: NDArray[np.float32],
+    measured: NDArray[np.bool_],
     water: Water,
     transfer: str,
 ) -> RestorationWater:
@@ -65,7 +66,9 @@ def restoration_water(
     image : (H, W, 3) or (H, W) ndarray of uint8 or uint16
         Pixel values.
     range_map : (H, W) float32 ndarray
-        Range along the line of sight, m; NaN where it was not measured.
+        Range along the line of sight, m.
+    measured : (H, W) bool ndarray
+        Pixels whose range was measured; others tell nothing here.
     water : Water
         State to restore with; NaN where not assessable.
     transfer : str
@@ -79,7 +82,7 @@ def restoration_water(
     attenuation = np.array(water.attenuation, np.float64, ndmin=1)
     veil = np.array(water.ambient_light, np.float64, ndmin=1)
     light = np.array(scene_light_of(water), ndmin=1)
-    codes, distance = _samples(image, range_map)
+    codes, distance = _samples(image, range_map, measured)
     if len(codes) < _FEWEST or not np.isfinite(attenuation + veil + light).all():
         return RestorationWater(attenuation, veil, light)
     irradiance = linear_table(transfer, image.dtype)[codes].astype(np.float64)
@@ -111,12 +114,12 @@ def _white(
 
 
 def _samples(
-    image: NDArray[Any], range_map: NDArray[np.float32]
+    image: NDArray[Any], range_map: NDArray[np.float32], measured: NDArray[np.bool_]
 ) -> tuple[NDArray[Any], NDArray[np.float64]]:
     """Pixel values, (N, C), and ranges, (N,), of pixels that have a range and are unsaturated."""
     stride = max(1, int(np.sqrt(range_map.size / _SAMPLES)))
     distance = range_map[::stride, ::stride].ravel()
     codes = image[::stride, ::stride].reshape(distance.size, -1)
-    usable = np.isfinite(distance) & (distance > 0)
+    usable = measured[::stride, ::stride].ravel() & np.isfinite(distance) & (distance > 0)
     usable &= (codes < np.iinfo(image.dtype).max).all(axis=1)
     return codes[usable], distance[usable].astype(np.float64)

@@ -11,7 +11,9 @@ import numpy as np
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.enhancement.hole_range import bound_by_veil
 from uw_visibility.enhancement.radiance import Restorer
+from uw_visibility.enhancement.white_balance import RestorationWater, restoration_water
 from uw_visibility.images.arrays import DisparityMap, Image, Mask, PerChannel, RangeMap
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.pipeline.result import EnhancedImages
@@ -23,10 +25,11 @@ _NOT_WANTED: Image = np.empty((0, 0), np.uint8)
 
 
 class ChannelWater(NamedTuple):
-    """Attenuation and ambient light of each channel of an image."""
+    """Attenuation, veil and scene light of each channel of an image; NaN = not assessable."""
 
     attenuation: PerChannel
     ambient_light: PerChannel
+    scene_light: PerChannel
 
 
 class ImageEnhancement:
@@ -45,11 +48,13 @@ class ImageEnhancement:
     def __init__(self, rig: StereoRig, config: PipelineConfig, workers: Workers) -> None:
         self._rig = rig
         self._workers = workers
+        self._transfer = config.camera.transfer
         self._restorer = Restorer(config.enhancement, config.camera.transfer, workers)
 
     def run(
         self,
         views: StereoViews,
+        disparity: DisparityMap,
         filled: DisparityMap,
         water: ChannelWater,
         right_gain: PerChannel,
@@ -61,8 +66,10 @@ class ImageEnhancement:
         ----------
         views : StereoViews
             The pair.
+        disparity : ndarray
+            ``(H, W)`` float32, of the left view, px; NaN where unmatched.
         filled : ndarray
-            ``(H, W)`` float32, disparity of the left view without holes, px.
+            ``(H, W)`` float32, the same without holes.
         water : ChannelWater
             What the left camera sees of the water.
         right_gain : ndarray
@@ -76,29 +83,49 @@ class ImageEnhancement:
         range_map : ndarray
             ``(H, W)`` float32, m, of `filled`; infinite where that lies at or beyond infinity.
         """
-        of_right = ChannelWater(water.attenuation, right_gain * water.ambient_light)
-        (range_map, left, limited), right = self._workers.together(
-            lambda: self._left(views.left, filled, water, "left" in sides),
-            lambda: self._right(views.right, filled, of_right, "right" in sides),
+        range_map = self._range(filled)
+        if not sides:
+            return EnhancedImages(_NOT_WANTED, _NOT_WANTED, _NOT_WANTED.astype(bool)), range_map
+        matched = np.isfinite(disparity)
+        light = restoration_water(
+            views.left.pixels, range_map, matched, water, self._transfer
         )
-        return EnhancedImages(left, right, limited), range_map
+        of_right = light._replace(
+            ambient_light=right_gain * light.ambient_light,
+            scene_light=right_gain * light.scene_light,
+        )
+        (left, limited), right = self._workers.together(
+            lambda: self._left(views.left, range_map, matched, light, "left" in sides),
+            lambda: self._right(views.right, disparity, filled, of_right, "right" in sides),
+        )
+        return EnhancedImages(left, right, limited, light.scene_light, light.balanced), range_map
 
     def _left(
-        self, view: View, filled: DisparityMap, water: ChannelWater, wanted: bool
-    ) -> tuple[RangeMap, Image, Mask]:
-        range_map = self._range(filled)
+        self, view: View, range_map: RangeMap, matched: Mask, water: RestorationWater, wanted: bool
+    ) -> tuple[Image, Mask]:
         if not wanted:
-            return range_map, _NOT_WANTED, _NOT_WANTED.astype(bool)
-        return range_map, *self._restorer.restore(view.pixels, range_map, water, view.noise)
+            return _NOT_WANTED, _NOT_WANTED.astype(bool)
+        return self._restore(view, range_map, matched, water)
 
     def _right(
-        self, view: View, filled: DisparityMap, water: ChannelWater, wanted: bool
+        self,
+        view: View,
+        disparity: DisparityMap,
+        filled: DisparityMap,
+        water: RestorationWater,
+        wanted: bool,
     ) -> Image:
         if not wanted:
             return _NOT_WANTED
-        range_map = self._range(in_right_view(filled, self._workers))
-        restored, _ = self._restorer.restore(view.pixels, range_map, water, view.noise)
-        return restored
+        seen = in_right_view(filled, self._workers)
+        matched = seen == in_right_view(disparity, self._workers)
+        return self._restore(view, self._range(seen), matched, water)[0]
+
+    def _restore(
+        self, view: View, range_map: RangeMap, matched: Mask, water: RestorationWater
+    ) -> tuple[Image, Mask]:
+        bounded = bound_by_veil(range_map, matched, view.pixels, water, self._transfer)
+        return self._restorer.restore(view.pixels, bounded, water, view.noise)
 
     def _range(self, disparity: DisparityMap) -> RangeMap:
         """Range of a filled map: at or beyond infinity it is infinite."""

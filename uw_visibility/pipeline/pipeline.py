@@ -21,6 +21,7 @@ from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import check_pair
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.images.vignetting import FlatFieldCorrection
+from uw_visibility.optics.light_model import scene_light_of
 from uw_visibility.pipeline.enhancement import ChannelWater, ImageEnhancement
 from uw_visibility.pipeline.first_step import CoarseEstimate, FirstStep
 from uw_visibility.pipeline.result import FrameResult, StereoResult
@@ -139,8 +140,8 @@ class Pipeline:
             )
             with clock("image enhancement 2"):
                 images, range_map = self._enhancement.run(
-                    views, filled, self._shown_water(water, coarse, improved),
-                    coarse.right_gain, enhance,
+                    views, improved.disparity, filled,
+                    self._shown_water(water, coarse, improved), coarse.right_gain, enhance,
                 )
             with clock("assessment"):
                 visibility = self._assessor.assess(water)
@@ -280,18 +281,27 @@ class Pipeline:
         """Return what the images are restored with.
 
         A channel that step 2 refuses is restored with what step 1 says of it: an
-        image is worth more than none, and the estimate itself stays refused. A grey
-        image has no colour to be assessed, but a contrast to be restored.
+        image is worth more than none, and the estimate itself stays refused. Where
+        neither knows a channel that is not just dark, the image stays as it is: restored
+        in two channels of three it would have a false colour. A grey image has no colour
+        to be assessed, but a contrast to be restored.
         """
         if coarse.view.colour is not None:
             missing = np.isnan(water.attenuation)
+            unknown = missing & np.isnan(coarse.water.attenuation)
+            dark = [status is Status.TOO_DARK for status in water.channel_status]
+            if (unknown & ~np.array(dark)).any():
+                nothing = np.full(3, np.nan)
+                return ChannelWater(nothing, nothing, nothing)
             return ChannelWater(
                 np.where(missing, coarse.water.attenuation, water.attenuation),
                 np.where(missing, coarse.water.ambient_light, water.ambient_light),
+                np.where(missing, scene_light_of(coarse.water), scene_light_of(water)),
             )
         found = self._estimator.estimate_grey_view(
             coarse.view, self.rig.range_from_disparity(improved.disparity),
             range_error=self.rig.range_error(_DISPARITY_DEVIATION),
         )
         attenuation, ambient_light = found or (np.nan, np.nan)
-        return ChannelWater(np.array([attenuation]), np.array([ambient_light]))
+        light = np.array([ambient_light])
+        return ChannelWater(np.array([attenuation]), light, light)

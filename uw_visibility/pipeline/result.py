@@ -77,11 +77,19 @@ class EnhancedImages:
     limited : ndarray
         ``(H, W)`` bool; pixels of the left image whose gain was limited; empty where
         that image was not wanted.
+    scene_light : ndarray or None
+        ``(C,)`` float64, the light W that is white in the left image; None where no image
+        was wanted.
+    balanced : float
+        How far that white is the camera's own, found in neutral bright patches, 0 to 1;
+        the rest is the estimate's.
     """
 
     left: Image
     right: Image
     limited: Mask
+    scene_light: PerChannel | None = None
+    balanced: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
