@@ -9,10 +9,14 @@ its range would be restored as black; so its brightness bounds its range from ab
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.jit import njit
+from uw_visibility.compute.threads import Workers
 from uw_visibility.optics.light_model import Water, veil_thickness
 from uw_visibility.optics.transfer import linear_table
 
@@ -27,9 +31,10 @@ _LEAST_TRANSMISSION = 1e-3
 def bound_by_veil(
     range_map: NDArray[np.float32],
     matched: NDArray[np.bool_],
-    image: NDArray[np.generic],
+    image: NDArray[Any],
     water: Water,
     transfer: str,
+    workers: Workers | None = None,
 ) -> NDArray[np.float32]:
     """Bound the ranges of unmatched pixels by d = -ln(1 - E/B) / β.
 
@@ -45,28 +50,53 @@ def bound_by_veil(
         Attenuation and ambient light (the veil B); channels with NaN bound nothing.
     transfer : str
         ``"linear"`` or ``"srgb"``.
+    workers : Workers, optional
+        Threads; one by default.
 
     Returns
     -------
     (H, W) float32 ndarray
         The range map; no range is larger than before.
     """
-    if matched.all():
-        return range_map
     attenuation = np.atleast_1d(water.attenuation)
     veil = np.atleast_1d(water.ambient_light)
     planes = image[:, :, np.newaxis] if image.ndim == 2 else image
-    irradiance = linear_table(transfer, image.dtype).astype(np.float64)
-    bound: NDArray[np.float32] | None = None
-    for channel in range(planes.shape[2]):
-        if not (attenuation[channel] > 0 and veil[channel] > 0):
-            continue
-        share = np.minimum(irradiance / veil[channel], 1.0 - _LEAST_TRANSMISSION)
-        table = (veil_thickness(share, 1.0) / attenuation[channel]).astype(np.float32)
-        farthest = table[planes[:, :, channel]]
-        bound = farthest if bound is None else np.minimum(bound, farthest)
-    if bound is None:
+    known = [c for c in range(planes.shape[2]) if attenuation[c] > 0 and veil[c] > 0]
+    if not known or matched.all():
         return range_map
+    irradiance = linear_table(transfer, image.dtype)
+    tables = np.full((planes.shape[2], irradiance.size), np.inf, np.float32)
+    for channel in known:
+        farthest = veil[channel] * (1.0 - _LEAST_TRANSMISSION)
+        thickness = veil_thickness(np.minimum(irradiance, farthest), veil[channel])
+        tables[channel] = thickness / attenuation[channel]
+    bound = np.empty_like(range_map)
+    workers = workers or Workers(1)
+    workers.rows(_look_up, bound.shape[0], planes, tables, bound)
     least = cv2.erode(bound, np.ones((_LEAST, _LEAST), np.uint8))
     smooth = cv2.blur(least, (_SMOOTH, _SMOOTH))
-    return np.where(matched, range_map, np.minimum(range_map, smooth))
+    workers.rows(_take_lesser, bound.shape[0], range_map, matched, smooth, bound)
+    return bound
+
+
+@njit(nogil=True)
+def _look_up(start: int, stop: int, planes: Any, tables: Any, bound: Any) -> None:
+    """Write the farthest range that a pixel's channels allow."""
+    for y in range(start, stop):
+        for x in range(bound.shape[1]):
+            farthest = tables[0, planes[y, x, 0]]
+            for c in range(1, planes.shape[2]):
+                farthest = min(farthest, tables[c, planes[y, x, c]])
+            bound[y, x] = farthest
+
+
+@njit(nogil=True)
+def _take_lesser(
+    start: int, stop: int, range_map: Any, matched: Any, smooth: Any, bound: Any
+) -> None:
+    for y in range(start, stop):
+        for x in range(bound.shape[1]):
+            value = range_map[y, x]
+            if not matched[y, x] and smooth[y, x] < value:
+                value = smooth[y, x]
+            bound[y, x] = value

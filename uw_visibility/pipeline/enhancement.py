@@ -124,7 +124,9 @@ class ImageEnhancement:
     def _restore(
         self, view: View, range_map: RangeMap, matched: Mask, water: RestorationWater
     ) -> tuple[Image, Mask]:
-        bounded = bound_by_veil(range_map, matched, view.pixels, water, self._transfer)
+        bounded = bound_by_veil(
+            range_map, matched, view.pixels, water, self._transfer, self._workers
+        )
         return self._restorer.restore(view.pixels, bounded, water, view.noise)
 
     def _range(self, disparity: DisparityMap) -> RangeMap:

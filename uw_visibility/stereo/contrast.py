@@ -34,6 +34,8 @@ _MAX_GAIN = 16.0
 # Contrast that white against black is brought to, 8-bit levels. More than 255:
 # strong gradients clip in the descriptors, and weak ones tell more.
 _FULL_CONTRAST = 1.5 * 255.0
+# Noise up to which an image has been rounded and nothing else, 8-bit codes.
+_ROUNDING = 0.35
 # Entries of the table of contrast over range.
 _TABLE = 512
 
@@ -148,7 +150,10 @@ class ContrastNormalizer:
         if noise is None:
             noise = noise_stddev(image)
         mixed = float(np.hypot.reduce(np.asarray(weights) * noise)) if image.ndim == 3 else noise[0]
-        self._noise_of_grey = float(mixed) * (_FINE if image.dtype == np.uint8 else 1.0)
+        code = 1.0 if image.dtype == np.uint8 else _FINE
+        # Rounding alone is no noise to smooth.
+        known = float(mixed) if float(mixed) > _ROUNDING * code else 0.0
+        self._noise_of_grey = known * _FINE / code
         self.noise = self._smoother.smooth(self.grey, self.gain, self._noise_of_grey, workers)
 
     def noise_gradient(self, step: int) -> NDArray[np.float64]:
