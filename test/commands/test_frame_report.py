@@ -39,11 +39,18 @@ def visibility(**changes: Any) -> SimpleNamespace:
 
 
 def frame(**changes: Any) -> Any:
+    original = changes.pop("original", 0.25)
     fields: dict[str, Any] = {
-        "status": Status.OK, "step1": water(), "water": water(), "visibility": visibility(),
+        "status": Status.OK, "coarse_water": water(), "water": water(),
+        "visibility": visibility(),
         "clear_water_attenuation": np.array([0.228, 0.066, 0.025]),
-        "support_points": np.int64(500), "coverage": np.float32(0.5),
-        "matched_fraction_original": 0.25, "matched_fraction_enhanced": 0.75,
+        "stereo": SimpleNamespace(
+            support_points=np.int64(500), coverage=np.float32(0.5), matched_fraction=0.75,
+            matched_fraction_original=original,
+        ),
+        "images": SimpleNamespace(
+            scene_light=np.array([0.25, 0.5, np.float32(0.75)]), balanced=0.5
+        ),
         "timing_ms": {"matching": 1.23456, "total": 2.0},
     }
     return SimpleNamespace(**{**fields, **changes})
@@ -65,6 +72,7 @@ def test_the_report_holds_every_estimate_in_its_place() -> None:
         "mean_attenuation": 0.2, "mean_attenuation_stddev": 0.01,
         "visibility_distance": 23.5, "visibility_distance_stddev": 1.5,
         "depth": 3.0, "depth_stddev": 0.5,
+        "white": {"scene_light": [0.25, 0.5, 0.75], "from_camera": 0.5},
         "matched_fraction": {"original": 0.25, "enhanced": 0.75},
         "timing_ms": {"matching": 1.235, "total": 2.0},
     }
@@ -80,7 +88,8 @@ def test_what_is_not_assessable_is_null() -> None:
             status=Status.NO_COLOUR,
             water=nothing,
             visibility=visibility(status=Status.NO_COLOUR, mean_attenuation=NAN, distance=np.inf),
-            matched_fraction_original=None,
+            original=None,
+            images=SimpleNamespace(scene_light=None, balanced=0.0),
         )
     )
     assert report["status"] == "no colour"
@@ -90,6 +99,7 @@ def test_what_is_not_assessable_is_null() -> None:
     assert report["mean_attenuation"] is None
     assert report["visibility_distance"] is None
     assert report["matched_fraction"]["original"] is None
+    assert report["white"] is None
     json.dumps(report, allow_nan=False)
 
 

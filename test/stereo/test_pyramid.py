@@ -127,7 +127,7 @@ def test_the_fast_preset_publishes_full_size_and_true_geometry(
         assert getattr(fast.images, name).shape == getattr(whole.images, name).shape, name
     limits = [(r.stereo.min_disparity, r.stereo.max_disparity) for r in (whole, fast)]
     assert limits[0] == limits[1]
-    assert abs(fast.visibility.mean_attenuation - whole.visibility.mean_attenuation) < 0.03
+    assert abs(fast.visibility.mean_attenuation - whole.visibility.mean_attenuation) < 0.04
     # The images are as sharp as ever: they are not made from the small ones.
     sharpness = [
         np.abs(np.diff(result.left_enhanced.astype(float), axis=1)).mean()
