@@ -32,11 +32,7 @@ CONFIG = PlausibilityConfig(sensor_type="Float64", model_stddev=0.3, max_gate=3.
 def row(time: float, depth: float | None = 3.0) -> dict[str, str]:
     stamp = seconds(round(time * 1e9))
     known = {} if depth is None else {
-<<<<<<< Updated upstream
         "depth": number(depth), "depth_stddev": "0.6", "depth_precision": "0.4",
-=======
-        "depth": number(depth), "depth_stddev": "0.6", "depth_precision": "0.4"
->>>>>>> Stashed changes
     }
     return {
         "frame": "0", "stamp": stamp, "time": stamp, "status": "ok", "reason": "",
