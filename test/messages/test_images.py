@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from uw_visibility.errors import InputError
 from uw_visibility.messages.images import (
     ENCODINGS,
+    SUBSAMPLED,
     image_view,
     output_encoding,
     read_image,
@@ -44,11 +45,15 @@ def stored(encoding: str) -> tuple[np.ndarray, np.ndarray]:
         "bgra": (np.dstack([rgb[..., ::-1], alpha]), rgb),
         "rgb": (rgb, rgb),
         "bgr": (rgb[..., ::-1], rgb),
+        "8UC1": (rgb[..., 1], rgb[..., 1]),
+        "8UC3": (rgb[..., ::-1], rgb),
     }
-    return layouts[encoding.rstrip("0168")]
+    return layouts[encoding if encoding in layouts else encoding.rstrip("0168")]
 
 
-@pytest.mark.parametrize("encoding", [name for name in ENCODINGS if "bayer" not in name])
+@pytest.mark.parametrize("encoding", [
+    name for name in ENCODINGS if "bayer" not in name and name not in SUBSAMPLED
+])
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("padding", [0, 3])
 def test_every_layout_of_the_same_pixels_reads_the_same(
@@ -64,6 +69,24 @@ def test_every_layout_of_the_same_pixels_reads_the_same(
     result = read_image(message)
     assert result.dtype == expected.dtype.newbyteorder("=")
     np.testing.assert_array_equal(result, expected)
+
+
+@pytest.mark.parametrize(("encoding", "quad"), [
+    ("uyvy", "u0v1"), ("yuv422", "u0v1"), ("yuyv", "0u1v"), ("yuv422_yuy2", "0u1v"),
+])
+def test_subsampled_colour_is_that_of_bt_601(encoding: str, quad: str) -> None:
+    # Pure red; white and black have luma 235 and 16.
+    for values, colour in (
+        ({"0": 81, "1": 81, "u": 90, "v": 240}, (255, 0, 0)),
+        ({"0": 235, "1": 235, "u": 128, "v": 128}, (255, 255, 255)),
+        ({"0": 16, "1": 16, "u": 128, "v": 128}, (0, 0, 0)),
+    ):
+        row = np.array([values[name] for name in quad], np.uint8).reshape(1, 2, 2)
+        pixels = read_image(image(np.tile(row, (4, 3, 1)), encoding))
+        assert pixels.shape == (4, 6, 3)
+        assert np.abs(pixels.astype(int) - colour).max() <= 1
+    with pytest.raises(InputError, match="5 pixels wide, but"):
+        image_view(image(np.zeros((4, 5, 2), np.uint8), encoding))
 
 
 @pytest.mark.parametrize("bits", [8, 16])
@@ -90,7 +113,7 @@ def test_last_row_needs_no_padding() -> None:
 
 
 @pytest.mark.parametrize(("changes", "reason"), [
-    ({"encoding": "yuv422"}, "left image has the encoding 'yuv422': publish one of mono8"),
+    ({"encoding": "nv21"}, "left image has the encoding 'nv21': publish one of mono8"),
     ({"encoding": ""}, "left image has the encoding ''"),
     ({"height": 0}, "5x0 pixels"),
     ({"step": 14}, "step 14, but a row of 5 pixels of rgb8 takes 15"),

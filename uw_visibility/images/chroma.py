@@ -74,6 +74,24 @@ def mosaic_chroma(image: NDArray[Any], pattern: str) -> ChromaImage:
     return ChromaImage(None, 1, np.sqrt(np.maximum(hidden, 0.0)) / _code(image))
 
 
+def subsampled_chroma(image: NDArray[Any]) -> ChromaImage:
+    """Colour of an image whose pixels share it in twos, as in YUV 4:2:2.
+
+    Parameters
+    ----------
+    image : (H, W, 3) ndarray of uint8
+        The interpolated image, RGB.
+
+    Returns
+    -------
+    ChromaImage
+    """
+    height, width = image.shape[0] // 2, image.shape[1] // 2
+    whole = image[: 2 * height, : 2 * width]
+    half = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+    return ChromaImage(read_only(half), 2)
+
+
 def _noise_share(green: NDArray[Any], pattern: str) -> float:
     """Return the part of green's variance over two pixels that is noise.
 

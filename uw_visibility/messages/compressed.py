@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError, printable
-from uw_visibility.images.chroma import ChromaImage, mosaic_chroma
+from uw_visibility.images.chroma import ChromaImage, mosaic_chroma, subsampled_chroma
 from uw_visibility.images.encoded import JPEG, PNG, TruncatedError, decode, read_header
 from uw_visibility.images.jpeg import jpeg_chroma
-from uw_visibility.messages.images import ENCODINGS
+from uw_visibility.messages.images import ENCODINGS, SUBSAMPLED
 
 
 def read_format(kind: str) -> tuple[str, bool]:
@@ -110,6 +110,8 @@ def message_chroma(message: Any, pixels: NDArray[Any]) -> ChromaImage | None:
         if chroma is not None:
             return chroma.swapped if swapped else chroma
     encoding = original or str(getattr(message, "encoding", ""))
+    if not kind and encoding in SUBSAMPLED:
+        return subsampled_chroma(pixels)
     if encoding.startswith("bayer_"):
         return mosaic_chroma(pixels, encoding.removeprefix("bayer_")[:4])
     return None

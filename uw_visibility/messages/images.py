@@ -49,7 +49,18 @@ ENCODINGS: dict[str, Encoding] = {
     "bgra8": Encoding(np.uint8, 4, cv2.COLOR_BGRA2RGB, "bgr8"),
     "rgb16": Encoding(np.uint16, 3, None, "rgb16"),
     "bgr16": Encoding(np.uint16, 3, cv2.COLOR_BGR2RGB, "bgr16"),
+    # Without names for the channels, as OpenCV has them.
+    "8UC1": Encoding(np.uint8, 1, None, "mono8"),
+    "8UC3": Encoding(np.uint8, 3, cv2.COLOR_BGR2RGB, "bgr8"),
+    # ITU-R BT.601 with luma from 16 to 235, as USB cameras send it.
+    "uyvy": Encoding(np.uint8, 2, cv2.COLOR_YUV2RGB_UYVY, "rgb8"),
+    "yuyv": Encoding(np.uint8, 2, cv2.COLOR_YUV2RGB_YUY2, "rgb8"),
+    # The same two by their older names.
+    "yuv422": Encoding(np.uint8, 2, cv2.COLOR_YUV2RGB_UYVY, "rgb8"),
+    "yuv422_yuy2": Encoding(np.uint8, 2, cv2.COLOR_YUV2RGB_YUY2, "rgb8"),
 } | _bayer_encodings()
+# Two pixels side by side share their colour.
+SUBSAMPLED = ("uyvy", "yuyv", "yuv422", "yuv422_yuy2")
 
 
 class MessageFactory(Protocol):
@@ -88,7 +99,7 @@ def image_view(message: Any, name: str = "image") -> NDArray[Any]:
     Returns
     -------
     ndarray, (H, W) or (H, W, C), uint8 or uint16 of the message's byte order
-        Channels in the order of the encoding; Bayer images have one.
+        Channels in the order of the encoding; Bayer images have one, those of YUV 4:2:2 two.
 
     Raises
     ------
@@ -106,6 +117,11 @@ def image_view(message: Any, name: str = "image") -> NDArray[Any]:
         raise InputError(
             f"{name} has step {step}, but a row of {width} pixels of {message.encoding} takes "
             f"{row_bytes} bytes: set step to the length of a row"
+        )
+    if message.encoding in SUBSAMPLED and width % 2:
+        raise InputError(
+            f"{name} is {width} pixels wide, but {message.encoding} holds pairs of pixels: publish "
+            "an even width"
         )
     needed = step * (height - 1) + row_bytes
     data = np.frombuffer(message.data, np.uint8)
@@ -135,7 +151,7 @@ def read_image(message: Any, name: str = "image") -> NDArray[Any]:
     Returns
     -------
     ndarray, (H, W) or (H, W, 3), uint8 or uint16
-        Grey, or RGB; alpha is dropped and Bayer patterns are interpolated.
+        Grey, or RGB; alpha is dropped, Bayer patterns and subsampled colour are interpolated.
         May share the message's memory.
 
     Raises
@@ -152,8 +168,8 @@ def read_image(message: Any, name: str = "image") -> NDArray[Any]:
 def output_encoding(encoding: str) -> str:
     """Return how the enhanced image of an input is encoded.
 
-    Order of channels and depth are the input's; alpha is dropped, and a Bayer
-    image becomes RGB.
+    Order of channels and depth are the input's; alpha is dropped, Bayer images and YUV
+    become RGB.
     """
     return ENCODINGS[encoding].output
 
