@@ -5,6 +5,7 @@
 #   make demo          simulate, run the node, play the bag into it, report: see demo/
 #   make test          the tests
 #   make lint          ruff, mypy, import-linter
+#   make quick         lint, and the tests that start no nodes: a minute
 #   make bench         speed against OpenCV's StereoSGBM, and noise: see bench.json
 #   make test-oldest   the tests with the versions of Ubuntu 24.04 (needs Python 3.12)
 #   make parameters    write config/uw_visibility.yaml anew from the schema
@@ -30,7 +31,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 ISOLATED = ROS_DOMAIN_ID=$$(( $$$$ % 100 + 1 ))
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint bench test-oldest parameters clean
+.PHONY: help venv demo test quick lint bench test-oldest parameters clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -51,6 +52,9 @@ demo: venv
 
 test: venv
 	$(ISOLATED) $(VENV)/bin/python -m pytest $(PYTEST)
+
+quick: lint
+	$(ISOLATED) $(VENV)/bin/python -m pytest -m "not node" $(PYTEST)
 
 test-oldest: $(VENV_OLDEST)/.installed
 	$(ISOLATED) $(VENV_OLDEST)/bin/python -m pytest $(PYTEST)

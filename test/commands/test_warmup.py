@@ -57,11 +57,13 @@ def warm_up(*arguments: str) -> int:
     return int(found[1])
 
 
+@pytest.mark.node
 def test_the_second_time_nothing_is_compiled() -> None:
     warm_up("--size", "160x120")
     assert warm_up("--size", "320x240") == 0
 
 
+@pytest.mark.node
 def test_no_image_needs_a_kernel_that_was_not_warmed_up() -> None:
     """Else the first frame takes seconds after the node has said that it is ready."""
     process = subprocess.run(

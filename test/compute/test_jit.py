@@ -55,6 +55,8 @@ from uw_visibility.compute.kernel_folder import writable_folder
 from uw_visibility.outer import outer
 print(json.dumps([outer(3), counts.loaded, counts.compiled, str(writable_folder())]))
 """
+pytestmark = pytest.mark.node
+
 # prctl(2) and capabilities(7).
 PR_CAPBSET_DROP, CAP_DAC_OVERRIDE = 24, 1
 NOBODY = 65534

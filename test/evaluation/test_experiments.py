@@ -191,6 +191,7 @@ def test_every_figure_is_drawn(run):
         assert image.std() > 10
 
 
+@pytest.mark.node
 def test_two_processes_give_the_same_result(run, scene_folder, tmp_path):
     folder = tmp_path / "out"
     words = ["evaluate", str(scene_folder), "-o", str(folder), *OPTIONS, "--jobs", "2"]

@@ -176,6 +176,7 @@ print(counts.compiled + counts.loaded - before)
 """
 
 
+@pytest.mark.node
 def test_nothing_is_compiled_at_the_first_jpeg() -> None:
     script = WARM.format(folder=str(Path(__file__).parent))
     command = [sys.executable, "-c", script]

@@ -126,6 +126,7 @@ def test_filtered_messages_are_those_of_a_filter_over_all_frames(
         np.testing.assert_array_equal([vector.x, vector.y, vector.z], water.attenuation)
 
 
+@pytest.mark.node
 def test_what_lies_beside_a_bag_is_not_run(
     transect: Path, hostile_folder: Path, tmp_path: Path
 ) -> None:
@@ -145,6 +146,7 @@ def test_what_lies_beside_a_bag_is_not_run(
     assert not (hostile_folder / "ran").exists()
 
 
+@pytest.mark.node
 def test_jobs_and_repetition_change_nothing(
     hard: Path, hard_replayed: Path, tmp_path: Path
 ) -> None:
