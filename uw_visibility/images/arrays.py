@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Names for the arrays of one frame, by what they hold."""
+"""Type aliases of the arrays of one frame."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def read_only(image: NDArray[Any]) -> NDArray[Any]:
 
 
 def exposure_status(image: NDArray[Any]) -> Status:
-    """Tell why an image shows nothing.
+    """Exposure status: too dark, saturated or textureless, or ok.
 
     Parameters
     ----------

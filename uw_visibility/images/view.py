@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""One image of a frame, with what belongs to it."""
+"""View: one image with its valid pixels, transfer, noise and colour."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ class View:
 
 
 class StereoViews(NamedTuple):
-    """The two views of one frame."""
+    """Left and right view of one frame."""
 
     left: View
     right: View

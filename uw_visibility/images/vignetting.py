@@ -27,7 +27,7 @@ _OUTSIDE = 0.001
 
 
 class FlatFieldCorrection:
-    """Corrects the images of a pair of cameras.
+    """Flat-field correction of the images of a pair of cameras.
 
     Parameters
     ----------

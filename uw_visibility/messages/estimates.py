@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""An estimate of the water as outgoing messages, of a frame alone or filtered over frames."""
+"""Messages of an estimate of the water, of a frame alone or filtered over frames."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class ImageHeader(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What the messages of an estimate are made from.
+    """Estimate, header and optics that its messages are made from.
 
     Attributes
     ----------

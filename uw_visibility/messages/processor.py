@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""From a stereo frame of messages to the outgoing messages: the path of node and replay."""
+"""Frame processor: from the messages of a stereo frame to outgoing ones, in node and replay."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from uw_visibility.water.filter import FilteredWater
 
 
 class FrameWork:
-    """The work on one frame: `assess` may overlap with other frames', what follows may not.
+    """Work on one frame: `assess` may overlap with other frames', what follows may not.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The final enhanced images of Fig. 4, from the filled disparity and the water (eq. 8)."""
+"""Final enhancement of Fig. 4, from the filled disparity and the water (eq. 8)."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ DISPARITY_STDDEV = 0.3
 
 @dataclass(frozen=True)
 class WaterResult:
-    """What `FrameResult` holds of the water, from one image and its ranges.
+    """Water and visibility from one image and its ranges.
 
     Attributes
     ----------

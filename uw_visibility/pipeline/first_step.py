@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Step 1 of Fig. 4: a first look at the water, through a coarse map of the raw pair.
+"""Step 1 of Fig. 4: coarse disparity of the raw pair, and a first estimate of the water.
 
 The map of large images is made from small copies of them: water varies with range
 only, so that their mesh tells as much of it, and averaging takes noise off the raw
@@ -177,7 +177,7 @@ class FirstStep:
     def _without_foreground(
         self, view: View, small: Image, support: SupportPoints
     ) -> View:
-        """Leave a diver's hand and the like out of the pixels that tell the water."""
+        """Take unmatched close objects out of the valid pixels."""
         if small.ndim == 2:
             return view
         found = foreground_mask(small, support.points, view.transfer)

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""From a stereo pair to the water's state, enhanced images and disparity.
+"""Pipeline from a stereo pair to the water's state, enhanced images and disparity.
 
 Roser, Dunbabin and Geiger, "Simultaneous Underwater Visibility Assessment,
 Enhancement and Improved Stereo", ICRA 2014; `Pipeline.process` is its Fig. 4.
@@ -42,7 +42,7 @@ _DISPARITY_DEVIATION = 0.3
 
 
 class Pipeline:
-    """The two steps of estimation and enhancement, for one rig.
+    """Pipeline of estimation and enhancement in two steps, for one rig.
 
     Memory is allocated at the first pair of a size and used again; calls from
     several threads are taken one after the other. Nothing is kept of a frame, so
@@ -278,7 +278,7 @@ class Pipeline:
     def _shown_water(
         self, water: WaterEstimate, coarse: CoarseEstimate, improved: ImprovedDisparity
     ) -> ChannelWater:
-        """Return what the images are restored with.
+        """Water that the images are restored with.
 
         A channel that step 2 refuses is restored with what step 1 says of it: an
         image is worth more than none, and the estimate itself stays refused. Where

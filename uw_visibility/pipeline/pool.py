@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pipelines for frames that are processed at once."""
+"""Pool of pipelines for frames that are processed at once."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from uw_visibility.stereo.rig import StereoRig
 
 
 class PipelinePool:
-    """As many pipelines of one rig and configuration as frames overlap.
+    """Pool of pipelines of one rig and configuration, as many as frames overlap.
 
     They share their threads: a frame alone has all of them.
 
@@ -45,7 +45,7 @@ class PipelinePool:
 
     @contextmanager
     def pipeline(self) -> Iterator[Pipeline]:
-        """Lend a pipeline that no other frame has."""
+        """Lend a pipeline that no other frame uses."""
         with self._lock:
             free = self._free.pop() if self._free else None
         lent = free or Pipeline(*self.made_for, self._workers)

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the pipeline tells of one stereo pair."""
+"""Results of one stereo pair, in groups."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class EnhancedImages:
 
 @dataclass(frozen=True, eq=False)
 class FrameResult:
-    """Everything that one stereo pair tells.
+    """Results of one stereo pair: water, visibility, stereo, images, timing.
 
     Arrays are not written to after construction. A quantity that could not be
     assessed is NaN, and the status beside it says why.

@@ -26,7 +26,7 @@ from uw_visibility.stereo.views import in_right_view
 
 @dataclass(frozen=True)
 class ImprovedDisparity:
-    """What step 2 matched.
+    """Disparity matched in step 2.
 
     Attributes
     ----------

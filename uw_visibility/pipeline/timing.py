@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""How long each stage of a frame takes."""
+"""Timing of the stages of a frame."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A synthetic pair that every stage has work with, to compile kernels before the first frame."""
+"""Synthetic pair with which every stage has work, to compile kernels before the first frame."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from uw_visibility.optics.light_model import attenuate
 
 
 def warm_up_pair(
@@ -19,8 +21,8 @@ def warm_up_pair(
     left, right = np.empty((2, height, width, 3))
     for part, disparity in enumerate((12, 8, 5)):
         rows = slice(part * height // 3, (part + 1) * height // 3)
-        transmission = np.exp(-np.array([0.5, 0.3, 0.2]) * 16 / disparity)
-        left[rows] = (1 - transmission) + transmission * texture[rows]
+        ranges = np.full(texture[rows].shape[:2], 16 / disparity)
+        left[rows] = attenuate(texture[rows], ranges, (0.5, 0.3, 0.2), (1.0, 1.0, 1.0))
         right[rows] = np.roll(left[rows], -disparity, axis=1)
     scale = 0.8 * np.iinfo(dtype).max
     first, second = ((scale * image).astype(dtype) for image in (left, right))

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The water filtered over frames, where the frames' estimates arrive in order.
+"""Filter over frames in a replay, where the frames' estimates arrive in order.
 
 The filter is the only part of a frame's way that needs the frames before it. It
 is applied here, to estimates that other processes may have made.
@@ -26,7 +26,7 @@ from uw_visibility.water.filter import FilteredWater, WaterFilter
 
 @dataclass(frozen=True)
 class FrameEstimate:
-    """What the filter and its messages need of a frame.
+    """Estimate and headers of a frame, for the filter and its messages.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ def split_topics(pipeline: PipelineConfig, node: NodeConfig) -> tuple[list[str],
 
 
 class FilterStage:
-    """Filters estimates in order and makes the messages of the filtered ones.
+    """Filter stage: filters estimates in order and makes the messages of the filtered ones.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def _columns(filtered: FilteredWater) -> dict[str, str]:
 
 
 class EstimateLog:
-    """Keeps estimates of a replay under way, so that it can be gone on from.
+    """Log of the estimates of a replay under way, so that it can be resumed.
 
     Parameters
     ----------

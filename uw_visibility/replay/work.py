@@ -39,7 +39,7 @@ WARM_UP_SHAPE = (120, 160)
 
 @dataclass(frozen=True)
 class Recording:
-    """What all frames of a recording have in common.
+    """Options and topics that all frames of a recording share.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Recording:
         options: ReplayOptions,
         topics: Collection[str],
     ) -> Recording:
-        """Return what the frames of a recording have in common.
+        """Collect the options and topics that the frames of a recording share.
 
         Parameters
         ----------
@@ -95,7 +95,7 @@ class Recording:
 
 @dataclass(frozen=True)
 class FrameTask:
-    """A frame to work on."""
+    """Task: a frame to work on."""
 
     recording: Recording
     frame: RecordedFrame
@@ -103,7 +103,7 @@ class FrameTask:
 
 @dataclass(frozen=True)
 class FrameAnswer:
-    """What became of a frame.
+    """Answer to a frame's task: row, messages and timing, or the reason of its failure.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class FrameAnswer:
 
 
 class RecordingProcessor:
-    """Works on the frames of one recording.
+    """Processor of the frames of one recording.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class RecordingProcessor:
         self._types_by_topic = all_topics(recording.node)
 
     def answer(self, frame: RecordedFrame) -> FrameAnswer:
-        """Return what becomes of a frame; whatever goes wrong costs this frame alone."""
+        """Process a task; whatever goes wrong costs this frame alone."""
         row = {
             "frame": str(frame.number), "stamp": seconds(frame.stamp),
             "right_stamp": seconds(frame.right_stamp), "time": seconds(frame.time),

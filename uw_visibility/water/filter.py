@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The water's state and what it means, filtered over frames: for library, node and replay alike.
+"""Filter of the water's state over frames and its assessment, for library, node and replay.
 
 The only part of a frame's way that needs the frames before it.
 """
@@ -16,7 +16,7 @@ from uw_visibility.water.tracking import TrackingEvent, WaterTracker
 
 
 class FilteredWater(NamedTuple):
-    """What the frames up to one say together.
+    """Filtered state and its assessment up to a frame.
 
     Attributes
     ----------
@@ -88,5 +88,5 @@ class WaterFilter:
         return FilteredWater(filtered, self._assessor.assess(filtered), event)
 
     def reset(self) -> None:
-        """Forget what earlier frames told of the water."""
+        """Reset the filter: earlier frames do not count."""
         self._tracker.reset()

@@ -274,7 +274,7 @@ class WaterState:
 def _growth(
     innovation: NDArray[np.float64], spread: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return what a covariance lacks along an innovation for that to be as long as expected."""
+    """Growth of a covariance along an innovation that makes the innovation as long as expected."""
     distance = float(innovation @ np.linalg.solve(spread, innovation))
     expected = float(len(innovation))
     lack = 1.0 / expected - 1.0 / max(distance, expected)

@@ -190,7 +190,7 @@ def _continued(
 def _is_water(
     light: NDArray[np.float64], envelope: Envelopes, cells: NDArray[np.float64], top: int
 ) -> bool:
-    """Tell water from a close, dark thing, from the surface, and from what is overexposed."""
+    """Tell open water from close dark objects, the surface, and overexposed areas."""
     if (cells[:, :3].max(axis=1) >= 0.995 * top).mean() > SATURATED:
         return False
     veil = np.median(light, axis=0)

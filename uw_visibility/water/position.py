@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Dark envelopes of halves of the image at equal range: vignetting, plumes, lamps.
+"""Spatial consistency: dark envelopes of halves of the image at equal range.
 
 Water and light that are the same all over give all parts of an image one dark
 envelope. Where the halves on two sides, or the middle and the surroundings, differ by
@@ -48,7 +48,7 @@ LARGE = 0.25
 
 @dataclass(frozen=True)
 class Unevenness:
-    """How far the attenuations are apart that two parts of an image show.
+    """Difference of the attenuations that two halves of an image show.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ _TAKEN_IN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTART
 
 
 class WaterTracker:
-    """Filters estimates of the water's state over time.
+    """Filter of estimates of the water's state over time.
 
     Parameters
     ----------

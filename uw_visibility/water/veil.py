@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Veil and light apart: the fit of the dark envelope for each veil that may be, averaged.
+"""Model averaging over the veil: the dark envelope fitted for each possible veil, weighted.
 
 E = W ρ e^(−βd) + B (1 − e^(−βd)): in the sea the veil B is 0.2 to 1.2 of the light W on
 the scene (Akkaynak and Treibitz 2018, doi:10.1109/CVPR.2018.00703). The dark envelope
