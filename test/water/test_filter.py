@@ -5,11 +5,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.status import Status
 from uw_visibility.water.estimation import WaterEstimate
 from uw_visibility.water.filter import WaterFilter
+from uw_visibility.water.observations import Envelopes
 from uw_visibility.water.tracking import TrackingEvent
 
 STARTED, UPDATED = TrackingEvent.STARTED, TrackingEvent.UPDATED
@@ -52,3 +54,49 @@ def test_what_is_filtered_is_assessed_too() -> None:
 def test_nothing_is_filtered_where_tracking_is_off() -> None:
     off = WaterFilter(PipelineConfig.from_parameters({"tracking.enabled": False}))
     assert off.update(water(), 0.0) is None
+
+
+def flat(frame: int) -> WaterEstimate:
+    """A frame of a survey, 2 m above the floor: its envelopes, and why that is all."""
+    altitude = 2.0 + 0.3 * np.sin(0.4 * frame)
+    distance = altitude + np.linspace(-0.06, 0.06, 8)
+    beta, light = np.array([[0.5], [0.3], [0.25]]), np.array([[0.3], [0.6], [0.7]])
+    left = np.exp(-beta * distance)
+    rng = np.random.default_rng(frame)
+    dark = light * (1.0 - left * (1.0 - 0.02 * rng.random(left.shape)))
+    bright = light * (1.0 - left * (0.05 + 0.05 * rng.random(left.shape)))
+    envelope = Envelopes(
+        range=distance, count=np.full(8, 5000), dark=dark, dark_range=np.tile(distance, (3, 1)),
+        bright=bright, step=np.full((3, 8), 1 / 255), deviation=np.full((3, 8), 0.002),
+        noise=np.full(3, 0.3), pixels=40000, saturated=np.zeros(3), zero=np.zeros(3), grey=False,
+        limits=(float(distance[0]), float(distance[-1])), range_error=0.001,
+    )
+    return WaterEstimate.not_assessable(Status.RANGE_SPREAD_TOO_SMALL, envelope)
+
+
+def test_frames_that_show_nothing_alone_do_together() -> None:
+    kept = WaterFilter(PipelineConfig.from_parameters({"water.veil": "paper"}))
+    found = [kept.update(flat(frame), float(frame), "rig") for frame in range(40)]
+    assert [f is not None and f.survey is not None for f in found] == [False] * 19 + [True] * 21
+    last = found[-1]
+    assert last is not None and last.survey is not None
+    assert last.event is TrackingEvent.SURVEYED
+    assert (last.assessed, last.rejected) == (0, 0)
+    assert str(last.survey) == "40 frames in 39 s, ranges from 1.64 to 2.36 m"
+    error = (last.water.attenuation - (0.5, 0.3, 0.25)) / last.water.attenuation_stddev
+    assert (np.abs(error) < 3.0).all()
+    assert last.visibility.distance == pytest.approx(2.351 / last.water.attenuation.min(), rel=1e-3)
+    # A frame that shows the water by itself is taken at its word.
+    after = kept.update(water(), 40.0, "rig")
+    assert after is not None and after.event is STARTED and after.survey is None
+    # What another rig saw does not count.
+    other = kept.update(flat(41), 41.0, "other")
+    assert other is not None and other.survey is None
+
+
+def test_no_survey_where_it_is_turned_off() -> None:
+    off = WaterFilter(PipelineConfig.from_parameters({"survey.enabled": False}))
+    for frame in range(40):
+        found = off.update(flat(frame), float(frame))
+    assert found is not None and found.event is TrackingEvent.NOT_ASSESSABLE
+    assert found.water.status is Status.RANGE_SPREAD_TOO_SMALL

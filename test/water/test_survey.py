@@ -89,7 +89,7 @@ def test_a_survey_at_two_metres_shows_the_water(alpha, light):
         survey, alone = surveyed(survey_frames(seed, alpha, **options))
         # A frame by itself does not.
         assert alone.status is Status.RANGE_SPREAD_TOO_SMALL
-        found = survey.estimate(RANGE_ERROR)
+        found = survey.estimate()
         assert found.water.status is Status.OK
         assert found.frames == 60
         assert found.duration == 59.0
@@ -108,7 +108,7 @@ def test_where_the_veil_may_differ_from_the_light_a_survey_says_less(alpha, veil
     errors, relative = [], []
     for seed in range(3):
         frames = survey_frames(seed, alpha, veil=veil)
-        water = surveyed(frames, ESTIMATORS["free"])[0].estimate(RANGE_ERROR).water
+        water = surveyed(frames, ESTIMATORS["free"])[0].estimate().water
         assert water.status is Status.OK
         errors.append((water.attenuation - KAPPA - alpha) / water.attenuation_stddev)
         relative.append(water.attenuation_stddev / water.attenuation)
@@ -118,7 +118,7 @@ def test_where_the_veil_may_differ_from_the_light_a_survey_says_less(alpha, veil
 
 def test_ambient_light_is_that_of_the_newest_frame():
     survey, alone = surveyed(survey_frames(5, 0.2, exposure=True))
-    water = survey.estimate(RANGE_ERROR).water
+    water = survey.estimate().water
     brightest = np.nanmax(alone.envelope.bright, axis=1)
     # Nothing is much brighter than ambient light, and bright patches are nearly as bright.
     assert (np.abs(np.log(water.ambient_light / brightest)) < 0.2).all()
@@ -127,7 +127,7 @@ def test_ambient_light_is_that_of_the_newest_frame():
 @pytest.mark.parametrize("frames", [8, 19])
 def test_too_few_frames_show_nothing(frames):
     survey, _ = surveyed(survey_frames(0, 0.2, frames=frames))
-    found = survey.estimate(RANGE_ERROR)
+    found = survey.estimate()
     assert found.frames == frames
     assert found.water.status is Status.TOO_FEW_OBSERVATIONS
     assert np.isnan(found.water.attenuation).all()
@@ -135,24 +135,42 @@ def test_too_few_frames_show_nothing(frames):
 
 def test_at_constant_range_no_number_of_frames_shows_the_water():
     survey, _ = surveyed(survey_frames(0, 0.2, frames=40, amplitude=0.02))
-    assert survey.estimate(RANGE_ERROR).water.status is Status.RANGE_SPREAD_TOO_SMALL
+    assert survey.estimate().water.status is Status.RANGE_SPREAD_TOO_SMALL
 
 
 def test_frames_leave_the_window_and_a_clock_set_back_begins_anew():
     frames = list(survey_frames(0, 0.2, frames=30))
     survey, _ = surveyed(frames, window=24.0)
-    found = survey.estimate(RANGE_ERROR)
+    found = survey.estimate()
     assert (found.frames, found.duration) == (25, 24.0)
     envelope = ESTIMATOR.estimate(frames[0][1], frames[0][2], range_error=RANGE_ERROR).envelope
     survey.add(envelope, 29.0)
-    assert survey.estimate(RANGE_ERROR).frames == 1
+    assert survey.estimate().frames == 1
     survey.add(None, 30.0)
-    assert survey.estimate(RANGE_ERROR).frames == 1
+    assert survey.estimate().frames == 1
+
+
+def test_an_estimate_is_made_once_in_a_second_of_the_stamps():
+    """And its light is that of each frame."""
+    frames = list(survey_frames(4, 0.3, frames=30))
+    survey, _ = surveyed(frames)
+    first = survey.estimate()
+    image, distance = frames[0][1] // 2, frames[0][2]
+    dim = ESTIMATOR.estimate(image, distance, range_error=RANGE_ERROR).envelope
+    survey.add(dim, 29.5)
+    second = survey.estimate()
+    np.testing.assert_array_equal(second.water.attenuation, first.water.attenuation)
+    ratio = second.water.ambient_light / first.water.ambient_light
+    np.testing.assert_allclose(ratio, 0.5, atol=0.1)
+    np.testing.assert_allclose(
+        second.water.ambient_light_stddev / first.water.ambient_light_stddev, ratio)
+    survey.add(dim, 30.0)
+    assert survey.estimate().frames == 32
 
 
 def test_of_many_frames_a_part_is_kept_over_the_whole_window():
     survey, _ = surveyed(survey_frames(0, 0.2, frames=60), max_frames=24)
-    found = survey.estimate(RANGE_ERROR)
+    found = survey.estimate()
     assert found.frames <= 24
     assert found.duration > 40.0
 
@@ -162,7 +180,7 @@ def test_the_same_ground_seen_again_and_again_says_nothing_new():
     frames = list(survey_frames(2, 0.3, frames=40))
     thrice = [(stamp + part / 3, *rest) for stamp, *rest in frames for part in range(3)]
     once, again = (
-        surveyed(each)[0].estimate(RANGE_ERROR).water.attenuation_stddev
+        surveyed(each)[0].estimate().water.attenuation_stddev
         for each in (frames, thrice))
     np.testing.assert_allclose(again, once, rtol=0.15)
 
@@ -171,6 +189,6 @@ def test_water_that_changes_within_the_window_is_in_the_standard_deviation():
     changing, _ = surveyed(survey_frames(3, 0.0, water=lambda k: 0.1 if k < 30 else 0.5))
     steady, _ = surveyed(survey_frames(3, 0.3))
     ratio = [
-        (s.estimate(RANGE_ERROR).water.attenuation_stddev
-         / s.estimate(RANGE_ERROR).water.attenuation) for s in (changing, steady)]
+        (s.estimate().water.attenuation_stddev
+         / s.estimate().water.attenuation) for s in (changing, steady)]
     assert (ratio[0] > 1.3 * ratio[1]).any()

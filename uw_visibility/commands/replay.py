@@ -235,7 +235,7 @@ def _tell(summary: Summary) -> None:
         f"{summary.bag}: {summary.frames} frames{again}, water assessed in {summary.assessed}"
         f"{took}; written to {summary.output}"
     )
-    for note in filter(None, (*summary.notes, summary.rejections())):
+    for note in filter(None, (*summary.notes, summary.rejections(), summary.surveyed())):
         print(f"  {note}")
     for refusal in summary.refusals.together():
         what = f"not assessable: {refusal.what}: {refusal.why}"

@@ -214,6 +214,7 @@ class PipelineConfig:
     water: WaterConfig = section(WaterConfig)
     assessment: AssessmentConfig = section(AssessmentConfig)
     tracking: TrackingConfig = section(TrackingConfig)
+    survey: SurveyConfig = section(SurveyConfig)
     enhancement: EnhancementConfig = section(EnhancementConfig)
     threads: int = parameter(
         0, "Threads that the pipeline uses; 0 takes one per processor.",

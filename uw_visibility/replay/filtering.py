@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
@@ -49,7 +49,7 @@ class FrameEstimate:
     def of(cls, result: FrameResult, rig: StereoRig, header: ImageHeader) -> FrameEstimate:
         """Take it from a result, without what is large."""
         view = field_of_view(result.disparity.shape[1], rig.focal_length)
-        return cls(replace(result.water, envelope=None), rig, view, header)
+        return cls(result.water, rig, view, header)
 
 
 def split_topics(pipeline: PipelineConfig, node: NodeConfig) -> tuple[list[str], list[str]]:
@@ -114,7 +114,11 @@ def _columns(filtered: FilteredWater) -> dict[str, str]:
         "filtered_depth": number(visibility.depth),
         "filtered_depth_stddev": number(visibility.depth_stddev),
         "filtering": str(filtered.event),
-    }
+    } | ({} if filtered.survey is None else {
+        "survey_frames": str(filtered.survey.frames),
+        "survey_range_min": number(filtered.survey.range_min),
+        "survey_range_max": number(filtered.survey.range_max),
+    })
 
 
 class EstimateLog:

@@ -36,6 +36,7 @@ COLUMNS: tuple[str, ...] = (
     *_with_stddev("depth"),
     *_with_stddev("filtered_mean_attenuation"), *_with_stddev("filtered_visibility_distance"),
     *_with_stddev("filtered_depth"), "filtering",
+    "survey_frames", "survey_range_min", "survey_range_max",
     "support_points", "coverage", "matched_fraction", "matched_fraction_original",
     "limited_fraction",
     *_with_stddev("sensor_depth"), "innovation", "nis", "plausibility",

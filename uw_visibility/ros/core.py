@@ -291,7 +291,8 @@ class NodeCore:
         around += time.perf_counter() - begin
         stamp = frame.left.header.stamp
         now = self._node.get_clock().now().nanoseconds
-        self.state.add(result, 1e-9 * (now - stamp_to_nanoseconds(stamp)), 1e3 * around)
+        self.state.add(
+            result, 1e-9 * (now - stamp_to_nanoseconds(stamp)), 1e3 * around, filtered)
         self._depth.add_result(stamp, result)
         if self.state.processed == 1:
             self._log.info("first frame processed")

@@ -17,6 +17,7 @@ from uw_visibility.ros.monitor.finding import ERROR, OK, WARN, Finding
 from uw_visibility.ros.monitor.rates import RecentCounts
 from uw_visibility.ros.monitor.reasons import ReasonLog
 from uw_visibility.status import Status
+from uw_visibility.water.filter import FilteredWater
 
 SHOWN_REASONS = 10
 
@@ -54,6 +55,7 @@ class PipelineState:
         self._answered = 0.0
         self._problem = ""
         self._result: FrameResult | None = None
+        self._filtered: FilteredWater | None = None
         self._latency = self._around = 0.0
 
     @contextmanager
@@ -68,7 +70,10 @@ class PipelineState:
             with self._lock:
                 del self._busy_since[frame]
 
-    def add(self, result: FrameResult, latency: float, around: float) -> None:
+    def add(
+        self, result: FrameResult, latency: float, around: float,
+        filtered: FilteredWater | None = None,
+    ) -> None:
         """Note a result that was published.
 
         Parameters
@@ -79,10 +84,12 @@ class PipelineState:
             Time since the image's stamp, s.
         around : float
             What reading the images and publishing the messages took, ms.
+        filtered : FilteredWater, optional
+            The water filtered up to this frame.
         """
         with self._lock:
             self._result, self._latency, self._problem = result, latency, ""
-            self._around = around
+            self._around, self._filtered = around, filtered
             self._answered = time.monotonic()
             self.processed += 1
 
@@ -137,6 +144,7 @@ class PipelineState:
         values["calibrations"] = self.calibrations
         if self._result is not None:
             values |= _values(self._result)
+            values |= _filter_values(self._filtered)
             values["around the pipeline (ms)"] = f"{self._around:.1f}"
             values["latency (ms)"] = f"{1e3 * self._latency:.1f}"
         failures = self.failures.selection(SHOWN_REASONS)
@@ -147,9 +155,24 @@ class PipelineState:
         if recent.get("refused") or recent.get("failed"):
             level = ERROR if recent.get("failed") else WARN
             return Finding(level, self._problem or "frames were lost lately", values)
+        survey = self._filtered.survey if self._filtered is not None else None
+        if survey is not None:
+            return Finding(OK, f"{rate:.1f} frames per second; water of a survey: {survey}", values)
         if self._result is not None and self._result.status is not Status.OK:
             return Finding(WARN, f"the water is not assessable: {self._result.status}", values)
         return Finding(OK, f"{rate:.1f} frames per second", values)
+
+
+def _filter_values(filtered: FilteredWater | None) -> dict[str, Any]:
+    """Return the filter's numbers, by name."""
+    if filtered is None:
+        return {}
+    return {
+        "filter": filtered.event,
+        "rejected by the filter": f"{filtered.rejected} of {filtered.assessed} frames",
+        "rejected by the filter in a row": filtered.rejected_in_a_row,
+        "survey": filtered.survey or "none",
+    }
 
 
 def _values(result: FrameResult) -> dict[str, Any]:

@@ -257,7 +257,7 @@ class WaterEstimator:
         if envelope.pixels == 0 and not colour.pixels.any():
             return WaterEstimate.not_assessable(Status.TOO_DARK, envelope)
         return self._estimate(
-            envelope, self._fewest_pixels(colour), start, range_error,
+            envelope, self._fewest_pixels(colour), start,
             lambda active: self._cues(
                 colour, np.asarray(range_map, np.float32), view.valid, envelope, active))
 
@@ -265,7 +265,6 @@ class WaterEstimator:
         self,
         envelope: Envelopes,
         contrast: Decay | None = None,
-        range_error: float = 0.0,
     ) -> WaterEstimate:
         """Estimate attenuation and ambient light from envelopes alone, as those of many frames.
 
@@ -274,23 +273,19 @@ class WaterEstimator:
         envelope : Envelopes
         contrast : Decay, optional
             Decay of contrast with range, where veil and light are told apart.
-        range_error : float
-            See `estimate`.
 
         Returns
         -------
         WaterEstimate
         """
         return self._estimate(
-            envelope, self._config.min_bin_pixels, None, range_error,
-            lambda active: Cues(contrast))
+            envelope, self._config.min_bin_pixels, None, lambda active: Cues(contrast))
 
     def _estimate(
         self,
         envelope: Envelopes,
         fewest_pixels: int,
         start: WaterEstimate | None,
-        range_error: float,
         cues: Callable[[NDArray[np.bool_]], Cues],
     ) -> WaterEstimate:
         """Validate, fit, validate the fit; `cues` gives those beside the envelopes."""
@@ -305,8 +300,8 @@ class WaterEstimator:
             return WaterEstimate.not_assessable(status[0], envelope)
         if self._config.method != "paper" and self._config.veil == "free":
             return self._estimate_free_veil(
-                envelope, status, active, range_error, cues(active))
-        fit = self._fit(envelope, active, start, range_error, self._clear_water)
+                envelope, status, active, cues(active))
+        fit = self._fit(envelope, active, start, envelope.range_error, self._clear_water)
         for channel in np.flatnonzero(active):
             status[channel] = validate_fit(fit, envelope, int(channel))
         if self._config.method != "paper" and all(reason is Status.OK for reason in status):
@@ -347,7 +342,6 @@ class WaterEstimator:
         envelope: Envelopes,
         status: list[Status],
         active: NDArray[np.bool_],
-        range_error: float,
         cues: Cues,
     ) -> WaterEstimate:
         """Estimate with the veil apart from the light."""
@@ -358,7 +352,7 @@ class WaterEstimator:
             lower: NDArray[np.float64], upper: NDArray[np.float64], light: NDArray[np.float64]
         ) -> Fit:
             return _with_all_channels(
-                self._fit(envelope, active, None, range_error, self._clear_water,
+                self._fit(envelope, active, None, envelope.range_error, self._clear_water,
                           (lower, upper, light)),
                 active, self._clear_water, lower)
 

@@ -10,8 +10,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.status import Status
 from uw_visibility.water.assessment import Assessor, Visibility
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
+from uw_visibility.water.survey import Survey, SurveyEstimate
 from uw_visibility.water.tracking import TrackingEvent, WaterTracker
 
 
@@ -26,20 +28,32 @@ class FilteredWater(NamedTuple):
         Mean attenuation, visibility distance and depth of it.
     event : TrackingEvent
         What the frame did to the state.
+    assessed, rejected : int
+        Frames so far that had an estimate, and those of them that were rejected.
+    rejected_in_a_row : int
+        Those since the last one that was taken in.
+    survey : SurveyEstimate or None
+        What `water` rests on where no frame of late shows it by itself.
     """
 
     water: WaterEstimate
     visibility: Visibility
     event: TrackingEvent
+    assessed: int = 0
+    rejected: int = 0
+    rejected_in_a_row: int = 0
+    survey: SurveyEstimate | None = None
 
 
 class WaterFilter:
     """Kalman filter over the estimates of frames, taken in order, and their assessment.
 
+    Where no frame of late shows the water by itself, its frames are taken together.
+
     Parameters
     ----------
     config : PipelineConfig
-        `tracking`, and what the assessment needs of the camera.
+        `tracking`, `survey`, and what estimate and assessment need of the camera.
 
     Raises
     ------
@@ -51,6 +65,9 @@ class WaterFilter:
         self.config = config
         self._assessor = Assessor.from_config(config)
         self._tracker = WaterTracker(config.tracking)
+        self._survey = Survey(config.survey, WaterEstimator(
+            config.water, self._assessor.clear_water_attenuation, config.camera.transfer,
+            self._assessor.daylight))
         self._rig: object = None
 
     def update(
@@ -61,7 +78,7 @@ class WaterFilter:
         Parameters
         ----------
         water : WaterEstimate
-            Of this frame alone.
+            Of this frame alone; a survey needs its envelopes.
         stamp : float
             Time of the frame, s; one that is not later than the last begins anew.
         rig : object
@@ -85,8 +102,27 @@ class WaterFilter:
         filtered = self._tracker.update(water, stamp)
         event = self._tracker.event
         assert event is not None
-        return FilteredWater(filtered, self._assessor.assess(filtered), event)
+        survey = self._surveyed(water, stamp, event)
+        if survey is not None:
+            filtered, event = survey.water, TrackingEvent.SURVEYED
+        return FilteredWater(
+            filtered, self._assessor.assess(filtered), event, self._tracker.assessed,
+            self._tracker.rejected, self._tracker.rejected_in_a_row, survey,
+        )
+
+    def _surveyed(
+        self, water: WaterEstimate, stamp: float, event: TrackingEvent
+    ) -> SurveyEstimate | None:
+        """Add a frame to the survey; return its estimate where the filter has none."""
+        if not self.config.survey.enabled:
+            return None
+        self._survey.add(water.envelope, stamp)
+        if event is not TrackingEvent.NOT_ASSESSABLE:
+            return None
+        survey = self._survey.estimate()
+        return survey if survey.water.status is Status.OK else None
 
     def reset(self) -> None:
         """Reset the filter: earlier frames do not count."""
         self._tracker.reset()
+        self._survey.reset()

@@ -74,6 +74,8 @@ class Envelopes:
         Whether no pixel has any colour.
     limits : tuple of float
         Where the bins begin and end, m; twice 0 without ranges.
+    range_error : float
+        Standard deviation of range over its square, 1/m; 0 for exact ranges.
     """
 
     range: NDArray[np.float64]
@@ -89,6 +91,7 @@ class Envelopes:
     zero: NDArray[np.float64]
     grey: bool
     limits: tuple[float, float] = (0.0, 0.0)
+    range_error: float = 0.0
 
 
 def observe(
@@ -194,6 +197,7 @@ def observe(
         zero=counts[:, :, 0].sum(axis=0) * share,
         grey=pixels > 0 and not coloured,
         limits=(low, high),
+        range_error=range_error,
     )
 
 

@@ -30,6 +30,8 @@ from uw_visibility.water.assessment import joint_covariance
 from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
 from uw_visibility.water.observations import Envelopes
 
+# Estimates are made at most once in so many seconds.
+INTERVAL = 1.0
 # Blocks of frames that are left out in turn, and those of them without which there may be
 # no estimate.
 BLOCKS = 8
@@ -65,6 +67,12 @@ class SurveyEstimate:
     range_min: float
     range_max: float
 
+    def __str__(self) -> str:
+        return (
+            f"{self.frames} frames in {self.duration:.0f} s, "
+            f"ranges from {self.range_min:.2f} to {self.range_max:.2f} m"
+        )
+
 
 class Survey:
     """Takes the envelopes of frames together over a window of time.
@@ -80,10 +88,13 @@ class Survey:
         self._config = config
         self._estimator = estimator
         self._frames: deque[tuple[float, _Frame]] = deque()
+        # Stamp of the newest frame, what was estimated, and its level of light.
+        self._last: tuple[float, SurveyEstimate, NDArray[np.float64]] | None = None
 
     def reset(self) -> None:
         """Forget all frames."""
         self._frames.clear()
+        self._last = None
 
     def add(self, envelope: Envelopes | None, stamp_seconds: float) -> None:
         """Take in a frame's envelopes.
@@ -110,40 +121,45 @@ class Survey:
         stamps = np.array([stamp for stamp, _ in self._frames])
         del self._frames[1 + int(np.argmin(stamps[2:] - stamps[:-2]))]
 
-    def estimate(self, range_error: float = 0.0) -> SurveyEstimate:
-        """Estimate the water over the frames of the window.
-
-        Parameters
-        ----------
-        range_error : float
-            See `WaterEstimator.estimate`.
+    def estimate(self) -> SurveyEstimate:
+        """Estimate the water over the frames of the window, once in `INTERVAL`.
 
         Returns
         -------
         SurveyEstimate
         """
+        newest = self._frames[-1][0] if self._frames else math.nan
+        if self._last is None or not newest - self._last[0] < INTERVAL:
+            self._last = newest, *self._fresh()
+        _, survey, level = self._last
+        if not self._frames:
+            return survey
+        return replace(survey, water=_at_level(survey.water, self._frames[-1][1].level / level))
+
+    def _fresh(self) -> tuple[SurveyEstimate, NDArray[np.float64]]:
+        """Estimate, with ambient light at the level of the frames' bright envelopes."""
         stamps = [stamp for stamp, _ in self._frames]
         frames = [frame for _, frame in self._frames]
-        ranges = np.concatenate([f.envelope.range for f in frames] or [np.full(1, np.nan)])
-        return SurveyEstimate(
-            self._water(frames, range_error), len(frames),
-            stamps[-1] - stamps[0] if stamps else 0.0, float(ranges.min()), float(ranges.max()),
-        )
-
-    def _water(self, frames: Sequence[_Frame], range_error: float) -> WaterEstimate:
         if len(frames) < self._config.min_frames:
-            return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
-        whole = self._estimator.estimate_envelope(together(frames), range_error=range_error)
+            water = WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
+        else:
+            water = self._water(frames)
+        ranges = np.concatenate([f.envelope.range for f in frames] or [np.full(1, np.nan)])
+        survey = SurveyEstimate(
+            water, len(frames), stamps[-1] - stamps[0] if stamps else 0.0,
+            float(ranges.min()), float(ranges.max()))
+        return survey, _level(frames)
+
+    def _water(self, frames: Sequence[_Frame]) -> WaterEstimate:
+        whole = self._estimator.estimate_envelope(together(frames))
         if not np.isfinite(whole.attenuation).any():
             return whole
         block = np.arange(len(frames)) * BLOCKS // len(frames)
-        parts = [
+        return _with_spread(whole, [
             self._estimator.estimate_envelope(
-                together([f for f, b in zip(frames, block, strict=True) if b != left_out]),
-                range_error=range_error)
+                together([f for f, b in zip(frames, block, strict=True) if b != left_out]))
             for left_out in range(BLOCKS)
-        ]
-        return _with_spread(whole, parts, frames[-1].level / _level(frames))
+        ])
 
 
 @dataclass(frozen=True)
@@ -164,7 +180,7 @@ class _Frame:
 
 
 def _level(frames: Sequence[_Frame]) -> NDArray[np.float64]:
-    return np.asarray(np.median([f.level for f in frames], axis=0))
+    return np.asarray(np.median([f.level for f in frames], axis=0) if frames else np.ones(3))
 
 
 def together(frames: Sequence[_Frame]) -> Envelopes:
@@ -215,31 +231,25 @@ def together(frames: Sequence[_Frame]) -> Envelopes:
         saturated=np.asarray(share @ [e.saturated for e in envelopes]),
         zero=np.asarray(share @ [e.zero for e in envelopes]),
         grey=all(e.grey for e in envelopes),
+        limits=(float(low), float(high)),
+        range_error=float(share @ [e.range_error for e in envelopes]),
     )
 
 
-def _with_spread(
-    whole: WaterEstimate, parts: Sequence[WaterEstimate], gain: NDArray[np.float64]
-) -> WaterEstimate:
-    """Add the jackknife's covariance, and bring ambient light to the newest frame's level."""
-    def values(estimate: WaterEstimate) -> NDArray[np.float64]:
-        return np.stack((estimate.attenuation, estimate.ambient_light), axis=1).ravel()
-
-    each = np.array([values(part) for part in parts])
+def _with_spread(whole: WaterEstimate, parts: Sequence[WaterEstimate]) -> WaterEstimate:
+    """Add the jackknife's covariance."""
+    each = np.array([_values(part) for part in parts])
     # What a few blocks alone make assessable is not known. Those whose absence makes it
     # not assessable count as much as the others.
     known = np.isfinite(each)
-    seen = np.isfinite(values(whole)) & (known.sum(axis=0) >= BLOCKS - MOST_DECISIVE)
-    share = known.sum(axis=0) / BLOCKS
+    number = known.sum(axis=0)
+    seen = np.isfinite(_values(whole)) & (number >= BLOCKS - MOST_DECISIVE)
     each = np.where(known, each, 0.0)
-    centre = each.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    away = np.where(known & seen, each - centre, 0.0) / np.sqrt(np.maximum(share, 0.1))
-    scale = np.stack((np.ones(3), gain), axis=1).ravel()
+    away = np.where(known & seen, each - each.sum(axis=0) / np.maximum(number, 1), 0.0)
+    away *= np.sqrt(BLOCKS / np.maximum(number, 1))
     joint = joint_covariance(whole) + (BLOCKS - 1) / BLOCKS * away.T @ away
-    joint = joint * np.outer(scale, scale)
     joint[~seen, :] = np.nan
     joint[:, ~seen] = np.nan
-    mean = np.where(seen, values(whole) * scale, np.nan)
     status = [
         reason if there or reason is not Status.OK else Status.RANGE_SPREAD_TOO_SMALL
         for reason, there in zip(whole.channel_status, seen[0::2], strict=True)
@@ -248,7 +258,29 @@ def _with_spread(
         whole,
         status=next((reason for reason in status if reason is not Status.OK), Status.OK),
         channel_status=(status[0], status[1], status[2]),
-        attenuation=mean[0::2], ambient_light=mean[1::2],
-        covariance=np.stack([joint[2 * c:2 * c + 2, 2 * c:2 * c + 2] for c in range(3)]),
-        joint_covariance=joint,
+        attenuation=np.where(seen[0::2], whole.attenuation, np.nan),
+        ambient_light=np.where(seen[0::2], whole.ambient_light, np.nan),
+        covariance=_blocks(joint), joint_covariance=joint,
     )
+
+
+def _at_level(water: WaterEstimate, gain: NDArray[np.float64]) -> WaterEstimate:
+    """Bring light to the level of a frame."""
+    scale = np.stack((np.ones(3), gain), axis=1).ravel()
+    joint = joint_covariance(water) * np.outer(scale, scale)
+    return replace(
+        water, ambient_light=water.ambient_light * gain,
+        covariance=_blocks(joint), joint_covariance=joint,
+        light=None if water.light is None else water.light * gain,
+        light_stddev=None if water.light_stddev is None else water.light_stddev * gain,
+    )
+
+
+def _values(estimate: WaterEstimate) -> NDArray[np.float64]:
+    """β and I∞ of the channels, interleaved, (6,)."""
+    return np.stack((estimate.attenuation, estimate.ambient_light), axis=1).ravel()
+
+
+def _blocks(joint: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariance of each channel alone, (3, 2, 2)."""
+    return np.stack([joint[2 * c:2 * c + 2, 2 * c:2 * c + 2] for c in range(3)])

@@ -26,6 +26,7 @@ class TrackingEvent(Enum):
     RESTARTED = "restarted"
     PREDICTED = "predicted"
     NOT_ASSESSABLE = "not assessable"
+    SURVEYED = "survey"
 
     def __str__(self) -> str:
         return self.value

@@ -37,6 +37,9 @@ class Summary:
         and those without result by reason.
     filtering : Counter of str
         Frames by what they did to the water filtered over frames.
+    survey : dict of str to float
+        How many frames' filtered water is that of a survey, of how many frames at most,
+        and their ranges, m; empty without any.
     refusals : Refusals
         What was not assessable in which frames.
     dropped : Counter of str
@@ -69,6 +72,7 @@ class Summary:
     depth_status: Counter[str] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
     filtering: Counter[str] = field(default_factory=Counter)
+    survey: dict[str, Any] = field(default_factory=dict)
     refusals: Refusals = field(default_factory=Refusals)
     dropped: Counter[str] = field(default_factory=Counter)
     damage: list[str] = field(default_factory=list)
@@ -103,12 +107,33 @@ class Summary:
             + (f", and followed {runs} of such frames as a change" if followed else "")
         )
 
+    def surveyed(self) -> str:
+        """Say what the filtered water rests on where no frame shows it alone."""
+        if not self.survey:
+            return ""
+        return (
+            "filtered water of {count} frames is that of a survey: up to {frames} frames "
+            "together, ranges from {range_min:.2f} to {range_max:.2f} m".format(**self.survey)
+        )
+
+    def _count_survey(self, row: dict[str, str]) -> None:
+        low, high = float(row["survey_range_min"]), float(row["survey_range_max"])
+        before = self.survey or {"count": 0, "frames": 0, "range_min": low, "range_max": high}
+        self.survey = {
+            "count": before["count"] + 1,
+            "frames": max(before["frames"], int(row["survey_frames"])),
+            "range_min": min(before["range_min"], low),
+            "range_max": max(before["range_max"], high),
+        }
+
     def count(self, row: dict[str, str]) -> None:
         """Count a frame."""
         self.frames += 1
         self.refusals.count(row)
         self.status[row["status"]] += 1
         self.filtering[row.get("filtering", "")] += 1
+        if row.get("survey_frames"):
+            self._count_survey(row)
         if row["status"] == FAILED:
             self.reasons[row["reason"]] += 1
         else:
@@ -125,6 +150,7 @@ class Summary:
             "depth_status": dict(self.depth_status),
             "unusable": dict(self.reasons), "not_assessable": self.refusals.state(),
             "filtering": {event: n for event, n in self.filtering.items() if event},
+            "survey": self.survey,
             "dropped": dict(self.dropped),
             "damage": self.damage, "plausibility": dict(self.verdicts),
             "seconds": round(self.seconds, 3), "python": sys.version.split()[0],
@@ -140,6 +166,7 @@ class Summary:
             visibility_status=Counter(state.get("visibility_status")),
             depth_status=Counter(state["depth_status"]), reasons=Counter(state["unusable"]),
             refusals=Refusals.of_state(state.get("not_assessable", [])),
-            filtering=Counter(state.get("filtering")), dropped=Counter(state["dropped"]),
+            filtering=Counter(state.get("filtering")), survey=dict(state.get("survey", {})),
+            dropped=Counter(state["dropped"]),
             damage=list(state["damage"]), topics=state["topics"],
         )
