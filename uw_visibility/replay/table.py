@@ -33,7 +33,7 @@ COLUMNS: tuple[str, ...] = (
     *(c for channel in CHANNELS for c in _with_stddev(f"attenuation_{channel}")),
     *(c for channel in CHANNELS for c in _with_stddev(f"ambient_light_{channel}")),
     *_with_stddev("mean_attenuation"), *_with_stddev("visibility_distance"),
-    *_with_stddev("depth"),
+    *_with_stddev("depth"), "depth_precision",
     *_with_stddev("filtered_mean_attenuation"), *_with_stddev("filtered_visibility_distance"),
     *_with_stddev("filtered_depth"), "filtering",
     "survey_frames", "survey_range_min", "survey_range_max",
