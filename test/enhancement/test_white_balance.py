@@ -6,12 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scenes import in_water
 
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.enhancement.white_balance import restoration_water
 from uw_visibility.optics.light_model import attenuate
-from uw_visibility.optics.transfer import from_linear
 
 ATTENUATION = np.array([0.35, 0.2, 0.16])
 LIGHT = np.array([0.55, 0.8, 0.9])
@@ -26,8 +26,7 @@ def picture(balance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     radiance = (0.1 + 0.5 * random.random((*SHAPE, 3)) * [0.9, 0.8, 0.6]).astype(np.float32)
     distance = np.linspace(2.5, 0.8, SHAPE[0], dtype=np.float32)[:, None].repeat(SHAPE[1], 1)
     radiance[BOARD], distance[BOARD] = 0.9, 0.6
-    light = attenuate(radiance, distance, ATTENUATION, LIGHT) * balance
-    return from_linear(light.astype(np.float32), "linear", np.uint8), distance
+    return in_water(radiance, distance, ATTENUATION, LIGHT * balance), distance
 
 
 def board_of(image: np.ndarray, distance: np.ndarray, water: object) -> np.ndarray:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from scenes import blurred, codes, texture
 
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.jpeg import jpeg_chroma
@@ -24,16 +25,12 @@ LAYOUTS = {"4:4:4": 0, "4:2:2": 1, "4:2:0": 2}
 
 def under_water(seed: int = 3, shape: tuple[int, int] = (160, 240)) -> np.ndarray:
     """Make a textured scene of two colours, of which water has left little red."""
-    rng = np.random.default_rng(seed)
-    height, width = shape
-    texture = np.zeros(shape)
-    for size in (1, 2, 4, 8, 16):
-        coarse = rng.random((-(-height // size), -(-width // size)))
-        texture += cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
-    texture = np.clip((texture - texture.mean()) / texture.std() * 0.25 + 0.4, 0, 1)[..., None]
+    width = shape[1]
+    light = blurred(texture(shape, seed, (1, 2, 4, 8, 16)), 0.8)
+    light = np.clip((light - light.mean()) / light.std() * 0.25 + 0.4, 0, 1)[..., None]
     albedo = np.where(np.arange(width)[:, None] < width // 2, [1.0, 0.8, 0.7], [0.5, 0.8, 1.0])
     water, direct = np.array([6.0, 50.0, 60.0]), np.array([24.0, 120.0, 130.0])
-    return np.asarray(water + direct * texture * albedo + 0.5).astype(np.uint8)
+    return codes((water + direct * light * albedo) / 255)
 
 
 def compress(pixels: np.ndarray, quality: int = 95, layout: str = "4:2:0", **more: int) -> bytes:
@@ -159,7 +156,7 @@ import sys
 
 import numpy as np
 
-sys.path.insert(0, {folder!r})
+sys.path[:0] = [{folder!r}, {home!r}]
 from test_jpeg import LAYOUTS, compress, jpeg_chroma, under_water
 
 from uw_visibility import Pipeline, StereoRig
@@ -178,7 +175,8 @@ print(counts.compiled + counts.loaded - before)
 
 @pytest.mark.node
 def test_nothing_is_compiled_at_the_first_jpeg() -> None:
-    script = WARM.format(folder=str(Path(__file__).parent))
+    here = Path(__file__).parent
+    script = WARM.format(folder=str(here), home=str(here.parent))
     command = [sys.executable, "-c", script]
     done = subprocess.run(
         command, capture_output=True, text=True, cwd=Path(__file__).parents[2], check=True

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scenes import ReefView
 
-from uw_visibility import FrameResult, Pipeline, PipelineConfig, StereoRig
+from uw_visibility import FrameResult, Pipeline, PipelineConfig
 from uw_visibility.images.vignetting import illumination
 from uw_visibility.optics.transfer import from_linear, to_linear
 from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
@@ -19,7 +19,7 @@ from uw_visibility.simulation.water import Water
 from uw_visibility.status import Status
 
 CAMERA = StereoCamera(320, 240, 300.0, 0.12)
-RIG = StereoRig(CAMERA.focal_length, CAMERA.baseline, CAMERA.principal_point)
+RIG = CAMERA.rig
 POSE = Pose((0.0, 0.0, 1.5), heading=0.05, tilt=0.28, roll=0.03)
 ALPHA, DEPTH = 0.2, 4.0
 WATER = Water(ALPHA, DEPTH)

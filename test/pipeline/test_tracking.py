@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from uw_visibility import FrameResult, Pipeline, PipelineConfig, StereoRig
+from uw_visibility import FrameResult, Pipeline, PipelineConfig
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.frame import Effects
 from uw_visibility.simulation.transect import Transect
@@ -18,7 +18,7 @@ from uw_visibility.water.filter import FilteredWater, WaterFilter
 from uw_visibility.water.tracking import TrackingEvent
 
 CAMERA = StereoCamera(192, 144, 180.0, 0.12)
-RIG = StereoRig(CAMERA.focal_length, CAMERA.baseline, CAMERA.principal_point)
+RIG = CAMERA.rig
 FRAMES = 16
 PERIOD = 0.5
 

@@ -17,7 +17,6 @@ from uw_visibility.plausibility.samples import DepthSample
 from uw_visibility.plausibility.verdict import Verdict
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.transect import Transect
-from uw_visibility.stereo.rig import StereoRig
 
 SECOND = 1_000_000_000
 RATE = 2.0
@@ -32,7 +31,7 @@ LENGTH = 500
 def swum() -> list[tuple[float, FrameResult]]:
     """Return the true depth and the result of each frame, there and back for 500 frames."""
     camera = TRANSECT.camera
-    rig = StereoRig(camera.focal_length, camera.baseline, camera.principal_point)
+    rig = camera.rig
     config = PipelineConfig.from_parameters({"stereo.max_disparity": 48})
     pipeline = Pipeline(rig, config)
     there = [

@@ -17,10 +17,9 @@ from uw_visibility.simulation.camera import NOISELESS, Pose, StereoCamera
 from uw_visibility.simulation.frame import Effects, RenderedFrame, Renderer
 from uw_visibility.simulation.scene import Scene, flat_floor, reef
 from uw_visibility.simulation.water import Water
-from uw_visibility.stereo.rig import StereoRig
 
 CAMERA = StereoCamera(160, 120, 150.0, 0.12)
-RIG = StereoRig(CAMERA.focal_length, CAMERA.baseline, CAMERA.principal_point)
+RIG = CAMERA.rig
 POSE = Pose((0.0, 0.0, 1.5), heading=0.05, tilt=0.28, roll=0.03)
 WATER = Water(mean_attenuation=0.1, depth=3.0)
 RENDERER = Renderer(CAMERA, NOISELESS)

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scenes import blurred, in_water, texture
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.compute.threads import Workers
@@ -30,22 +30,18 @@ def slope() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def pair() -> tuple[np.ndarray, np.ndarray]:
-    generator = np.random.default_rng(4)
     columns = np.arange(WIDTH)
     # As fine as a lens makes it: pixel by pixel, texture is measured as noise.
-    fine = cv2.GaussianBlur(generator.random((HEIGHT, WIDTH + 60, 3)), (0, 0), 0.8)
-    coarse = np.kron(generator.random((HEIGHT // 6 + 1, WIDTH // 6 + 11, 3)), np.ones((6, 6, 1)))
-    texture = 0.3 * fine + 0.7 * coarse[:HEIGHT, : WIDTH + 60]
+    wide = blurred(texture((HEIGHT, WIDTH + 60, 3), 4, (2, 6)), 0.8)
     # The texture is the right camera's view, and what the left one sees is right of it.
     left = np.stack([
         np.stack([np.interp(columns - d + 30, np.arange(WIDTH + 60), c) for c in row.T], -1)
-        for row, d in zip(texture, slope(), strict=True)
+        for row, d in zip(wide, slope(), strict=True)
     ])
-    transmission = np.exp(-np.array([0.5, 0.3, 0.2]) * 30.0 / slope()[..., np.newaxis])
-    lit = (
-        0.7 * (transmission * image + 1 - transmission) for image in (left, texture[:, 30:-30])
+    first, second = (
+        in_water(view, 30.0 / slope(), [0.5, 0.3, 0.2], [0.7] * 3)
+        for view in (left, wide[:, 30:-30])
     )
-    first, second = (np.round(255 * image).astype(np.uint8) for image in lit)
     return first, second
 
 

@@ -5,8 +5,8 @@
 import cv2
 import numpy as np
 import pytest
+from scenes import blurred, codes, patches
 
-from uw_visibility.optics.transfer import from_linear
 from uw_visibility.water.foreground import foreground_mask
 
 SHAPE = (240, 320)
@@ -18,7 +18,7 @@ def view(thing=None, transfer="linear", dtype=np.uint8, seed=0):
     rng = np.random.default_rng(seed)
     light = np.empty((*SHAPE, 3))
     light[:] = WATER
-    floor = np.kron(rng.uniform(0.1, 0.7, (32, 64)), np.ones((5, 5)))[:160]
+    floor = patches(rng.uniform(0.1, 0.7, (32, 64)), 5)
     fade = np.linspace(0.2, 0.9, 160)[:, None, None]
     light[80:] = WATER + (floor[..., None] * [0.9, 1.0, 0.9] - WATER) * fade
     u, v = np.meshgrid(np.arange(2, 320, 5), np.arange(82, 240, 5))
@@ -26,11 +26,11 @@ def view(thing=None, transfer="linear", dtype=np.uint8, seed=0):
     if thing is not None:
         mask = np.zeros(SHAPE, np.float32)
         cv2.circle(mask, (200, 160), 45, 1.0, -1)
-        mask = cv2.GaussianBlur(mask, (0, 0), 5.0)[..., None]
+        mask = blurred(mask, 5.0)[..., None]
         light = light * (1 - mask) + mask * np.asarray(thing)
         keep = mask[v, u, 0] < 0.4
     points = np.stack((u[keep], v[keep], 5 + (v[keep] - 80) / 8), axis=1).astype(np.float32)
-    return from_linear(light, transfer, dtype), points
+    return codes(light, dtype, transfer), points
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
