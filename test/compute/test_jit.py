@@ -177,6 +177,23 @@ def test_a_kernel_is_compiled_once_and_anew_after_any_change(install: Install) -
         assert len(kept) == 1 + kernel_folder.KEPT_VERSIONS
 
 
+def test_kernels_of_modules_that_are_gone_are_deleted_beside_the_package(warm: Install) -> None:
+    kept = sorted(path.name for path in warm.kernels.iterdir())
+    for name in ("uw_visibility.gone-0123456789abcdef", "uw_visibility.outer"):
+        (warm.kernels / name).mkdir()
+    assert warm.run().loaded == 1
+    warm.replace("outer", "+ 1", "+ 2")
+    warm.run()
+    names = sorted(path.name for path in warm.kernels.iterdir())
+    assert set(kept) < set(names) and len(names) == len(kept) + 1
+    # Another folder may serve several checkouts.
+    elsewhere = warm.cache / "uw_visibility.gone-0123456789abcdef"
+    elsewhere.mkdir(parents=True, mode=0o700)
+    warm.protect(warm.package)
+    warm.run(NUMBA_OPT="1")
+    assert elsewhere.is_dir() and len(list(warm.cache.iterdir())) > 1
+
+
 def test_a_constant_of_another_module_is_known_however_it_is_imported(install: Install) -> None:
     imports = [
         "from uw_visibility import constants",

@@ -58,7 +58,7 @@ def fingerprint(module: str) -> str:
     waiting = [module]
     while waiting:
         name = waiting.pop()
-        file = _file_of(name)
+        file = source_of(name)
         if name not in files and file is not None:
             files[name] = file
             waiting += _imports(file)
@@ -67,8 +67,12 @@ def fingerprint(module: str) -> str:
     return hashlib.sha256(ingredients.encode()).hexdigest()[:_DIGITS]
 
 
-def _file_of(module: str) -> Path | None:
-    path = PACKAGE_FOLDER.joinpath(*module.split(".")[1:])
+def source_of(module: str) -> Path | None:
+    """Return the file of a module of the package, or None where there is none."""
+    package, *names = module.split(".")
+    if package != PACKAGE_FOLDER.name:
+        return None
+    path = PACKAGE_FOLDER.joinpath(*names)
     for file in (path.with_suffix(".py"), path / "__init__.py"):
         if file.is_file():
             return file

@@ -16,7 +16,7 @@ import stat
 import tempfile
 from pathlib import Path
 
-from uw_visibility.compute.fingerprint import PACKAGE_FOLDER
+from uw_visibility.compute.fingerprint import PACKAGE_FOLDER, source_of
 
 # Other versions of a module's kernels that stay: another checkout's or another setting's.
 KEPT_VERSIONS = 2
@@ -98,7 +98,8 @@ def write(file: Path, content: bytes) -> None:
     try:
         with os.fdopen(descriptor, "wb") as opened:
             opened.write(content)
-        Path(temporary).chmod(_mode(0o644))
+            # Of what was opened: a path may lead elsewhere by now.
+            os.fchmod(opened.fileno(), _mode(0o644))
         Path(temporary).replace(file)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
@@ -130,14 +131,21 @@ def _trusted(path: Path, status: os.stat_result | None = None) -> bool:
 
 
 def _remove_old_versions(folder: Path) -> None:
-    """Delete all but the newest other versions of the same module's kernels."""
-    stem, _, version = folder.name.rpartition("-")
+    """Delete all but the newest other versions of a module's kernels, and what no module has."""
+    module, _, version = folder.name.rpartition("-")
     others = [
-        other for other in folder.parent.glob(f"{stem}-{'[0-9a-f]' * len(version)}")
+        other for other in folder.parent.glob(f"{module}-{'[0-9a-f]' * len(version)}")
         if other != folder
     ]
     newest_first = sorted(others, key=lambda other: other.stat().st_mtime, reverse=True)
-    for other in newest_first[KEPT_VERSIONS:]:
+    old = newest_first[KEPT_VERSIONS:]
+    if folder.parent == package_folder():
+        # Other folders may serve other checkouts, with other modules.
+        old += [
+            other for other in folder.parent.iterdir()
+            if source_of(other.name.rpartition("-")[0]) is None
+        ]
+    for other in old:
         shutil.rmtree(other, ignore_errors=True)
 
 

@@ -26,7 +26,8 @@ def make_message(name: str, /, **fields: Any) -> Any:
     others = {key: value for key, value in fields.items() if key not in images}
     if images and hasattr(kind, "_check_fields"):
         # A message that checks its fields keeps an array; one that does not copies it,
-        # but is quicker with all else.
+        # but is quicker with all else. Private: nothing else tells messages that can leave
+        # the check out, those of Jazzy and later.
         others["check_fields"] = True
     message = kind(**others)
     for key, value in images.items():
