@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.water.histogram import surface_bin
 from uw_visibility.water.observations import Envelopes
 
 BINS = 24
@@ -25,8 +26,6 @@ FEWEST_BINS = 5
 # Neighbours that are compared are so many parts of the image's width away, px at least.
 DISTANCE_PART = 160
 DISTANCE_LEAST = 2
-# Neighbours of one surface: their ranges differ by less than this part.
-SAME_SURFACE = 0.04
 # Pixels that are read, and that a bin needs.
 PIXELS_READ = 60_000
 FEWEST_PIXELS = 100
@@ -120,20 +119,10 @@ def _accumulate(
     top = irradiance.size - 1
     for y in range(distance, height - distance, stride):
         for x in range(distance, width - distance, stride):
-            here = range_map[y, x]
-            if not here >= low or (masked and not mask[y, x]):
+            if masked and not mask[y, x]:
                 continue
-            limit = np.float32(SAME_SURFACE) * here
-            # Comparisons with NaN are false.
-            if not (
-                abs(range_map[y - distance, x] - here) <= limit
-                and abs(range_map[y + distance, x] - here) <= limit
-                and abs(range_map[y, x - distance] - here) <= limit
-                and abs(range_map[y, x + distance] - here) <= limit
-            ):
-                continue
-            at = int(math.log(here / low) * bins_per_log)
-            if at >= sums.shape[0]:
+            at = surface_bin(range_map, y, x, distance, low, bins_per_log, sums.shape[0])
+            if at < 0:
                 continue
             clipped = False
             for c in range(3):
@@ -150,7 +139,7 @@ def _accumulate(
                 sums[at, c] += difference * difference
                 step = irradiance[min(code + 1, top)] - irradiance[code]
                 sums[at, 3 + c] += step * step
-            sums[at, 6] += here
+            sums[at, 6] += range_map[y, x]
             sums[at, 7] += 1
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from uw_visibility.compute.jit import njit
 from uw_visibility.optics.light_model import transmission
 from uw_visibility.status import Status
+from uw_visibility.water.histogram import surface_bin
 
 RANGE_BINS = 16
 # Left or right, top or bottom, middle or surroundings: a bit each.
@@ -30,9 +31,8 @@ PIXELS_READ = 90_000
 FEWEST = 60
 FEWEST_BINS = 2
 DARK = 0.03
-# Neighbours this far off belong to the same surface: their ranges differ by less than that.
+# Neighbours this far off, px, belong to the same surface.
 NEIGHBOUR = 3
-SAME_SURFACE = 0.04
 # Darkest patches of halves differ by this part of the direct light.
 DARKNESS = 0.08
 # Neighbouring bins show the same objects.
@@ -211,19 +211,10 @@ def _count(
     ring = 0.5 * (middle_y**2 + middle_x**2) * 0.66
     for y in range(NEIGHBOUR, height - NEIGHBOUR, stride):
         for x in range(NEIGHBOUR, width - NEIGHBOUR, stride):
-            here = range_map[y, x]
-            if not here >= low or (masked and not mask[y, x]):
+            if masked and not mask[y, x]:
                 continue
-            limit = np.float32(SAME_SURFACE) * here
-            if not (
-                abs(range_map[y - NEIGHBOUR, x] - here) <= limit
-                and abs(range_map[y + NEIGHBOUR, x] - here) <= limit
-                and abs(range_map[y, x - NEIGHBOUR] - here) <= limit
-                and abs(range_map[y, x + NEIGHBOUR] - here) <= limit
-            ):
-                continue
-            at = int(math.log(here / low) * bins_per_log)
-            if at >= counts.shape[0]:
+            at = surface_bin(range_map, y, x, NEIGHBOUR, low, bins_per_log, counts.shape[0])
+            if at < 0:
                 continue
             region = 0
             if x >= middle_x:
@@ -234,5 +225,5 @@ def _count(
                 region += 4
             for c in range(3):
                 counts[at, region, c, level_of[image[y, x, c]]] += 1
-            ranges[at, 0] += here
+            ranges[at, 0] += range_map[y, x]
             ranges[at, 1] += 1

@@ -24,6 +24,7 @@ from uw_visibility.water.fit import AMBIENT_LIGHT_MAX, ATTENUATION_BOUNDS, Fit
 from uw_visibility.water.lower_envelope import NEIGHBOURING_BINS
 from uw_visibility.water.observations import Envelopes
 from uw_visibility.water.open_water import OpenWater
+from uw_visibility.water.priors import CLEAR_WATER_TOLERANCE
 
 # Veil over the brightest patch, and how likely each is beforehand: half of the
 # frames are as the paper has it.
@@ -44,8 +45,6 @@ MISTAKEN_AREA = 0.006
 # What no frame can tell, as a part of β: the scale of range, the transfer, what a
 # pixel's footprint adds to the darkest patches.
 MODEL_ERROR = 0.07
-# An attenuation that is likely below clear water's is held by it.
-CLEAR_WATER_TOLERANCE = 0.1
 # The decay of contrast and a fit that are farther apart than this contradict each other.
 CONTRADICTION = 3.0
 # Likelihoods have longer tails than a normal law (Cauchy's scale, in deviations).
