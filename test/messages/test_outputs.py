@@ -266,6 +266,9 @@ def test_water_per_channel(make: MessageFactory) -> None:
         vector = message.vector
         np.testing.assert_allclose([vector.x, vector.y, vector.z], expected)
     assert messages["visibility/mean_attenuation"].data == 0.25
+    stamped = messages["visibility/mean_attenuation_stamped"]
+    assert head(stamped) == (7, 250, "left_camera")
+    assert (stamped.vector.x, stamped.vector.y, stamped.vector.z) == (0.25, 0.01, 0.0)
 
 
 def test_depth_is_negative_below_the_surface_and_only_z_is_measured(make: MessageFactory) -> None:
@@ -292,11 +295,17 @@ UNKNOWN = {"mean_attenuation": NAN, "distance": NAN, "distance_stddev": NAN}
     ),
     (
         {"visibility": visibility(status=Status.TOO_DARK, **UNKNOWN)},
-        {"visibility/distance", "visibility/mean_attenuation"},
+        {
+            "visibility/distance", "visibility/mean_attenuation",
+            "visibility/mean_attenuation_stamped",
+        },
     ),
     (
         {"visibility": visibility(status=Status.TOO_DARK)},
-        {"visibility/distance", "visibility/mean_attenuation"},
+        {
+            "visibility/distance", "visibility/mean_attenuation",
+            "visibility/mean_attenuation_stamped",
+        },
     ),
     ({"visibility": visibility(depth_stddev=math.inf)}, {"visibility/depth"}),
     (

@@ -41,6 +41,7 @@ ENVIRONMENT = {
 # What the node publishes beside the optional outputs, and about itself.
 OUTPUTS = all_topics(NodeConfig(publish_depth_image=True, publish_points=True)) | {
     "depth_plausibility/nis": "std_msgs/msg/Float64",
+    "depth_plausibility/nis_stamped": "geometry_msgs/msg/Vector3Stamped",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
 }
 

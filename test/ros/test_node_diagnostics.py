@@ -220,20 +220,30 @@ def test_depth_sensor_is_checked(client: Any, parts: Any) -> None:
     set_parameters(client, plausibility__max_gate=100.0, plausibility__timeout=5.0)
     sensor = Sensor(client)
     nis = client.received["depth_plausibility/nis"]
+    stamped_nis = client.received["depth_plausibility/nis_stamped"]
 
     def frame(deviations: float) -> float:
         """Let the sensor differ by so many standard deviations; return the NIS."""
-        count, stamp = len(nis), client.publish(*parts)
-        pose = client.result(stamp, "visibility/raw/depth")[0].pose
-        variance = pose.covariance[14] + 0.01 + 0.25**2
-        sensor.publish(stamp, -pose.pose.position.z + deviations * math.sqrt(variance))
-        client.wait(lambda: len(nis) > count, "a NIS")
+        count, stamp = len(stamped_nis), client.publish(*parts)
+        # The scene stays, and with it the variance.
+        stddev = math.sqrt(stamped_nis[-1].vector.z) if count else 0.3
+        depth = -client.result(stamp, "visibility/raw/depth")[0].pose.pose.position.z
+        sensor.publish(stamp, depth + deviations * stddev)
+        client.wait(lambda: len(stamped_nis) > count, "a NIS")
         return float(nis[-1].data)
 
+    assert frame(0.0) == pytest.approx(0.0, abs=1e-9)
+    # The sensor's own and the model's are in it.
+    assert stamped_nis[-1].vector.z > 0.01 + 0.25**2
     for _ in range(4):
         assert frame(0.5) == pytest.approx(0.25, rel=1e-3)
     status = client.diagnosed("plausibility", "ok: sensor +")
     assert status.level == DiagnosticStatus.OK
+    stamped = stamped_nis[-1]
+    assert stamped.vector.x == nis[-1].data
+    assert stamped.vector.y**2 / stamped.vector.z == pytest.approx(stamped.vector.x)
+    assert stamped.header.stamp == client.received["disparity"][-1].header.stamp
+    assert stamped.header.frame_id == "map"
     innovation, variance = (
         float(status.numbers[name]) for name in ("innovation (m)", "innovation variance (m^2)")
     )

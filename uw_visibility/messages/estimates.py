@@ -125,10 +125,11 @@ def _ambient_light(estimate: Estimate) -> Any:
 def _vector(estimate: Estimate, values: NDArray[np.float64]) -> Any:
     if estimate.water.status is not Status.OK or not np.isfinite(values).all():
         return None
-    vector = estimate.make(
-        "geometry_msgs/msg/Vector3",
-        x=float(values[0]), y=float(values[1]), z=float(values[2]),
-    )
+    return _stamped(estimate, *map(float, values))
+
+
+def _stamped(estimate: Estimate, x: float, y: float, z: float) -> Any:
+    vector = estimate.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
     return estimate.make(
         "geometry_msgs/msg/Vector3Stamped", header=estimate.header.message(estimate.make),
         vector=vector,
@@ -140,6 +141,17 @@ def _mean_attenuation(estimate: Estimate) -> Any:
     if visibility.status is not Status.OK or not math.isfinite(visibility.mean_attenuation):
         return None
     return estimate.make("std_msgs/msg/Float64", data=float(visibility.mean_attenuation))
+
+
+def _mean_attenuation_stamped(estimate: Estimate) -> Any:
+    """α as x and its standard deviation as y, 0 where it is not known."""
+    visibility = estimate.visibility
+    if visibility.status is not Status.OK or not math.isfinite(visibility.mean_attenuation):
+        return None
+    stddev = visibility.mean_attenuation_stddev
+    return _stamped(
+        estimate, float(visibility.mean_attenuation), stddev if math.isfinite(stddev) else 0.0, 0.0
+    )
 
 
 def _depth(estimate: Estimate) -> Any:
@@ -170,6 +182,7 @@ _BUILDERS: dict[str, tuple[str, Callable[[Estimate], Any]]] = {
     "attenuation_stddev": ("geometry_msgs/msg/Vector3Stamped", _attenuation_stddev),
     "ambient_light": ("geometry_msgs/msg/Vector3Stamped", _ambient_light),
     "mean_attenuation": ("std_msgs/msg/Float64", _mean_attenuation),
+    "mean_attenuation_stamped": ("geometry_msgs/msg/Vector3Stamped", _mean_attenuation_stamped),
     "depth": ("geometry_msgs/msg/PoseWithCovarianceStamped", _depth),
 }
 

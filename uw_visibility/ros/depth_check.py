@@ -6,8 +6,10 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import ExitStack
 from typing import Any
 
+from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
 from std_msgs.msg import Float64
 
@@ -25,6 +27,7 @@ from uw_visibility.ros.transport.factory import message_type
 from uw_visibility.ros.transport.qos import describe_publishers, publish_on, subscribe_to
 
 SENSOR_TOPIC, NIS_TOPIC = "depth_sensor", "depth_plausibility/nis"
+STAMPED_NIS_TOPIC = f"{NIS_TOPIC}_stamped"
 
 LEVELS = {
     Verdict.OK: OK, Verdict.LEARNING: OK, Verdict.WARN: WARN, Verdict.ERROR: ERROR,
@@ -52,23 +55,30 @@ class DepthCheck:
         self._refusals = ReasonLog(lambda line: log.warning(line))
         self._verdicts = ReasonLog(lambda line: log.warning(line))
         self._refused: tuple[float, str] | None = None
-        self._subscription = None
+        self._subscription: Any = None
+        self._made = ExitStack()
+        try:
+            self._make()
+        except BaseException:
+            self.destroy()
+            raise
+
+    def _make(self) -> None:
+        node = self._node
         self._nis = publish_on(node, Float64, NIS_TOPIC)
-        kind = parameters.settings.node.plausibility.sensor_type
+        self._made.callback(node.destroy_publisher, self._nis)
+        self._stamped_nis = publish_on(node, Vector3Stamped, STAMPED_NIS_TOPIC)
+        self._made.callback(node.destroy_publisher, self._stamped_nis)
+        kind = self._parameters.settings.node.plausibility.sensor_type
         if kind in SENSOR_TYPES:
-            try:
-                self._subscription = subscribe_to(
-                    node, message_type(SENSOR_TYPES[kind]), SENSOR_TOPIC, self._on_sensor
-                )
-            except BaseException:
-                self.destroy()
-                raise
+            self._subscription = subscribe_to(
+                node, message_type(SENSOR_TYPES[kind]), SENSOR_TOPIC, self._on_sensor
+            )
+            self._made.callback(node.destroy_subscription, self._subscription)
 
     def destroy(self) -> None:
-        """Destroy subscription and publisher."""
-        if self._subscription is not None:
-            self._node.destroy_subscription(self._subscription)
-        self._node.destroy_publisher(self._nis)
+        """Destroy subscription and publishers."""
+        self._made.close()
 
     def reset(self) -> None:
         """Forget everything: time has jumped."""
@@ -128,6 +138,17 @@ class DepthCheck:
     def _publish(self, comparisons: list[Comparison]) -> None:
         for comparison in comparisons:
             self._nis.publish(Float64(data=comparison.nis))
+            self._stamped_nis.publish(self._stamped(comparison))
+
+    def _stamped(self, comparison: Comparison) -> Vector3Stamped:
+        """Return ν²/S, ν and S at the image's stamp."""
+        message = Vector3Stamped()
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(comparison.estimate.stamp, 1_000_000_000)
+        message.header.frame_id = self._parameters.settings.node.depth_frame
+        vector = message.vector
+        vector.x, vector.y, vector.z = comparison.nis, comparison.innovation, comparison.variance
+        return message
 
 
 def _values(report: Report) -> dict[str, Any]:
