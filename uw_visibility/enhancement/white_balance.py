@@ -20,9 +20,11 @@ from uw_visibility.optics.transfer import linear_table
 # Pixels with a range that are looked at, at the most, and at least.
 _SAMPLES = 10_000
 _FEWEST = 200
+# Farther than this optical thickness, noise alone is restored as brighter than white.
+_MOST_THICKNESS = 1.5
 # White is looked for in the brightest of them that are not saturated, this part.
 _BRIGHTEST = 0.01
-# Saturation (max - min) / max of their pixel values up to which they are white for certain,
+# Saturation (max - min) / max of their light up to which they are white for certain,
 # and from which on they are not.
 _NEUTRAL = (0.06, 0.12)
 # Part of the pixels that may be restored as brighter than white.
@@ -82,44 +84,49 @@ def restoration_water(
     attenuation = np.array(water.attenuation, np.float64, ndmin=1)
     veil = np.array(water.ambient_light, np.float64, ndmin=1)
     light = np.array(scene_light_of(water), ndmin=1)
-    codes, distance = _samples(image, range_map, measured)
-    if len(codes) < _FEWEST or not np.isfinite(attenuation + veil + light).all():
+    if not np.isfinite(attenuation + veil + light).all():
+        return RestorationWater(attenuation, veil, light)
+    farthest = _MOST_THICKNESS / max(float(attenuation.max()), 1e-9)
+    codes, distance = _samples(image, range_map, measured, farthest)
+    if len(codes) < _FEWEST:
         return RestorationWater(attenuation, veil, light)
     irradiance = linear_table(transfer, image.dtype)[codes].astype(np.float64)
     gain = contrast_gain(attenuation, distance[:, np.newaxis])
     radiance = radiance_of(irradiance, gain, veil, light)
-    factor, balanced = _white(codes, irradiance, radiance)
+    factor, balanced = _white(irradiance, radiance)
     exposure = np.quantile((radiance / factor).mean(axis=1), 1.0 - _OVEREXPOSED)
     return RestorationWater(attenuation, veil, light * factor * max(exposure, 1.0), balanced)
 
 
 def _white(
-    codes: NDArray[Any], irradiance: NDArray[np.float64], radiance: NDArray[np.float64]
+    irradiance: NDArray[np.float64], radiance: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float]:
     """Factor of each channel's light by which the camera's white stays, and how sure it is one."""
-    channels = codes.shape[1]
+    channels = irradiance.shape[1]
     unchanged = np.ones(channels), 0.0
-    brightness = codes.sum(axis=1, dtype=np.uint32)
+    brightness = irradiance.sum(axis=1)
     bright = brightness >= np.quantile(brightness, 1.0 - _BRIGHTEST)
-    seen = np.median(codes[bright].astype(np.float64), axis=0)
-    saturation = 1.0 - seen.min() / max(seen.max(), 1.0)
+    shown = np.median(irradiance[bright], axis=0)
+    saturation = 1.0 - shown.min() / max(shown.max(), 1e-6)
     certain, not_at_all = _NEUTRAL
     weight = float(np.clip((not_at_all - saturation) / (not_at_all - certain), 0.0, 1.0))
     restored = np.median(radiance[bright], axis=0)
     if channels == 1 or weight == 0.0 or restored.min() <= 0.0:
         return unchanged
-    shown = np.median(irradiance[bright], axis=0)
     factor = (restored / restored.mean()) / (shown / shown.mean())
     return factor**weight, weight
 
 
 def _samples(
-    image: NDArray[Any], range_map: NDArray[np.float32], measured: NDArray[np.bool_]
+    image: NDArray[Any],
+    range_map: NDArray[np.float32],
+    measured: NDArray[np.bool_],
+    farthest: float,
 ) -> tuple[NDArray[Any], NDArray[np.float64]]:
-    """Pixel values, (N, C), and ranges, (N,), of pixels that have a range and are unsaturated."""
+    """Pixel values, (N, C), and ranges, (N,), of unsaturated pixels up to the farthest range."""
     stride = max(1, int(np.sqrt(range_map.size / _SAMPLES)))
     distance = range_map[::stride, ::stride].ravel()
     codes = image[::stride, ::stride].reshape(distance.size, -1)
-    usable = measured[::stride, ::stride].ravel() & np.isfinite(distance) & (distance > 0)
+    usable = measured[::stride, ::stride].ravel() & (distance > 0) & (distance < farthest)
     usable &= (codes < np.iinfo(image.dtype).max).all(axis=1)
     return codes[usable], distance[usable].astype(np.float64)

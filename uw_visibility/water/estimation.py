@@ -258,7 +258,7 @@ class WaterEstimator:
             return WaterEstimate.not_assessable(Status.TOO_DARK, envelope)
         return self._estimate(
             envelope, self._fewest_pixels(colour), start,
-            lambda active: self._cues(
+            lambda active: self._coarse_cues(envelope, active) if coarse else self._cues(
                 colour, np.asarray(range_map, np.float32), view.valid, envelope, active))
 
     def estimate_envelope(
@@ -310,6 +310,11 @@ class WaterEstimator:
                 fit, self._clear_water, ambient_min, self._daylight,
                 self._config.daylight_tolerance)
         return _assemble(fit, envelope, status)
+
+    @staticmethod
+    def _coarse_cues(envelope: Envelopes, active: NDArray[np.bool_]) -> Cues:
+        """Return what is quick: a mesh covers open water, and has no outlines."""
+        return Cues(envelope_decay(envelope, active))
 
     def _cues(
         self,
