@@ -145,8 +145,6 @@ class Client:
         from rclpy.qos import QoSProfile
         from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-        from uw_visibility.ros.transport.factory import message_type
-
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=DOMAIN)
         self.node = rclpy.create_node(
@@ -158,16 +156,30 @@ class Client:
         for name, topic in inputs.items():
             kind = CompressedImage if topic.endswith("/compressed") else types[name.split("/")[1]]
             self.publishers[name] = self.node.create_publisher(kind, topic, QoSProfile(depth=50))
-        for topic, messages in self.received.items():
-            self.node.create_subscription(
-                message_type(OUTPUTS[topic]), topic, messages.append, QoSProfile(depth=50)
-            )
+        self._subscriptions: dict[str, Any] = {}
+        for topic in self.received:
+            self.listen(topic)
         self._seconds = 100
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
         self._closing = False
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
+
+    def listen(self, topic: str) -> None:
+        """Subscribe to an output."""
+        from rclpy.qos import QoSProfile
+
+        from uw_visibility.ros.transport.factory import message_type
+
+        self._subscriptions[topic] = self.node.create_subscription(
+            message_type(OUTPUTS[topic]), topic, self.received[topic].append, QoSProfile(depth=50)
+        )
+
+    def forget(self, topic: str) -> None:
+        """Unsubscribe from an output, and forget what it said."""
+        self.node.destroy_subscription(self._subscriptions.pop(topic))
+        self.received[topic].clear()
 
     def _spin(self) -> None:
         from rclpy.exceptions import InvalidHandle

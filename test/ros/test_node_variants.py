@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import array
 import io
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -162,3 +163,30 @@ def test_damaged_image_costs_its_frame_only(
 def test_without_a_sensor_plausibility_is_switched_off(client: Any) -> None:
     status = client.diagnosed("plausibility", "switched off")
     assert status.level == DiagnosticStatus.OK
+
+
+def test_lazy_node_rests_until_somebody_wants_a_result(
+    start_node: Callable[..., Any], make_client: Callable[..., Any], scene: Any, image: Any,
+    info: Any,
+) -> None:
+    node = start_node("-r", "__ns:=/lazy", "-p", "lazy:=true", "-p", "stereo.max_disparity:=40")
+    client = make_client(namespace="/lazy")
+    parts = (image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right"))
+    # It hears this client, which wants everything.
+    client.connect(*parts)
+    for topic in [topic for topic in client.received if topic != "/diagnostics"]:
+        client.forget(topic)
+
+    def heard() -> int:
+        return sum(p.get_subscription_count() for p in client.publishers.values())
+
+    client.wait(lambda: heard() == 0, "a rest")
+    for part in ("input", "pipeline", "plausibility"):
+        assert client.diagnosed(part, "at rest (lazy)").level == DiagnosticStatus.OK
+    client.listen("visibility/attenuation")
+    client.wait(lambda: heard() == 4, "an end of the rest")
+    client.wait(
+        lambda: client.publish(*parts) and time.sleep(0.2) is None
+        and len(client.received["visibility/attenuation"]) > 0, "an answer",
+    )
+    assert "no output" not in node.log

@@ -351,6 +351,10 @@ class NodeConfig:
         False, "Publish points2: the matched pixels in space, in the enhanced image's colours.",
         read_only=True,
     )
+    lazy: bool = parameter(
+        False, "Subscribe to images only while somebody subscribes to an output other than "
+        "/diagnostics.",
+    )
     concurrent_frames: int = parameter(
         2, "Frames that are processed at once where they come faster than one takes, each in "
         "fewer threads; never more than there are threads. 1 takes least memory.",

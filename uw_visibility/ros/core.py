@@ -27,9 +27,9 @@ from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.processor import FrameProcessor
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.ros.depth_check import DepthCheck
-from uw_visibility.ros.inputs import SILENCE, StereoInput
+from uw_visibility.ros.inputs import RESTING, SILENCE, StereoInput
 from uw_visibility.ros.monitor.faults import describe_fault
-from uw_visibility.ros.monitor.finding import WARN, Finding
+from uw_visibility.ros.monitor.finding import OK, WARN, Finding
 from uw_visibility.ros.monitor.reasons import ReasonLog
 from uw_visibility.ros.parameters import NodeParameters, Settings, check_qos_overrides
 from uw_visibility.ros.pipeline_state import PipelineState
@@ -131,7 +131,7 @@ class NodeCore:
         # Time in the network and in the log is not that of a recording.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         for period, callback in (
-            (CAMERA_INFO_PERIOD, self.input.end_wait), (QOS_PERIOD, self.input.update_qos),
+            (CAMERA_INFO_PERIOD, self.input.end_wait), (QOS_PERIOD, self._update_input),
         ):
             timer = node.create_timer(period, callback, clock=clock)
             self._made.callback(node.destroy_timer, timer)
@@ -145,6 +145,17 @@ class NodeCore:
         parameters = self._parameters
         parameters.try_out = self.try_out
         self._made.callback(setattr, parameters, "try_out", None)
+
+    def _update_input(self) -> None:
+        """Adapt the subscriptions to who publishes, and to who wants results."""
+        wanted = self._depth.wanted or any(
+            publisher.get_subscription_count() > 0 for publisher in self._publishers.values()
+        )
+        rests = self._settings.node.lazy and not wanted
+        if self.input.resting and not rests and self._active_since is not None:
+            self._active_since = time.monotonic()
+        self.input.rest(rests)
+        self.input.update_qos()
 
     def try_out(self, settings: Settings) -> None:
         """Try out settings on images as they come, before they are accepted.
@@ -192,8 +203,9 @@ class NodeCore:
 
     def diagnose(self) -> Mapping[str, Finding]:
         """Return the findings by the part of the node; a lack of output is logged too."""
-        reason = self._silence()
         since = self._active_since
+        resting = self.input.resting and since is not None
+        reason = "" if resting else self._silence()
         waited = self.state.ready and since is not None and time.monotonic() - since > SILENCE
         if reason and waited:
             self._silences.add(f"no output: {reason}")
@@ -204,6 +216,9 @@ class NodeCore:
         }
         if since is None:
             findings["input"] = Finding(WARN, reason, findings["input"].values)
+        if resting:
+            for part in ("pipeline", "plausibility"):
+                findings[part] = Finding(OK, RESTING, findings[part].values)
         return findings
 
     @property

@@ -80,6 +80,12 @@ class DepthCheck:
         """Destroy subscription and publishers."""
         self._made.close()
 
+    @property
+    def wanted(self) -> bool:
+        """Whether somebody subscribes to what it publishes."""
+        publishers = self._nis, self._stamped_nis
+        return any(publisher.get_subscription_count() > 0 for publisher in publishers)
+
     def reset(self) -> None:
         """Forget everything: time has jumped."""
         with self._lock:

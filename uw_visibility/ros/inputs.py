@@ -26,6 +26,7 @@ from uw_visibility.ros.transport.subscription import AdaptiveReliabilitySubscrip
 # An input that was silent for so long has stopped, s.
 SILENCE = 5.0
 RECENT_STAMPS = RECENT_DROPS = 10
+RESTING = "at rest (lazy): nobody subscribes to a result"
 # What synchronization.tolerance may be, s.
 LARGEST_TOLERANCE = 1.0
 # What to do where images make no frame, by the reason why they are dropped.
@@ -55,6 +56,8 @@ class StereoInput:
         Knows what came in and what was dropped.
     active : bool
         Whether images are taken; CameraInfo always is.
+    resting : bool
+        Whether nothing is subscribed to; see `rest`.
     """
 
     def __init__(
@@ -64,7 +67,7 @@ class StereoInput:
         offer: Callable[[StereoFrame], None],
         on_restart: Callable[[], None],
     ) -> None:
-        self.active = False
+        self.active = self.resting = False
         self._node = node
         self._parameters = parameters
         self._offer = offer
@@ -91,6 +94,24 @@ class StereoInput:
             self._images.popitem()[1].destroy()
         while self._infos:
             self._node.destroy_subscription(self._infos.popitem()[1])
+
+    def rest(self, resting: bool) -> None:
+        """Unsubscribe while nobody wants a result, and subscribe again.
+
+        Parameters
+        ----------
+        resting : bool
+            Whether to do without images.
+        """
+        if resting == self.resting:
+            return
+        self.resting = resting
+        self._arrivals.clear()
+        if resting:
+            self.destroy()
+            self.synchronizer.reset()
+        else:
+            self._subscribe()
 
     def update_qos(self) -> None:
         """Adapt the subscriptions to the publishers; called from time to time."""
@@ -170,6 +191,8 @@ class StereoInput:
         return self._level(recent, period, values)
 
     def _level(self, recent: dict[str, int], period: float, values: dict[str, Any]) -> Finding:
+        if self.resting:
+            return Finding(OK, RESTING, values)
         reason = self.silence()
         if reason:
             return Finding(WARN if " yet" in reason else ERROR, reason, values)
