@@ -3,6 +3,7 @@
 """Bands of rows: each row once, whatever the threads, and no error lost."""
 
 import contextlib
+import os
 import threading
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uw_visibility.compute.threads import Workers
+from uw_visibility.compute.threads import Workers, number_of_threads
 
 POOLS = {threads: Workers(threads) for threads in (1, 2, 5)}
 
@@ -122,3 +123,14 @@ def test_callers_that_take_all_threads_work_alone():
         with pool.shared():
             assert threads_used() == 1
         assert threads_used() == 2
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="not Linux")
+def test_processors_that_the_process_may_not_use_get_no_thread():
+    before = os.sched_getaffinity(0)
+    assert number_of_threads(0) == len(before)
+    try:
+        os.sched_setaffinity(0, {min(before)})
+        assert (number_of_threads(0), number_of_threads(3)) == (1, 3)
+    finally:
+        os.sched_setaffinity(0, before)

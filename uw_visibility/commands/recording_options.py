@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.errors import InputError
 
 if TYPE_CHECKING:
@@ -109,4 +109,4 @@ def jobs(arguments: argparse.Namespace) -> int:
     """
     if arguments.jobs < 0:
         raise InputError(f"--jobs is {arguments.jobs}: give 1 or more, or 0")
-    return arguments.jobs or os.cpu_count() or 1
+    return number_of_threads(arguments.jobs)

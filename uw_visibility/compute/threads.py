@@ -25,8 +25,12 @@ _BANDS_PER_THREAD = 3
 
 
 def number_of_threads(threads: int) -> int:
-    """Return how many threads a parameter stands for: 0 takes one per processor."""
-    return threads or os.cpu_count() or 1
+    """Return how many threads a parameter stands for: 0 takes one per processor allowed."""
+    if threads:
+        return threads
+    # Linux knows which of them this process may use, as in a container or under taskset.
+    allowed = getattr(os, "sched_getaffinity", None)
+    return len(allowed(0)) if allowed else os.cpu_count() or 1
 
 
 class Workers:

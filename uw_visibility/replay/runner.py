@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Self
 
+from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.errors import InputError
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.filtering import split_topics
@@ -174,7 +174,7 @@ class _Replay:
         summary.provenance = {
             "version": origin.version, "bag": origin.bag, "input_sha256": self._hash.result(),
             "complete": summary.complete, "parameters": origin.parameters,
-            "threads": self._options.pipeline.threads or os.cpu_count() or 1,
+            "threads": number_of_threads(self._options.pipeline.threads),
         }
         self._recorder.close(summary.provenance)
         self._folder.write_state(self._state())

@@ -4,10 +4,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.adverse.cases import (
@@ -103,6 +103,6 @@ def run_adverse(
     InputError
         If a scene cannot be loaded.
     """
-    threads = max(1, (os.cpu_count() or 1) // jobs)
+    threads = max(1, number_of_threads(0) // jobs)
     config = replace(plan.config, threads=threads)
     return run_all(evaluate_adverse_case, plan.cases(), (config,), jobs, threads, progress)
