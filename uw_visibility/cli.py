@@ -5,16 +5,19 @@
 from __future__ import annotations
 
 import argparse
+import io
+import os
 import sys
 import traceback
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NoReturn
 
 from uw_visibility.commands import calibrate, demo, enhance, evaluate, replay, simulate, warmup
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, printable
 
 DONE, FAILED, UNUSABLE = 0, 1, 2
-INTERRUPTED = 130
+INTERRUPTED, BROKEN_PIPE = 130, 141
 COMMANDS = (enhance, replay, calibrate, simulate, evaluate, demo, warmup)
 
 
@@ -39,26 +42,46 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 when done, 2 for unusable input or options, 1 for a failure inside.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    _take_any_text()
     try:
+        if any("\0" in word for word in words):
+            raise InputError("an argument holds a null character: leave it out")
         arguments = _make_parser().parse_args(_repeat_calibration(words))
         arguments.func(arguments)
+        sys.stdout.flush()
     except InputError as error:
-        print(f"uw_visibility: {error}", file=sys.stderr)
-        return UNUSABLE
+        return _tell(str(error), UNUSABLE)
     except KeyboardInterrupt:
-        print("uw_visibility: interrupted", file=sys.stderr)
-        return INTERRUPTED
+        return _tell("interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        # Whoever read the output has seen enough, as head does; nor is there more to flush.
+        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
+        return BROKEN_PIPE
+    except MemoryError:
+        return _tell("there is not enough memory: give smaller images, or fewer --jobs", FAILED)
+    except OSError as error:
+        where = "" if error.filename is None else f"{printable(error.filename)}: "
+        return _tell(f"{where}{error.strerror or error}", FAILED)
     except Exception as error:
         if "--debug" in words:
             traceback.print_exc()
-        reason = " ".join(str(error).split())
-        print(
-            f"uw_visibility: internal error, {type(error).__name__}: {reason} "
-            "(--debug shows where)",
-            file=sys.stderr,
+        reason = printable(" ".join(str(error).split()))
+        return _tell(
+            f"internal error, {type(error).__name__}: {reason} (--debug shows where)", FAILED
         )
-        return FAILED
     return DONE
+
+
+def _tell(what: str, code: int) -> int:
+    print(f"uw_visibility: {what}", file=sys.stderr)
+    return code
+
+
+def _take_any_text() -> None:
+    """Let file names and topics be shown whatever the terminal's encoding."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _make_parser() -> argparse.ArgumentParser:

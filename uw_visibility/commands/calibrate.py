@@ -15,6 +15,7 @@ from uw_visibility.commands.recording_options import (
     read_recording_options,
     reading,
 )
+from uw_visibility.config.files import write_whole
 from uw_visibility.errors import InputError
 
 if TYPE_CHECKING:
@@ -78,10 +79,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.output is None:
         print(text, end="")
         return
-    try:
-        arguments.output.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot write {arguments.output}: {error.strerror}") from error
+    write_whole(arguments.output, text)
     print(f"written to {arguments.output}")
 
 

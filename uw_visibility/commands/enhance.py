@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from uw_visibility.config.files import gathered, sole_writer, write_whole
 from uw_visibility.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from uw_visibility.config.schema import PipelineConfig
     from uw_visibility.pipeline.pipeline import FrameResult
     from uw_visibility.stereo.rig import StereoRig
+
+REPORT = "report.json"
 
 DESCRIPTION = """\
 Assess the water, enhance the images and match one rectified stereo pair.
@@ -89,11 +92,14 @@ def run(arguments: argparse.Namespace) -> None:
     left, right = _read_pair(arguments.left, arguments.right)
     rig = _make_rig(arguments, left.shape)
     _prepare_folder(arguments.output)
-    try:
-        result = _process(rig, config, left, right, arguments.left)
-    except InputError as error:
-        raise InputError(f"{arguments.left}, {arguments.right}: {error}") from error
-    _write(arguments.output, result)
+    with sole_writer(arguments.output):
+        try:
+            result = _process(rig, config, left, right, arguments.left)
+        except InputError as error:
+            raise InputError(f"{arguments.left}, {arguments.right}: {error}") from error
+        with gathered(arguments.output, last=REPORT) as folder:
+            report = _write(folder, result)
+    print(_summary(report, arguments.output))
 
 
 def _read_config(path: Path | None, max_disparity: int | None) -> PipelineConfig:
@@ -185,7 +191,7 @@ def _prepare_folder(folder: Path) -> None:
         raise InputError(f"cannot write to folder {folder}: give another one with -o")
 
 
-def _write(folder: Path, result: FrameResult) -> None:
+def _write(folder: Path, result: FrameResult) -> dict[str, Any]:
     import numpy as np
 
     from uw_visibility.commands.frame_report import frame_report
@@ -207,11 +213,8 @@ def _write(folder: Path, result: FrameResult) -> None:
         write_pfm(folder / f"{name}.pfm", np.where(known, values, np.float32(0)))
     report = frame_report(result)
     text = json.dumps(report, indent=1, allow_nan=False)
-    try:
-        (folder / "report.json").write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot write {folder / 'report.json'}: {error.strerror}") from error
-    print(_summary(report, folder))
+    write_whole(folder / REPORT, text + "\n")
+    return report
 
 
 def _summary(report: dict[str, Any], folder: Path) -> str:

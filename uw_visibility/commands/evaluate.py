@@ -5,15 +5,17 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from uw_visibility.config.files import gathered, sole_writer
 from uw_visibility.errors import InputError
 
 if TYPE_CHECKING:
     from uw_visibility.config.schema import PipelineConfig
     from uw_visibility.evaluation.experiments import Plan
+
+RESULT = "evaluation.json"
 
 DESCRIPTION = """\
 Rerun section III of the paper: put stereo scenes with known disparity under water,
@@ -148,9 +150,14 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.jobs < 1:
         raise InputError(f"--jobs is {arguments.jobs}: give 1 or more")
     _refuse_folder(arguments.output, arguments.force)
-    if arguments.adverse:
-        _run_adverse(arguments)
-        return
+    with sole_writer(arguments.output):
+        if arguments.adverse:
+            _run_adverse(arguments)
+        else:
+            _run_experiments(arguments)
+
+
+def _run_experiments(arguments: argparse.Namespace) -> None:
     # Compiled modules load slowly; what is refused before needs none of them.
     plan = _plan(arguments)
     _check_figures()
@@ -165,11 +172,11 @@ def run(arguments: argparse.Namespace) -> None:
         plan, arguments.jobs, lambda done, total: progress_bar(done, "evaluate", total)
     )
     summary = summarise(evaluation)
-    folder = _make_folder(arguments.output, arguments.force)
-    write_tables(folder, evaluation, summary)
-    write_figures(folder, evaluation)
+    with gathered(arguments.output, last=RESULT, clear=arguments.force) as folder:
+        write_tables(folder, evaluation, summary)
+        write_figures(folder, evaluation)
     print(as_text(summary))
-    print(f"\ntables and figures: {folder}")
+    print(f"\ntables and figures: {arguments.output}")
 
 
 def _run_adverse(arguments: argparse.Namespace) -> None:
@@ -197,9 +204,9 @@ def _run_adverse(arguments: argparse.Namespace) -> None:
         plan, arguments.jobs, lambda done, total: progress_bar(done, "evaluate", total)
     )
     summary = summarise_adverse(results)
-    folder = _make_folder(arguments.output, arguments.force)
-    write_adverse(folder, plan, results, summary)
-    print(f"tables: {folder}\n")
+    with gathered(arguments.output, last=RESULT, clear=arguments.force) as folder:
+        write_adverse(folder, plan, results, summary)
+    print(f"tables: {arguments.output}\n")
     print(adverse_text(summary))
 
 
@@ -251,21 +258,11 @@ def _refuse_folder(folder: Path, force: bool) -> None:
         return
     if not force:
         raise InputError(f"folder {folder} is not empty: give another one with -o, or --force")
-    if not (folder / "evaluation.json").is_file():
+    if not (folder / RESULT).is_file():
         raise InputError(
             f"folder {folder} was not left by an evaluation: --force replaces no other, "
             "give another one with -o"
         )
-
-
-def _make_folder(folder: Path, force: bool) -> Path:
-    try:
-        if force and folder.is_dir():
-            shutil.rmtree(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make folder {folder}: {error.strerror}") from error
-    return folder
 
 
 def _check_figures() -> None:

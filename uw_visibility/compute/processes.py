@@ -11,9 +11,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Any
+
+from uw_visibility.errors import InputError
 
 # https://docs.python.org/3/using/cmdline.html#envvar-PYTHONSAFEPATH
 SAFE_PATH = {"PYTHONSAFEPATH": "1"}
@@ -36,6 +39,11 @@ def process_pool(
     ------
     ProcessPoolExecutor
         It is shut down at the end, without what has not begun.
+
+    Raises
+    ------
+    InputError
+        If one of them was ended from outside.
     """
     before = {name: os.environ.get(name) for name in SAFE_PATH}
     # Processes start as work comes in, so this holds until the end.
@@ -45,6 +53,11 @@ def process_pool(
     )
     try:
         yield pool
+    except BrokenProcessPool as error:
+        raise InputError(
+            "a process that works on frames was ended from outside, as where memory is short: "
+            "give fewer with --jobs"
+        ) from error
     finally:
         pool.shutdown(cancel_futures=True)
         for name, value in before.items():

@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import glob
 import os
+import shutil
 import stat
 import uuid
 from collections.abc import Iterator
@@ -124,6 +126,65 @@ def aside_of(target: Path) -> Path:
 
 
 @contextmanager
+def gathered(folder: Path, last: str, *, clear: bool = False) -> Iterator[Path]:
+    """Folder to write results to, which come to their place when all of them are written.
+
+    Parameters
+    ----------
+    folder : Path
+        Their place; made where missing.
+    last : str
+        The file that says that results are complete: it goes first and comes last.
+    clear : bool
+        Whether whatever else is in the folder is removed.
+
+    Yields
+    ------
+    Path
+
+    Raises
+    ------
+    InputError
+        If something cannot be written, as on a full disk; what was there before is
+        left as it was.
+    """
+    aside = folder / f".{uuid.uuid4().hex[:12]}{PARTIAL}"
+    try:
+        aside.mkdir(parents=True)
+        for left in folder.glob(f".*{PARTIAL}"):
+            # Of a run that was ended by force.
+            if left != aside:
+                _remove(left)
+        yield aside
+        for entry in folder.iterdir():
+            if entry.name == last or (clear and entry not in (aside, lock_of(folder))):
+                _remove(entry)
+        files = sorted(aside.iterdir(), key=lambda file: (file.name == last, file.name))
+        for file in files:
+            file.replace(folder / file.name)
+    except OSError as error:
+        raise InputError(f"cannot write to folder {folder}: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _remove(entry: Path) -> None:
+    if entry.is_dir() and not entry.is_symlink():
+        shutil.rmtree(entry)
+    else:
+        entry.unlink()
+
+
+def lock_of(target: Path) -> Path:
+    """Return where the lock of a folder or file of results is: beside it, if that can be."""
+    place = Path(os.path.realpath(target))
+    name = f".{place.name[:LONGEST_STEM]}.lock"
+    # Whoever may write to a folder may not always to the one that it is in.
+    beside = not place.is_dir() or os.access(place.parent, os.W_OK | os.X_OK)
+    return (place.parent if beside else place) / name
+
+
+@contextmanager
 def sole_writer(target: Path) -> Iterator[None]:
     """Keep a folder or file of results to this process; its parent is made where missing.
 
@@ -137,8 +198,8 @@ def sole_writer(target: Path) -> Iterator[None]:
     InputError
         If another process writes it, or the place cannot be written to.
     """
-    lock = target.with_name(f".{target.name[:LONGEST_STEM]}.lock")
     try:
+        lock = lock_of(target)
         lock.parent.mkdir(parents=True, exist_ok=True)
         descriptor = _locked(lock)
     except BlockingIOError as error:
@@ -147,8 +208,11 @@ def sole_writer(target: Path) -> Iterator[None]:
         ) from error
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot write to folder {lock.parent}: {reason}") from error
+        raise InputError(f"cannot write to folder {target.parent}: {reason}") from error
     try:
+        # Whoever was ended by force left these.
+        for left in lock.parent.glob(f"{glob.escape(lock.stem)}.*{PARTIAL}"):
+            _remove(left)
         yield
     finally:
         # While it is held: whoever opened it meanwhile sees that it is gone, and tries again.

@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack
+from types import TracebackType
 from typing import TypeVar
 
 from uw_visibility.compute.processes import process_pool
@@ -74,8 +75,14 @@ class FramePool:
             self._pool = self._open.enter_context(process_pool(self.jobs, _begin, self._config))
         return self
 
-    def __exit__(self, *details: object) -> None:
-        self._open.close()
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        # Which says what the end of a process means.
+        self._open.__exit__(kind, error, trace)
 
 
 def _begin(config: PipelineConfig) -> None:

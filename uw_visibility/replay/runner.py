@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from uw_visibility.compute.threads import number_of_threads
+from uw_visibility.config.files import sole_writer
 from uw_visibility.errors import InputError
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.filtering import split_topics
@@ -63,12 +64,18 @@ def replay_bag(
     KeyboardInterrupt
         After an interruption; what there is by then is a readable partial result.
     """
-    with BagReader(bag) as reader:
+    with BagReader(bag) as reader, sole_writer(target):
         stream = InputStream(reader, options)
         folder = ResultFolder(target, force=force, resume=resume)
-        replay = _Replay(reader, stream, options, folder)
-        with replay:
-            replay.run(pool)
+        try:
+            replay = _Replay(reader, stream, options, folder)
+            with replay:
+                replay.run(pool)
+        except OSError as error:
+            raise InputError(
+                f"cannot write {folder.work}: {error.strerror or error}; with more room "
+                "--resume goes on from it"
+            ) from error
         return replay.summary
 
 
@@ -131,7 +138,12 @@ class _Replay:
             self._recorder.close({})
             self._folder.refuse_earlier()
             return
-        self._finish(hashed=kind is None)
+        try:
+            self._finish(hashed=kind is None)
+        except OSError:
+            # On a full disk the first error tells more than one of writing its report.
+            if kind is None:
+                raise
         if kind is None:
             self._recorder.forget_estimates()
             self._folder.forget_earlier()

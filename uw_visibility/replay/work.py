@@ -150,20 +150,19 @@ class RecordingProcessor:
         try:
             work = self._begin(frame)
             result = self._assess(work)
-            messages = dict(self._messages(work, result))
+            messages = [
+                (topic, bytes(self._types.serialize_cdr(message, self._types_by_topic[topic])))
+                for topic, message in self._messages(work, result)
+            ]
         except InputError as error:
             return FrameAnswer(frame.time, {**row, "status": FAILED, "reason": str(error)})
         except Exception as error:
             place = traceback.extract_tb(error.__traceback__)[-1]
             reason = f"internal error, {type(error).__name__} at {place.name}:{place.lineno}"
             return FrameAnswer(frame.time, {**row, "status": FAILED, "reason": reason})
-        serialised = [
-            (topic, bytes(self._types.serialize_cdr(message, self._types_by_topic[topic])))
-            for topic, message in messages.items()
-        ]
         estimate = FrameEstimate.of(result, work.rig, work.header)
         return FrameAnswer(
-            frame.time, {**row, **result_columns(result)}, serialised, estimate, result.timing_ms
+            frame.time, {**row, **result_columns(result)}, messages, estimate, result.timing_ms
         )
 
     def process(

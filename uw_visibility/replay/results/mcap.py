@@ -35,7 +35,9 @@ class ResultWriter:
     def __init__(self, folder: Path, topics: Mapping[str, str]) -> None:
         self._folder = folder
         absolute = {f"/{topic}": name for topic, name in topics.items()}
-        self._bag = BagWriter(folder / "results", {**absolute, NIS_TOPIC: NIS_TYPE})
+        self._bag = BagWriter(
+            folder / "results", {**absolute, NIS_TOPIC: NIS_TYPE}, in_place=True
+        )
 
     def write_messages(self, messages: list[tuple[str, bytes]], time: int) -> None:
         """Write serialised messages at a time (ns)."""

@@ -1,0 +1,58 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What tests of faults share: a full disk, and a small pair and recording."""
+
+from __future__ import annotations
+
+import resource
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rosbags")
+
+# The tests here share what makes bags; pytest's import mode leaves this folder out.
+sys.path.insert(0, str(Path(__file__).parent))
+
+from rosbags.rosbag2 import StoragePlugin
+from small_bags import scene, write_ros2
+
+from uw_visibility.images.files import write_png
+
+
+@contextmanager
+def _disk_of(size: int) -> Iterator[None]:
+    """Let no file grow beyond so many bytes: what is written fails as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+
+
+@pytest.fixture
+def full_disk() -> Callable[[int], AbstractContextManager[None]]:
+    """Make a disk that is full at so many bytes a file."""
+    return _disk_of
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> list[str]:
+    """Options of `enhance` for a small pair."""
+    files = [tmp_path / "left.png", tmp_path / "right.png"]
+    for file, image in zip(files, scene(1), strict=True):
+        write_png(file, image)
+    return [*map(str, files), "--focal-length", "90", "--baseline", "0.1", "--max-disparity", "20"]
+
+
+@pytest.fixture(scope="session")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag of a few tiny frames."""
+    return write_ros2(tmp_path_factory.mktemp("faults") / "bag", StoragePlugin.MCAP).parent
