@@ -24,6 +24,10 @@ class Status(str, Enum):
     NO_DAYLIGHT_COLOUR = (
         "light is not of daylight's colour (check camera.white_reference, white balance, lamps)"
     )
+    OTHER_TRANSFER = (
+        "dark patches over range fit the other transfer far better "
+        "(check camera.transfer, flat field; are there any dark patches?)"
+    )
     UNEVEN_RADIUS = (
         "dark patches at equal range depend on the distance from the image's middle "
         "(vignetting? check camera.vignetting, camera.flat_field, lamps)"

@@ -30,6 +30,7 @@ from uw_visibility.water.observations import Envelopes, observe
 from uw_visibility.water.open_water import OpenWater, find_open_water
 from uw_visibility.water.position import HalfEnvelopes, compare_halves, observe_halves
 from uw_visibility.water.priors import Daylight, fuse
+from uw_visibility.water.transfer_check import CERTAIN, other_transfer
 from uw_visibility.water.validation import (
     black_attenuation,
     brightest_patch,
@@ -38,7 +39,12 @@ from uw_visibility.water.validation import (
     refuse_frame,
     validate_fit,
 )
-from uw_visibility.water.veil import CONTRADICTION, fit_free_veil
+from uw_visibility.water.veil import (
+    CONTRADICTION,
+    FitVeil,
+    envelope_likelihood,
+    fit_free_veil,
+)
 
 # Dark envelope: its quantile, and the pixels below it at least. The paper takes
 # 1 % (eq. 4). The darkest 5 pixels are a patch rather than a speck; where ranges
@@ -153,11 +159,14 @@ class Cues(NamedTuple):
         Open water in view.
     halves : HalfEnvelopes or None
         Dark envelopes of halves of the image.
+    coarse : bool
+        Whether a rough estimate will do.
     """
 
     contrast: Decay | None = None
     open_water: OpenWater | None = None
     halves: HalfEnvelopes | None = None
+    coarse: bool = False
 
 
 class WaterEstimator:
@@ -314,7 +323,7 @@ class WaterEstimator:
     @staticmethod
     def _coarse_cues(envelope: Envelopes, active: NDArray[np.bool_]) -> Cues:
         """Return what is quick: a mesh covers open water, and has no outlines."""
-        return Cues(envelope_decay(envelope, active))
+        return Cues(envelope_decay(envelope, active), coarse=True)
 
     def _cues(
         self,
@@ -350,16 +359,8 @@ class WaterEstimator:
         cues: Cues,
     ) -> WaterEstimate:
         """Estimate with the veil apart from the light."""
-        brightest = np.array(
-            [least_ambient_light(envelope, c) if active[c] else 1.0 for c in range(3)])
-
-        def fit(
-            lower: NDArray[np.float64], upper: NDArray[np.float64], light: NDArray[np.float64]
-        ) -> Fit:
-            return _with_all_channels(
-                self._fit(envelope, active, None, envelope.range_error, self._clear_water,
-                          (lower, upper, light)),
-                active, self._clear_water, lower)
+        brightest = _brightest(envelope, active)
+        fit = self._veil_fit(envelope, active)
 
         def fuse_priors(
             found: Fit, light: NDArray[np.float64], veil: NDArray[np.float64],
@@ -371,7 +372,7 @@ class WaterEstimator:
 
         found = fit_free_veil(
             fit, fuse_priors, envelope, brightest, self._clear_water, cues.contrast,
-            cues.open_water)
+            cues.open_water, cues.coarse)
         if found is None:
             return WaterEstimate.not_assessable(Status.FIT_FAILED, envelope)
         for channel in np.flatnonzero(active):
@@ -388,6 +389,9 @@ class WaterEstimator:
                 status = [refuted if reason is Status.OK else reason for reason in status]
             covariance[0::2, 0::2] += uneven.stddev_of(attenuation) ** 2 * np.outer(
                 attenuation, attenuation)
+        if not cues.coarse and self._other_transfer_fits(envelope, active, found.likelihood):
+            status = [
+                Status.OTHER_TRANSFER if reason is Status.OK else reason for reason in status]
         blanked = replace(found.fit, covariance=blank(covariance, active))
         estimate = _assemble(blanked, envelope, status)
         known = np.isfinite(estimate.attenuation)
@@ -398,6 +402,36 @@ class WaterEstimator:
             cues=found.cues,
             open_water=0.0 if cues.open_water is None else cues.open_water.fraction,
         )
+
+    def _veil_fit(
+        self, envelope: Envelopes, active: NDArray[np.bool_]
+    ) -> FitVeil:
+        """Return the fit of the dark envelope for a given veil."""
+        patches = _brightest_patches(envelope)
+
+        def fit(
+            lower: NDArray[np.float64], upper: NDArray[np.float64], light: NDArray[np.float64]
+        ) -> Fit:
+            share = np.clip(envelope.dark / lower[:, np.newaxis], 0.0, 0.98)
+            black = -np.log1p(-share) / envelope.dark_range
+            first = np.stack((self._clear_water, lower), axis=1)
+            first[active, 0] = np.nanmedian(black[active], axis=1)
+            found = fit_lower_envelope(
+                envelope.dark_range, envelope.dark, envelope.deviation, lower, first,
+                self._clear_water, active, envelope.range_error, patches, light, upper)
+            return _with_all_channels(found, active, self._clear_water, lower)
+
+        return fit
+
+    def _other_transfer_fits(
+        self, envelope: Envelopes, active: NDArray[np.bool_], likelihood: float
+    ) -> bool:
+        """Tell whether the envelope is certainly likelier with the other transfer."""
+        other, change = other_transfer(envelope, self._transfer)
+        alternative = envelope_likelihood(
+            self._veil_fit(other, active), _brightest(other, active),
+            self._clear_water)
+        return alternative + change > likelihood + CERTAIN
 
     def estimate_grey(
         self,
@@ -507,14 +541,10 @@ class WaterEstimator:
         start: WaterEstimate | None,
         range_error: float,
         clear_water: NDArray[np.float64],
-        veil: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None = None,
     ) -> Fit:
-        """Fit the dark envelope; `veil` holds its bounds and W / B, by default the paper's."""
+        """Fit the dark envelope, with one ambient light for veil and scene."""
         ambient_min = np.array(
             [least_ambient_light(envelope, c) if active[c] else 1.0 for c in range(3)])
-        ambient_max, light = None, None
-        if veil is not None:
-            ambient_min, ambient_max, light = veil
         plain = self._config.method == "paper"
         first = np.stack((clear_water, ambient_min), axis=1)
         for c in np.flatnonzero(active):
@@ -532,7 +562,7 @@ class WaterEstimator:
         return fit_lower_envelope(
             envelope.dark_range, envelope.dark, envelope.deviation, ambient_min, first,
             clear_water, active, range_error,
-            np.array([brightest_patch(envelope, c) for c in range(3)]), light, ambient_max,
+            _brightest_patches(envelope),
         )
 
 
@@ -558,6 +588,16 @@ def _codes(image: NDArray[Any], transfer: str) -> tuple[NDArray[Any], str]:
         return np.ascontiguousarray(image), transfer
     light = np.nan_to_num(np.clip(image, 0.0, 1.0), nan=0.0)
     return (light * 65535 + 0.5).astype(np.uint16), "linear"
+
+
+def _brightest(envelope: Envelopes, active: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(3,): the bright envelope at its brightest; 1 for a channel that is left out."""
+    return np.array([least_ambient_light(envelope, c) if active[c] else 1.0 for c in range(3)])
+
+
+def _brightest_patches(envelope: Envelopes) -> NDArray[np.float64]:
+    """(3, 2): irradiance and range of the brightest patch near by, of each channel."""
+    return np.array([brightest_patch(envelope, c) for c in range(3)])
 
 
 def _with_all_channels(

@@ -99,30 +99,40 @@ def find_open_water(
     height, width = range_map.shape
     side = max(CELL_LEAST, width // CELLS)
     rows, columns = height // side, width // side
-    cells = np.empty((rows, columns, 8))
-    mask = np.ones((1, 1), np.bool_) if valid is None else valid
-    _describe(image, range_map, mask, side, cells)
-    code = irradiance.size / 256
-    noise = 1.5 * (envelope.noise**2 + 1.0 / 12.0)
-    smooth: NDArray[np.bool_] = np.all(
-        cells[..., 3:6] <= ROUGHNESS * noise + (ROUGHNESS_LEAST * code) ** 2
-        + 1.5 * PHOTONS * code * cells[..., :3],
-        axis=2,
-    )
-    blank = smooth & (cells[..., 6] <= MATCHED) & _even(cells[..., :3], code)
-    blank &= cells[..., :3].max(axis=2) > 1.0 * code
-    light = np.stack([
-        np.interp(cells[..., c], np.arange(irradiance.size), irradiance) for c in range(3)
-    ], axis=2)
-    far = (cells[..., 6] > 0.5) & (
-        cells[..., 7] >= np.quantile(range_map[range_map > 0], FAR) if (range_map > 0).any()
-        else np.zeros((rows, columns), np.bool_))
-    if not far.any():
+    whole = (slice(rows * side), slice(columns * side))
+    size = (columns, rows)
+    ranges = range_map[whole]
+    known = (ranges > 0) & (ranges < np.inf)
+    matched = cv2.resize(known.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    if valid is not None:
+        # Cells that do not show the scene are neither matched nor open.
+        matched[cv2.resize(
+            valid[whole].astype(np.float32), size, interpolation=cv2.INTER_AREA) < 1.0] = np.nan
+    void = matched <= MATCHED
+    if np.count_nonzero(void) < LEAST_AREA * void.size or not known.any():
         return None
+    means = cv2.resize(image[whole], size, interpolation=cv2.INTER_AREA).astype(np.float64)
+    code = irradiance.size / 256
+    blank = void & _even(means, code) & (means.max(axis=2) > 1.0 * code)
+    number, labels = _areas(blank)
+    if number < 2:
+        return None
+    # Only near to what may be water is it asked how smooth the image is.
+    asked = cv2.dilate((labels > 0).astype(np.uint8), np.ones((2 * REACH + 1,) * 2, np.uint8)) > 0
+    rough = np.full((rows, columns, 3), np.inf)
+    _roughness(image, side, asked, rough)
+    noise = 1.5 * (envelope.noise**2 + 1.0 / 12.0)
+    limit = ROUGHNESS * noise + (ROUGHNESS_LEAST * code) ** 2 + 1.5 * PHOTONS * code * means
+    smooth: NDArray[np.bool_] = np.all(rough <= limit, axis=2)
+    number, labels = _areas(blank & smooth)
+    nearest = np.quantile(ranges[::4, ::4][known[::4, ::4]], FAR) if known[::4, ::4].any() else 0.0
+    far = cv2.resize(
+        (known & (ranges >= nearest)).astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
+    if number < 2 or not far.any():
+        return None
+    light = irradiance[np.clip(means + 0.5, 0, irradiance.size - 1).astype(np.int64)].astype(
+        np.float64)
     away = cv2.distanceTransform((~far).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5) / columns
-    opened = cv2.morphologyEx(
-        blank.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    number, labels = cv2.connectedComponents(opened, connectivity=4)
     area = np.zeros((rows, columns), np.bool_)
     for label in range(1, number):
         part = labels == label
@@ -130,8 +140,8 @@ def find_open_water(
             continue
         allowed = np.interp(np.count_nonzero(part) / part.size, REACH_AREAS, CONTINUED)
         if (
-            _is_water(light[part], envelope, cells[part], irradiance.size - 1)
-            and _continued(part, cells, smooth, code) < allowed
+            _is_water(light[part], envelope, means[part], irradiance.size - 1)
+            and _continued(part, means, matched, smooth, code) < allowed
         ):
             area |= part
     if not area.any():
@@ -146,6 +156,16 @@ def find_open_water(
     unsure = np.hypot(DEVIATION, SMALL_DEVIATION / (1.0 + (fraction / SMALL_AREA) ** 2))
     stddev = np.sqrt(variance + (unsure * veil) ** 2 + floor**2)
     return OpenWater(veil, stddev, fraction)
+
+
+def _areas(blank: NDArray[np.bool_]) -> tuple[int, NDArray[np.int32]]:
+    """Connected areas, without what is thinner than three cells; their number and labels."""
+    opened = cv2.morphologyEx(blank.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    number, labels, about, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
+    small = about[:, cv2.CC_STAT_AREA] < max(LEAST_AREA * blank.size, 6)
+    order = np.zeros(number, np.int32)
+    order[1:][~small[1:]] = np.arange(1, 1 + np.count_nonzero(~small[1:]))
+    return int(order.max()) + 1, order[labels]
 
 
 def _even(means: NDArray[np.float64], code: float) -> NDArray[np.bool_]:
@@ -166,7 +186,8 @@ def _even(means: NDArray[np.float64], code: float) -> NDArray[np.bool_]:
 
 
 def _continued(
-    part: NDArray[np.bool_], cells: NDArray[np.float64], smooth: NDArray[np.bool_], code: float
+    part: NDArray[np.bool_], means: NDArray[np.float64], matched: NDArray[np.float32],
+    smooth: NDArray[np.bool_], code: float,
 ) -> float:
     """Part of the matched surroundings that goes on as smooth and in the same colour.
 
@@ -176,10 +197,9 @@ def _continued(
     near = 2 * REACH + 1
     inside = part.astype(np.float64)
     weight = cv2.blur(inside, (near, near), borderType=cv2.BORDER_CONSTANT)
-    ring = (weight > 1e-9) & ~part & (cells[..., 6] > 0.5) & (cells[..., 6] <= 1.0)
+    ring = (weight > 1e-9) & ~part & (matched > 0.5)
     if not ring.any():
         return 0.0
-    means = cells[..., :3]
     beside = cv2.blur(means * inside[..., np.newaxis], (near, near), borderType=cv2.BORDER_CONSTANT)
     beside = beside[ring] / weight[ring][:, np.newaxis]
     limit = np.maximum(2.0 * GRADIENT * beside, 2.0 * GRADIENT_LEAST * code)
@@ -188,10 +208,10 @@ def _continued(
 
 
 def _is_water(
-    light: NDArray[np.float64], envelope: Envelopes, cells: NDArray[np.float64], top: int
+    light: NDArray[np.float64], envelope: Envelopes, codes: NDArray[np.float64], top: int
 ) -> bool:
     """Tell open water from close dark objects, the surface, and overexposed areas."""
-    if (cells[:, :3].max(axis=1) >= 0.995 * top).mean() > SATURATED:
+    if (codes.max(axis=1) >= 0.995 * top).mean() > SATURATED:
         return False
     veil = np.median(light, axis=0)
     bins = len(envelope.range)
@@ -211,39 +231,25 @@ def _is_water(
 
 
 @njit(nogil=True)
-def _describe(image: Any, range_map: Any, mask: Any, side: int, cells: Any) -> None:
-    """Mean code, squared second difference, matched part and mean range of each cell."""
-    masked = mask.size > 1
-    height, width = range_map.shape
-    for row in range(cells.shape[0]):
-        for column in range(cells.shape[1]):
-            cell = cells[row, column]
-            cell[:] = 0.0
-            rough = 0
-            known = 0
-            for y in range(row * side, (row + 1) * side):
-                for x in range(column * side, (column + 1) * side):
-                    if masked and not mask[y, x]:
-                        cell[6] += 1e6
-                        continue
-                    inside = (
-                        2 <= x < width - 2 and 2 <= y < height - 2 and (x + y) % 2 == 0)
-                    rough += inside
+def _roughness(image: Any, side: int, asked: Any, rough: Any) -> None:
+    """Mean squared second difference of codes in each cell that is asked for."""
+    height, width = image.shape[:2]
+    total = np.zeros(3)
+    for row in range(asked.shape[0]):
+        for column in range(asked.shape[1]):
+            if not asked[row, column]:
+                continue
+            total[:] = 0.0
+            count = 0
+            for y in range(max(row * side, 2), min((row + 1) * side, height - 2)):
+                for x in range(
+                    max(column * side, 2) + (y + column) % 2, min((column + 1) * side, width - 2), 2
+                ):
+                    count += 1
                     for c in range(3):
-                        code = np.float64(image[y, x, c])
-                        cell[c] += code
-                        if inside:
-                            across = code - 0.5 * (
-                                np.float64(image[y, x - 2, c]) + np.float64(image[y, x + 2, c]))
-                            along = code - 0.5 * (
-                                np.float64(image[y - 2, x, c]) + np.float64(image[y + 2, x, c]))
-                            cell[3 + c] += 0.5 * (across * across + along * along)
-                    if range_map[y, x] > 0 and range_map[y, x] < np.inf:
-                        known += 1
-                        cell[7] += range_map[y, x]
-            pixels = side * side
+                        twice = 2.0 * image[y, x, c]
+                        across = twice - image[y, x - 2, c] - image[y, x + 2, c]
+                        along = twice - image[y - 2, x, c] - image[y + 2, x, c]
+                        total[c] += 0.125 * (across * across + along * along)
             for c in range(3):
-                cell[c] /= pixels
-                cell[3 + c] /= max(rough, 1)
-            cell[6] = (cell[6] + known) / pixels
-            cell[7] /= max(known, 1)
+                rough[row, column, c] = total[c] / max(count, 1)

@@ -25,10 +25,10 @@ RANGE_BINS = 16
 # Left or right, top or bottom, middle or surroundings: a bit each.
 REGIONS = 8
 SPLITS = ("left and right", "top and bottom", "middle and surroundings")
-LEVELS = 192
+LEVELS = 128
 # Pixels that are read, and that half a bin needs; part of them below its dark envelope.
-PIXELS_READ = 90_000
-FEWEST = 60
+PIXELS_READ = 45_000
+FEWEST = 40
 FEWEST_BINS = 2
 DARK = 0.03
 # Neighbours this far off, px, belong to the same surface.
@@ -141,11 +141,12 @@ def observe_halves(
             np.float32(RANGE_BINS / math.log(high / low)), stride, counts, ranges)
     mean = ranges[:, 0] / np.maximum(ranges[:, 1], 1.0)
     edges = top * (np.arange(LEVELS + 1) / (LEVELS - 1)) ** 2
-    splits = np.arange(len(SPLITS))
-    second = (np.arange(REGIONS) >> splits[:, np.newaxis]) & 1
     # Halves by splits by bins by channels by levels.
-    halves = np.stack([
-        np.einsum("sr,brcl->sbcl", second == half, counts) for half in (0, 1)])
+    whole = counts.sum(axis=1)
+    second = np.stack([
+        counts[:, (np.arange(REGIONS) >> split) & 1 == 1].sum(axis=1)
+        for split in range(len(SPLITS))])
+    halves = np.stack((whole - second, second))
     enough = halves[:, :, :, 0].sum(axis=3).min(axis=0) >= FEWEST
     dark = np.moveaxis(_quantile(halves, edges), 3, 2)
     return HalfEnvelopes(np.where(enough, mean, np.nan), dark, noise)

@@ -26,10 +26,14 @@ from uw_visibility.water.observations import Envelopes
 from uw_visibility.water.open_water import OpenWater
 from uw_visibility.water.priors import CLEAR_WATER_TOLERANCE
 
-# Veil over the brightest patch, and how likely each is beforehand: half of the
-# frames are as the paper has it.
-RATIOS = (0.2, 0.27, 0.37, 0.5, 0.65, 0.82, 1.0, 1.2)
-PRIOR = (0.05, 0.06, 0.08, 0.1, 0.1, 0.1, 0.45, 0.06)
+# Veil over the brightest patch, and how likely each is beforehand: half of the frames
+# are as the paper has it. In this order, so that what is hopeless is not fitted.
+RATIOS = (1.0, 0.7, 0.5, 0.36, 0.26, 1.2)
+PRIOR = (0.45, 0.16, 0.13, 0.11, 0.09, 0.06)
+COARSE_RATIOS = (1.0, 0.5)
+# A ratio whose logarithm of likelihood is so far below that of the best ends the search
+# among lower ones.
+HOPELESS = 8.0
 # How far a channel's veil is from such a ratio, as a logarithm.
 RATIO_TOLERANCE = 0.25
 # Bounds of the veil in units of what is known of it, or of its deviation.
@@ -77,6 +81,8 @@ class VeilFit:
         What each cue says of β, and its standard deviation.
     disagreement : float
         Distance of the cues from each other, in standard deviations.
+    likelihood : float
+        Logarithm of the dark envelope's likelihood for the ratio that fits it best.
     """
 
     fit: Fit
@@ -84,6 +90,7 @@ class VeilFit:
     scene_light_stddev: NDArray[np.float64]
     cues: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
     disagreement: float
+    likelihood: float
 
 
 def fit_free_veil(
@@ -94,6 +101,7 @@ def fit_free_veil(
     clear_water: NDArray[np.float64],
     contrast: Decay | None,
     open_water: OpenWater | None,
+    coarse: bool = False,
 ) -> VeilFit | None:
     """Estimate attenuation, veil and light where the veil is not the light.
 
@@ -111,6 +119,8 @@ def fit_free_veil(
         Decay of contrast with range.
     open_water : OpenWater or None
         Open water in view.
+    coarse : bool
+        Whether a rough estimate will do.
 
     Returns
     -------
@@ -118,7 +128,8 @@ def fit_free_veil(
         None where no veil gives a fit.
     """
     cues: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
-    components, logarithms = _over_ratios(fit, fuse, brightest, clear_water, contrast)
+    components, logarithms, likelihood = _over_ratios(
+        fit, fuse, brightest, clear_water, contrast, COARSE_RATIOS if coarse else RATIOS)
     if open_water is not None:
         seen = _with_open_water(fit, fuse, envelope, clear_water, contrast, open_water)
         if seen is not None:
@@ -142,34 +153,77 @@ def fit_free_veil(
     components = [_not_clearer(component, clear_water) for component in components]
     mixed = _mixture(components, weights)
     light, deviation = _light(components, weights, envelope)
-    return VeilFit(_with_model_error(mixed), light, deviation, cues, disagreement)
+    return VeilFit(
+        _with_model_error(mixed), light, deviation, cues, disagreement, likelihood)
+
+
+def envelope_likelihood(
+    fit: FitVeil, brightest: NDArray[np.float64], clear_water: NDArray[np.float64],
+) -> float:
+    """Logarithm of the dark envelope's likelihood for the best of a few ratios.
+
+    Parameters
+    ----------
+    fit : callable
+        The fit of the dark envelope.
+    brightest : (3,) float64 ndarray
+        The bright envelope at its brightest.
+    clear_water : (3,) float64 ndarray
+        κ, 1/m.
+    """
+    best = -math.inf
+    for ratio in COARSE_RATIOS:
+        found = _fit_ratio(fit, ratio, brightest)
+        if found is not None:
+            best = max(best, _likelihood(found, clear_water))
+    return best
+
+
+def _fit_ratio(fit: FitVeil, ratio: float, brightest: NDArray[np.float64]) -> Fit | None:
+    """Fit for a ratio of veil and brightest patch; None where there is no fit."""
+    veil = ratio * brightest
+    as_the_paper = ratio == 1.0
+    upper = np.full(3, AMBIENT_LIGHT_MAX) if as_the_paper else ABOVE * veil
+    found = fit(veil if as_the_paper else BELOW * veil, upper, _light_of_ratio(ratio))
+    failed = (
+        not found.converged or not np.isfinite(found.covariance).all()
+        or (found.parameters[:, 0] >= ATTENUATION_BOUNDS[1]).any()
+    )
+    return None if failed else found
+
+
+def _light_of_ratio(ratio: float) -> NDArray[np.float64]:
+    return np.full(3, np.clip(1.0 / ratio, 1.0, LIGHT_LIMITS[1]))
 
 
 def _over_ratios(
     fit: FitVeil, fuse: FuseVeil, brightest: NDArray[np.float64],
-    clear_water: NDArray[np.float64], contrast: Decay | None,
-) -> tuple[list[Fit], list[float]]:
-    """Fit for each ratio of veil and brightest patch; return fits and log likelihoods."""
+    clear_water: NDArray[np.float64], contrast: Decay | None, ratios: tuple[float, ...],
+) -> tuple[list[Fit], list[float], float]:
+    """Fit for each ratio of veil and brightest patch.
+
+    Returns fits, their log likelihoods, and the best of the envelope's alone.
+    """
     components: list[Fit] = []
     logarithms: list[float] = []
-    for ratio, prior in zip(RATIOS, PRIOR, strict=True):
-        veil = ratio * brightest
-        light = np.full(3, np.clip(1.0 / ratio, 1.0, LIGHT_LIMITS[1]))
-        as_the_paper = ratio == 1.0
-        upper = np.full(3, AMBIENT_LIGHT_MAX) if as_the_paper else ABOVE * veil
-        found = fit(veil if as_the_paper else BELOW * veil, upper, light)
-        if (
-            not found.converged or not np.isfinite(found.covariance).all()
-            or (found.parameters[:, 0] >= ATTENUATION_BOUNDS[1]).any()
-        ):
+    best, hopeless = -math.inf, False
+    for ratio in ratios:
+        if hopeless and ratio < 1.0:
             continue
-        likelihood = math.log(prior) + _likelihood(found, clear_water)
-        found = _regular(fuse(found, light, 1.05 * veil, np.full(3, RATIO_TOLERANCE)))
+        found = _fit_ratio(fit, ratio, brightest)
+        if found is None:
+            continue
+        alone = _likelihood(found, clear_water)
+        best = max(best, alone)
+        hopeless = alone < best - HOPELESS
+        likelihood = alone + math.log(PRIOR[RATIOS.index(ratio)])
+        found = _regular(fuse(
+            found, _light_of_ratio(ratio), 1.05 * ratio * brightest, np.full(3, RATIO_TOLERANCE)))
         if contrast is not None:
             likelihood += _likelihood_of_contrast(found, contrast)
         components.append(found)
         logarithms.append(likelihood)
-    return components, logarithms
+    return components, logarithms, best
 
 
 def _with_open_water(
@@ -179,12 +233,11 @@ def _with_open_water(
     """Fit with the veil that open water shows; return the fit and its log likelihood."""
     lower = np.maximum(water.veil - DEVIATIONS * water.stddev, 0.3 * water.veil)
     upper = water.veil + DEVIATIONS * water.stddev
-    light = np.ones(3)
-    for _ in range(2):
-        found = fit(lower, upper, light)
-        light = np.clip(
-            _bright_light(found.parameters[:, 0], water.veil, envelope) / water.veil,
-            *LIGHT_LIMITS)
+    light = np.clip(
+        np.nan_to_num(envelope.bright).max(axis=1) / BRIGHT_RADIANCE / water.veil, *LIGHT_LIMITS)
+    found = fit(lower, upper, light)
+    light = np.clip(
+        _bright_light(found.parameters[:, 0], water.veil, envelope) / water.veil, *LIGHT_LIMITS)
     found = fit(lower, upper, light)
     if not found.converged or not np.isfinite(found.covariance).all():
         return None
