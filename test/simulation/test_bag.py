@@ -271,3 +271,19 @@ def test_bad_options_are_one_sentence(
     assert what in error
     assert error.count("\n") == 1
     assert not (tmp_path / "bag").exists()
+
+
+def test_bright_snow_is_as_bright_as_told(tmp_path: Path) -> None:
+    """Where a particle covers a pixel, it adds its own light in place of what is behind."""
+    frames = []
+    for brightness in ("0", "1", "2"):
+        path = tmp_path / brightness
+        words = ["--marine-snow", "0.3", "--snow-brightness", brightness, "--noiseless",
+                 "--exposure", "0.5"]
+        assert main(["simulate", "-o", str(path), *SMALL, *words]) == 0
+        frames.append(first_frame(path))
+    dark, grey, bright = (frame.left.astype(float) for frame in frames)
+    # Particles that are darker or brighter than the veil by as much lie as far from it.
+    np.testing.assert_allclose(bright - grey, grey - dark, atol=1.5)
+    covered = (bright - dark).max(axis=2) > 20
+    assert 0.05 < covered.mean() < 0.6

@@ -27,6 +27,8 @@ FEWEST = 20
 """Pixels that a bin needs."""
 MOST = 100
 """Pixels taken of a bin: more add time, and nothing else."""
+STARTS = (0.3, 1.0, 3.0)
+"""Optical thickness of the middle range that fits start from; the best one counts."""
 LARGEST = np.array([1.0, 5.0, 1.0, 5.0])
 """Bounds of B, β, J and β', from 0, as in the publication."""
 
@@ -98,11 +100,18 @@ def _fit_channel(
         veil = veil_of(p[0], transmission(p[1], distance))
         return np.asarray(veil + p[2] * transmission(p[3], distance))
 
-    first = np.array([max(float(light.max()), 1e-3), 0.3, 0.01, 0.3])
-    result = least_squares(
-        lambda p: model(p) - light, np.minimum(first, 0.99 * LARGEST), bounds=(0.0, LARGEST),
-        x_scale=np.array([0.1, 0.1, 0.1, 0.1]), max_nfev=200,
-    )
+    middle = float(np.median(distance))
+    fits = [
+        least_squares(
+            lambda p: model(p) - light,
+            np.clip([float(light.max()), thickness / middle, 0.01, 1.0 / middle],
+                    1e-3, 0.99 * LARGEST),
+            bounds=(0.0, LARGEST), x_scale=np.array([0.1, 1 / middle, 0.1, 1 / middle]),
+            max_nfev=200,
+        )
+        for thickness in STARTS
+    ]
+    result = min(fits, key=lambda fit: fit.cost)
     veil, rate = result.x[:2]
     bounded = veil > 0.999 * LARGEST[0] or rate > 0.999 * LARGEST[1] or rate < 1e-4
     if not result.success or bounded:
