@@ -6,17 +6,19 @@
 #   make test          the tests
 #   make lint          ruff, mypy, import-linter
 #   make quick         lint, and the tests that start no nodes: a minute
+#   make soak          the node for half an hour on good and bad pairs: see soak.json
 #   make bench         speed against OpenCV's StereoSGBM, and noise: see bench.json
 #   make test-oldest   the tests with the versions of Ubuntu 24.04 (needs Python 3.12)
 #   make parameters    write config/uw_visibility.yaml anew from the schema
 #   make clean         remove everything that these made
 #
 # PYTHON=... chooses the interpreter; without it the first of 3.12 and 3.11 that runs.
-# PYTEST=... hands words to pytest.
+# PYTEST=... hands words to pytest; MINUTES=... is how long make soak runs.
 
 SHELL := /bin/bash
 PYTHON ?=
 PYTEST ?=
+MINUTES ?= 30
 VENV := .venv
 VENV_OLDEST := .venv-oldest
 SOURCES := setup.py setup.cfg tools/make_venv
@@ -31,7 +33,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 ISOLATED = ROS_DOMAIN_ID=$$(( $$$$ % 100 + 1 ))
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test quick lint bench test-oldest parameters clean
+.PHONY: help venv demo test quick soak lint bench test-oldest parameters clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -59,6 +61,9 @@ quick: lint
 test-oldest: $(VENV_OLDEST)/.installed
 	$(ISOLATED) $(VENV_OLDEST)/bin/python -m pytest $(PYTEST)
 
+soak: venv
+	$(ISOLATED) $(VENV)/bin/python test/faults/soak.py --minutes $(MINUTES) -o soak.json
+
 lint: venv
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/mypy
@@ -71,6 +76,6 @@ parameters: venv
 	$(VENV)/bin/python -m uw_visibility.config.parameter_file config/uw_visibility.yaml
 
 clean:
-	rm -rf $(VENV) $(VENV_OLDEST) build install log dist demo bench.json *.egg-info
+	rm -rf $(VENV) $(VENV_OLDEST) build install log dist demo bench.json soak.json *.egg-info
 	rm -rf .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache .benchmarks
 	find uw_visibility test benchmarks -name __pycache__ -prune -exec rm -rf {} +
