@@ -5,6 +5,7 @@
 import cv2
 import numpy as np
 import pytest
+from scenes import KAPPA
 
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.degrade import (
@@ -14,7 +15,6 @@ from uw_visibility.evaluation.degrade import (
     warp_to_right,
 )
 
-KAPPA = np.array([0.22776, 0.06641, 0.02455])
 NAN = np.nan
 
 

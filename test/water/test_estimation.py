@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from scenes import KAPPA
 
 from uw_visibility.config.schema import WaterConfig
 from uw_visibility.errors import InputError
@@ -17,7 +18,6 @@ from uw_visibility.evaluation.degrade import load_scene
 from uw_visibility.status import Status
 from uw_visibility.water.estimation import WaterEstimator
 
-KAPPA = np.array([0.22776, 0.06641, 0.02455])
 METHODS = ("lower_envelope", "paper")
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import KAPPA
 from scipy.optimize import least_squares
 
 from uw_visibility.water.fit import ATTENUATION_BOUNDS, fit_plain
 from uw_visibility.water.lower_envelope import fit_lower_envelope
 
-KAPPA = np.array([0.22776, 0.06641, 0.02455])
 ALL = np.ones(3, dtype=bool)
 DEVIATION = 1.04 / 255
 

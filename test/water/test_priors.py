@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import KAPPA
 
 from uw_visibility.water.fit import Fit
 from uw_visibility.water.priors import NOTHING_EXPECTED, Daylight, fuse
 
-KAPPA = np.array([0.22776, 0.06641, 0.02455])
 WHITE = np.ones(3)
 
 
