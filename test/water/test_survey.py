@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Water of surveys at nearly constant range, over rendered frames of a varied sea floor."""
 
+import functools
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -72,10 +75,21 @@ def survey_frames(seed, mean_attenuation, *, frames=60, amplitude=0.3, exposure=
         yield float(k), codes, distance.astype(np.float32)
 
 
+def observed(frames):
+    """What the estimator says of each frame alone."""
+    return [
+        (stamp, ESTIMATOR.estimate(image, distance, range_error=RANGE_ERROR))
+        for stamp, image, distance in frames]
+
+
+@functools.cache
+def observed_survey(seed, alpha, **options):
+    return observed(survey_frames(seed, alpha, **options))
+
+
 def surveyed(frames, estimator=ESTIMATOR, **config):
     survey = Survey(SurveyConfig(**config), estimator)
-    for stamp, image, distance in frames:
-        alone = ESTIMATOR.estimate(image, distance, range_error=RANGE_ERROR)
+    for stamp, alone in frames:
         survey.add(alone.envelope, stamp)
     return survey, alone
 
@@ -86,7 +100,7 @@ def test_a_survey_at_two_metres_shows_the_water(alpha, light):
     options = {} if light == "constant" else {light: True}
     errors, relative = [], []
     for seed in range(3):
-        survey, alone = surveyed(survey_frames(seed, alpha, **options))
+        survey, alone = surveyed(observed_survey(seed, alpha, **options))
         # A frame by itself does not.
         assert alone.status is Status.RANGE_SPREAD_TOO_SMALL
         found = survey.estimate()
@@ -107,7 +121,7 @@ def test_a_survey_at_two_metres_shows_the_water(alpha, light):
 def test_where_the_veil_may_differ_from_the_light_a_survey_says_less(alpha, veil, most):
     errors, relative = [], []
     for seed in range(3):
-        frames = survey_frames(seed, alpha, veil=veil)
+        frames = observed_survey(seed, alpha, **({} if veil == 1.0 else {"veil": veil}))
         water = surveyed(frames, ESTIMATORS["free"])[0].estimate().water
         assert water.status is Status.OK
         errors.append((water.attenuation - KAPPA - alpha) / water.attenuation_stddev)
@@ -116,8 +130,23 @@ def test_where_the_veil_may_differ_from_the_light_a_survey_says_less(alpha, veil
     assert np.mean(relative) < most
 
 
+@pytest.mark.parametrize("veil", ["free", "paper"])
+@pytest.mark.parametrize("alpha", [0.1, 0.3])
+def test_over_sand_without_anything_dark_the_estimate_holds_or_is_refused(alpha, veil, monkeypatch):
+    def sand(rng, length):
+        grain = cv2.GaussianBlur(rng.standard_normal((2 * HEIGHT, length)), (0, 0), 2.0)
+        shade = np.clip(0.45 + 0.07 * grain / grain.std(), 0.3, 0.6)
+        return (shade[..., np.newaxis] * np.ones(3)).astype(np.float32)
+
+    monkeypatch.setitem(globals(), "sea_floor", sand)
+    survey, _ = surveyed(observed(survey_frames(1, alpha)), ESTIMATORS[veil])
+    water = survey.estimate().water
+    error = (water.attenuation - KAPPA - alpha) / water.attenuation_stddev
+    assert water.status is Status.CUES_DISAGREE or np.max(np.abs(error)) < 3.0
+
+
 def test_ambient_light_is_that_of_the_newest_frame():
-    survey, alone = surveyed(survey_frames(5, 0.2, exposure=True))
+    survey, alone = surveyed(observed_survey(0, 0.3, exposure=True))
     water = survey.estimate().water
     brightest = np.nanmax(alone.envelope.bright, axis=1)
     # Nothing is much brighter than ambient light, and bright patches are nearly as bright.
@@ -126,7 +155,7 @@ def test_ambient_light_is_that_of_the_newest_frame():
 
 @pytest.mark.parametrize("frames", [8, 19])
 def test_too_few_frames_show_nothing(frames):
-    survey, _ = surveyed(survey_frames(0, 0.2, frames=frames))
+    survey, _ = surveyed(observed_survey(0, 0.3)[:frames])
     found = survey.estimate()
     assert found.frames == frames
     assert found.water.status is Status.TOO_FEW_OBSERVATIONS
@@ -134,17 +163,16 @@ def test_too_few_frames_show_nothing(frames):
 
 
 def test_at_constant_range_no_number_of_frames_shows_the_water():
-    survey, _ = surveyed(survey_frames(0, 0.2, frames=40, amplitude=0.02))
+    survey, _ = surveyed(observed_survey(0, 0.2, frames=40, amplitude=0.02))
     assert survey.estimate().water.status is Status.RANGE_SPREAD_TOO_SMALL
 
 
 def test_frames_leave_the_window_and_a_clock_set_back_begins_anew():
-    frames = list(survey_frames(0, 0.2, frames=30))
+    frames = observed_survey(0, 0.3)[:30]
     survey, _ = surveyed(frames, window=24.0)
     found = survey.estimate()
     assert (found.frames, found.duration) == (25, 24.0)
-    envelope = ESTIMATOR.estimate(frames[0][1], frames[0][2], range_error=RANGE_ERROR).envelope
-    survey.add(envelope, 29.0)
+    survey.add(frames[0][1].envelope, 29.0)
     assert survey.estimate().frames == 1
     survey.add(None, 30.0)
     assert survey.estimate().frames == 1
@@ -152,10 +180,10 @@ def test_frames_leave_the_window_and_a_clock_set_back_begins_anew():
 
 def test_an_estimate_is_made_once_in_a_second_of_the_stamps():
     """And its light is that of each frame."""
-    frames = list(survey_frames(4, 0.3, frames=30))
-    survey, _ = surveyed(frames)
+    survey, _ = surveyed(observed_survey(0, 0.3)[:30])
     first = survey.estimate()
-    image, distance = frames[0][1] // 2, frames[0][2]
+    _, image, distance = next(survey_frames(0, 0.3))
+    image = image // 2
     dim = ESTIMATOR.estimate(image, distance, range_error=RANGE_ERROR).envelope
     survey.add(dim, 29.5)
     second = survey.estimate()
@@ -169,7 +197,7 @@ def test_an_estimate_is_made_once_in_a_second_of_the_stamps():
 
 
 def test_of_many_frames_a_part_is_kept_over_the_whole_window():
-    survey, _ = surveyed(survey_frames(0, 0.2, frames=60), max_frames=24)
+    survey, _ = surveyed(observed_survey(0, 0.3), max_frames=24)
     found = survey.estimate()
     assert found.frames <= 24
     assert found.duration > 40.0
@@ -177,7 +205,7 @@ def test_of_many_frames_a_part_is_kept_over_the_whole_window():
 
 def test_the_same_ground_seen_again_and_again_says_nothing_new():
     """Each frame thrice, one right after the other: as sure as from each once."""
-    frames = list(survey_frames(2, 0.3, frames=40))
+    frames = observed_survey(2, 0.3)[:40]
     thrice = [(stamp + part / 3, *rest) for stamp, *rest in frames for part in range(3)]
     once, again = (
         surveyed(each)[0].estimate().water.attenuation_stddev
@@ -185,10 +213,29 @@ def test_the_same_ground_seen_again_and_again_says_nothing_new():
     np.testing.assert_allclose(again, once, rtol=0.15)
 
 
-def test_water_that_changes_within_the_window_is_in_the_standard_deviation():
-    changing, _ = surveyed(survey_frames(3, 0.0, water=lambda k: 0.1 if k < 30 else 0.5))
-    steady, _ = surveyed(survey_frames(3, 0.3))
-    ratio = [
-        (s.estimate().water.attenuation_stddev
-         / s.estimate().water.attenuation) for s in (changing, steady)]
-    assert (ratio[0] > 1.3 * ratio[1]).any()
+@pytest.mark.parametrize(("before", "after"), [(0.1, 0.5), (0.5, 0.1)])
+def test_water_that_changes_within_the_window_is_in_the_standard_deviation(before, after):
+    changing = survey_frames(0, 0.0, water=lambda k: before if k < 40 else after)
+    found = surveyed(observed(changing))[0].estimate().water
+    steady = surveyed(observed_survey(0, 0.3))[0].estimate().water
+    assert (found.attenuation_stddev > 1.5 * steady.attenuation_stddev).all()
+    error = (found.attenuation - KAPPA - after) / found.attenuation_stddev
+    assert np.max(np.abs(error)) < 3.0
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_channel_that_is_saturated_is_refused_and_the_others_are_not():
+    frames = []
+    for stamp, alone in observed_survey(0, 0.3):
+        envelope = alone.envelope
+        dark, bright = envelope.dark.copy(), envelope.bright.copy()
+        dark[2, 2:] = bright[2, 2:] = np.nan
+        saturated = np.array([0.0, 0.0, 0.9])
+        frames.append((stamp, replace(alone, envelope=replace(
+            envelope, dark=dark, bright=bright, saturated=saturated))))
+    water = surveyed(frames)[0].estimate().water
+    assert water.channel_status == (Status.OK, Status.OK, Status.SATURATED)
+    assert np.isnan(water.attenuation[2])
+    error = (water.attenuation - KAPPA - 0.3)[:2] / water.attenuation_stddev[:2]
+    assert np.max(np.abs(error)) < 3.0
+    assert np.isnan(water.joint_covariance[4:]).all()

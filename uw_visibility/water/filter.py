@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.status import Status
 from uw_visibility.water.assessment import Assessor, Visibility
 from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
 from uw_visibility.water.survey import Survey, SurveyEstimate
@@ -120,7 +121,7 @@ class WaterFilter:
         if event is not TrackingEvent.NOT_ASSESSABLE:
             return None
         survey = self._survey.estimate()
-        return survey if survey.water.status is Status.OK else None
+        return survey if np.isfinite(survey.water.attenuation).any() else None
 
     def reset(self) -> None:
         """Reset the filter: earlier frames do not count."""

@@ -4,14 +4,16 @@
 
 Above a flat sea floor a frame's ranges are too alike to show how light decays with
 range, but a vehicle climbs, sinks and pitches: over a minute the ranges differ enough.
-Frames are brought to one scale by their bright envelopes, which are about as bright as
-the ambient light at any range (eq. 7), in each channel: exposure and light may change
-from frame to frame. Then range bins are formed anew over all frames, with the darkest
-patches of any frame in each.
+The frames' envelopes are pooled and estimated from like those of one frame.
 
 Frames that follow one another show the same ground, so their errors are alike. The
 covariance comes from leaving out blocks of frames in turn (delete-a-group jackknife:
 Künsch 1989, doi:10.1214/aos/1176347265), beside the estimate's own.
+
+Two things else show whether the estimate holds. Relative contrast decays with range as
+βB over the bright envelope, whatever exposure and scene are: over a floor without anything
+dark, whose level would be taken for the veil's, it contradicts the estimate. And blocks
+of frames differ where the water changes within the window.
 """
 
 from __future__ import annotations
@@ -29,6 +31,14 @@ from uw_visibility.status import Status
 from uw_visibility.water.assessment import joint_covariance
 from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
 from uw_visibility.water.observations import Envelopes
+from uw_visibility.water.pooling import (
+    FrameEnvelopes,
+    attenuation_change,
+    contrast_decay,
+    mean_of_known,
+    median_level,
+    pool,
+)
 
 # Estimates are made at most once in so many seconds.
 INTERVAL = 1.0
@@ -36,13 +46,12 @@ INTERVAL = 1.0
 # no estimate.
 BLOCKS = 8
 MOST_DECISIVE = 2
-# Range bins over all frames; a bin needs so many observations.
-BINS = 32
-FEWEST_OBSERVATIONS = 4
-# The envelopes of a bin are these quantiles of its observations: a single one may hold
-# wrong ranges, or an animal.
-DARK_QUANTILE = 0.05
-BRIGHT_QUANTILE = 0.9
+# How much of the decay of relative contrast, 1/m, is the scene's: more ground is in view
+# from farther away, and less of it is resolved.
+SCENE_DECAY = 0.15
+# Distance of the estimate from that decay, in standard deviations, from which on it widens
+# the estimate's, and that refutes it.
+WIDENING, CONTRADICTION = 1.0, 2.5
 
 
 @dataclass(frozen=True)
@@ -87,7 +96,7 @@ class Survey:
     def __init__(self, config: SurveyConfig, estimator: WaterEstimator) -> None:
         self._config = config
         self._estimator = estimator
-        self._frames: deque[tuple[float, _Frame]] = deque()
+        self._frames: deque[tuple[float, FrameEnvelopes]] = deque()
         # Stamp of the newest frame, what was estimated, and its level of light.
         self._last: tuple[float, SurveyEstimate, NDArray[np.float64]] | None = None
 
@@ -110,7 +119,7 @@ class Survey:
             self.reset()
         while self._frames and self._frames[0][0] < stamp_seconds - self._config.window:
             self._frames.popleft()
-        frame = None if envelope is None else _Frame.of(envelope)
+        frame = None if envelope is None else FrameEnvelopes.of(envelope)
         if frame is not None:
             self._frames.append((stamp_seconds, frame))
         if len(self._frames) > self._config.max_frames:
@@ -148,92 +157,62 @@ class Survey:
         survey = SurveyEstimate(
             water, len(frames), stamps[-1] - stamps[0] if stamps else 0.0,
             float(ranges.min()), float(ranges.max()))
-        return survey, _level(frames)
+        return survey, median_level(frames)
 
-    def _water(self, frames: Sequence[_Frame]) -> WaterEstimate:
-        whole = self._estimator.estimate_envelope(together(frames))
+    def _water(self, frames: Sequence[FrameEnvelopes]) -> WaterEstimate:
+        observed = pool(frames)
+        whole = self._estimator.estimate_envelope(observed)
         if not np.isfinite(whole.attenuation).any():
             return whole
         block = np.arange(len(frames)) * BLOCKS // len(frames)
-        return _with_spread(whole, [
-            self._estimator.estimate_envelope(
-                together([f for f, b in zip(frames, block, strict=True) if b != left_out]))
+        subsets = [
+            [f for f, b in zip(frames, block, strict=True) if b != left_out]
             for left_out in range(BLOCKS)
-        ])
+        ]
+        parts = [self._estimator.estimate_envelope(pool(subset)) for subset in subsets]
+        water = _with_spread(whole, parts)
+        decays = np.array([contrast_decay(subset) for subset in subsets])
+        bright = np.array([mean_of_known(channel) for channel in observed.bright])
+        water = _compared(water, bright, contrast_decay(frames), _jackknife(decays))
+        return _wider(water, attenuation_change(frames, block))
 
 
-@dataclass(frozen=True)
-class _Frame:
-    """Envelopes of a frame, and the level of its bright envelope in each channel, (3,)."""
-
-    envelope: Envelopes
-    level: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, envelope: Envelopes) -> _Frame | None:
-        """Take a frame; None where a channel shows nothing."""
-        bright = envelope.bright
-        if bright.shape[1] == 0 or not (bright > 0).any(axis=1).all():
-            return None
-        known = np.where(bright > 0, bright, np.nan)
-        return cls(envelope, np.exp(np.nanmean(np.log(known), axis=1)))
+def _wider(water: WaterEstimate, deviation: float) -> WaterEstimate:
+    """Add a deviation of attenuation that is common to the channels."""
+    joint = joint_covariance(water).copy()
+    joint[0::2, 0::2] += deviation**2
+    return replace(water, covariance=_blocks(joint), joint_covariance=joint)
 
 
-def _level(frames: Sequence[_Frame]) -> NDArray[np.float64]:
-    return np.asarray(np.median([f.level for f in frames], axis=0) if frames else np.ones(3))
+def _compared(
+    water: WaterEstimate, bright: NDArray[np.float64], decay: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+) -> WaterEstimate:
+    """Compare with the decay of relative contrast: widen the covariance, or refuse."""
+    seen = np.isfinite(water.attenuation) & np.isfinite(decay)
+    if not seen.any():
+        return water
+    by_attenuation = (water.ambient_light / bright)[seen]
+    by_light = (water.attenuation / bright)[seen]
+    joint = joint_covariance(water)
+    own = np.repeat(seen, 2)
+    slopes = np.zeros((seen.sum(), own.sum()))
+    at = np.arange(seen.sum())
+    slopes[at, 2 * at], slopes[at, 2 * at + 1] = by_attenuation, by_light
+    spread = slopes @ joint[np.ix_(own, own)] @ slopes.T + covariance[np.ix_(seen, seen)]
+    # What the channels have in common: the scene's part is the same in them.
+    variance = float(spread.mean()) + SCENE_DECAY**2
+    gap = float(np.mean(water.attenuation[seen] * by_attenuation - decay[seen]))
+    if gap**2 > CONTRADICTION**2 * variance:
+        return WaterEstimate.not_assessable(Status.CUES_DISAGREE, water.envelope)
+    excess = max(gap**2 - WIDENING**2 * variance, 0.0)
+    return _wider(water, math.sqrt(excess) / float(by_attenuation.mean()))
 
 
-def together(frames: Sequence[_Frame]) -> Envelopes:
-    """Envelopes over all frames, at the median level of their bright envelopes."""
-    level = _level(frames)
-    gains = [level / f.level for f in frames]
-    envelopes = [f.envelope for f in frames]
-
-    def all_of(name: str, scaled: bool) -> NDArray[np.float64]:
-        return np.concatenate([
-            getattr(e, name) * (g[:, np.newaxis] if scaled else 1.0)
-            for e, g in zip(envelopes, gains, strict=True)], axis=-1)
-
-    distance, count = all_of("range", False), all_of("count", False)
-    dark, bright = all_of("dark", True), all_of("bright", True)
-    dark_range = all_of("dark_range", False)
-    step, deviation = all_of("step", True), all_of("deviation", True)
-    low, high = distance.min(), distance.max() * (1 + 1e-9)
-    place = np.log(distance / low) / max(math.log(high / low), 1e-9)
-    bin_of = np.minimum((place * BINS).astype(int), BINS - 1)
-    size = np.bincount(bin_of, minlength=BINS)
-    full = np.flatnonzero(size >= FEWEST_OBSERVATIONS)
-    out = np.full((5, 3, len(full)), np.nan)
-    mean_range = np.empty(len(full))
-    pixels = np.empty(len(full), np.int64)
-    for i, b in enumerate(full):
-        here = np.flatnonzero(bin_of == b)
-        weight = count[here] / count[here].sum()
-        mean_range[i] = weight @ distance[here]
-        pixels[i] = count[here].sum()
-        for c in range(3):
-            known = here[np.isfinite(dark[c, here])]
-            if len(known) < FEWEST_OBSERVATIONS:
-                continue
-            chosen = known[np.argsort(dark[c, known])[int(DARK_QUANTILE * len(known))]]
-            out[:, c, i] = (
-                dark[c, chosen], dark_range[c, chosen],
-                np.quantile(bright[c, known], BRIGHT_QUANTILE), step[c, chosen],
-                deviation[c, chosen],
-            )
-    total = max(sum(e.pixels for e in envelopes), 1)
-    share = np.array([e.pixels for e in envelopes]) / total
-    return replace(
-        envelopes[-1],
-        range=mean_range, count=pixels, dark=out[0], dark_range=out[1], bright=out[2],
-        step=out[3], deviation=out[4], pixels=total,
-        noise=np.asarray(share @ [e.noise for e in envelopes]),
-        saturated=np.asarray(share @ [e.saturated for e in envelopes]),
-        zero=np.asarray(share @ [e.zero for e in envelopes]),
-        grey=all(e.grey for e in envelopes),
-        limits=(float(low), float(high)),
-        range_error=float(share @ [e.range_error for e in envelopes]),
-    )
+def _jackknife(parts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariance of values, given those without each of the blocks, (BLOCKS, ...)."""
+    away = parts - parts.mean(axis=0)
+    return np.asarray((BLOCKS - 1) / BLOCKS * away.T @ away)
 
 
 def _with_spread(whole: WaterEstimate, parts: Sequence[WaterEstimate]) -> WaterEstimate:
@@ -246,8 +225,7 @@ def _with_spread(whole: WaterEstimate, parts: Sequence[WaterEstimate]) -> WaterE
     seen = np.isfinite(_values(whole)) & (number >= BLOCKS - MOST_DECISIVE)
     each = np.where(known, each, 0.0)
     away = np.where(known & seen, each - each.sum(axis=0) / np.maximum(number, 1), 0.0)
-    away *= np.sqrt(BLOCKS / np.maximum(number, 1))
-    joint = joint_covariance(whole) + (BLOCKS - 1) / BLOCKS * away.T @ away
+    joint = joint_covariance(whole) + _jackknife(away * np.sqrt(BLOCKS / np.maximum(number, 1)))
     joint[~seen, :] = np.nan
     joint[:, ~seen] = np.nan
     status = [
