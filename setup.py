@@ -47,7 +47,7 @@ setup(
         # Commands that draw and show progress.
         "report": ["jinja2>=3.1", "matplotlib>=3.6", "tqdm>=4.66"],
         # Commands that read and write recordings; the only library that no apt has.
-        "recordings": ["rosbags>=0.11.9"],
+        "recordings": ["rosbags>=0.11.9", "lz4"],
         # replay --scheduler, on a Dask cluster that is there already.
         "distributed": ["distributed>=2024.1"],
         "test": [

@@ -49,14 +49,15 @@ ROSDEP_KEYS = {
     "tqdm": "python3-tqdm",
     "yaml": "python3-yaml",
 }
-# rosdep would install it with pip, which packages for apt must not ask for.
-NOT_IN_APT = {"rosbags"}
+# rosdep would install rosbags, which brings lz4, with pip: packages for apt must not ask for that.
+NOT_IN_APT = {"rosbags", "lz4"}
 # The name on PyPI of each module that does not come with ROS.
 PIP_NAMES = {
     "PIL": "pillow",
     "cv2": "opencv-python-headless",
     "jinja2": "jinja2",
     "llvmlite": "numba",
+    "lz4": "lz4",
     "matplotlib": "matplotlib",
     "numba": "numba",
     "numpy": "numpy",

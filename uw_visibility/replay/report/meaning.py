@@ -17,6 +17,15 @@ MEANINGS = {
     Status.NO_TEXTURE: "The image is one colour.",
     Status.AMBIENT_LIGHT_UNBOUNDED: "Nothing bright or far enough bounds the light of the water.",
     Status.FIT_FAILED: "The light that was seen does not follow the model of one water.",
+    Status.NO_DAYLIGHT_COLOUR: "The light has not the colour of daylight at any depth: lamps, or a "
+    "camera whose white is not the one that was configured.",
+    Status.OTHER_TRANSFER: "Images look encoded the other way than configured: linear or sRGB.",
+    Status.UNEVEN_RADIUS: "The image darkens or brightens from its middle outwards, as by the "
+    "lens or by lamps.",
+    Status.UNEVEN_SIDES: "The halves of the image show different water: a plume, a layer, or light "
+    "from one side.",
+    Status.CUES_DISAGREE: "Contrast and darkness fade with range at different rates, which no "
+    "single water explains.",
     Status.NEGATIVE_DISPARITIES: "Left and right images are exchanged.",
 }
 
