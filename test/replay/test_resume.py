@@ -18,7 +18,7 @@ import pytest
 from bag_copies import DARK, DIVE_FRAMES, HARD_PARAMETERS, messages_of, parameter_file, run
 
 from uw_visibility.cli import main
-from uw_visibility.replay.filtering import EstimateLog
+from uw_visibility.replay import frame_log
 from uw_visibility.replay.results import provenance
 from uw_visibility.replay.results.folder import ResultFolder
 from uw_visibility.replay.results.recorder import FrameRecorder
@@ -50,7 +50,7 @@ class Interrupted:
 def stop_at(number: int, method: Callable[..., Any]) -> Callable[..., Any]:
     """Let a method of a frame end in Ctrl-C at one of them."""
     def stopping(self: Any, item: Any) -> Any:
-        frame = item.number if hasattr(item, "number") else int(item.row["frame"])
+        frame = item.number if hasattr(item, "number") else item.record.frame
         if frame == number:
             raise KeyboardInterrupt
         return method(self, item)
@@ -135,12 +135,30 @@ def test_a_resumed_replay_is_as_if_it_had_not_been_interrupted(
 def test_frames_that_the_part_holds_less_of_than_it_says_are_worked_on_again(
     interrupted: Interrupted, hard_replayed: Path
 ) -> None:
-    path = interrupted.partial / EstimateLog.NAME
-    with path.open("rb") as file:
-        entries = [pickle.load(file) for _ in range(INTERRUPTED_AT - 1)]
-    path.write_bytes(b"".join(pickle.dumps(entry) for entry in entries[1:]))
+    path = interrupted.partial / frame_log.NAME
+    lines = path.read_text().splitlines(keepends=True)
+    assert len(lines) == INTERRUPTED_AT
+    # One is missing in the middle, and the last one is cut off.
+    path.write_text("".join(lines[:1] + lines[2:-1]) + lines[-1][:-9])
     assert interrupted.again("--resume").code == 0
     check_complete(interrupted, hard_replayed)
+
+
+def test_a_log_that_is_none_is_refused_and_nothing_of_it_is_executed(
+    interrupted: Interrupted, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Harmful:
+        def __reduce__(self) -> Any:
+            return Path.touch, (tmp_path / "executed",)
+
+    path = interrupted.partial / frame_log.NAME
+    for content in (pickle.dumps(Harmful()) + b"\n", b"[1, 2]\n", b'{"float": "0x1p0"}\n'):
+        path.write_bytes(content)
+        capsys.readouterr()
+        assert interrupted.again("--resume").code == 2
+        (line,) = capsys.readouterr().err.strip().splitlines()
+        assert "frames.jsonl, line 1, is no frame of a replay: --force begins anew" in line
+    assert not (tmp_path / "executed").exists()
 
 
 def test_of_two_parts_the_longer_one_is_gone_on_from(
@@ -229,9 +247,10 @@ def test_a_part_of_another_origin_is_not_gone_on_from(
     with monkeypatch.context() as patched:
         patched.setattr(provenance, "version", lambda: "0.0.1")
         assert "is of another version" in refusal()
-    # A row of another frame, whatever the state says.
-    table = interrupted.partial / "frames.csv"
+    # Another frame, whatever the state says.
+    table, log = (interrupted.partial / name for name in ("frames.csv", frame_log.NAME))
     table.write_text(table.read_text().replace(f"\n{DARK},", "\n9,"))
+    log.write_text(log.read_text().replace(f'"frame": {DARK},', '"frame": 9,'))
     assert "is not of these frames" in refusal()
     assert interrupted.again("--force").code == 0
     assert not interrupted.partial.exists()

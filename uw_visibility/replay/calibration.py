@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
 from uw_visibility.replay.pool import FramePool
 from uw_visibility.replay.progress import Progress
+from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.joining import Joiner
 from uw_visibility.replay.work import FrameAnswer, FrameTask, Recording
 from uw_visibility.water.calibration import Calibration, calibrate
@@ -53,14 +55,15 @@ class CalibrationSeries:
     unusable: int = 0
     damage: list[str] = field(default_factory=list)
 
-    def add(self, row: dict[str, str], answer: FrameAnswer) -> None:
-        """Add a frame: its row of the table, with the sensor's depth, and its estimate."""
-        if answer.estimate is None:
+    def add(self, joined: JoinedFrame) -> None:
+        """Add a frame with the sensor's depth."""
+        estimate = joined.record.estimate
+        if estimate is None:
             self.unusable += 1
             return
-        self.estimates.append(answer.estimate.water)
-        self.sensed.append(float(row.get("sensor_depth") or "nan"))
-        self.assessed.append(float(row["depth"] or "nan"))
+        self.estimates.append(estimate.water)
+        self.sensed.append(math.nan if joined.sensor is None else joined.sensor.depth)
+        self.assessed.append(estimate.visibility.depth)
 
     def errors(self) -> NDArray[np.float64]:
         """Return assessed less sensed depths, where both are known, m."""
@@ -135,11 +138,10 @@ def _add_recording(
         recording = Recording.of(reader, stream.selection, options, ())
         joiner = Joiner(stream.plausibility)
         progress = Progress(bag.name, stream.expected_frames)
-        waiting: dict[str, FrameAnswer] = {}
 
-        def take(rows: Iterator[dict[str, str]]) -> None:
-            for row in rows:
-                series.add(row, waiting.pop(row["frame"]))
+        def take(frames: Iterator[JoinedFrame]) -> None:
+            for joined in frames:
+                series.add(joined)
 
         tasks: Iterator[Any] = (
             FrameTask(recording, event) if isinstance(event, RecordedFrame) else event
@@ -148,8 +150,7 @@ def _add_recording(
         try:
             for item in pool.answers(tasks):
                 if isinstance(item, FrameAnswer):
-                    waiting[item.row["frame"]] = item
-                    take(joiner.add_frame(item.row))
+                    take(joiner.add_frame(item.record))
                     progress.add()
                 else:
                     take(joiner.add(item))

@@ -19,6 +19,7 @@ from uw_visibility.replay.inputs.positions import write_geojson
 from uw_visibility.replay.inputs.stream import Event, InputStream, RecordedFrame
 from uw_visibility.replay.pool import FramePool
 from uw_visibility.replay.progress import Progress
+from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.folder import ResultFolder
 from uw_visibility.replay.results.joining import Joiner
 from uw_visibility.replay.results.mcap import EarlierPart
@@ -120,7 +121,8 @@ class _Replay:
         try:
             for item in pool.answers(self._tasks(self._stream.events())):
                 if isinstance(item, FrameAnswer):
-                    self._write_rows(self._joiner.add_frame(self._recorder.write_frame(item)))
+                    filtered = self._recorder.write_frame(item)
+                    self._write_rows(self._joiner.add_frame(item.record, filtered))
                     progress.add()
                 else:
                     self._write_rows(self._joiner.add(item))
@@ -145,7 +147,7 @@ class _Replay:
             if kind is None:
                 raise
         if kind is None:
-            self._recorder.forget_estimates()
+            self._recorder.forget_records()
             self._folder.forget_earlier()
             self._folder.complete()
         elif self._earlier is not None and self.summary.frames < len(self._earlier.timings):
@@ -164,16 +166,16 @@ class _Replay:
                 yield event
                 continue
             earlier = next(known, None)
-            if earlier is not None and earlier.row["frame"] != str(event.number):
+            if earlier is not None and earlier.record.frame != event.number:
                 raise InputError(
                     f"{self._folder.earlier} is not of these frames: --force begins anew"
                 )
             yield FrameTask(recording, event) if earlier is None else earlier
 
-    def _write_rows(self, rows: Iterator[dict[str, str]]) -> None:
-        for row in rows:
-            self._recorder.write_row(row)
-            self.summary.count(row)
+    def _write_rows(self, frames: Iterator[JoinedFrame]) -> None:
+        for joined in frames:
+            self._recorder.write_row(joined)
+            self.summary.count(joined)
 
     def _finish(self, hashed: bool) -> None:
         """Close everything, whole or partial, and write report and summary."""

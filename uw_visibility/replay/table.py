@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.pipeline.result import FrameResult
-from uw_visibility.plausibility.samples import DepthSample
-from uw_visibility.status import Status
+from uw_visibility.replay.records import FrameEstimate, JoinedFrame
+from uw_visibility.water.assessment import Visibility
+from uw_visibility.water.survey import SurveyEstimate
 
 FAILED = "unusable"
 """Status of frames that gave no result; the column ``reason`` says why."""
@@ -62,38 +62,56 @@ def number(value: float) -> str:
     return repr(float(value)) if math.isfinite(value) else ""
 
 
-def result_columns(result: FrameResult) -> dict[str, str]:
-    """Return the columns that a frame's result fills.
+def row_of(joined: JoinedFrame) -> dict[str, str]:
+    """Write a frame as a row of the table; what it lacks stays empty.
 
     Parameters
     ----------
-    result : FrameResult
+    joined : JoinedFrame
 
     Returns
     -------
     dict of str to str
         Text by column.
     """
-    water, visibility, limited = result.water, result.visibility, result.images.limited
+    record = joined.record
+    row = {
+        "frame": str(record.frame), "stamp": seconds(record.stamp),
+        "right_stamp": seconds(record.right_stamp), "time": seconds(record.time),
+        "innovation": number(joined.innovation), "nis": number(joined.nis),
+        "plausibility": "" if joined.verdict is None else str(joined.verdict),
+        "plausibility_reason": joined.verdict_reason,
+        "longitude": number(joined.longitude), "latitude": number(joined.latitude),
+        "x": number(joined.x), "y": number(joined.y),
+    }
+    if joined.sensor is not None:
+        row["sensor_depth"] = number(joined.sensor.depth)
+        row["sensor_depth_stddev"] = number(joined.sensor.variance**0.5)
+    if record.estimate is None:
+        return row | {"status": FAILED, "reason": record.reason}
+    row |= _estimate_columns(record.estimate)
+    if joined.filtered is not None:
+        row |= _visibility_columns("filtered_", joined.filtered.visibility)
+        row["filtering"] = str(joined.filtered.event)
+        if joined.filtered.survey is not None:
+            row |= _survey_columns(joined.filtered.survey)
+    return row
+
+
+def _estimate_columns(estimate: FrameEstimate) -> dict[str, str]:
+    water, visibility = estimate.water, estimate.visibility
+    original = estimate.matched_fraction_original
     columns = {
-        "status": str(result.status),
+        "status": str(water.status),
         "visibility_status": str(visibility.status),
         "depth_status": str(visibility.depth_status),
-        "mean_attenuation": number(visibility.mean_attenuation),
-        "mean_attenuation_stddev": number(visibility.mean_attenuation_stddev),
-        "visibility_distance": number(visibility.distance),
-        "visibility_distance_stddev": number(visibility.distance_stddev),
-        "depth": number(visibility.depth),
-        "depth_stddev": number(visibility.depth_stddev),
+        **_visibility_columns("", visibility),
         "depth_precision": number(visibility.depth_precision),
-        "support_points": str(int(result.stereo.support_points)),
-        "coverage": number(result.stereo.coverage),
-        "matched_fraction": number(result.stereo.matched_fraction),
-        "matched_fraction_original": number(
-            math.nan if result.stereo.matched_fraction_original is None
-            else result.stereo.matched_fraction_original
-        ),
-        "limited_fraction": number(float(limited.mean()) if limited.size else 0.0),
+        "support_points": str(estimate.support_points),
+        "coverage": number(estimate.coverage),
+        "matched_fraction": number(estimate.matched_fraction),
+        "matched_fraction_original": "" if original is None else number(original),
+        "limited_fraction": number(estimate.limited_fraction),
     }
     for index, channel in enumerate(CHANNELS):
         columns[f"attenuation_{channel}"] = number(water.attenuation[index])
@@ -103,13 +121,23 @@ def result_columns(result: FrameResult) -> dict[str, str]:
     return columns
 
 
-def depth_sample(row: Mapping[str, str]) -> tuple[DepthSample, Status]:
-    """Return the estimated depth of a row with a result, and its status, to be judged."""
-    status = Status(row["depth_status"])
-    known = bool(row["depth"] and row["depth_precision"])
-    depth = float(row["depth"]) if known else math.nan
-    variance = float(row["depth_precision"]) ** 2 if known else math.nan
-    return DepthSample(nanoseconds(row["stamp"]), depth, variance), status
+def _visibility_columns(prefix: str, visibility: Visibility) -> dict[str, str]:
+    return {
+        f"{prefix}mean_attenuation": number(visibility.mean_attenuation),
+        f"{prefix}mean_attenuation_stddev": number(visibility.mean_attenuation_stddev),
+        f"{prefix}visibility_distance": number(visibility.distance),
+        f"{prefix}visibility_distance_stddev": number(visibility.distance_stddev),
+        f"{prefix}depth": number(visibility.depth),
+        f"{prefix}depth_stddev": number(visibility.depth_stddev),
+    }
+
+
+def _survey_columns(survey: SurveyEstimate) -> dict[str, str]:
+    return {
+        "survey_frames": str(survey.frames),
+        "survey_range_min": number(survey.range_min),
+        "survey_range_max": number(survey.range_max),
+    }
 
 
 class TableWriter:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import traceback
 import uuid
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,11 +24,10 @@ from uw_visibility.replay.bags.decoder import Decoder
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.bags.storage import Channel, Recorded
 from uw_visibility.replay.bags.types import jazzy_types
-from uw_visibility.replay.filtering import FrameEstimate
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.stream import RecordedFrame
 from uw_visibility.replay.inputs.topics import Selection
-from uw_visibility.replay.table import FAILED, result_columns, seconds
+from uw_visibility.replay.records import FrameEstimate, FrameRecord
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.filter import FilteredWater, WaterFilter
 
@@ -103,26 +102,20 @@ class FrameTask:
 
 @dataclass(frozen=True)
 class FrameAnswer:
-    """Answer to a frame's task: row, messages and timing, or the reason of its failure.
+    """Answer to a frame's task: record, messages and timing.
 
     Attributes
     ----------
-    time : int
-        When the left image was received, ns.
-    row : dict of str to str
-        Columns of the table that the frame alone fills.
+    record : FrameRecord
+        Estimate, or the reason of its failure.
     messages : list of tuple
         Topic and serialised message (CDR), in the order of publishing.
-    estimate : FrameEstimate or None
-        What the filter over frames needs; None without a result.
     timing_ms : dict of str to float
         Durations of the stages.
     """
 
-    time: int
-    row: dict[str, str]
+    record: FrameRecord
     messages: list[tuple[str, bytes]] = field(default_factory=list)
-    estimate: FrameEstimate | None = None
     timing_ms: dict[str, float] = field(default_factory=dict)
 
 
@@ -143,10 +136,7 @@ class RecordingProcessor:
 
     def answer(self, frame: RecordedFrame) -> FrameAnswer:
         """Process a task; whatever goes wrong costs this frame alone."""
-        row = {
-            "frame": str(frame.number), "stamp": seconds(frame.stamp),
-            "right_stamp": seconds(frame.right_stamp), "time": seconds(frame.time),
-        }
+        record = FrameRecord(frame.number, frame.stamp, frame.right_stamp, frame.time)
         try:
             work = self._begin(frame)
             result = self._assess(work)
@@ -155,15 +145,13 @@ class RecordingProcessor:
                 for topic, message in self._messages(work, result)
             ]
         except InputError as error:
-            return FrameAnswer(frame.time, {**row, "status": FAILED, "reason": str(error)})
+            return FrameAnswer(replace(record, reason=str(error)))
         except Exception as error:
             place = traceback.extract_tb(error.__traceback__)[-1]
             reason = f"internal error, {type(error).__name__} at {place.name}:{place.lineno}"
-            return FrameAnswer(frame.time, {**row, "status": FAILED, "reason": reason})
+            return FrameAnswer(replace(record, reason=reason))
         estimate = FrameEstimate.of(result, work.rig, work.header)
-        return FrameAnswer(
-            frame.time, {**row, **result_columns(result)}, messages, estimate, result.timing_ms
-        )
+        return FrameAnswer(replace(record, estimate=estimate), messages, result.timing_ms)
 
     def process(
         self, frame: RecordedFrame, water_filter: WaterFilter

@@ -5,16 +5,19 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from frame_records import frame_estimate, frame_record
 from hypothesis import given
 from hypothesis import strategies as st
 
 from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.plausibility.samples import DepthSample
+from uw_visibility.plausibility.verdict import Verdict
 from uw_visibility.replay.inputs.positions import (
     PROPERTIES,
     Position,
@@ -23,22 +26,17 @@ from uw_visibility.replay.inputs.positions import (
     write_geojson,
 )
 from uw_visibility.replay.inputs.stream import SensorValue
+from uw_visibility.replay.records import FrameRecord, JoinedFrame
 from uw_visibility.replay.results.joining import Joiner
-from uw_visibility.replay.table import FAILED, nanoseconds, number, seconds
+from uw_visibility.status import Status
 
 CONFIG = PlausibilityConfig(sensor_type="Float64", model_stddev=0.3, max_gate=3.0)
 
 
-def row(time: float, depth: float | None = 3.0) -> dict[str, str]:
-    stamp = seconds(round(time * 1e9))
-    known = {} if depth is None else {
-        "depth": number(depth), "depth_stddev": "0.6", "depth_precision": "0.4",
-    }
-    return {
-        "frame": "0", "stamp": stamp, "time": stamp, "status": "ok", "reason": "",
-        "depth_status": "ok" if known else "saturated",
-        "depth": "", "depth_stddev": "", "depth_precision": "", **known,
-    }
+def record(time: float, depth: float | None = 3.0) -> FrameRecord:
+    estimate = frame_estimate(depth_status=Status.SATURATED) if depth is None else frame_estimate(
+        depth=depth, depth_stddev=0.6, depth_precision=0.4)
+    return frame_record(time, estimate=estimate)
 
 
 def sensor(time: float, depth: float) -> SensorValue:
@@ -46,57 +44,61 @@ def sensor(time: float, depth: float) -> SensorValue:
     return SensorValue(DepthSample(stamp, depth, 0.0), stamp)
 
 
+def depth_of(joined: JoinedFrame) -> float:
+    assert joined.sensor is not None
+    return joined.sensor.depth
+
+
 def test_a_row_waits_for_the_sensor_and_takes_its_value_in_between() -> None:
     joiner = Joiner(CONFIG)
     assert list(joiner.add_sensor(sensor(1.0, 2.0))) == []
-    assert list(joiner.add_frame(row(1.5))) == []
+    assert list(joiner.add_frame(record(1.5))) == []
     (joined,) = joiner.add_sensor(sensor(2.0, 4.0))
-    assert float(joined["sensor_depth"]) == 3.0
-    assert float(joined["innovation"]) == 0.0
-    (joined,) = list(joiner.add_frame(row(2.0)))
-    assert float(joined["innovation"]) == 1.0
+    assert depth_of(joined) == 3.0
+    assert joined.innovation == 0.0
+    (joined,) = list(joiner.add_frame(record(2.0)))
+    assert joined.innovation == 1.0
     # S is the sum of what estimate, sensor and model are uncertain by.
-    assert float(joined["nis"]) == pytest.approx(1.0 / (0.4**2 + 0.3**2))
-    assert joined["plausibility"] == "ok"
+    assert joined.nis == pytest.approx(1.0 / (0.4**2 + 0.3**2))
+    assert joined.verdict is Verdict.OK
 
 
 def test_a_refused_depth_has_the_sensor_beside_it_but_no_nis() -> None:
     joiner = Joiner(CONFIG)
     list(joiner.add_sensor(sensor(1.0, 2.0)))
-    (joined,) = joiner.add_frame(row(1.0, None))
-    assert float(joined["sensor_depth"]) == 2.0
-    assert "nis" not in joined
-    assert joined["plausibility"] == "not assessable"
-    assert joined["plausibility_reason"] == "the depth is not assessable: saturated"
+    (joined,) = joiner.add_frame(record(1.0, None))
+    assert depth_of(joined) == 2.0
+    assert math.isnan(joined.nis)
+    assert joined.verdict is Verdict.NOT_ASSESSABLE
+    assert joined.verdict_reason == "the depth is not assessable: saturated"
 
 
 def test_a_frame_without_result_is_not_judged_and_its_neighbours_are() -> None:
     joiner = Joiner(CONFIG)
-    failed = {"frame": "1", "stamp": seconds(1_500_000_000), "time": seconds(1_500_000_000),
-              "status": FAILED, "reason": "left image: too dark"}
-    out = [*joiner.add_sensor(sensor(0.9, 2.0)), *joiner.add_frame(row(1.0))]
+    failed = frame_record(1.5, 1, reason="left image: too dark")
+    out = [*joiner.add_sensor(sensor(0.9, 2.0)), *joiner.add_frame(record(1.0))]
     # The next frame is there before the sensor's next value.
     out += [*joiner.add_frame(failed), *joiner.add_sensor(sensor(2.0, 2.0))]
-    assert [(r["plausibility"], r["plausibility_reason"]) for r in out] == [
+    assert [(str(j.verdict), j.verdict_reason) for j in out] == [
         ("ok", ""), ("not assessable", "the frame has no result")]
-    assert float(out[1]["sensor_depth"]) == 2.0
+    assert depth_of(out[1]) == 2.0
 
 
 def test_a_sensor_that_is_silent_holds_no_row_up() -> None:
     joiner = Joiner(CONFIG)
-    out = [r for k in range(10) for r in joiner.add_frame(row(1.0 + k))]
+    out = [r for k in range(10) for r in joiner.add_frame(record(1.0 + k))]
     out += joiner.finish()
-    assert [nanoseconds(r["stamp"]) for r in out] == [10**9 * (1 + k) for k in range(10)]
-    assert all("sensor_depth" not in r for r in out)
-    assert len(list(Joiner(replace(CONFIG, sensor_type="none")).add_frame(row(1.0)))) == 1
+    assert [j.record.stamp for j in out] == [10**9 * (1 + k) for k in range(10)]
+    assert all(j.sensor is None for j in out)
+    assert len(list(Joiner(replace(CONFIG, sensor_type="none")).add_frame(record(1.0)))) == 1
 
 
 def test_across_a_gap_of_the_sensor_nothing_is_made_up() -> None:
     joiner = Joiner(CONFIG)
     list(joiner.add_sensor(sensor(1.0, 2.0)))
-    list(joiner.add_frame(row(2.0)))
+    list(joiner.add_frame(record(2.0)))
     (joined,) = joiner.add_sensor(sensor(1.1 + CONFIG.timeout, 2.0))
-    assert "sensor_depth" not in joined
+    assert joined.sensor is None
 
 
 def test_a_restart_forgets_the_learned_bias_but_not_what_was_counted() -> None:
@@ -104,10 +106,10 @@ def test_a_restart_forgets_the_learned_bias_but_not_what_was_counted() -> None:
     for begin in (100.0, 50.0):
         for k in range(4):
             (joined,) = [*joiner.add_sensor(sensor(begin + k, 5.0)),
-                         *joiner.add_frame(row(begin + k))]
+                         *joiner.add_frame(record(begin + k))]
             learned = k >= 2
-            assert float(joined["innovation"]) == (0.0 if learned else 2.0)
-            assert joined["plausibility"] == ("ok" if k >= 1 else "learning")
+            assert joined.innovation == (0.0 if learned else 2.0)
+            assert joined.verdict is (Verdict.OK if k >= 1 else Verdict.LEARNING)
         assert (report := joiner.report()) is not None
         assert report.compared == (4 if begin == 100.0 else 8)
         joiner.restart()
@@ -121,23 +123,23 @@ def test_every_row_comes_out_once_and_in_order(frames: list[bool], restart: int)
         time = 100.0 + 0.4 * k - 50.0 * (k // 10 if restart == 0 else 0)
         if is_frame:
             stamps.append(round(time * 1e9))
-            out += joiner.add_frame(row(time))
+            out += joiner.add_frame(record(time))
         else:
             out += joiner.add_sensor(sensor(time, 1.0))
             out += joiner.add_position(Position(round(time * 1e9), False, 0.0, 0.0, 0.0))
     out += joiner.finish()
-    assert [nanoseconds(r["stamp"]) for r in out] == stamps
+    assert [j.record.stamp for j in out] == stamps
 
 
 def test_positions_are_interpolated_and_become_longitude_and_latitude() -> None:
     joiner = Joiner(replace(CONFIG, sensor_type="none"), True, origin=(60.0, 10.0))
     list(joiner.add_position(Position(1_000_000_000, False, 0.0, 0.0, 0.0)))
-    assert list(joiner.add_frame(row(2.0))) == []
+    assert list(joiner.add_frame(record(2.0))) == []
     (joined,) = joiner.add_position(Position(3_000_000_000, False, 200.0, 400.0, 0.0))
-    assert (float(joined["x"]), float(joined["y"])) == (100.0, 200.0)
+    assert (joined.x, joined.y) == (100.0, 200.0)
     # A degree of latitude is 111.2 km; one of longitude half as much at 60 degrees north.
-    assert float(joined["latitude"]) == pytest.approx(60.0 + 0.2 / 111.195, abs=1e-6)
-    assert float(joined["longitude"]) == pytest.approx(10.0 + 0.1 / 55.597, abs=1e-6)
+    assert joined.latitude == pytest.approx(60.0 + 0.2 / 111.195, abs=1e-6)
+    assert joined.longitude == pytest.approx(10.0 + 0.1 / 55.597, abs=1e-6)
     assert geographic(0.0, 0.0, (60.0, 10.0)) == (10.0, 60.0)
 
 

@@ -5,21 +5,38 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
+from frame_records import frame_estimate, frame_record
+
+from uw_visibility.plausibility.verdict import Verdict
+from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.refusals import MOST_REASONS, MOST_RUNS, Refusals
+from uw_visibility.status import Status
+
+OK, DARK = Status.OK, Status.TOO_DARK
 
 
-def row(frame: int, **columns: str) -> dict[str, str]:
-    good = {"frame": str(frame), "status": "ok", "visibility_status": "ok", "depth_status": "ok",
-            "visibility_distance": "", "plausibility": "", "plausibility_reason": "",
-            "reason": ""}
-    return good | columns
+def frame(
+    number: int, water: Status = OK, visibility: Status = OK, depth: Status = OK,
+    distance: float = math.nan, verdict: Verdict | None = None, why: str = "",
+) -> JoinedFrame:
+    estimate = frame_estimate(water, status=visibility, depth_status=depth, distance=distance)
+    record = frame_record(frame=number, estimate=estimate)
+    return JoinedFrame(record, verdict=verdict, verdict_reason=why)
 
 
-def told(*rows: dict[str, str]) -> list[tuple[str, str, int, str]]:
+def failed(number: int, reason: str) -> JoinedFrame:
+    return JoinedFrame(
+        frame_record(frame=number, reason=reason), verdict=Verdict.NOT_ASSESSABLE,
+        verdict_reason="the frame has no result",
+    )
+
+
+def told(*frames: JoinedFrame) -> list[tuple[str, str, int, str]]:
     refusals = Refusals()
-    for each in rows:
+    for each in frames:
         refusals.count(each)
     again = Refusals.of_state(json.loads(json.dumps(refusals.state())))
     assert again.together() == refusals.together()
@@ -27,50 +44,48 @@ def told(*rows: dict[str, str]) -> list[tuple[str, str, int, str]]:
 
 
 def test_each_quantity_has_its_frames_and_reasons() -> None:
-    narrow: Any = {"visibility_status": "range spread too small"}
-    assert told(row(0), row(1, **narrow), row(2, **narrow), row(3), row(4, **narrow),
-                row(5, depth_status="ambient light unbounded")) == [
+    narrow: Any = {"visibility": Status.RANGE_SPREAD_TOO_SMALL}
+    assert told(frame(0), frame(1, **narrow), frame(2, **narrow), frame(3), frame(4, **narrow),
+                frame(5, depth=Status.AMBIENT_LIGHT_UNBOUNDED)) == [
         ("visibility distance", "range spread too small", 3, "1-2, 4"),
         ("depth by colour", "ambient light unbounded", 1, "5"),
     ]
     # Neighbours are those that were replayed.
-    assert told(row(0, **narrow), row(10, **narrow))[0][3] == "0-10"
-    assert told(row(0)) == []
+    assert told(frame(0, **narrow), frame(10, **narrow))[0][3] == "0-10"
+    assert told(frame(0)) == []
 
 
 def test_quantities_that_fail_together_are_one_line() -> None:
-    dark = dict.fromkeys(("status", "visibility_status", "depth_status"), "too dark")
-    assert told(row(0, **dark), row(1, **dark)) == [
+    dark = (DARK, DARK, DARK)
+    assert told(frame(0, *dark), frame(1, *dark)) == [
         ("water, visibility distance, depth by colour", "too dark", 2, "0-1")]
     # The distance of the channels that were seen is in the table nevertheless.
-    (line, *rest) = told(row(0, **dark, visibility_distance="7.5"))
+    (line, *rest) = told(frame(0, *dark, distance=7.5))
     assert line[0] == "water, visibility distance of all channels, depth by colour"
     assert rest == []
     # The same number of frames is not the same frames.
-    assert len(told(row(0, status="too dark"), row(1, depth_status="too dark"))) == 2
+    assert len(told(frame(0, DARK), frame(1, depth=DARK))) == 2
 
 
 def test_a_frame_without_result_lacks_nothing_else() -> None:
-    assert told(row(0, status="unusable", reason="left image is empty", visibility_status="",
-                    depth_status="", plausibility="not assessable")) == [
+    assert told(failed(0, "left image is empty")) == [
         ("the whole frame", "left image is empty", 1, "0")]
 
 
 def test_a_sensor_that_was_not_judged_is_told_without_the_numbers_that_differ() -> None:
-    rows = [row(k, plausibility="stale", plausibility_reason=f"no depth_sensor for {k}.5 s")
-            for k in range(3)]
-    rows += [row(3, plausibility="warning", plausibility_reason="sensor +2 m from the estimate")]
-    assert told(*rows) == [
+    frames = [
+        frame(k, verdict=Verdict.STALE, why=f"no depth_sensor for {k}.5 s") for k in range(3)]
+    frames += [frame(3, verdict=Verdict.WARN, why="sensor +2 m from the estimate")]
+    assert told(*frames) == [
         ("plausibility of the depth sensor", "no depth_sensor for … s", 3, "0-2")]
 
 
 def test_a_long_recording_is_told_briefly() -> None:
-    every_other = [row(k, **({} if k % 2 else {"depth_status": "saturated"})) for k in range(100)]
+    every_other = [frame(k, depth=OK if k % 2 else Status.SATURATED) for k in range(100)]
     ((*_, count, frames),) = told(*every_other)
     assert count == 50
     assert frames == "0, 2, 4, 6, 8, 10, 12, 14 and 42 more"
     assert MOST_RUNS == 8
-    reasons = [row(k, status="unusable", reason=f"size {k}") for k in range(MOST_REASONS + 9)]
-    lines = told(*reasons)
+    lines = told(*(failed(k, f"size {k}") for k in range(MOST_REASONS + 9)))
     assert len(lines) == MOST_REASONS + 1
     assert lines[-1][1:3] == ("further reasons", 9)

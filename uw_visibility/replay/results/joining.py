@@ -20,7 +20,8 @@ from uw_visibility.plausibility.samples import DepthSample, interpolate
 from uw_visibility.plausibility.verdict import Verdict
 from uw_visibility.replay.inputs.positions import Position, PositionTrack, geographic
 from uw_visibility.replay.inputs.stream import Restart, SensorValue
-from uw_visibility.replay.table import FAILED, depth_sample, nanoseconds, number
+from uw_visibility.replay.records import FrameRecord, JoinedFrame
+from uw_visibility.water.filter import FilteredWater
 
 # Numbers of a report that are sums over the whole recording.
 COUNTS = ("compared", "failed", "inconclusive", "unmatched")
@@ -29,7 +30,7 @@ COUNTS = ("compared", "failed", "inconclusive", "unmatched")
 class Joiner:
     """Join of table rows with the depth sensor, its test and the position.
 
-    A row waits until the sensors' values enclose its stamp, or are too far
+    A frame waits until the sensors' values enclose its stamp, or are too far
     behind it. What comes out depends on the order of what goes in alone.
 
     Parameters
@@ -58,24 +59,28 @@ class Joiner:
         self._samples: deque[DepthSample] = deque()
         self._track = PositionTrack() if position else None
         self._origin = origin
-        self._waiting: deque[dict[str, str]] = deque()
+        self._waiting: deque[JoinedFrame] = deque()
         self._comparisons: dict[int, Comparison] = {}
         self._now = 0.0
         # Of the parts of the recording before its stamps jumped back.
         self._counts: Counter[str] = Counter()
         self.verdicts: Counter[str] = Counter()
 
-    def add_frame(self, row: dict[str, str]) -> Iterator[dict[str, str]]:
-        """Take a frame's row; yields the rows that are complete."""
-        self._now = nanoseconds(row["time"]) / 1e9
+    def add_frame(
+        self, record: FrameRecord, filtered: FilteredWater | None = None
+    ) -> Iterator[JoinedFrame]:
+        """Take a frame; yields the frames that are complete."""
+        self._now = record.time / 1e9
         # As in the node, a frame without result says nothing of the ones around it.
-        if self._monitor is not None and row["status"] != FAILED:
-            self._note(self._monitor.add_estimate(*depth_sample(row), self._now))
-        self._waiting.append(row)
+        if self._monitor is not None and record.estimate is not None:
+            depth = record.estimate.depth(record.stamp)
+            status = record.estimate.visibility.depth_status
+            self._note(self._monitor.add_estimate(depth, status, self._now))
+        self._waiting.append(JoinedFrame(record, filtered))
         yield from self._complete(at_end=False)
 
-    def add(self, event: SensorValue | Position | Restart) -> Iterator[dict[str, str]]:
-        """Take whatever comes between frames; yields the rows that are complete."""
+    def add(self, event: SensorValue | Position | Restart) -> Iterator[JoinedFrame]:
+        """Take whatever comes between frames; yields the frames that are complete."""
         if isinstance(event, SensorValue):
             yield from self.add_sensor(event)
         elif isinstance(event, Position):
@@ -83,8 +88,8 @@ class Joiner:
         else:
             self.restart()
 
-    def add_sensor(self, value: SensorValue) -> Iterator[dict[str, str]]:
-        """Take a value of the depth sensor; yields the rows that are complete."""
+    def add_sensor(self, value: SensorValue) -> Iterator[JoinedFrame]:
+        """Take a value of the depth sensor; yields the frames that are complete."""
         if self._monitor is None:
             return
         self._now = value.time / 1e9
@@ -97,8 +102,8 @@ class Joiner:
         self._samples.append(value.sample)
         yield from self._complete(at_end=False)
 
-    def add_position(self, position: Position) -> Iterator[dict[str, str]]:
-        """Take a position; yields the rows that are complete."""
+    def add_position(self, position: Position) -> Iterator[JoinedFrame]:
+        """Take a position; yields the frames that are complete."""
         if self._track is not None:
             self._track.add(position)
             yield from self._complete(at_end=False)
@@ -111,8 +116,8 @@ class Joiner:
         self._counts.update({name: getattr(report, name) for name in COUNTS})
         self._monitor.reset()
 
-    def finish(self) -> Iterator[dict[str, str]]:
-        """Yield the rows that still wait: nothing more will come."""
+    def finish(self) -> Iterator[JoinedFrame]:
+        """Yield the frames that still wait: nothing more will come."""
         yield from self._complete(at_end=True)
 
     def report(self) -> Report | None:
@@ -130,19 +135,19 @@ class Joiner:
         while len(self._comparisons) > 2 * WAITING_ESTIMATES:
             del self._comparisons[next(iter(self._comparisons))]
 
-    def _complete(self, at_end: bool) -> Iterator[dict[str, str]]:
+    def _complete(self, at_end: bool) -> Iterator[JoinedFrame]:
         while self._waiting:
-            stamp = nanoseconds(self._waiting[0]["stamp"])
-            newest = nanoseconds(self._waiting[-1]["stamp"])
+            stamp = self._waiting[0].record.stamp
+            newest = self._waiting[-1].record.stamp
             overdue = len(self._waiting) >= WAITING_ESTIMATES or (
                 newest - stamp > self._config.timeout * 1e9
             )
             if not (at_end or overdue or self._enclosed(stamp)):
                 return
-            row = self._waiting.popleft()
-            self._join_sensor(row, stamp)
-            self._join_position(row, stamp)
-            yield row
+            joined = self._waiting.popleft()
+            self._join_sensor(joined)
+            self._join_position(joined)
+            yield joined
 
     def _enclosed(self, stamp: int) -> bool:
         sensor = self._monitor is None or (
@@ -150,38 +155,35 @@ class Joiner:
         )
         return sensor and (self._track is None or self._track.reaches(stamp))
 
-    def _join_sensor(self, row: dict[str, str], stamp: int) -> None:
+    def _join_sensor(self, joined: JoinedFrame) -> None:
         if self._monitor is None:
             return
-        sample = interpolate(self._samples, stamp, self._config.timeout)
+        stamp = joined.record.stamp
+        joined.sensor = interpolate(self._samples, stamp, self._config.timeout)
         while len(self._samples) > 1 and self._samples[1].stamp <= stamp:
             self._samples.popleft()
-        if sample is not None:
-            row["sensor_depth"] = number(sample.depth)
-            row["sensor_depth_stddev"] = number(sample.variance**0.5)
         comparison = self._comparisons.pop(stamp, None)
         if comparison is not None:
-            row["innovation"] = number(comparison.innovation)
-            row["nis"] = number(comparison.nis)
+            joined.innovation, joined.nis = comparison.innovation, comparison.nis
         report = self._monitor.report(self._now)
         verdict, reason = report.verdict, report.reason
-        if row["status"] == FAILED:
+        if joined.record.estimate is None:
             verdict, reason = Verdict.NOT_ASSESSABLE, "the frame has no result"
-        row["plausibility"] = str(verdict)
-        row["plausibility_reason"] = "" if verdict is Verdict.OK else reason
-        self.verdicts[row["plausibility"]] += 1
+        joined.verdict = verdict
+        joined.verdict_reason = "" if verdict is Verdict.OK else reason
+        self.verdicts[str(verdict)] += 1
 
-    def _join_position(self, row: dict[str, str], stamp: int) -> None:
+    def _join_position(self, joined: JoinedFrame) -> None:
         if self._track is None:
             return
+        stamp = joined.record.stamp
         position = self._track.at(stamp)
         self._track.forget_before(stamp)
         if position is None:
             return
-        longitude, latitude = position.x, position.y
-        if not position.geographic:
-            row["x"], row["y"] = number(position.x), number(position.y)
-            if self._origin is None:
-                return
-            longitude, latitude = geographic(position.x, position.y, self._origin)
-        row["longitude"], row["latitude"] = number(longitude), number(latitude)
+        if position.geographic:
+            joined.longitude, joined.latitude = position.x, position.y
+            return
+        joined.x, joined.y = position.x, position.y
+        if self._origin is not None:
+            joined.longitude, joined.latitude = geographic(position.x, position.y, self._origin)

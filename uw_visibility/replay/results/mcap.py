@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
@@ -12,8 +13,9 @@ from typing import Any
 
 from uw_visibility.replay.bags.reader import BagReader, UnreadableError
 from uw_visibility.replay.bags.writer import BagWriter
-from uw_visibility.replay.filtering import EstimateLog
-from uw_visibility.replay.table import nanoseconds, read_rows
+from uw_visibility.replay.frame_log import read_records
+from uw_visibility.replay.records import JoinedFrame
+from uw_visibility.replay.table import read_rows
 from uw_visibility.replay.work import FrameAnswer
 
 NAME = "results.mcap"
@@ -44,11 +46,11 @@ class ResultWriter:
         for topic, data in messages:
             self._bag.write_serialised(f"/{topic}", data, time)
 
-    def write_nis(self, row: Mapping[str, str]) -> None:
-        """Write the NIS of a row, where it has one."""
-        if row.get("nis"):
-            message = self._bag.make(NIS_TYPE, data=float(row["nis"]))
-            self._bag.write(NIS_TOPIC, message, nanoseconds(row["time"]))
+    def write_nis(self, joined: JoinedFrame) -> None:
+        """Write the NIS of a frame, where it has one."""
+        if math.isfinite(joined.nis):
+            message = self._bag.make(NIS_TYPE, data=joined.nis)
+            self._bag.write(NIS_TOPIC, message, joined.record.time)
 
     def close(self, provenance: Mapping[str, Any]) -> None:
         """Complete the file."""
@@ -87,17 +89,17 @@ class EarlierPart:
         """Yield the frames whose row and messages are all there, in order."""
         if not (self._folder / "frames.csv").is_file():
             return
-        groups, estimates = self._groups(), EstimateLog.read(self._folder)
-        for row in read_rows(self._folder / "frames.csv"):
-            time = nanoseconds(row["time"])
-            if row["reason"]:
-                yield FrameAnswer(time, row)
+        groups, records = self._groups(), read_records(self._folder)
+        for row, record in zip(read_rows(self._folder / "frames.csv"), records, strict=False):
+            if row["frame"] != str(record.frame):
+                return
+            if record.estimate is None:
+                yield FrameAnswer(record)
                 continue
             group = next(groups, None)
-            number, estimate = next(estimates, ("", None))
-            if group is None or group[0] != time or number != row["frame"]:
+            if group is None or group[0] != record.time:
                 return
-            yield FrameAnswer(time, row, group[1], estimate)
+            yield FrameAnswer(record, group[1])
 
     def _groups(self) -> Iterator[tuple[int, list[tuple[str, bytes]]]]:
         """Yield time and messages of the frames that have some."""

@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from uw_visibility.messages.outputs import all_topics
-from uw_visibility.replay.filtering import EstimateLog, FilterStage
+from uw_visibility.replay.filtering import FilterStage
+from uw_visibility.replay.frame_log import FrameLog
 from uw_visibility.replay.inputs.options import ReplayOptions
+from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.mcap import ResultWriter
-from uw_visibility.replay.table import COLUMNS, TableWriter
+from uw_visibility.replay.table import COLUMNS, TableWriter, row_of
 from uw_visibility.replay.work import FrameAnswer
+from uw_visibility.water.filter import FilteredWater
 
 Row = dict[str, str]
 
@@ -46,39 +49,38 @@ class FrameRecorder:
         self._timings: TableWriter | None = None
         self._results = ResultWriter(folder, all_topics(options.node))
         self._filter = FilterStage(options.pipeline, options.node)
-        self._estimates = EstimateLog(folder)
+        self._log = FrameLog(folder)
 
-    def write_frame(self, answer: FrameAnswer) -> Row:
-        """Write the messages of a frame, filtered ones too; returns its row of the table."""
-        self._results.write_messages(answer.messages, answer.time)
+    def write_frame(self, answer: FrameAnswer) -> FilteredWater | None:
+        """Write the messages of a frame, filtered ones too; returns the filtered estimate."""
+        record, filtered = answer.record, None
+        self._results.write_messages(answer.messages, record.time)
         self._write_timing(answer)
-        row = dict(answer.row)
-        if answer.estimate is not None:
-            messages, columns = self._filter.add(answer.estimate)
-            self._results.write_messages(messages, answer.time)
-            self._estimates.write(row["frame"], answer.estimate)
-            row |= columns
-        return row
+        if record.estimate is not None:
+            messages, filtered = self._filter.add(record.estimate)
+            self._results.write_messages(messages, record.time)
+        self._log.write(record)
+        return filtered
 
-    def write_row(self, row: Row) -> None:
+    def write_row(self, joined: JoinedFrame) -> None:
         """Write a row that is complete, and the comparison with the sensor in it."""
-        self._table.write(row)
-        self._results.write_nis(row)
+        self._table.write(row_of(joined))
+        self._results.write_nis(joined)
 
     def close(self, provenance: Mapping[str, Any]) -> None:
         """Complete all files."""
         self._table.close()
-        self._estimates.close()
+        self._log.close()
         if self._timings is not None:
             self._timings.close()
         self._results.close(provenance)
 
-    def forget_estimates(self) -> None:
+    def forget_records(self) -> None:
         """Remove the files that only a resumed replay would need."""
-        self._estimates.remove()
+        self._log.remove()
 
     def _write_timing(self, answer: FrameAnswer) -> None:
-        number = answer.row["frame"]
+        number = str(answer.record.frame)
         row = {"frame": number, **{k: f"{v:.3f}" for k, v in answer.timing_ms.items()}}
         if not answer.timing_ms:
             row = self._earlier.get(number, row)

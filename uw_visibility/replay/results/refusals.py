@@ -4,14 +4,15 @@
 
 from __future__ import annotations
 
+import math
 import re
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from uw_visibility.plausibility.verdict import Verdict
-from uw_visibility.replay.table import FAILED
+from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.status import Status
 
 WHOLE_FRAME = "the whole frame"
@@ -21,7 +22,7 @@ PLAUSIBILITY = "plausibility of the depth sensor"
 STATUS_COLUMNS = {"water": "status", DISTANCE: "visibility_status",
                   "depth by colour": "depth_status"}
 # Verdicts that say something of the sensor, good or bad.
-JUDGED = {"", str(Verdict.OK), str(Verdict.WARN), str(Verdict.ERROR)}
+JUDGED = {Verdict.OK, Verdict.WARN, Verdict.ERROR}
 # Reasons may carry numbers of the input, and a recording may be long.
 MOST_RUNS, MOST_REASONS = 8, 50
 FURTHER = "further reasons"
@@ -80,14 +81,14 @@ class Refusals:
         self._refusals: dict[tuple[str, str], Refusal] = {}
         self._rows = 0
 
-    def count(self, row: Mapping[str, str]) -> None:
-        """Count a row of the table."""
-        for what, why in _refused(row):
+    def count(self, joined: JoinedFrame) -> None:
+        """Count a frame, the next row of the table."""
+        for what, why in _refused(joined):
             reasons = sum(quantity == what for quantity, _ in self._refusals)
             if (what, why) not in self._refusals and reasons >= MOST_REASONS:
                 why = FURTHER
             refusal = self._refusals.setdefault((what, why), Refusal(what, why))
-            refusal.add(self._rows, row["frame"])
+            refusal.add(self._rows, str(joined.record.frame))
         self._rows += 1
 
     def has(self, what: str) -> bool:
@@ -118,16 +119,21 @@ class Refusals:
         return refusals
 
 
-def _refused(row: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Yield quantity and reason of each refusal in a row."""
-    if row["status"] == FAILED:
-        yield WHOLE_FRAME, row["reason"]
+def _refused(joined: JoinedFrame) -> Iterator[tuple[str, str]]:
+    """Yield quantity and reason of each refusal of a frame."""
+    estimate = joined.record.estimate
+    if estimate is None:
+        yield WHOLE_FRAME, joined.record.reason
         return
-    for what, column in STATUS_COLUMNS.items():
-        if row[column] != Status.OK:
-            named = OTHER_CHANNELS if what == DISTANCE and row["visibility_distance"] else what
-            yield named, row[column]
-    if row.get("plausibility", "") not in JUDGED:
+    visibility = estimate.visibility
+    distance = OTHER_CHANNELS if math.isfinite(visibility.distance) else DISTANCE
+    for what, status in (
+        ("water", estimate.water.status), (distance, visibility.status),
+        ("depth by colour", visibility.depth_status),
+    ):
+        if status is not Status.OK:
+            yield what, str(status)
+    if joined.verdict is not None and joined.verdict not in JUDGED:
         # Frames with the same reason differ in its numbers.
-        reason = re.sub(r"\d+(\.\d+)?", "…", row.get("plausibility_reason", ""))
-        yield PLAUSIBILITY, reason or row["plausibility"]
+        reason = re.sub(r"\d+(\.\d+)?", "…", joined.verdict_reason)
+        yield PLAUSIBILITY, reason or str(joined.verdict)

@@ -11,9 +11,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from uw_visibility.plausibility.monitor import Report
+from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.refusals import Refusals
 from uw_visibility.replay.table import FAILED
+from uw_visibility.water.survey import SurveyEstimate
 from uw_visibility.water.tracking import TrackingEvent
 
 TAKEN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTARTED)
@@ -116,29 +118,32 @@ class Summary:
             "together, ranges from {range_min:.2f} to {range_max:.2f} m".format(**self.survey)
         )
 
-    def _count_survey(self, row: dict[str, str]) -> None:
-        low, high = float(row["survey_range_min"]), float(row["survey_range_max"])
+    def _count_survey(self, survey: SurveyEstimate) -> None:
+        low, high = survey.range_min, survey.range_max
         before = self.survey or {"count": 0, "frames": 0, "range_min": low, "range_max": high}
         self.survey = {
             "count": before["count"] + 1,
-            "frames": max(before["frames"], int(row["survey_frames"])),
+            "frames": max(before["frames"], survey.frames),
             "range_min": min(before["range_min"], low),
             "range_max": max(before["range_max"], high),
         }
 
-    def count(self, row: dict[str, str]) -> None:
+    def count(self, joined: JoinedFrame) -> None:
         """Count a frame."""
         self.frames += 1
-        self.refusals.count(row)
-        self.status[row["status"]] += 1
-        self.filtering[row.get("filtering", "")] += 1
-        if row.get("survey_frames"):
-            self._count_survey(row)
-        if row["status"] == FAILED:
-            self.reasons[row["reason"]] += 1
-        else:
-            self.visibility_status[row["visibility_status"]] += 1
-            self.depth_status[row["depth_status"]] += 1
+        self.refusals.count(joined)
+        filtered, estimate = joined.filtered, joined.record.estimate
+        if filtered is not None:
+            self.filtering[str(filtered.event)] += 1
+            if filtered.survey is not None:
+                self._count_survey(filtered.survey)
+        if estimate is None:
+            self.status[FAILED] += 1
+            self.reasons[joined.record.reason] += 1
+            return
+        self.status[str(estimate.water.status)] += 1
+        self.visibility_status[str(estimate.visibility.status)] += 1
+        self.depth_status[str(estimate.visibility.depth_status)] += 1
 
     def state(self, origin: Origin) -> dict[str, Any]:
         """Serialise the summary and its origin for JSON."""
@@ -149,7 +154,7 @@ class Summary:
             "status": dict(self.status), "visibility_status": dict(self.visibility_status),
             "depth_status": dict(self.depth_status),
             "unusable": dict(self.reasons), "not_assessable": self.refusals.state(),
-            "filtering": {event: n for event, n in self.filtering.items() if event},
+            "filtering": dict(self.filtering),
             "survey": self.survey,
             "dropped": dict(self.dropped),
             "damage": self.damage, "plausibility": dict(self.verdicts),

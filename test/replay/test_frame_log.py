@@ -1,0 +1,104 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Records come back bit for bit, and what is none is refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from frame_records import frame_estimate, frame_record
+
+from uw_visibility.errors import InputError
+from uw_visibility.images.view import View
+from uw_visibility.replay.frame_log import NAME, FrameLog, read_records
+from uw_visibility.replay.records import FrameRecord
+from uw_visibility.water.observations import Envelopes, observe
+
+
+def envelopes() -> Envelopes:
+    image = np.random.default_rng(0).integers(1, 250, (60, 80, 3)).astype(np.uint8)
+    ranges = np.tile(np.linspace(2, 4, 80, dtype=np.float32), (60, 1))
+    colour = View.of(image).colour
+    assert colour is not None
+    return observe(
+        colour, ranges, None, bins=5, min_pixels=20, edge_tolerance=10.0, dark_quantile=0.1,
+        fewest_dark=0.5, bright_quantile=0.9,
+    )
+
+
+def records() -> list[FrameRecord]:
+    estimate = frame_estimate(distance=1 / 3, depth=float("inf"))
+    object.__setattr__(estimate.water, "envelope", envelopes())
+    return [
+        frame_record(1.5, 3, estimate=estimate),
+        frame_record(2.0, 4, reason="left image: “dark”\n"),
+    ]
+
+
+def written(folder: Path) -> Path:
+    log = FrameLog(folder)
+    for record in records():
+        log.write(record)
+    log.close()
+    return folder / NAME
+
+
+def same(one: Any, other: Any) -> None:
+    assert type(one) is type(other)
+    if is_dataclass(one):
+        for field in fields(one):
+            same(getattr(one, field.name), getattr(other, field.name))
+    elif isinstance(one, (tuple, dict)):
+        assert len(one) == len(other)
+        pairs = zip(one, other, strict=True) if isinstance(one, tuple) else (
+            (one[name], other[name]) for name in one)
+        for pair in pairs:
+            same(*pair)
+    elif isinstance(one, np.ndarray):
+        assert (one.dtype, one.shape, one.tobytes()) == (other.dtype, other.shape, other.tobytes())
+    else:
+        assert one == other or one != one
+
+
+def test_records_come_back_bit_for_bit(tmp_path: Path) -> None:
+    written(tmp_path)
+    found = list(read_records(tmp_path))
+    assert len(found) == 2
+    for one, other in zip(records(), found, strict=True):
+        same(one, other)
+
+
+def test_a_line_that_is_cut_off_ends_the_log(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    path.write_bytes(path.read_bytes()[:-1])
+    assert [record.frame for record in read_records(tmp_path)] == [3]
+    path.unlink()
+    assert list(read_records(tmp_path)) == []
+
+
+@pytest.mark.parametrize("change", [
+    {"frame": "3"}, {"reason": None}, {"estimate": {"float": "0x1p0"}}, {"other": 1},
+    {"estimate": {"StereoRig": {}}},
+])
+def test_what_is_no_record_is_refused(tmp_path: Path, change: dict[str, Any]) -> None:
+    path = written(tmp_path)
+    first, second = (json.loads(line) for line in path.read_text().splitlines())
+    second["FrameRecord"] |= change
+    path.write_text(json.dumps(first) + "\n" + json.dumps(second) + "\n")
+    with pytest.raises(InputError, match=r"frames\.jsonl, line 2, is no frame of a replay"):
+        list(read_records(tmp_path))
+
+
+@pytest.mark.parametrize("content", [
+    b"\x80\x04\x95\n", b"[" * 100_000 + b"\n", b"{}\n", b"null\n",
+    b'{"FrameRecord": {}}\n', b'{"Path": {"x": 1}}\n', b'{"<f8": "AAAA", "shape": [9]}\n',
+])
+def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / NAME).write_bytes(content)
+    with pytest.raises(InputError, match="line 1, is no frame of a replay: --force begins anew"):
+        list(read_records(tmp_path))

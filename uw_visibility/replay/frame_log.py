@@ -1,0 +1,169 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Log of a replay's frames as JSON lines, so that it can be resumed.
+
+Numbers come back bit for bit: single ones are written as ``float.hex`` does, arrays as their
+bytes. Nothing of the file is executed: it may have been handed on with its folder.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+from types import UnionType
+from typing import Any, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from uw_visibility.errors import InputError
+from uw_visibility.messages.estimates import ImageHeader
+from uw_visibility.replay.records import FrameEstimate, FrameRecord
+from uw_visibility.status import Status
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.assessment import Visibility
+from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.observations import Envelopes
+
+NAME = "frames.jsonl"
+
+# A frame takes some 20 kB.
+_LONGEST_LINE = 1 << 22
+_DTYPES = ("<f8", "<i8")
+_CLASSES: dict[str, type[Any]] = {
+    kind.__name__: kind for kind in (
+        FrameRecord, FrameEstimate, WaterEstimate, Envelopes, Visibility, StereoRig, ImageHeader
+    )
+}
+_SHAPES = {
+    "attenuation": (3,), "ambient_light": (3,), "covariance": (3, 2, 2),
+    "joint_covariance": (6, 6), "light": (3,), "light_stddev": (3,),
+}
+
+
+class FrameLog:
+    """Log of records, one a line.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the replay writes.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / NAME
+        self._file = self._path.open("w", encoding="ascii")
+
+    def write(self, record: FrameRecord) -> None:
+        """Add a frame's."""
+        self._file.write(json.dumps(_encoded(record)) + "\n")
+        self._file.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def remove(self) -> None:
+        """Remove the file: the replay is complete."""
+        self._path.unlink()
+
+
+def read_records(folder: Path) -> Iterator[FrameRecord]:
+    """Yield the records of a replay's folder; a last line that is cut off is left out.
+
+    Raises
+    ------
+    InputError
+        If the file is no log of frames.
+    """
+    path = folder / NAME
+    if not path.is_file():
+        return
+    with path.open("rb") as file:
+        for number in range(1, 1 << 62):
+            line = file.readline(_LONGEST_LINE)
+            if not line.endswith(b"\n") and len(line) < _LONGEST_LINE:
+                return
+            try:
+                record = _decoded(json.loads(line))
+                if not isinstance(record, FrameRecord):
+                    raise TypeError(type(record))
+            except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+                raise InputError(
+                    f"{path}, line {number}, is no frame of a replay: --force begins anew"
+                ) from error
+            yield record
+
+
+def _encoded(value: Any) -> Any:
+    """Return a record, or what it holds, as what JSON can hold."""
+    if value is None or isinstance(value, Status):
+        return value
+    if isinstance(value, np.ndarray):
+        kind = value.dtype.newbyteorder("<").str
+        data = np.ascontiguousarray(value, kind).tobytes()
+        return {kind: base64.b64encode(data).decode(), "shape": list(value.shape)}
+    if type(value) in _CLASSES.values():
+        return {type(value).__name__: {n: _encoded(getattr(value, n)) for n in _names(type(value))}}
+    if isinstance(value, dict):
+        return {"dict": {name: _encoded(item) for name, item in value.items()}}
+    if isinstance(value, tuple):
+        return [_encoded(item) for item in value]
+    if isinstance(value, (float, np.floating)):
+        return {"float": float(value).hex()}
+    return value if isinstance(value, (str, bool)) else int(value)
+
+
+def _decoded(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(_decoded(item) for item in value)
+    if not isinstance(value, dict):
+        return value
+    (kind, content), *shape = value.items()
+    if kind == "float":
+        return float.fromhex(content)
+    if kind in _DTYPES:
+        array = np.frombuffer(base64.b64decode(content, validate=True), kind)
+        return array.astype(array.dtype.newbyteorder("=")).reshape(shape[0][1])
+    if kind == "dict":
+        return {name: _decoded(item) for name, item in content.items()}
+    found = {name: _decoded(item) for name, item in content.items()}
+    return _made(_CLASSES[kind], found)
+
+
+def _made(kind: type[Any], found: dict[str, Any]) -> Any:
+    """Make a record of its fields.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If they are not those of such a record.
+    """
+    for name, hint in get_type_hints(kind).items():
+        if hint is Status:
+            found[name] = Status(found[name])
+        elif name in found and not any(_is_a(found[name], option) for option in _options(hint)):
+            raise TypeError(name)
+        elif name in _SHAPES and found[name] is not None and found[name].shape != _SHAPES[name]:
+            raise ValueError(name)
+    if kind is WaterEstimate:
+        found["channel_status"] = tuple(Status(status) for status in found["channel_status"])
+    return kind(**found)
+
+
+def _options(hint: Any) -> tuple[Any, ...]:
+    return get_args(hint) if isinstance(hint, UnionType) else (hint,)
+
+
+def _is_a(value: Any, hint: Any) -> bool:
+    """Tell whether a value is of a type; of generic ones only their origin counts."""
+    kind = get_origin(hint) or hint
+    return type(value) is kind
+
+
+def _names(kind: type[Any]) -> tuple[str, ...]:
+    if kind is ImageHeader:
+        return ImageHeader._fields
+    return tuple(field.name for field in fields(kind))

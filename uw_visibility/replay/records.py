@@ -1,0 +1,131 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Typed records that the stages of a replay hand on, from a frame's result to its row."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from uw_visibility.messages.estimates import ImageHeader, field_of_view
+from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.plausibility.samples import DepthSample
+from uw_visibility.plausibility.verdict import Verdict
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.assessment import Visibility
+from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.filter import FilteredWater
+
+
+@dataclass(frozen=True)
+class FrameEstimate:
+    """A frame's result without what is large.
+
+    Attributes
+    ----------
+    water, visibility
+        Of the frame alone.
+    rig : StereoRig
+        The filter begins anew with another one.
+    field_of_view : float
+        Of the left image, rad.
+    header : ImageHeader
+        Of the left image.
+    support_points : int
+    coverage, matched_fraction, limited_fraction : float
+    matched_fraction_original : float or None
+        See `uw_visibility.pipeline.result`.
+    """
+
+    water: WaterEstimate
+    visibility: Visibility
+    rig: StereoRig
+    field_of_view: float
+    header: ImageHeader
+    support_points: int
+    coverage: float
+    matched_fraction: float
+    limited_fraction: float
+    matched_fraction_original: float | None = None
+
+    @classmethod
+    def of(cls, result: FrameResult, rig: StereoRig, header: ImageHeader) -> FrameEstimate:
+        """Take it from a result."""
+        stereo, limited = result.stereo, result.images.limited
+        return cls(
+            result.water, result.visibility, rig,
+            field_of_view(stereo.disparity.shape[1], rig.focal_length), header,
+            int(stereo.support_points), float(stereo.coverage), stereo.matched_fraction,
+            float(limited.mean()) if limited.size else 0.0, stereo.matched_fraction_original,
+        )
+
+    def depth(self, stamp: int) -> DepthSample:
+        """Return the estimated depth at a stamp, ns, to be compared with a sensor's."""
+        depth, precision = self.visibility.depth, self.visibility.depth_precision
+        known = math.isfinite(depth) and math.isfinite(precision)
+        return DepthSample(stamp, depth, precision**2) if known else DepthSample(
+            stamp, math.nan, math.nan
+        )
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """What became of a frame by itself.
+
+    Attributes
+    ----------
+    frame : int
+        Its number among the recording's.
+    stamp, right_stamp : int
+        Of its images, ns.
+    time : int
+        When the left image was received, ns.
+    reason : str
+        Why it gave no result; empty where it did.
+    estimate : FrameEstimate or None
+        None without a result.
+    """
+
+    frame: int
+    stamp: int
+    right_stamp: int
+    time: int
+    reason: str = ""
+    estimate: FrameEstimate | None = None
+
+
+@dataclass
+class JoinedFrame:
+    """A frame with what the frames and sensors around it say: a row of the table.
+
+    Attributes
+    ----------
+    record : FrameRecord
+        The frame by itself.
+    filtered : FilteredWater or None
+        Of the filter over frames.
+    sensor : DepthSample or None
+        The depth sensor's value at the frame's stamp.
+    innovation, nis : float
+        Of the test against the sensor; NaN where they were not compared.
+    verdict : Verdict or None
+        Of the sensor's plausibility; None without a sensor.
+    verdict_reason : str
+        Why it is not ok.
+    longitude, latitude : float
+        Degrees; NaN where they are not known.
+    x, y : float
+        Position in metres; NaN where it is not known.
+    """
+
+    record: FrameRecord
+    filtered: FilteredWater | None = None
+    sensor: DepthSample | None = None
+    innovation: float = math.nan
+    nis: float = math.nan
+    verdict: Verdict | None = None
+    verdict_reason: str = ""
+    longitude: float = math.nan
+    latitude: float = math.nan
+    x: float = math.nan
+    y: float = math.nan
