@@ -254,9 +254,9 @@ BAD_INPUTS: dict[str, tuple[Callable[..., tuple[Any, Any, Any, Any]], str]] = {
     ),
     "unknown encoding": (
         lambda s, image, info: (
-            image(s.left, "8UC3"), image(s.right, "rgb8"), info("left"), info("right")
+            image(s.left, "yuv422_odd"), image(s.right, "rgb8"), info("left"), info("right")
         ),
-        "left image has the encoding '8UC3'",
+        "left image has the encoding 'yuv422_odd'",
     ),
     "truncated": (
         lambda s, image, info: (
@@ -416,4 +416,9 @@ def test_recorded_raw_pairs_are_rectified_and_processed(
         topic: sum(client.has(topic, stamp) for stamp in complete) for topic in STAMPED
     }
     answered["visibility/mean_attenuation"] = len(client.received["visibility/mean_attenuation"])
-    assert min(answered.values()) >= 11, (answered, node.log)
+    # A board at half a metre tells of the water in some of the frames; in the others the
+    # filter goes on from those before.
+    raw = {topic: n for topic, n in answered.items() if topic.startswith("visibility/raw/")}
+    filtered = {topic: n for topic, n in answered.items() if topic not in raw}
+    assert min(raw.values()) >= 5, (answered, node.log)
+    assert min(filtered.values()) >= 10, (answered, node.log)
