@@ -24,6 +24,10 @@ class Status(str, Enum):
     NO_DAYLIGHT_COLOUR = (
         "light is not of daylight's colour (check camera.white_reference, white balance, lamps)"
     )
+    CLEARER_THAN_CLEAR_WATER = (
+        "clearer than clear sea water by three sigma "
+        "(check camera.transfer, white balance, camera.response, calibration)"
+    )
     OTHER_TRANSFER = (
         "dark patches over range fit the other transfer far better "
         "(check camera.transfer, flat field; are there any dark patches?)"

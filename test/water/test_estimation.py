@@ -335,8 +335,9 @@ def test_interpolated_ranges_are_trusted_less(make_view):
     image[5::60, 3::12] = 1
     coarse = estimator().estimate(image, view.range, coarse=True)
     fine = estimator().estimate(image, view.range)
-    errors = [np.abs(found.attenuation - view.attenuation).max() for found in (coarse, fine)]
-    assert errors[0] < 0.5 * errors[1]
+    np.testing.assert_allclose(coarse.attenuation, view.attenuation, atol=0.01)
+    worse = np.abs(fine.attenuation - view.attenuation).max()
+    assert fine.status is not Status.OK or worse > 0.02
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -34,6 +34,8 @@ LIMIT_BELOW = 5.0
 EXPECTED_DARKNESS = 0.2
 DARKNESS_DEVIATION = 0.25
 DARKNESS_DEVIATION_MIN = 0.015
+# ... and so much more where the light on the scene is brighter than the veil, up to this.
+BRIGHTEST_LIGHT = 4.0
 # ... and in parts of what the brightest patch is short of a bright one.
 BRIGHT_RADIANCE = 0.8
 DULLNESS_DEVIATION = 0.3
@@ -179,11 +181,14 @@ def differentiate(p: Any, distance: Any, scale: Any, c: int, i: int, derivative:
 
 
 @njit(nogil=True)
-def darkness_deviation(typical: float, brightest: float) -> float:
+def darkness_deviation(typical: float, brightest: float, light: float) -> float:
     """Standard deviation of how far from black a scene's darkest patches are.
 
     A dull scene is one without black as well as without white.
     """
     shown = typical if np.isfinite(typical) else UNKNOWN_DARKNESS
     dullness = min(max(BRIGHT_RADIANCE - brightest, 0.0), 1.0)
-    return DARKNESS_DEVIATION_MIN + DARKNESS_DEVIATION * shown + DULLNESS_DEVIATION * dullness
+    # A veil that is dimmer than the light leaves more of what is not black to be seen, and
+    # says less of what is.
+    least = DARKNESS_DEVIATION_MIN * min(max(light, 1.0), BRIGHTEST_LIGHT)
+    return least + DARKNESS_DEVIATION * shown + DULLNESS_DEVIATION * dullness

@@ -37,6 +37,7 @@ from uw_visibility.water.validation import (
     least_ambient_light,
     refuse_channel,
     refuse_frame,
+    refute_clearness,
     validate_fit,
 )
 from uw_visibility.water.veil import (
@@ -318,7 +319,12 @@ class WaterEstimator:
             fit = fuse(
                 fit, self._clear_water, ambient_min, self._daylight,
                 self._config.daylight_tolerance)
-        return _assemble(fit, envelope, status)
+        # Of few channels, those that were refused do not count.
+        attenuation = np.where(
+            [reason is Status.OK for reason in status], fit.parameters[:, 0], np.nan)
+        clearer = refute_clearness(
+            attenuation, np.nan_to_num(fit.covariance[0::2, 0::2]), self._clear_water)
+        return _assemble(fit, envelope, _refused(status, clearer))
 
     @staticmethod
     def _coarse_cues(envelope: Envelopes, active: NDArray[np.bool_]) -> Cues:
@@ -378,20 +384,20 @@ class WaterEstimator:
         for channel in np.flatnonzero(active):
             status[channel] = validate_fit(found.fit, envelope, int(channel))
         if found.disagreement > CONTRADICTION:
-            status = [
-                Status.CUES_DISAGREE if reason is Status.OK else reason for reason in status]
+            status = _refused(status, Status.CUES_DISAGREE)
         covariance = found.fit.covariance.copy()
         if cues.halves is not None:
             attenuation, veil = found.fit.parameters.T
             uneven = compare_halves(cues.halves, attenuation, veil, found.scene_light)
             refuted = uneven.refutes(attenuation)
-            if refuted is not Status.OK:
-                status = [refuted if reason is Status.OK else reason for reason in status]
+            status = _refused(status, refuted)
             covariance[0::2, 0::2] += uneven.stddev_of(attenuation) ** 2 * np.outer(
                 attenuation, attenuation)
         if not cues.coarse and self._other_transfer_fits(envelope, active, found.likelihood):
-            status = [
-                Status.OTHER_TRANSFER if reason is Status.OK else reason for reason in status]
+            status = _refused(status, Status.OTHER_TRANSFER)
+        shown = np.where(active, found.fit.parameters[:, 0], np.nan)
+        status = _refused(
+            status, refute_clearness(shown, covariance[0::2, 0::2], self._clear_water))
         blanked = replace(found.fit, covariance=blank(covariance, active))
         estimate = _assemble(blanked, envelope, status)
         known = np.isfinite(estimate.attenuation)
@@ -588,6 +594,11 @@ def _codes(image: NDArray[Any], transfer: str) -> tuple[NDArray[Any], str]:
         return np.ascontiguousarray(image), transfer
     light = np.nan_to_num(np.clip(image, 0.0, 1.0), nan=0.0)
     return (light * 65535 + 0.5).astype(np.uint16), "linear"
+
+
+def _refused(status: list[Status], reason: Status) -> list[Status]:
+    """Refuse every channel that is not refused yet; none where the reason is OK."""
+    return [reason if before is Status.OK else before for before in status]
 
 
 def _brightest(envelope: Envelopes, active: NDArray[np.bool_]) -> NDArray[np.float64]:

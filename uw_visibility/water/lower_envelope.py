@@ -207,7 +207,8 @@ def _covariance(
     common = np.zeros(6)
     derivative = np.empty(2)
     for c in range(3):
-        darkness = darkness_deviation(typical[c], _radiance(p, bright[c], light[c], c))
+        darkness = darkness_deviation(
+            typical[c], _radiance(p, bright[c], light[c], c), light[c])
         for i in range(distance.shape[1]):
             if not known[c, i]:
                 continue

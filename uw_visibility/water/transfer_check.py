@@ -21,7 +21,7 @@ from uw_visibility.water.veil import TEMPERATURE
 
 # How much likelier, as a logarithm, the envelope is with the other transfer before that
 # is told. Shade bends the envelope of real scenes too.
-CERTAIN = 5.5
+CERTAIN = 2.8
 
 
 def other_transfer(envelope: Envelopes, transfer: str) -> tuple[Envelopes, float]:

@@ -27,6 +27,8 @@ MAX_RELATIVE_STDDEV = 0.75
 # of the dark ones at near range, or from water that is optically thick.
 MIN_NEAR_RADIANCE = 0.25
 MIN_OPTICAL_THICKNESS = 4.0
+# Standard deviations beyond which an attenuation below clear water's is refuted.
+CLEARER = 3.0
 
 
 def refuse_frame(envelope: Envelopes, min_pixels: int, min_range_ratio: float) -> Status:
@@ -85,6 +87,27 @@ def validate_fit(fit: Fit, envelope: Envelopes, channel: int) -> Status:
     if np.sqrt(variance[0]) > max(MAX_STDDEV, MAX_RELATIVE_STDDEV * attenuation):
         return Status.RANGE_SPREAD_TOO_SMALL
     return Status.OK
+
+
+def refute_clearness(
+    attenuation: NDArray[np.float64], covariance: NDArray[np.float64],
+    clear_water: NDArray[np.float64],
+) -> Status:
+    """Refuse an estimate that is clearer than clear water; OK where it is not.
+
+    Parameters
+    ----------
+    attenuation, clear_water : (3,) float64 ndarray
+        β and κ, 1/m; a channel's is NaN where it is not known.
+    covariance : (3, 3) float64 ndarray
+        Of β.
+    """
+    missing = clear_water - attenuation
+    beyond = missing > CLEARER * np.sqrt(np.diag(covariance))
+    known = np.isfinite(missing)
+    # Mean attenuation by particles, α < 0 (eq. 9).
+    together = missing[known].sum() > CLEARER * np.sqrt(covariance[np.ix_(known, known)].sum())
+    return Status.CLEARER_THAN_CLEAR_WATER if (beyond.any() or together) else Status.OK
 
 
 def least_ambient_light(envelope: Envelopes, channel: int) -> float:

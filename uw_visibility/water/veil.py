@@ -55,7 +55,7 @@ CONTRADICTION = 3.0
 TAIL = 2.0
 # What bins say together is worth so many times less than as if neighbours alone were alike:
 # the darkest patches of a whole scene follow no law.
-TEMPERATURE = 3.0
+TEMPERATURE = 6.0
 
 FitVeil = Callable[
     [NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], Fit]

@@ -1,0 +1,211 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Standard deviations against errors over many seeded draws of scenes and water."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+
+from uw_visibility.config.schema import AssessmentConfig
+from uw_visibility.config.water import WaterConfig
+from uw_visibility.optics.spectra import load_response
+from uw_visibility.status import Status
+from uw_visibility.water.assessment import Assessor
+from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
+
+KAPPA = np.array([0.228, 0.066, 0.025])
+SHAPE = (192, 256)
+DRAWS = 40
+ASSESSOR = Assessor(AssessmentConfig(), load_response("nikon_d5100"))
+
+
+@dataclass(frozen=True)
+class Draw:
+    """An image of a random scene, its ranges, and the truth."""
+
+    image: np.ndarray
+    range: np.ndarray
+    attenuation: np.ndarray
+    veil: np.ndarray
+    light: np.ndarray
+
+
+def draw(seed: int, ratio: float | None = 1.0, open_water: bool = False) -> Draw:
+    """See tilted patches at random ranges; veil over light is `ratio`, random where None."""
+    rng = np.random.default_rng(seed)
+    rows, columns = SHAPE
+    near, far = rng.uniform(1.5, 3.0), rng.uniform(5.0, 9.0)
+    tiles = rng.uniform(0.0, 1.0, (6, 8))
+    place = cv2.resize(tiles, (columns, rows), interpolation=cv2.INTER_CUBIC).clip(0.0, 1.0)
+    distance = (near + (far - near) * place).astype(np.float32)
+    grey = sum(
+        cv2.resize(rng.random((rows // scale, columns // scale)), (columns, rows)) / 3
+        for scale in (3, 8, 24))
+    grey = (grey - grey.min()) / (grey.max() - grey.min())
+    contrast = rng.uniform(1.5, 2.5)
+    tint = 0.9 + 0.1 * rng.random((rows // 16, columns // 16, 3))
+    rho = grey[..., np.newaxis] ** contrast * cv2.resize(tint, (columns, rows))
+    rho = rng.uniform(0.0, 0.04) + rng.uniform(0.85, 0.95) * rho
+    particles = rng.uniform(0.05, 0.4)
+    beta = KAPPA + particles * np.exp(rng.normal(0.0, 0.1, 3))
+    light = 0.9 * np.exp(-0.8 * beta * rng.uniform(1.0, 4.0))
+    light *= 0.85 / light.max()
+    share = np.exp(rng.uniform(np.log(0.25), np.log(1.1))) if ratio is None else ratio
+    veil = share * light
+    path = distance[..., np.newaxis].copy()
+    if open_water:
+        path[: rows // 5] = np.inf
+        distance[: rows // 5] = np.nan
+    left = np.exp(-beta * path)
+    irradiance = light * rho * left + veil * (1.0 - left)
+    codes = 255.0 * irradiance + rng.normal(0.0, 0.5, irradiance.shape)
+    image = np.clip(np.round(codes), 0, 255).astype(np.uint8)
+    return Draw(image, distance, beta, veil, light)
+
+
+def estimates(
+    model: str, ratio: float | None, open_water: bool = False
+) -> list[tuple[Draw, WaterEstimate]]:
+    """Estimate the water of each draw."""
+    estimator = WaterEstimator(WaterConfig(veil=model), KAPPA, daylight=ASSESSOR.daylight)
+    draws = [draw(seed, ratio, open_water) for seed in range(DRAWS)]
+    return [(one, estimator.estimate(one.image, one.range)) for one in draws]
+
+
+def scores(found: list[tuple[Draw, WaterEstimate]]) -> np.ndarray:
+    """Errors of attenuation over their standard deviation, of what was published."""
+    return np.array([
+        (estimate.attenuation - one.attenuation) / estimate.attenuation_stddev
+        for one, estimate in found if estimate.status is Status.OK])
+
+
+def within(score: np.ndarray, deviations: float, least: float) -> None:
+    """Assert a share of scores within so many deviations, but for three binomial deviations.
+
+    The channels of a frame are one sample.
+    """
+    share = (np.abs(score) < deviations).mean()
+    assert share > least - 3.0 * np.sqrt(least * (1.0 - least) / len(score))
+
+
+class TestPaperModel:
+    """Veil and light are one, and the estimator knows it."""
+
+    @pytest.fixture
+    def found(self) -> list[tuple[Draw, WaterEstimate]]:
+        return estimates("paper", 1.0)
+
+    def test_coverage(self, found):
+        score = scores(found)
+        assert len(score) > 0.9 * DRAWS
+        within(score, 1.0, 0.68)
+        within(score, 2.0, 0.95)
+
+    def test_standard_deviations_are_not_idle(self, found):
+        assert np.sqrt((scores(found) ** 2).mean()) > 0.35
+
+
+@pytest.mark.parametrize("ratio", [1.0, 0.4, None])
+@pytest.mark.parametrize("open_water", [False, True])
+class TestFreeVeil:
+    """Veil and light may differ, and the estimator does not know."""
+
+    def test_coverage(self, ratio, open_water):
+        found = estimates("free", ratio, open_water)
+        score = scores(found)
+        assert len(score) > 0.85 * DRAWS
+        within(score, 1.0, 0.68)
+        within(score, 2.0, 0.95)
+        within(score, 3.0, 0.99)
+        assert np.sqrt((score**2).mean()) > 0.2
+        # And so is the distance of visibility, which few of them make too long.
+        seen = [(one, ASSESSOR.assess(e)) for one, e in found if e.status is Status.OK]
+        distances = np.array([
+            (v.distance, v.distance_stddev, 2.351 / one.attenuation.min())
+            for one, v in seen if v.status is Status.OK])
+        within((distances[:, 0] - distances[:, 2]) / distances[:, 1], 2.0, 0.95)
+        if open_water:
+            veil = np.array([e.veil / one.veil for one, e in found if e.status is Status.OK])
+            assert np.median(np.abs(np.log(veil))) < 0.05
+            assert (distances[:, 1] < 0.2 * distances[:, 0]).mean() > 0.75
+
+
+def estimate(image: np.ndarray, distance: np.ndarray, transfer: str = "linear") -> WaterEstimate:
+    """Estimate as the node does."""
+    estimator = WaterEstimator(WaterConfig(), KAPPA, transfer, ASSESSOR.daylight)
+    return estimator.estimate(image, distance)
+
+
+def encoded(one: Draw) -> np.ndarray:
+    """Encode as sRGB."""
+    light = np.arange(256) / 255
+    curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    return np.round(255 * curve).astype(np.uint8)[one.image]
+
+
+class TestPhysicalSense:
+    """What no water explains is refused, or the standard deviation covers it."""
+
+    SEEDS = range(12)
+
+    def test_a_wrong_transfer_is_told(self):
+        draws = [draw(seed) for seed in self.SEEDS]
+        wrong = [estimate(encoded(one), one.range).status for one in draws]
+        assert wrong.count(Status.OTHER_TRANSFER) >= 9
+        reverse = [estimate(one.image, one.range, "srgb").status for one in draws]
+        assert reverse.count(Status.OTHER_TRANSFER) >= 9
+        right = [estimate(encoded(one), one.range, "srgb").status for one in draws]
+        assert Status.OTHER_TRANSFER not in right
+
+    @pytest.mark.parametrize("effect", ["vignetting", "plume"])
+    def test_uneven_images_are_refused_or_less_sure(self, effect):
+        rows, columns = np.mgrid[-1:1:SHAPE[0] * 1j, -1:1:SHAPE[1] * 1j]
+        told = 0
+        for seed in self.SEEDS:
+            one = draw(seed)
+            if effect == "vignetting":
+                # Half of the light is left in the corners.
+                image = one.image * (1.0 - 0.25 * (rows**2 + columns**2))[..., np.newaxis]
+            else:
+                # Right half: 0.3 1/m more.
+                left = np.exp(-0.3 * one.range * (columns > 0))[..., np.newaxis]
+                image = one.image * left + 255 * one.veil * (1.0 - left)
+            even, uneven = (
+                estimate(np.round(i).astype(np.uint8), one.range) for i in (one.image, image))
+            assert even.status is Status.OK
+            told += uneven.status is not Status.OK or bool(
+                (uneven.attenuation_stddev > 1.5 * even.attenuation_stddev).all())
+        assert told >= 9
+
+    def test_open_water_is_the_veil_and_a_wall_is_not(self):
+        one = draw(3, 0.4, open_water=True)
+        found = estimate(one.image, one.range)
+        assert found.open_water == pytest.approx(0.2, abs=0.05)
+        np.testing.assert_allclose(found.veil, one.veil, rtol=0.05)
+        assert set(found.cues) == {"open water", "contrast"}
+        # A smooth wall that is matched in part goes on beside the unmatched part.
+        one = draw(3, 0.4)
+        image, distance = one.image.copy(), one.range.copy()
+        image[:96] = image[:96].mean(axis=(0, 1))
+        distance[:96], distance[:80, :120] = 5.0, np.nan
+        assert estimate(image, distance).open_water == 0.0
+
+    def test_brighter_light_than_veil_is_told_apart(self):
+        one = draw(5, 0.3, open_water=True)
+        found = estimate(one.image, one.range)
+        # As bright as its brightest patches, and of its colour.
+        assert (found.scene_light > 1.5 * found.veil).all()
+        np.testing.assert_allclose(
+            found.scene_light / found.scene_light.sum(), one.light / one.light.sum(), rtol=0.1)
+
+    def test_depth_in_green_water_is_not_sure(self):
+        one = draw(2)
+        green = np.array([0.6, 1.0, 0.35])
+        image = np.round(one.image * green).astype(np.uint8)
+        seen = ASSESSOR.assess(estimate(image, one.range))
+        assert seen.depth_status is not Status.OK or seen.depth_stddev > 1.0
+        assert not seen.depth_precision > seen.depth_stddev
