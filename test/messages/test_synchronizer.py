@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from types import SimpleNamespace
+from typing import NamedTuple
 
 import pytest
 from hypothesis import given
@@ -13,32 +13,36 @@ from hypothesis import strategies as st
 
 from uw_visibility.config.schema import SynchronizationConfig
 from uw_visibility.messages.frames import StereoFrame
-from uw_visibility.messages.synchronizer import Synchronizer
+from uw_visibility.messages.synchronizer import SynchronizedFrame, Synchronizer
 
 
-def image(seconds: float) -> SimpleNamespace:
-    """Make what has a stamp: an image, or a CameraInfo."""
-    nanoseconds = round(seconds * 1e9)
-    stamp = SimpleNamespace(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
-    return SimpleNamespace(header=SimpleNamespace(stamp=stamp), seconds=seconds)
+class Payload(NamedTuple):
+    """What is handed over: an image, or a CameraInfo."""
+
+    seconds: float
 
 
-LEFT_INFO, RIGHT_INFO = image(0.0), image(0.0)
+def at(seconds: float) -> tuple[int, Payload]:
+    """Make a stamp, ns, and what has it."""
+    return round(seconds * 1e9), Payload(seconds)
+
+
+LEFT_INFO, RIGHT_INFO = at(0.0), at(0.0)
 
 
 def synchronizer(tolerance: float = 0.0, queue_size: int = 10) -> Synchronizer:
     """Make one that has its CameraInfo."""
     result = Synchronizer(SynchronizationConfig(tolerance=tolerance, queue_size=queue_size))
-    result.add_info("left", LEFT_INFO)
-    result.add_info("right", RIGHT_INFO)
+    result.add_info("left", *LEFT_INFO)
+    result.add_info("right", *RIGHT_INFO)
     return result
 
 
 def feed(sync: Synchronizer, *arrivals: tuple[str, float]) -> list[tuple[float, float]]:
     """Add images; return the stamps of the frames."""
     return [
-        (frame.left.seconds, frame.right.seconds)
-        for side, seconds in arrivals for frame in sync.add_image(side, image(seconds))
+        (frame.frame.left.seconds, frame.frame.right.seconds)
+        for side, seconds in arrivals for frame in sync.add_image(side, *at(seconds))
     ]
 
 
@@ -53,9 +57,10 @@ def test_equal_stamps_make_a_frame_in_either_order() -> None:
 
 def test_frame_holds_the_messages_themselves() -> None:
     sync = synchronizer()
-    left, right = image(1.0), image(1.0)
-    sync.add_image("left", left)
-    assert sync.add_image("right", right) == [StereoFrame(left, right, LEFT_INFO, RIGHT_INFO)]
+    left, right = object(), object()
+    sync.add_image("left", 7, left)
+    expected = StereoFrame(left, right, LEFT_INFO[1], RIGHT_INFO[1])
+    assert sync.add_image("right", 7, right) == [SynchronizedFrame(7, 7, expected)]
 
 
 def test_without_tolerance_stamps_must_be_equal() -> None:
@@ -84,11 +89,11 @@ def test_camera_at_twice_the_rate_loses_every_other_image() -> None:
 
 def test_the_end_releases_the_last_pair_and_counts_what_has_no_partner() -> None:
     sync = synchronizer()
-    sync.add_info("left", image(1.0))
+    sync.add_info("left", *at(1.0))
     assert feed(sync, ("left", 1.0), ("right", 1.0)) == [(1.0, 1.0)]
     # CameraInfo comes with every image, so this pair waits for the one that is lost.
     assert feed(sync, ("left", 2.0), ("right", 2.0), ("left", 3.0), ("left", 4.0)) == []
-    assert [frame.left.seconds for frame in sync.finish()] == [2.0]
+    assert [frame.frame.left.seconds for frame in sync.finish()] == [2.0]
     assert sync.dropped == {"left image unmatched": 2}
     assert sync.waiting == 0
     assert sync.finish() == []
@@ -103,45 +108,45 @@ def test_tolerance_can_change_between_images() -> None:
 
 def test_late_camera_info_completes_the_newest_pair() -> None:
     sync = Synchronizer(SynchronizationConfig())
-    sync.add_info("left", LEFT_INFO)
+    sync.add_info("left", *LEFT_INFO)
     assert feed(sync, ("left", 1.0), ("right", 1.0), ("left", 2.0), ("right", 2.0)) == []
     assert sync.dropped == {
         "left image while there is no right/camera_info": 1,
         "right image while there is no right/camera_info": 1,
     }
-    assert [frame.left.seconds for frame in sync.add_info("right", RIGHT_INFO)] == [2.0]
-    assert sync.add_info("right", RIGHT_INFO) == []
+    assert [frame.frame.left.seconds for frame in sync.add_info("right", *RIGHT_INFO)] == [2.0]
+    assert sync.add_info("right", *RIGHT_INFO) == []
 
 
 def test_camera_info_without_the_images_stamp_is_the_newest_one() -> None:
     sync = synchronizer()
-    newest = image(0.5)
-    sync.add_info("left", newest)
-    sync.add_info("left", image(0.4))
-    sync.add_info("left", newest)
-    sync.add_image("left", image(1.0))
-    assert sync.add_image("right", image(1.0))[0].left_info is newest
+    newest = at(0.5)
+    sync.add_info("left", *newest)
+    sync.add_info("left", *at(0.4))
+    sync.add_info("left", *newest)
+    sync.add_image("left", *at(1.0))
+    assert sync.add_image("right", *at(1.0))[0].frame.left_info is newest[1]
 
 
 def test_frames_have_the_camera_info_of_their_own_stamp_however_late() -> None:
     sync = synchronizer()
     frames = []
     for second in range(1, 6):
-        frames += sync.add_info("left", image(second))
+        frames += sync.add_info("left", *at(second))
         for side in ("left", "right"):
-            frames += sync.add_image(side, image(second))
-        frames += sync.add_info("right", image(second))
+            frames += sync.add_image(side, *at(second))
+        frames += sync.add_info("right", *at(second))
     # Only the first frame could not know that more would come.
-    assert [frame.left.seconds for frame in frames] == [1, 2, 3, 4, 5]
-    assert [frame.left_info.seconds for frame in frames] == [1, 2, 3, 4, 5]
-    assert [frame.right_info.seconds for frame in frames] == [0, 2, 3, 4, 5]
+    assert [frame.frame.left.seconds for frame in frames] == [1, 2, 3, 4, 5]
+    assert [frame.frame.left_info.seconds for frame in frames] == [1, 2, 3, 4, 5]
+    assert [frame.frame.right_info.seconds for frame in frames] == [0, 2, 3, 4, 5]
     assert not sync.dropped
 
 
 def test_camera_info_that_stops_coming_is_waited_for_once() -> None:
     sync = synchronizer()
     for side in ("left", "right"):
-        sync.add_info(side, image(1.0))
+        sync.add_info(side, *at(1.0))
     assert feed(sync, ("left", 1.0), ("right", 1.0)) == [(1.0, 1.0)]
     assert feed(sync, ("left", 2.0), ("right", 2.0)) == []
     assert feed(sync, ("left", 3.0), ("right", 3.0)) == [(2.0, 2.0), (3.0, 3.0)]
@@ -151,10 +156,10 @@ def test_camera_info_that_stops_coming_is_waited_for_once() -> None:
 def test_lost_camera_info_does_not_hold_up_the_last_pair() -> None:
     sync = synchronizer()
     for side in ("left", "right"):
-        sync.add_info(side, image(1.0))
+        sync.add_info(side, *at(1.0))
     feed(sync, ("left", 1.0), ("right", 1.0), ("left", 2.0), ("right", 2.0))
     assert sync.end_wait() == []
-    assert [frame.left.seconds for frame in sync.end_wait()] == [2.0]
+    assert [frame.frame.left.seconds for frame in sync.end_wait()] == [2.0]
     assert sync.end_wait() == []
 
 
@@ -162,8 +167,8 @@ def test_pair_that_has_no_camera_info_at_all_goes_on_waiting() -> None:
     sync = Synchronizer(SynchronizationConfig())
     feed(sync, ("left", 1.0), ("right", 1.0))
     assert sync.end_wait() == sync.end_wait() == []
-    sync.add_info("left", LEFT_INFO)
-    assert len(sync.add_info("right", RIGHT_INFO)) == 1
+    sync.add_info("left", *LEFT_INFO)
+    assert len(sync.add_info("right", *RIGHT_INFO)) == 1
 
 
 @pytest.mark.parametrize(("arrivals", "dropped"), [
@@ -231,7 +236,7 @@ def test_late_image_is_out_of_order_once_its_side_goes_on() -> None:
 def test_reset_and_the_end_count_whatever_waited() -> None:
     for end in (Synchronizer.reset, Synchronizer.finish):
         sync = synchronizer()
-        sync.add_info("left", image(1.0))
+        sync.add_info("left", *at(1.0))
         feed(sync, ("left", 1.0), ("right", 1.0), ("left", 2.0), ("right", 2.0), ("left", 0.5))
         feed(sync, ("right", 3.0))
         end(sync)
@@ -262,9 +267,9 @@ def test_recordings_are_answered_whenever_they_are_played(
             for side, index in (("left", number), ("right", number - lead)):
                 if 0 <= index < count:
                     images += 1
-                    sync.add_image(side, image(stamps[index]))
+                    sync.add_image(side, *at(stamps[index]))
                     if informed:
-                        sync.add_info(side, image(stamps[index]))
+                        sync.add_info(side, *at(stamps[index]))
         sync.end_wait()
         sync.end_wait()
         # Of one image nobody can tell whether it is late, or the first one of a recording.
@@ -289,8 +294,8 @@ def test_every_image_is_used_waits_or_is_counted(
     if informed:
         sync = synchronizer(tolerance, queue_size)
     for side, seconds in arrivals:
-        for frame in sync.add_image(side, image(seconds)):
-            assert abs(frame.left.seconds - frame.right.seconds) <= tolerance + 1e-9
+        for frame in sync.add_image(side, *at(seconds)):
+            assert abs(frame.frame.left.seconds - frame.frame.right.seconds) <= tolerance + 1e-9
         assert sync.waiting <= 2 * queue_size + 4
     used = 2 * sync.frames
     assert used + sync.waiting + sum(sync.dropped.values()) == len(arrivals)

@@ -6,11 +6,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from uw_visibility.config.schema import SynchronizationConfig
 from uw_visibility.messages.frames import StereoFrame
-from uw_visibility.messages.images import stamp_to_nanoseconds
 
 SIDES = ("left", "right")
 
@@ -18,6 +17,22 @@ SIDES = ("left", "right")
 # recording that was started again. An image that is less old may have come out of
 # order: what comes next of its side tells.
 RESTART_NANOSECONDS = 1_000_000_000
+
+
+class SynchronizedFrame(NamedTuple):
+    """Two images that belong together, with the CameraInfo that holds for each.
+
+    Attributes
+    ----------
+    stamp, right_stamp : int
+        Of the left and of the right image, ns.
+    frame : StereoFrame
+        What was handed over.
+    """
+
+    stamp: int
+    right_stamp: int
+    frame: StereoFrame
 
 
 class Synchronizer:
@@ -70,8 +85,8 @@ class Synchronizer:
         self._infos: dict[str, dict[int, Any]] = {side: {} for side in SIDES}
         # Of each side the image that was older than the last pair, with its stamp.
         self._late: dict[str, tuple[int, Any]] = {}
-        self._pair: dict[str, Any] | None = None
-        self._waited: dict[str, Any] | None = None
+        self._pair: dict[str, tuple[int, Any]] | None = None
+        self._waited: dict[str, tuple[int, Any]] | None = None
         self._last: int | None = None
         # Stamps of the last frame, to see whether CameraInfo comes with every image.
         self._sent: dict[str, int] = {}
@@ -91,23 +106,24 @@ class Synchronizer:
         self._pair = self._waited = self._last = None
         self._sent = {}
 
-    def add_info(self, side: str, info: Any) -> list[StereoFrame]:
+    def add_info(self, side: str, stamp: int, info: Any) -> list[SynchronizedFrame]:
         """Take a CameraInfo.
 
         Parameters
         ----------
         side : str
             "left" or "right".
+        stamp : int
+            Of its header, ns.
         info : object
-            The message.
+            Handed on as it is.
 
         Returns
         -------
-        list of StereoFrame
+        list of SynchronizedFrame
             The frame that waited for this message, or nothing.
         """
         self.received[f"{side} info"] += 1
-        stamp = stamp_to_nanoseconds(info.header.stamp)
         infos = self._infos[side]
         # Taken out first, so that the newest arrival is always the last one.
         infos.pop(stamp, None)
@@ -118,23 +134,24 @@ class Synchronizer:
             self._with_every_image[side] = True
         return self._release(at_once=False)
 
-    def add_image(self, side: str, image: Any) -> list[StereoFrame]:
+    def add_image(self, side: str, stamp: int, image: Any) -> list[SynchronizedFrame]:
         """Take an image.
 
         Parameters
         ----------
         side : str
             "left" or "right".
+        stamp : int
+            Of its header, ns; 0 stands for none.
         image : object
-            The message; its stamp decides.
+            Handed on as it is.
 
         Returns
         -------
-        list of StereoFrame
+        list of SynchronizedFrame
             The frame that it completes, after one that it ends the wait of.
         """
         self.received[side] += 1
-        stamp = stamp_to_nanoseconds(image.header.stamp)
         if stamp == 0 or stamp in self._waiting[side]:
             self._drop(f"{side} image {'with a stamp seen before' if stamp else 'without a stamp'}")
             return []
@@ -151,7 +168,7 @@ class Synchronizer:
         self._late[side] = stamp, image
         return []
 
-    def end_wait(self) -> list[StereoFrame]:
+    def end_wait(self) -> list[SynchronizedFrame]:
         """Release a pair that was there at the last call already, with the newest CameraInfo.
 
         Called from time to time, so that a CameraInfo that was lost does not
@@ -159,19 +176,19 @@ class Synchronizer:
 
         Returns
         -------
-        list of StereoFrame
+        list of SynchronizedFrame
             The frame, or nothing.
         """
         waited, self._waited = self._waited, self._pair
         known = all(self._infos.values())
         return self._release(at_once=True) if known and waited is self._pair else []
 
-    def finish(self) -> list[StereoFrame]:
+    def finish(self) -> list[SynchronizedFrame]:
         """End a sequence: release the pair that is there, and drop what has no partner.
 
         Returns
         -------
-        list of StereoFrame
+        list of SynchronizedFrame
             The frame, or nothing.
         """
         frames = self._release(at_once=True)
@@ -182,21 +199,21 @@ class Synchronizer:
         """Return whether an image is older than the last pair, but hardly."""
         return self._last is not None and 0 <= self._last - stamp < RESTART_NANOSECONDS
 
-    def _take(self, side: str, stamp: int, image: Any) -> list[StereoFrame]:
+    def _take(self, side: str, stamp: int, image: Any) -> list[SynchronizedFrame]:
         """Pair an image, or let it wait."""
         other = SIDES[side == "left"]
         partner = self._partner(other, stamp)
         if partner is None:
             self._wait(side, stamp, image)
             return []
-        pair = {side: image, other: self._waiting[other].pop(partner)}
+        pair = {side: (stamp, image), other: (partner, self._waiting[other].pop(partner))}
         restarted = self._advance(min(stamp, partner))
         frames = self._release(at_once=True)
         self._pair = pair
         frames += self._release(at_once=False)
         return frames + (self._take_late() if restarted else [])
 
-    def _take_late(self) -> list[StereoFrame]:
+    def _take_late(self) -> list[SynchronizedFrame]:
         """Pair the images that were late, which are those of a recording that started again."""
         late, self._late = self._late, {}
         frames = []
@@ -204,7 +221,7 @@ class Synchronizer:
             frames += self._take(side, stamp, image)
         return frames
 
-    def _start_again(self) -> list[StereoFrame]:
+    def _start_again(self) -> list[SynchronizedFrame]:
         """Go on with the images that were late: a recording was started again."""
         frames = self._release(at_once=True)
         self._forget_before_restart()
@@ -253,7 +270,7 @@ class Synchronizer:
                 self._drop(f"{side} image unmatched")
         return restarted
 
-    def _release(self, at_once: bool) -> list[StereoFrame]:
+    def _release(self, at_once: bool) -> list[SynchronizedFrame]:
         """Return the pair that waits with its CameraInfo, if that is there or not waited for."""
         if self._pair is None:
             return []
@@ -262,7 +279,7 @@ class Synchronizer:
             if at_once:
                 self._drop_pair(missing)
             return []
-        stamps = {side: stamp_to_nanoseconds(self._pair[side].header.stamp) for side in SIDES}
+        stamps = {side: self._pair[side][0] for side in SIDES}
         late = [side for side in SIDES if stamps[side] not in self._infos[side]]
         if not at_once and any(self._with_every_image[side] for side in late):
             return []
@@ -272,11 +289,12 @@ class Synchronizer:
             side: self._infos[side].get(stamps[side]) or next(reversed(self._infos[side].values()))
             for side in SIDES
         }
-        frame = StereoFrame(self._pair["left"], self._pair["right"], infos["left"], infos["right"])
+        left, right = (self._pair[side][1] for side in SIDES)
+        frame = StereoFrame(left, right, infos["left"], infos["right"])
         self._pair = None
         self._sent = stamps
         self.frames += 1
-        return [frame]
+        return [SynchronizedFrame(stamps["left"], stamps["right"], frame)]
 
     def _drop_waiting(self) -> None:
         for side, queue in self._waiting.items():

@@ -15,7 +15,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.images import stamp_to_nanoseconds
-from uw_visibility.messages.synchronizer import SIDES, Synchronizer
+from uw_visibility.messages.synchronizer import SIDES, SynchronizedFrame, Synchronizer
 from uw_visibility.ros.monitor.finding import ERROR, OK, WARN, Finding
 from uw_visibility.ros.monitor.rates import RecentCounts
 from uw_visibility.ros.monitor.reasons import ReasonLog
@@ -233,19 +233,20 @@ class StereoInput:
             self._stamps[side].append(stamp)
         self.synchronizer.config = self._parameters.settings.node.synchronization
         restarts = self.synchronizer.restarts
-        frames = self.synchronizer.add_image(side, message)
+        frames = self.synchronizer.add_image(side, stamp, message)
         if self.synchronizer.restarts != restarts:
             self._on_restart()
         self._hand_on(frames)
 
     def _on_info(self, side: str, topic: str, message: CameraInfo) -> None:
         self._arrivals[topic] = time.monotonic()
-        self._hand_on(self.synchronizer.add_info(side, message))
+        stamp = stamp_to_nanoseconds(message.header.stamp)
+        self._hand_on(self.synchronizer.add_info(side, stamp, message))
 
-    def _hand_on(self, frames: list[StereoFrame]) -> None:
-        for frame in frames:
+    def _hand_on(self, frames: list[SynchronizedFrame]) -> None:
+        for synchronized in frames:
             self._arrivals["frame"] = time.monotonic()
-            self._offer(frame)
+            self._offer(synchronized.frame)
 
     def _report_drop(self, reason: str) -> None:
         self._drops.add(f"dropped: {reason}")

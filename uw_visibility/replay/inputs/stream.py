@@ -8,7 +8,6 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,9 +15,8 @@ import numpy as np
 from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.errors import InputError
 from uw_visibility.messages.depth_sensor import read_depth
-from uw_visibility.messages.images import stamp_to_nanoseconds
-from uw_visibility.messages.stamps import SECOND, header_stamp
-from uw_visibility.messages.synchronizer import Synchronizer
+from uw_visibility.messages.stamps import header_stamp
+from uw_visibility.messages.synchronizer import SynchronizedFrame, Synchronizer
 from uw_visibility.plausibility.samples import DepthSample
 from uw_visibility.replay.bags.reader import BagReader, Recorded
 from uw_visibility.replay.inputs.options import ReplayOptions
@@ -189,7 +187,7 @@ class InputStream:
         """Add the calibration that is given, or the last one sent before the start."""
         if self._options.infos is not None:
             for side, info in zip(("left", "right"), self._options.infos, strict=True):
-                self.synchronizer.add_info(side, _stamped(0, 0, info))
+                self.synchronizer.add_info(side, 0, info)
             return
         infos = self.selection.infos()
         if start is None or not self._is_latched(infos):
@@ -239,20 +237,20 @@ class InputStream:
             self.problems[f"{message.topic}: {error}"] += 1
             return
         restarts = self.synchronizer.restarts
-        frames = add(side, _stamped(*divmod(stamp, SECOND), message))
+        frames = add(side, stamp, message)
         if self.synchronizer.restarts > restarts:
             yield Restart()
         yield from self._choose(frames)
 
-    def _choose(self, frames: list[Any]) -> Iterator[RecordedFrame]:
-        for frame in frames:
+    def _choose(self, frames: list[SynchronizedFrame]) -> Iterator[RecordedFrame]:
+        for synchronized in frames:
             number = self.frames
             self.frames += 1
             if number % self._options.every == 0:
-                left, right, left_info, right_info = (m.content for m in frame)
-                stamps = [stamp_to_nanoseconds(m.header.stamp) for m in frame[:2]]
+                left = synchronized.frame.left
                 yield RecordedFrame(
-                    number, left.time, stamps[0], stamps[1], left, right, left_info, right_info
+                    number, left.time, synchronized.stamp, synchronized.right_stamp,
+                    *synchronized.frame,
                 )
 
     def _sensor(self, message: Recorded) -> Iterator[Event]:
@@ -267,9 +265,3 @@ class InputStream:
                 yield SensorValue(sample, message.time)
         except InputError as error:
             self.problems[f"{message.topic}: {error}"] += 1
-
-
-def _stamped(seconds: int, nanoseconds: int, content: Any) -> SimpleNamespace:
-    """Return what the synchroniser looks at, with the message as it is."""
-    stamp = SimpleNamespace(sec=seconds, nanosec=nanoseconds)
-    return SimpleNamespace(header=SimpleNamespace(stamp=stamp), content=content)
