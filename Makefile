@@ -4,6 +4,7 @@
 #   make venv          .venv with pinned versions and ROS 2 Jazzy, kernels compiled
 #   make demo          simulate, run the node, play the bag into it, report: see demo/
 #   make test          the tests
+#   make fuzz          an hour of damaged files and absurd arguments
 #   make lint          ruff, mypy, import-linter
 #   make quick         lint, and the tests that start no nodes: a minute
 #   make soak          the node for half an hour on good and bad pairs: see soak.json
@@ -13,12 +14,13 @@
 #   make clean         remove everything that these made
 #
 # PYTHON=... chooses the interpreter; without it the first of 3.12 and 3.11 that runs.
-# PYTEST=... hands words to pytest; MINUTES=... is how long make soak runs.
+# PYTEST=... hands words to pytest; MINUTES=... is how long make soak runs, and make fuzz
+# (an hour without it).
 
 SHELL := /bin/bash
 PYTHON ?=
 PYTEST ?=
-MINUTES ?= 30
+MINUTES ?=
 VENV := .venv
 VENV_OLDEST := .venv-oldest
 SOURCES := setup.py setup.cfg tools/make_venv
@@ -33,7 +35,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 ISOLATED = ROS_DOMAIN_ID=$$(( $$$$ % 100 + 1 ))
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test quick soak lint bench test-oldest parameters clean
+.PHONY: help venv demo test quick soak fuzz lint bench test-oldest parameters clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -62,7 +64,10 @@ test-oldest: $(VENV_OLDEST)/.installed
 	$(ISOLATED) $(VENV_OLDEST)/bin/python -m pytest $(PYTEST)
 
 soak: venv
-	$(ISOLATED) $(VENV)/bin/python test/faults/soak.py --minutes $(MINUTES) -o soak.json
+	$(ISOLATED) $(VENV)/bin/python test/faults/soak.py --minutes $(or $(MINUTES),30) -o soak.json
+
+fuzz: venv
+	$(VENV)/bin/python test/faults/fuzz.py --minutes $(or $(MINUTES),60) --first $$RANDOM$$RANDOM
 
 lint: venv
 	$(VENV)/bin/ruff check .

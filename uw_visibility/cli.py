@@ -43,6 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if argv is None else argv)
     _take_any_text()
+    # What OpenCV logs of a damaged file is one sentence here.
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     try:
         if any("\0" in word for word in words):
             raise InputError("an argument holds a null character: leave it out")

@@ -18,19 +18,17 @@ from uw_visibility.errors import InputError
 from uw_visibility.replay.bags.reader import BagReader
 
 
-class Cases:
+class DamagedBags:
     """Bags of every form; the file with the messages or metadata.yaml is damaged."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._files = write_all(folder)
-        self._count = self._read(self._files["mcap"].parent)[0].total()
+        self.files = write_all(folder)
 
-    def run(self, seed: int) -> Outcome:
-        """Damage a bag and read it."""
-        rng = random.Random(seed)
-        form = rng.choice(list(self._files))
-        file = self._files[form]
+    def damage(self, rng: random.Random) -> tuple[str, Path]:
+        """Make a damaged bag; returns what was done, and where it is."""
+        form = rng.choice(list(self.files))
+        file = self.files[form]
         ros2 = file.suffix != ".bag"
         damaged = self._folder / "damaged"
         shutil.rmtree(damaged, ignore_errors=True)
@@ -42,16 +40,7 @@ class Cases:
         case = f"{form}: {self._damage(damaged / file.name, rng)}"
         # As a folder, or one file of it.
         source = damaged if ros2 and rng.random() < 0.8 else damaged / file.name
-        try:
-            read, told = self._read(source)
-        except InputError as error:
-            return Outcome(case, "refused", str(error))
-        lost = self._count - read.total()
-        if lost <= 0:
-            return Outcome(case, "read", told)
-        # The metadata of a file that is read by itself is not looked at.
-        counted = bool(told) or source.is_file()
-        return Outcome(case, "partly" if counted else "silent", f"{lost} lost; {told}")
+        return case, source
 
     @staticmethod
     def _damage(file: Path, rng: random.Random) -> str:
@@ -70,6 +59,30 @@ class Cases:
         what, content = mutate(file.read_bytes(), rng)
         file.write_bytes(content)
         return f"{file.suffix} {what}"
+
+
+class Cases:
+    """Damaged bags, read message by message."""
+
+    case = ""
+
+    def __init__(self, folder: Path) -> None:
+        self._bags = DamagedBags(folder)
+        self._count = self._read(self._bags.files["mcap"].parent)[0].total()
+
+    def run(self, seed: int) -> Outcome:
+        """Damage a bag and read it."""
+        self.case, source = self._bags.damage(random.Random(seed))
+        try:
+            read, told = self._read(source)
+        except InputError as error:
+            return Outcome(self.case, "refused", str(error))
+        lost = self._count - read.total()
+        if lost <= 0:
+            return Outcome(self.case, "read", told)
+        # The metadata of a file that is read by itself is not looked at.
+        counted = bool(told) or source.is_file()
+        return Outcome(self.case, "partly" if counted else "silent", f"{lost} lost; {told}")
 
     @staticmethod
     def _read(path: Path) -> tuple[Counter[str], str]:

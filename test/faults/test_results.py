@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -163,3 +164,21 @@ def test_threads_of_one_process_share_no_folder(pair: list[str], tmp_path: Path)
         thread.start()
         thread.join()
     assert codes == [2]
+
+
+def test_names_from_outside_are_shown_without_control_characters(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = Path(shutil.copytree(recording, tmp_path / "\x1b[2J\nforged"))
+    file = next(bag.glob("*.mcap"))
+    file.write_bytes(file.read_bytes().replace(b"/depth_sensor", b"\x1b]0;title\a\n"))
+    (bag / "metadata.yaml").unlink()
+    assert main(["replay", str(bag), "--list"]) == 0
+    assert main(["replay", str(bag), "-o", str(tmp_path / "out"), "--jobs", "1"]) == 0
+    assert main(["enhance", "\x1b[31mred.png", "r.png", "-o", str(tmp_path / "other")]) == 2
+    said = "".join(capsys.readouterr())
+    assert "title" in said and "forged" in said
+    assert all(c.isprintable() or c == "\n" for c in said)
+    assert "\nforged" not in said
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "forged" in page and "\x1b" not in page

@@ -28,9 +28,7 @@ NAMESPACE = "/tough"
 
 # Publishes the known scene from a process of its own, until it is killed.
 PUBLISHER = """
-import importlib.util, pathlib, sys, time
-# The folder that the tests' synthetic scenes are in.
-sys.path.insert(0, str(pathlib.Path(sys.argv[1]).parents[1]))
+import importlib.util, sys, time
 specification = importlib.util.spec_from_file_location("parts", sys.argv[1])
 parts = sys.modules["parts"] = importlib.util.module_from_spec(specification)
 specification.loader.exec_module(parts)

@@ -15,8 +15,9 @@ from uw_visibility.commands.recording_options import (
     read_recording_options,
     reading,
 )
+from uw_visibility.commands.terminal import say
 from uw_visibility.config.files import write_whole
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, printable
 
 if TYPE_CHECKING:
     from uw_visibility.replay.calibration import CalibrationSeries
@@ -75,12 +76,12 @@ def run(arguments: argparse.Namespace) -> None:
     told = sys.stderr if arguments.output is None else sys.stdout
     print(_describe(found, series), file=told)
     for note in series.damage:
-        print(f"uw_visibility: warning: {note}", file=sys.stderr)
+        say(f"uw_visibility: warning: {note}", error=True)
     if arguments.output is None:
         print(text, end="")
         return
     write_whole(arguments.output, text)
-    print(f"written to {arguments.output}")
+    say(f"written to {arguments.output}")
 
 
 def _check_target(path: Path | None, force: bool) -> None:
@@ -98,7 +99,7 @@ def _parameter_file(arguments: argparse.Namespace, found: Calibration) -> str:
     from uw_visibility.config.parameter_file import render_values
 
     low, high = found.depth_range
-    names = ", ".join(bag.resolve().name for bag in arguments.bags)
+    names = printable(", ".join(bag.resolve().name for bag in arguments.bags))
     white = ", ".join(f"{value:.2g}" for value in found.best.white_reference_stddev)
     comment = (
         f"White reference and water type by uw_visibility calibrate, of {names}: "

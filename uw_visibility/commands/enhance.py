@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from uw_visibility.commands.terminal import say
 from uw_visibility.config.files import gathered, sole_writer, write_whole
 from uw_visibility.errors import InputError
 
@@ -99,7 +100,7 @@ def run(arguments: argparse.Namespace) -> None:
             raise InputError(f"{arguments.left}, {arguments.right}: {error}") from error
         with gathered(arguments.output, last=REPORT) as folder:
             report = _write(folder, result)
-    print(_summary(report, arguments.output))
+    say(_summary(report, arguments.output))
 
 
 def _read_config(path: Path | None, max_disparity: int | None) -> PipelineConfig:

@@ -8,6 +8,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from uw_visibility.commands.terminal import say
 from uw_visibility.config.files import gathered, sole_writer
 from uw_visibility.errors import InputError
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from uw_visibility.config.schema import PipelineConfig
     from uw_visibility.evaluation.experiments import Plan
 
+# Each takes up to 1 GB.
+MOST_JOBS = 256
 RESULT = "evaluation.json"
 
 DESCRIPTION = """\
@@ -147,8 +150,8 @@ def run(arguments: argparse.Namespace) -> None:
     InputError
         If an option, a scene or the output folder cannot be used.
     """
-    if arguments.jobs < 1:
-        raise InputError(f"--jobs is {arguments.jobs}: give 1 or more")
+    if not 1 <= arguments.jobs <= MOST_JOBS:
+        raise InputError(f"--jobs is {arguments.jobs}: give from 1 to {MOST_JOBS}")
     _refuse_folder(arguments.output, arguments.force)
     with sole_writer(arguments.output):
         if arguments.adverse:
@@ -176,7 +179,8 @@ def _run_experiments(arguments: argparse.Namespace) -> None:
         write_tables(folder, evaluation, summary)
         write_figures(folder, evaluation)
     print(as_text(summary))
-    print(f"\ntables and figures: {arguments.output}")
+    say("")
+    say(f"tables and figures: {arguments.output}")
 
 
 def _run_adverse(arguments: argparse.Namespace) -> None:
@@ -206,7 +210,8 @@ def _run_adverse(arguments: argparse.Namespace) -> None:
     summary = summarise_adverse(results)
     with gathered(arguments.output, last=RESULT, clear=arguments.force) as folder:
         write_adverse(folder, plan, results, summary)
-    print(f"tables: {arguments.output}\n")
+    say(f"tables: {arguments.output}")
+    say("")
     print(adverse_text(summary))
 
 

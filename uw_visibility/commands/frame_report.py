@@ -44,13 +44,6 @@ def frame_report(result: FrameResult) -> dict[str, Any]:
             "attenuation_stddev": _channels(result.water.attenuation_stddev),
             "ambient_light": _channels(result.water.ambient_light),
             "ambient_light_stddev": _channels(result.water.ambient_light_stddev),
-            "scene_light": _channels(result.water.scene_light),
-            "scene_light_stddev": _channels(result.water.scene_light_stddev),
-            "open_water": _number(result.water.open_water),
-            "cues": {
-                name: {"attenuation": _channels(value), "attenuation_stddev": _channels(stddev)}
-                for name, (value, stddev) in result.water.cues.items()
-            },
             "iterations": int(result.water.iterations),
             "bins": int(result.water.bins),
         },

@@ -6,18 +6,21 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from uw_visibility.commands.terminal import say
 from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.errors import InputError
 
 if TYPE_CHECKING:
     from uw_visibility.replay.inputs.options import ReplayOptions
+
+# Processes for each processor: more only take memory.
+MOST_JOBS = 8
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
@@ -95,7 +98,7 @@ def reading(command: str) -> Iterator[None]:
     try:
         yield
     except UnreadableError as error:
-        print(f"uw_visibility: {error}", file=sys.stderr)
+        say(f"uw_visibility: {error}", error=True)
         raise SystemExit(1) from error
 
 
@@ -105,8 +108,11 @@ def jobs(arguments: argparse.Namespace) -> int:
     Raises
     ------
     InputError
-        If it is negative.
+        If it is negative, or far beyond the processors that there are.
     """
-    if arguments.jobs < 0:
-        raise InputError(f"--jobs is {arguments.jobs}: give 1 or more, or 0")
+    most = MOST_JOBS * number_of_threads(0)
+    if not 0 <= arguments.jobs <= most:
+        raise InputError(
+            f"--jobs is {arguments.jobs}: give from 1 to {most} on this computer, or 0"
+        )
     return number_of_threads(arguments.jobs)

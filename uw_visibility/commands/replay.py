@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,7 @@ from uw_visibility.commands.recording_options import (
     read_recording_options,
     reading,
 )
+from uw_visibility.commands.terminal import say
 from uw_visibility.errors import InputError
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ def _list_all(bags: list[Path], options: ReplayOptions) -> None:
         try:
             _list(bag, options)
         except UnreadableError as error:
-            print(f"uw_visibility: {error}", file=sys.stderr)
+            say(f"uw_visibility: {error}", error=True)
             unread += 1
     if unread:
         raise SystemExit(1)
@@ -186,28 +186,28 @@ def _list(bag: Path, options: ReplayOptions) -> None:
         span = reader.span
         length = "" if span is None else f", {(span[1] - span[0]) / 1e9:.1f} s"
         kind = "ROS 1" if reader.ros1 else "ROS 2"
-        print(f"{bag}: {kind}, {len(reader.files)} files{length}")
+        say(f"{bag}: {kind}, {len(reader.files)} files{length}")
         for note in reader.damage:
-            print(f"  damaged: {note}")
+            say(f"  damaged: {note}")
         width = max(len(topic) for topic in reader.channels)
         for topic, channel in sorted(reader.channels.items()):
             count = "?" if channel.count is None else str(channel.count)
-            print(f"  {topic:{width}}  {count:>7}  {channel.type}")
+            say(f"  {topic:{width}}  {count:>7}  {channel.type}")
         try:
             used = find_topics(
                 reader.channels, options.wanted, rectify=options.node.rectify,
                 calibrated=options.infos is not None, sensor_type=options.sensor_type,
             )
         except InputError as error:
-            print(f"would be used: nothing, {error}")
+            say(f"would be used: nothing, {error}")
             return
-        print("would be used:")
+        say("would be used:")
         for name in ("left", "right", "left_info", "right_info", "depth", "position"):
             given = name.endswith("info") and options.infos is not None
             topic = "as --calibration says" if given else getattr(used, name) or "none"
-            print(f"  {name.replace('_', ' '):{width}}  {topic}")
+            say(f"  {name.replace('_', ' '):{width}}  {topic}")
         for note in used.notes:
-            print(f"  {note}")
+            say(f"  {note}")
 
 
 def _tell_partial(targets: dict[Path, Path]) -> None:
@@ -219,31 +219,31 @@ def _tell_partial(targets: dict[Path, Path]) -> None:
             frames = read_state(partial)["frames"]
         except (OSError, ValueError):
             continue
-        print(f"{partial} has {frames} frames: --resume goes on from it", file=sys.stderr)
+        say(f"{partial} has {frames} frames: --resume goes on from it", error=True)
 
 
 def _tell(summary: Summary) -> None:
     from uw_visibility.replay.results.refusals import WHOLE_FRAME
 
     if summary.error:
-        print(f"uw_visibility: {summary.error}", file=sys.stderr)
+        say(f"uw_visibility: {summary.error}", error=True)
         return
     rate = summary.frames / summary.seconds if summary.seconds else 0.0
     again = f", {summary.resumed} of them from before" if summary.resumed else ""
     took = f", {summary.seconds:.1f} s ({rate:.1f} frames/s)" if summary.seconds else ""
-    print(
+    say(
         f"{summary.bag}: {summary.frames} frames{again}, water assessed in {summary.assessed}"
         f"{took}; written to {summary.output}"
     )
     for note in filter(None, (*summary.notes, summary.rejections(), summary.surveyed())):
-        print(f"  {note}")
+        say(f"  {note}")
     for refusal in summary.refusals.together():
         what = f"not assessable: {refusal.what}: {refusal.why}"
         if refusal.what == WHOLE_FRAME:
             what = f"unusable frame: {refusal.why}"
         frames = "frame" if refusal.count == 1 else "frames"
-        print(f"  {what} ({refusal.count}), {frames} {refusal.frames}")
+        say(f"  {what} ({refusal.count}), {frames} {refusal.frames}")
     for reason, count in summary.dropped.most_common():
-        print(f"  dropped: {reason} ({count})")
+        say(f"  dropped: {reason} ({count})")
     for note in summary.damage:
-        print(f"uw_visibility: warning: {note}", file=sys.stderr)
+        say(f"uw_visibility: warning: {note}", error=True)

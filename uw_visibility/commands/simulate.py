@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from uw_visibility.simulation.camera import Sensor
     from uw_visibility.simulation.water import WaterEffects
 
+from uw_visibility.commands.terminal import say
+
+MOST_THREADS = 64
+
 DESCRIPTION = """\
 Render a stereo camera that swims over a reef while depth and turbidity change, and
 record it as a rosbag2 (mcap): images, calibration and a depth sensor as a vehicle
@@ -213,6 +217,8 @@ def run(arguments: argparse.Namespace) -> None:
     from uw_visibility.simulation.frame import Effects
     from uw_visibility.simulation.transect import Transect
 
+    if not 0 <= arguments.threads <= MOST_THREADS:
+        raise InputError(f"--threads is {arguments.threads}: give from 0 to {MOST_THREADS}")
     focal_length = arguments.focal_length
     if focal_length is None:
         focal_length = arguments.width * 15 / 16
@@ -247,7 +253,7 @@ def run(arguments: argparse.Namespace) -> None:
         overwrite=arguments.force,
         progress=lambda frames: progress_bar(frames, "simulate", transect.frames),
     )
-    print(f"{arguments.output}: {transect.frames} stereo frames at {transect.rate:g} Hz")
+    say(f"{arguments.output}: {transect.frames} stereo frames at {transect.rate:g} Hz")
 
 
 def _sensor(arguments: argparse.Namespace) -> Sensor:

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from uw_visibility.errors import InputError
 from uw_visibility.stereo.rig import StereoRig
 
+# A frame of that size takes minutes already.
+LARGEST_SIDE = 8192
+
 
 @dataclass(frozen=True)
 class StereoCamera:
@@ -35,9 +38,10 @@ class StereoCamera:
 
     def __post_init__(self) -> None:
         """Validate size, focal length and baseline."""
-        if self.width < 8 or self.height < 8:
+        if not 8 <= min(self.width, self.height) <= max(self.width, self.height) <= LARGEST_SIDE:
             raise InputError(
-                f"image size {self.width}x{self.height} is too small: give at least 8x8 pixels"
+                f"image size is {self.width}x{self.height}: give from 8x8 up to "
+                f"{LARGEST_SIDE}x{LARGEST_SIDE} pixels"
             )
         for name, value in (("focal length", self.focal_length), ("baseline", self.baseline)):
             if not 0.0 < value < math.inf:

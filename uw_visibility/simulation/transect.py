@@ -17,6 +17,9 @@ from uw_visibility.simulation.frame import Effects, RenderedFrame, Renderer
 from uw_visibility.simulation.scene import reef
 from uw_visibility.simulation.water import Water, WaterEffects
 
+# Ten days at ten frames a second.
+MOST_FRAMES = 10_000_000
+
 
 @dataclass(frozen=True)
 class Transect:
@@ -67,10 +70,10 @@ class Transect:
 
     def __post_init__(self) -> None:
         """Validate the plan."""
-        if self.frames < 1:
-            raise InputError(f"number of frames is {self.frames}: give at least 1")
-        if not 0.0 < self.rate <= 1000.0:
-            raise InputError(f"rate is {self.rate:g} Hz: give a number above 0, up to 1000")
+        if not 1 <= self.frames <= MOST_FRAMES:
+            raise InputError(f"number of frames is {self.frames}: give from 1 to {MOST_FRAMES}")
+        if not 1e-3 <= self.rate <= 1000.0:
+            raise InputError(f"rate is {self.rate:g} Hz: give a number from 0.001 to 1000")
         if not 0.0 <= self.speed <= 10.0:
             raise InputError(f"speed is {self.speed:g} m/s: give a number between 0 and 10")
         if self.seed < 0:

@@ -11,8 +11,9 @@ from typing import Any
 from frame_records import frame_estimate, frame_record
 
 from uw_visibility.plausibility.verdict import Verdict
+from uw_visibility.replay.reasons import MOST_REASONS
 from uw_visibility.replay.records import JoinedFrame
-from uw_visibility.replay.results.refusals import MOST_REASONS, MOST_RUNS, Refusals
+from uw_visibility.replay.results.refusals import MOST_RUNS, Refusals
 from uw_visibility.status import Status
 
 OK, DARK = Status.OK, Status.TOO_DARK

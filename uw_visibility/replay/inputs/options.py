@@ -13,6 +13,9 @@ from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.replay.inputs.topics import Wanted
 
+# Seconds that no recording is longer than.
+LONGEST = 1e9
+
 
 @dataclass(frozen=True)
 class ReplayOptions:
@@ -62,10 +65,13 @@ class ReplayOptions:
 
     def __post_init__(self) -> None:
         """Validate the options."""
-        if not 0.0 <= self.start < math.inf:
+        if not 0.0 <= self.start <= LONGEST:
             raise InputError(f"--start is {self.start:g}: give the seconds to leave out")
-        if not self.duration > 0.0:
-            raise InputError(f"--duration is {self.duration:g}: give a number of seconds above 0")
+        if not 0.0 < self.duration <= LONGEST and self.duration != math.inf:
+            raise InputError(
+                f"--duration is {self.duration:g}: give a number of seconds above 0, "
+                f"up to {LONGEST:g}"
+            )
         if self.every < 1:
             raise InputError(f"--every is {self.every}: give 1 or more")
         if self.images < 0:

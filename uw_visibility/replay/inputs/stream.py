@@ -22,6 +22,7 @@ from uw_visibility.replay.bags.reader import BagReader, Recorded
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.positions import Position, read_position
 from uw_visibility.replay.inputs.topics import Selection, find_topics
+from uw_visibility.replay.reasons import count_reason
 from uw_visibility.stereo.calibration import CameraCalibration
 
 
@@ -234,7 +235,7 @@ class InputStream:
         try:
             stamp = header_stamp(message.data, ros1=self._reader.ros1)
         except InputError as error:
-            self.problems[f"{message.topic}: {error}"] += 1
+            count_reason(self.problems, f"{message.topic}: {error}")
             return
         restarts = self.synchronizer.restarts
         frames = add(side, stamp, message)
@@ -264,4 +265,4 @@ class InputStream:
                 sample = read_depth(content, self.plausibility, message.time)
                 yield SensorValue(sample, message.time)
         except InputError as error:
-            self.problems[f"{message.topic}: {error}"] += 1
+            count_reason(self.problems, f"{message.topic}: {error}")

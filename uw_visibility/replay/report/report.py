@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import jinja2
 import numpy as np
+from markupsafe import Markup
 
 from uw_visibility.config.parameters import flatten
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
+from uw_visibility.errors import LONGEST_MESSAGE, printable
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.report.colours import ColourScale, gradient
@@ -58,7 +60,7 @@ def write_report(
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("uw_visibility.replay.report"), autoescape=True,
-        trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined, finalize=_shown,
     )
     columns = read_columns(
         folder / "frames.csv", [*dict.fromkeys((*NEEDED, *TRACK_COLUMNS, *MATCHED))]
@@ -74,7 +76,7 @@ def write_report(
         pictures=[
             {
                 "frame": picture.row["frame"],
-                "source": data_uri(preview(picture.side_by_side(), PICTURE_WIDTH)),
+                "source": Markup(data_uri(preview(picture.side_by_side(), PICTURE_WIDTH))),
                 "caption": _caption(picture),
             }
             for picture in pictures(
@@ -91,6 +93,12 @@ def write_report(
         parameters=_parameters(summary),
     )
     (folder / "report.html").write_text(text, encoding="utf-8")
+
+
+def _shown(value: Any) -> Any:
+    """Value as it is shown: text from outside without control characters."""
+    own = isinstance(value, Markup) or not isinstance(value, str)
+    return value if own else printable(value, LONGEST_MESSAGE)
 
 
 def _representative(folder: Path) -> set[str]:

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from uw_visibility.plausibility.verdict import Verdict
+from uw_visibility.replay.reasons import FURTHER, MOST_REASONS
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.status import Status
 
@@ -23,9 +24,7 @@ STATUS_COLUMNS = {"water": "status", DISTANCE: "visibility_status",
                   "depth by colour": "depth_status"}
 # Verdicts that say something of the sensor, good or bad.
 JUDGED = {Verdict.OK, Verdict.WARN, Verdict.ERROR}
-# Reasons may carry numbers of the input, and a recording may be long.
-MOST_RUNS, MOST_REASONS = 8, 50
-FURTHER = "further reasons"
+MOST_RUNS = 8
 
 
 @dataclass

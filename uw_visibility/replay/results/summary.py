@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from uw_visibility.plausibility.monitor import Report
+from uw_visibility.replay.reasons import count_reason
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.refusals import Refusals
@@ -139,7 +140,7 @@ class Summary:
                 self._count_survey(filtered.survey)
         if estimate is None:
             self.status[FAILED] += 1
-            self.reasons[joined.record.reason] += 1
+            count_reason(self.reasons, joined.record.reason)
             return
         self.status[str(estimate.water.status)] += 1
         self.visibility_status[str(estimate.visibility.status)] += 1
