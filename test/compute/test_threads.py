@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bands of rows: each row once, whatever the threads, and no error lost."""
 
-import contextlib
 import os
 import threading
 
@@ -99,30 +98,6 @@ def test_an_error_of_either_call_reaches_the_caller(threads, failing):
     with pytest.raises(ValueError, match="broken"):
         POOLS[threads].together(*calls)
     assert POOLS[threads].together(lambda: 1, lambda: 2) == (1, 2)
-
-
-def test_callers_that_take_all_threads_work_alone():
-    """Two frames in two threads hold up one another less than bands of one do."""
-    pool = Workers(2)
-
-    def threads_used():
-        names = set()
-        barrier = threading.Barrier(2)
-
-        def kernel(start, stop):
-            names.add(threading.get_ident())
-            with contextlib.suppress(threading.BrokenBarrierError):
-                barrier.wait(0.05)
-
-        pool.rows(kernel, 60)
-        pool.together(lambda: kernel(0, 1), lambda: kernel(1, 2))
-        return len(names)
-
-    with pool.shared():
-        assert threads_used() == 2
-        with pool.shared():
-            assert threads_used() == 1
-        assert threads_used() == 2
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="not Linux")

@@ -28,7 +28,8 @@ NAMESPACE = "/tough"
 
 # Publishes the known scene from a process of its own, until it is killed.
 PUBLISHER = """
-import importlib.util, sys, time
+import importlib.util, pathlib, sys, time
+sys.path.append(str(pathlib.Path(sys.argv[1]).parents[1]))
 specification = importlib.util.spec_from_file_location("parts", sys.argv[1])
 parts = sys.modules["parts"] = importlib.util.module_from_spec(specification)
 specification.loader.exec_module(parts)

@@ -12,10 +12,8 @@ from __future__ import annotations
 
 import itertools
 import os
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager
 from typing import Any, TypeVar
 
 First = TypeVar("First")
@@ -46,32 +44,10 @@ class Workers:
         self.threads = number_of_threads(threads)
         # The calling thread works too.
         self._pool = ThreadPoolExecutor(self.threads - 1) if self.threads > 1 else None
-        self._callers = 0
-        self._lock = threading.Lock()
-
-    @contextmanager
-    def shared(self) -> Iterator[None]:
-        """Count the calling thread as one of several that work at once.
-
-        While there are as many as threads, each does its work alone: they hold up one
-        another less than bands of one and the same work do.
-        """
-        with self._lock:
-            self._callers += 1
-        try:
-            yield
-        finally:
-            with self._lock:
-                self._callers -= 1
-
-    def _helpers(self) -> int:
-        """Return how many threads are not those of callers."""
-        return self.threads - max(self._callers, 1)
 
     def rows(self, kernel: Callable[..., Any], count: int, *arguments: Any) -> None:
         """Run ``kernel(start, stop, *arguments)`` over bands that cover ``count`` rows."""
-        free = self._helpers()
-        if self._pool is None or free <= 0:
+        if self._pool is None:
             kernel(0, count, *arguments)
             return
         # More bands than threads: rows differ in cost, and a thread that wakes
@@ -88,7 +64,7 @@ class Workers:
                     return
                 kernel(edges[band], edges[band + 1], *arguments)
 
-        helpers = [self._pool.submit(work) for _ in range(free)]
+        helpers = [self._pool.submit(work) for _ in range(self.threads - 1)]
         try:
             work()
         finally:
@@ -115,7 +91,7 @@ class Workers:
         tuple
             What they return. If both raise, what the first raises is seen.
         """
-        if self._pool is None or self._helpers() <= 0:
+        if self._pool is None:
             return first(), second()
         helper = self._pool.submit(second)
         try:

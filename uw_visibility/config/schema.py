@@ -355,19 +355,13 @@ class NodeConfig:
         False, "Subscribe to images only while somebody subscribes to an output other than "
         "/diagnostics.",
     )
-    concurrent_frames: int = parameter(
-        2, "Frames that are processed at once where they come faster than one takes, each in "
-        "fewer threads; never more than there are threads. 1 takes least memory.",
-        minimum=1, maximum=8, read_only=True,
-    )
     niceness: int = parameter(
         5, "How far the pipeline's threads give way to all others on the computer, those that "
         "receive messages among them; 0 not at all, 19 most.",
         minimum=0, maximum=19, read_only=True,
     )
     max_megapixels: float = parameter(
-        8.0, "Larger images are refused. A pair takes about 220 bytes a pixel, for each of the "
-        "frames that are processed at once.",
+        8.0, "Larger images are refused. A pair takes about 220 bytes a pixel.",
         unit="1e6 px", minimum=0.01, maximum=100.0,
     )
     max_range: float = parameter(

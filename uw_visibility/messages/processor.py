@@ -12,14 +12,14 @@ from uw_visibility.messages.estimates import ImageHeader
 from uw_visibility.messages.frames import FrameReader, StereoFrame, StereoPair
 from uw_visibility.messages.images import MessageFactory
 from uw_visibility.messages.outputs import Source, each_message, enhanced_sides
-from uw_visibility.pipeline.pool import PipelinePool
+from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.filter import FilteredWater
 
 
 class FrameWork:
-    """Work on one frame: `assess` may overlap with other frames', what follows may not.
+    """Work on one frame: the pair that was read, to be assessed and told of.
 
     Parameters
     ----------
@@ -27,18 +27,18 @@ class FrameWork:
         Input messages.
     pair : StereoPair
         What they hold.
-    pool : PipelinePool
-        Pipelines for the pair.
+    pipeline : Pipeline
+        For the pair.
     make : MessageFactory
         Makes the outgoing messages.
     """
 
     def __init__(
-        self, frame: StereoFrame, pair: StereoPair, pool: PipelinePool, make: MessageFactory
+        self, frame: StereoFrame, pair: StereoPair, pipeline: Pipeline, make: MessageFactory
     ) -> None:
         self._frame = frame
         self._pair = pair
-        self._pool = pool
+        self._pipeline = pipeline
         self._make = make
 
     @property
@@ -60,11 +60,10 @@ class FrameWork:
     ) -> FrameResult:
         """Run the pipeline on the frame; for the parameters see `FrameProcessor.process`."""
         pair = self._pair
-        with self._pool.pipeline() as pipeline:
-            return pipeline.process(
-                pair.left, pair.right, valid=pair.valid, match_original=match_original,
-                enhance=enhanced_sides(topics), confidence=confidence, colour=pair.chroma,
-            )
+        return self._pipeline.process(
+            pair.left, pair.right, valid=pair.valid, match_original=match_original,
+            enhance=enhanced_sides(topics), confidence=confidence, colour=pair.chroma,
+        )
 
     def messages(
         self,
@@ -94,7 +93,7 @@ class FrameWork:
 class FrameProcessor:
     """Frame processor: reads frames, runs the pipeline and makes the messages of its results.
 
-    Pipelines are made anew when the calibration or their configuration changes.
+    The pipeline is made anew when the calibration or its configuration changes.
 
     Parameters
     ----------
@@ -112,10 +111,10 @@ class FrameProcessor:
     def __init__(self, make: MessageFactory, rectify: bool) -> None:
         self.reader = FrameReader(rectify)
         self._make = make
-        self._pool: PipelinePool | None = None
+        self._pipeline: Pipeline | None = None
 
     def begin(self, frame: StereoFrame, pipeline_config: PipelineConfig) -> FrameWork:
-        """Read a frame, and find the pipelines that it needs; one frame at a time.
+        """Read a frame, and make the pipeline that it needs.
 
         Parameters
         ----------
@@ -135,10 +134,10 @@ class FrameProcessor:
             If the frame cannot be used.
         """
         pair = self.reader.read(frame)
-        wanted = (pair.rig, pipeline_config)
-        if self._pool is None or wanted != self._pool.made_for:
-            self._pool = PipelinePool(*wanted)
-        return FrameWork(frame, pair, self._pool, self._make)
+        made = self._pipeline
+        if made is None or (made.rig, made.config) != (pair.rig, pipeline_config):
+            made = self._pipeline = Pipeline(pair.rig, pipeline_config)
+        return FrameWork(frame, pair, made, self._make)
 
     def process(
         self,

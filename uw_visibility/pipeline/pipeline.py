@@ -126,7 +126,7 @@ class Pipeline:
             If the images do not fit, or show nothing that could be matched.
         """
         left, right = check_pair(left, right)
-        with self._lock, self._workers.shared():
+        with self._lock:
             clock = StageClock()
             views = self._prepare(left, right, valid, colour, clock)
             first_step, second_step = self._steps_for(views.left.shape)

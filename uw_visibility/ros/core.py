@@ -7,7 +7,7 @@ from __future__ import annotations
 import threading
 import time
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from typing import Any
 
@@ -18,13 +18,13 @@ from rclpy.node import Node
 
 from uw_visibility.compute.jit import counts
 from uw_visibility.compute.kernel_folder import writable_folder
-from uw_visibility.compute.threads import Workers, number_of_threads
+from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
 from uw_visibility.messages import output_kernels
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.messages.outputs import all_topics
-from uw_visibility.messages.processor import FrameProcessor
+from uw_visibility.messages.processor import FrameProcessor, FrameWork
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.ros.depth_check import DepthCheck
 from uw_visibility.ros.inputs import RESTING, SILENCE, StereoInput
@@ -99,9 +99,7 @@ class NodeCore:
         self._active_since: float | None = None
         self._processor = FrameProcessor(make_message, self._settings.node.rectify)
         self._filter: WaterFilter | None = None
-        self.worker = NewestWorker(
-            self._process, self._warm_up, self._frames_at_once(), self._settings.node.niceness
-        )
+        self.worker = NewestWorker(self._process, self._warm_up, self._settings.node.niceness)
         # Geometry and size of the images that came last.
         self._images: tuple[StereoRig, tuple[int, int]] | None = None
         self._tried: tuple[Any, ...] = ()
@@ -252,30 +250,53 @@ class NodeCore:
             "waiting for images"
         )
 
-    def _frames_at_once(self) -> int:
-        """Return how many frames may overlap: none has less than a thread of its own."""
-        settings = self._settings
-        return min(settings.node.concurrent_frames, number_of_threads(settings.pipeline.threads))
-
-    def _process(self, frame: StereoFrame) -> Iterator[None]:
-        """Process a frame, in the parts that `NewestWorker` tells of."""
+    def _process(self, frame: StereoFrame) -> None:
+        """Answer a frame; whatever goes wrong costs this frame, not the node."""
         if not self._wanted():
             return
         with self.state.busy():
             try:
-                yield from self._answer(frame)
+                self._answer(frame)
             except InputError as error:
                 self.state.refuse(f"dropped a frame: {error}")
             except Exception as error:
-                # Whatever went wrong costs this frame, not the node.
-                if not self._wanted():
-                    return
-                reason = f"lost a frame to {describe_fault(error)}"
-                self.state.fail(reason, f"\n{traceback.format_exc()}")
+                if self._wanted():
+                    reason = f"lost a frame to {describe_fault(error)}"
+                    self.state.fail(reason, f"\n{traceback.format_exc()}")
 
-    def _answer(self, frame: StereoFrame) -> Iterator[None]:
-        begin = time.perf_counter()
+    def _answer(self, frame: StereoFrame) -> None:
+        """Read a frame, run the pipeline on it, and publish what it says."""
         settings = self._settings
+        begin = time.perf_counter()
+        work = self._read(frame, settings)
+        read = time.perf_counter()
+        topics = self._wanted_topics()
+        result = work.assess(topics)
+        if not self._wanted():
+            return
+        assessed = time.perf_counter()
+        if self._filter is None or self._filter.config != settings.pipeline:
+            self._filter = WaterFilter(settings.pipeline)
+        filtered = self._filter.update(result.water, work.header.seconds, work.rig)
+        for topic, message in work.messages(result, settings.node, topics, filtered):
+            self._publishers[topic].publish(message)
+        around = read - begin + time.perf_counter() - assessed
+        stamp = frame.left.header.stamp
+        now = self._node.get_clock().now().nanoseconds
+        self.state.add(
+            result, 1e-9 * (now - stamp_to_nanoseconds(stamp)), 1e3 * around, filtered)
+        self._depth.add_result(stamp, result)
+        if self.state.processed == 1:
+            self._log.info("first frame processed")
+
+    def _read(self, frame: StereoFrame, settings: Settings) -> FrameWork:
+        """Read the images of a frame.
+
+        Raises
+        ------
+        InputError
+            If they cannot be used, or are larger than there may be memory for.
+        """
         width, height = image_size(frame.left_info, "left")
         if width * height > 1e6 * settings.node.max_megapixels:
             raise InputError(
@@ -287,30 +308,8 @@ class NodeCore:
         if calibrations > max(self.state.calibrations, 1):
             self._changes.add("camera_info has changed: using the new calibration")
         self.state.calibrations = calibrations
-        rig = self._processor.reader.rig
-        if rig is not None:
-            self._images = rig, (height, width)
-        around = time.perf_counter() - begin
-        yield
-        topics = self._wanted_topics()
-        result = work.assess(topics)
-        yield
-        if not self._wanted():
-            return
-        begin = time.perf_counter()
-        if self._filter is None or self._filter.config != settings.pipeline:
-            self._filter = WaterFilter(settings.pipeline)
-        filtered = self._filter.update(result.water, work.header.seconds, work.rig)
-        for topic, message in work.messages(result, settings.node, topics, filtered):
-            self._publishers[topic].publish(message)
-        around += time.perf_counter() - begin
-        stamp = frame.left.header.stamp
-        now = self._node.get_clock().now().nanoseconds
-        self.state.add(
-            result, 1e-9 * (now - stamp_to_nanoseconds(stamp)), 1e3 * around, filtered)
-        self._depth.add_result(stamp, result)
-        if self.state.processed == 1:
-            self._log.info("first frame processed")
+        self._images = work.rig, (height, width)
+        return work
 
     def _wanted(self) -> bool:
         """Return whether results are wanted, which may end while a frame is processed."""

@@ -49,9 +49,8 @@ class PipelineState:
         self.calibrations = 0
         self.failures = failures
         self._recent = RecentCounts(SILENCE)
-        # Frames that overlap are counted one at a time.
         self._lock = threading.Lock()
-        self._busy_since: dict[object, float] = {}
+        self._busy_since: float | None = None
         self._answered = 0.0
         self._problem = ""
         self._result: FrameResult | None = None
@@ -61,14 +60,11 @@ class PipelineState:
     @contextmanager
     def busy(self) -> Iterator[None]:
         """Note that a frame is being processed."""
-        frame = object()
-        with self._lock:
-            self._busy_since[frame] = time.monotonic()
+        self._busy_since = time.monotonic()
         try:
             yield
         finally:
-            with self._lock:
-                del self._busy_since[frame]
+            self._busy_since = None
 
     def add(
         self, result: FrameResult, latency: float, around: float,
@@ -111,8 +107,7 @@ class PipelineState:
         """Return what holds up every frame, or nothing."""
         if not self.ready:
             return f"the pipeline is being compiled, {counts.compiled} kernels so far"
-        with self._lock:
-            busy = min(self._busy_since.values(), default=None)
+        busy = self._busy_since
         if busy is not None and time.monotonic() - busy > SILENCE:
             return "the pipeline is still busy with one frame"
         return ""
