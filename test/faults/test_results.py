@@ -171,7 +171,7 @@ def test_names_from_outside_are_shown_without_control_characters(
 ) -> None:
     bag = Path(shutil.copytree(recording, tmp_path / "\x1b[2J\nforged"))
     file = next(bag.glob("*.mcap"))
-    file.write_bytes(file.read_bytes().replace(b"/depth_sensor", b"\x1b]0;title\a\n"))
+    file.write_bytes(file.read_bytes().replace(b"/depth_sensor", b"\x1b]0;title\a\n/d"))
     (bag / "metadata.yaml").unlink()
     assert main(["replay", str(bag), "--list"]) == 0
     assert main(["replay", str(bag), "-o", str(tmp_path / "out"), "--jobs", "1"]) == 0
