@@ -77,6 +77,46 @@ def test_a_jpeg_that_is_cut_off_is_refused_though_its_preview_is_whole(
             decode(whole[: int(share * len(whole))])
 
 
+SMOOTH = cv2.GaussianBlur(PIXELS, (0, 0), 2.0)
+SAMPLINGS = [
+    (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, getattr(cv2, f"IMWRITE_JPEG_SAMPLING_FACTOR_{name}", 0))
+    for name in ("411", "420", "422", "440", "444")
+]
+
+
+@pytest.mark.parametrize("options", [(), (cv2.IMWRITE_JPEG_RST_INTERVAL, 2), *SAMPLINGS])
+@pytest.mark.parametrize("colour", [True, False])
+@pytest.mark.parametrize("shape", [(40, 56), (37, 50), (9, 130)])
+def test_a_jpeg_that_lost_its_second_half_is_refused_though_its_end_is_right(
+    options: tuple[int, ...], colour: bool, shape: tuple[int, int]
+) -> None:
+    pixels = cv2.resize(SMOOTH, shape[::-1])
+    whole = encoded(".jpg", pixels if colour else pixels[..., 0].copy(), *options)
+    for thorough in (True, False):
+        assert decode(whole, thorough=thorough).shape[:2] == shape
+        assert decode(whole[:-2] + b"\xff\xff\xd9", thorough=thorough).shape[:2] == shape
+    scan = whole.index(b"\xff\xda")
+    half = whole[: (scan + len(whole)) // 2].removesuffix(b"\xff") + whole[-2:]
+    for thorough in (True, False):
+        with pytest.raises(InputError):
+            decode(half, thorough=thorough)
+
+
+def test_a_jpeg_of_one_colour_is_whole() -> None:
+    for value in (0, 128, 255):
+        pixels = np.full((40, 56, 3), value, np.uint8)
+        np.testing.assert_array_equal(decode(encoded(".jpg", pixels)), pixels)
+
+
+def test_tables_that_a_camera_takes_for_known_are_left_to_the_decoder() -> None:
+    data = encoded(".jpg", np.zeros((40, 56, 3), np.uint8))
+    while (at := data.find(b"\xff\xc4")) >= 0:
+        data = data[:at] + data[at + 2 + struct.unpack_from(">H", data, at + 2)[0]:]
+    # Only newer decoders know them.
+    if cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) is not None:
+        assert decode(data, thorough=True).max() == 0
+
+
 def test_a_png_with_a_wrong_byte_is_refused() -> None:
     data = encoded(".png")
     for place in (20, len(data) // 2, len(data) - 6):

@@ -34,6 +34,7 @@ MOST_SCANS = 100
 FRAMES = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 ALONE = frozenset({0x01, *range(0xD0, 0xD8)})
 SCAN, END = b"\xff\xda", b"\xff\xd9"
+BLOCK = 8
 
 # TIFF 6.0: types SHORT and LONG, and tags of sizes.
 TIFF_TYPES = {3: "H", 4: "I"}
@@ -94,13 +95,16 @@ def read_header(data: bytes) -> Header:
     return header
 
 
-def decode(data: bytes) -> NDArray[Any]:
+def decode(data: bytes, *, thorough: bool = False) -> NDArray[Any]:
     """Decode an image as it is stored: depth and channels are not converted.
 
     Parameters
     ----------
     data : bytes
         The encoded image.
+    thorough : bool
+        Whether the codes of a JPEG are followed in any case, which takes as long as
+        decoding does; else where its end looks as if they were missing.
 
     Returns
     -------
@@ -114,6 +118,8 @@ def decode(data: bytes) -> NDArray[Any]:
         per channel.
     """
     header = read_header(data)
+    if thorough and data.startswith(JPEG):
+        _check_blocks(data)
     try:
         image: NDArray[Any] | None = cv2.imdecode(
             np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED
@@ -124,7 +130,19 @@ def decode(data: bytes) -> NDArray[Any]:
         raise InputError("it is damaged, and cannot be decoded")
     if image.dtype not in (np.uint8, np.uint16):
         raise InputError(f"it holds {image.dtype}: give 8 or 16 bit per channel")
+    if not thorough and data.startswith(JPEG):
+        # Blocks that are missing are decoded as one colour.
+        corner = image[-BLOCK:, -BLOCK:]
+        if (corner == corner[-1, -1]).all():
+            _check_blocks(data)
     return image
+
+
+def _check_blocks(data: bytes) -> None:
+    # Imported here, since images without loss need no compiled code.
+    from uw_visibility.images.jpeg_scan import check_blocks
+
+    check_blocks(data)
 
 
 def _read_png(data: bytes) -> Header:
@@ -181,9 +199,9 @@ def _check_scans(data: bytes, first: int) -> None:
     # In scans 0xFF never stands before a code of a marker, and a preview in one of the
     # segments before them has an end of its own.
     last = data.rfind(SCAN, first)
-    if data.find(END, last) < 0:
+    if data.rfind(END) < last:
         raise TruncatedError("it has no end: it is truncated")
-    if data.count(SCAN, first) > MOST_SCANS:
+    if last > first and data.count(SCAN, first) > MOST_SCANS:
         raise InputError(f"it has more than {MOST_SCANS} scans")
 
 

@@ -29,6 +29,7 @@ from uw_visibility.images.jpeg_kernels import (
     restore_colour,
     rounding_variance,
 )
+from uw_visibility.images.jpeg_scan import check_blocks
 from uw_visibility.images.pair import read_only
 
 _BLOCK = 8
@@ -127,6 +128,7 @@ def warm_up_chroma(image: NDArray[np.uint8]) -> ChromaImage | None:
     for sampling in _LAYOUTS:
         file = io.BytesIO()
         Image.fromarray(image).save(file, "JPEG", quality=95, subsampling=sampling)
+        check_blocks(file.getvalue())
         chroma = jpeg_chroma(file.getvalue())
     return chroma
 
