@@ -32,7 +32,7 @@ LIMIT_BELOW = 5.0
 # How far from black the darkest patches of a scene are all together, on average
 # and at one standard deviation, in parts of how far bins differ.
 EXPECTED_DARKNESS = 0.2
-DARKNESS_DEVIATION = 0.25
+DARKNESS_DEVIATION = 0.2
 DARKNESS_DEVIATION_MIN = 0.015
 # ... and so much more where the light on the scene is brighter than the veil, up to this.
 BRIGHTEST_LIGHT = 4.0
