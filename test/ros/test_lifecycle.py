@@ -7,6 +7,8 @@ from __future__ import annotations
 import os
 import random
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -33,6 +35,28 @@ LEADS = {
 ASKED = (CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE, 0, 8, 10, 42, 62, 255)
 # More of them take longer: TRANSITIONS=500 makes it a minute and a half.
 TRANSITIONS = int(os.environ.get("TRANSITIONS", "90"))
+
+
+COMPILING = """
+import os, signal, sys, threading, time
+from concurrent.futures import ThreadPoolExecutor
+from uw_visibility.ros import core, lifecycle
+from uw_visibility.ros.run import run
+class Pipeline:
+    def __init__(self, *arguments):
+        pass
+    def warm_up(self, *arguments, **options):
+        ThreadPoolExecutor(1).submit(time.sleep, 60.0).result()
+core.Pipeline = Pipeline
+class Node(lifecycle.UwVisibilityLifecycleNode):
+    def __init__(self):
+        super().__init__()
+        self.trigger_configure()
+        time.sleep(0.5)
+        self.trigger_cleanup()
+        threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGTERM)).start()
+sys.exit(run(Node, []))
+"""
 
 
 class Managed:
@@ -148,6 +172,16 @@ def test_signal_after_clean_up(manage: Callable[[str], Managed], number: int) ->
     assert managed.change(CONFIGURE)
     assert managed.change(CLEANUP)
     managed.end(number)
+
+
+def test_signal_while_a_worker_that_was_cleaned_up_still_compiles() -> None:
+    # Python's exit would wait for whatever runs in a pool of threads.
+    ended = subprocess.run(
+        [sys.executable, "-c", COMPILING], timeout=30, check=False, text=True, capture_output=True,
+        env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
+        cwd=Path(__file__).resolve().parents[2],
+    )
+    assert (ended.returncode, "Traceback" in ended.stderr) == (0, False), ended.stderr
 
 
 def test_configuration_that_fails_leaves_nothing_behind(

@@ -240,6 +240,9 @@ class NodeCore:
             pipeline.warm_up(WARM_UP_SHAPE, np.uint8, compressed=compressed)
             output_kernels.warm_up()
         except Exception:
+            if self._ending():
+                # The interpreter may be on its way out.
+                return
             # A frame of the real size may still work, and says why if not.
             self._log.error(f"the pipeline failed to warm up\n{traceback.format_exc()}")
         self.state.ready = True
@@ -313,8 +316,10 @@ class NodeCore:
 
     def _wanted(self) -> bool:
         """Return whether results are wanted, which may end while a frame is processed."""
-        ending = self.worker.stopping or not self._node.context.ok()
-        return self._active_since is not None and not ending
+        return self._active_since is not None and not self._ending()
+
+    def _ending(self) -> bool:
+        return self.worker.stopping or not self._node.context.ok()
 
     def _wanted_topics(self) -> list[str]:
         """Return the topics to publish: estimates always, images where someone listens."""

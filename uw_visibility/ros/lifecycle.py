@@ -18,7 +18,9 @@ from uw_visibility.ros.monitor.finding import OK, WARN, Finding
 from uw_visibility.ros.run import STOP_TIMEOUT, run
 
 if TYPE_CHECKING:
+    from uw_visibility.messages.frames import StereoFrame
     from uw_visibility.ros.core import NodeCore
+    from uw_visibility.ros.worker import NewestWorker
 
 
 class UwVisibilityLifecycleNode(LifecycleNode):
@@ -50,13 +52,17 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         self._make_core = NodeCore
         self._node_parameters = NodeParameters(self)
         self._core: NodeCore | None = None
+        # Of those that were cleaned up while they compiled, say: an exit must not wait for them.
+        self._unfinished: list[NewestWorker[StereoFrame]] = []
         self._change = self._service_change_state.callback
         self._service_change_state.callback = self._change_or_refuse
         DiagnosticsPublisher(self, self._diagnose, self.faults)
 
     def stop(self, timeout: float) -> bool:
         """End the work; returns whether it ended within the timeout (s)."""
-        return self._core is None or self._core.stop(timeout)
+        ended = self._core is None or self._core.stop(timeout)
+        self._unfinished = [worker for worker in self._unfinished if not worker.stop(0.0)]
+        return ended and not self._unfinished
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Make everything that the work needs."""
@@ -90,6 +96,7 @@ class UwVisibilityLifecycleNode(LifecycleNode):
 
     def _configure(self) -> None:
         self._give_back()
+        self._unfinished = [worker for worker in self._unfinished if not worker.stop(0.0)]
         self._core = self._make_core(self, self._node_parameters)
 
     def _give_back(self) -> None:
@@ -97,7 +104,8 @@ class UwVisibilityLifecycleNode(LifecycleNode):
             return
         core, self._core = self._core, None
         # A frame that is still being processed is published no more.
-        core.stop(STOP_TIMEOUT)
+        if not core.stop(STOP_TIMEOUT):
+            self._unfinished.append(core.worker)
         core.destroy()
         del core
         release_memory()
