@@ -136,7 +136,7 @@ def test_bad_calibration_does_not_outlive_its_frame() -> None:
         {"right": image(GREY.astype(np.uint16), "mono16")},
         "left image is read as mono8 and right image as mono16",
     ),
-    ({"left": image(GREY, "yuyv")}, "left image has the encoding 'yuyv'"),
+    ({"left": image(GREY, "nv21")}, "left image has the encoding 'nv21'"),
     ({"left_info": info(-5.0), "right_info": info(0.0)}, "swapped"),
 ])
 def test_messages_that_do_not_belong_together_are_named(

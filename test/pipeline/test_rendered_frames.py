@@ -176,7 +176,8 @@ def test_every_encoding_tells_the_same(
         assert "visibility/attenuation" not in messages
         return
     # JPEG drops weak contrasts, of which far water consists: less of it is matched.
-    tolerance = 0.08 if encoding == ".jpg" else 0.05
+    # YUV stores colour at half of the resolution and has no room for it in dark red.
+    tolerance = 0.14 if encoding in YUV else 0.08 if encoding == ".jpg" else 0.05
     np.testing.assert_allclose(attenuation(messages), expected, rtol=tolerance)
 
 

@@ -206,6 +206,13 @@ class Pipeline:
         """
         left, right = warm_up_pair(shape, np.dtype(dtype), grey=grey)
         self.process(left, right, match_original=True)
+        if not grey:
+            # Of a small image too little is seen to reach all that an estimate may need.
+            ranges = np.linspace(1.0, 4.0, shape[0], dtype=np.float32)[:, np.newaxis]
+            view = View.of(check_pair(left, right)[0], self.config.camera.transfer)
+            self._estimator.estimate_view(
+                view, np.ascontiguousarray(np.broadcast_to(ranges, shape)), range_error=1e-3
+            )
         if compressed:
             # Imported here, since images without loss need none of it.
             from uw_visibility.images.jpeg import warm_up_chroma

@@ -70,7 +70,7 @@ def test_only_a_bag_is_overwritten(tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x", encoding="utf-8")
-    with pytest.raises(InputError, match=r"cannot make bag .*file/bag"):
+    with pytest.raises(InputError, match=r"cannot write to folder .*file"):
         BagWriter(tmp_path / "file" / "bag", TOPICS)
 
 

@@ -46,7 +46,7 @@ def test_it_is_the_share_of_right_disparities(shared_data, name, mean_attenuatio
     assert np.abs(confidence - right).max() < 0.13
     assert abs(confidence.mean() - right.mean()) < 0.05
     # It tells much: among the best fifth hardly any is wrong, among the worst many are.
-    assert right[-1] > 0.97
+    assert right[-1] > 0.96
     assert right[0] < 0.8
 
 

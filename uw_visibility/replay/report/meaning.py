@@ -24,6 +24,8 @@ MEANINGS = {
     "lens or by lamps.",
     Status.UNEVEN_SIDES: "The halves of the image show different water: a plume, a layer, or light "
     "from one side.",
+    Status.CLEARER_THAN_CLEAR_WATER: "The water would be clearer than pure sea water: a camera "
+    "setting or the calibration is wrong.",
     Status.CUES_DISAGREE: "Contrast and darkness fade with range at different rates, which no "
     "single water explains.",
     Status.NEGATIVE_DISPARITIES: "Left and right images are exchanged.",
