@@ -1,15 +1,33 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Synthetic pair with which every stage has work, to compile kernels before the first frame."""
+"""Synthetic pair, and parameters for it, to compile kernels before the first frame."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.optics.light_model import attenuate
+
+
+def warm_up_config(config: PipelineConfig) -> PipelineConfig:
+    """Return a configuration that compiles the same for images of any size.
+
+    A flat field has the size of the images to come, and their disparities may begin
+    beyond those of a small pair.
+    """
+    camera, stereo = config.camera, config.stereo
+    if camera.flat_field or camera.flat_field_right:
+        camera = replace(
+            camera, flat_field="", flat_field_right="", vignetting=(-0.1, 0.0, 0.0)
+        )
+    return replace(
+        config, camera=camera, stereo=replace(stereo, min_disparity=0, max_disparity=0)
+    )
 
 
 def warm_up_pair(

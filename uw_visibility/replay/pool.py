@@ -19,7 +19,7 @@ from typing import TypeVar
 
 from uw_visibility.compute.processes import process_pool
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.replay.work import FrameAnswer, FrameTask, answer, warm_up
+from uw_visibility.replay.work import FrameAnswer, FrameTask, answer, check, warm_up
 
 Other = TypeVar("Other")
 
@@ -69,6 +69,8 @@ class FramePool:
             yield head.result() if isinstance(head, Future) else head
 
     def __enter__(self) -> FramePool:
+        # Here and once, rather than in each process or with each frame.
+        check(self._config)
         if self.jobs == 1:
             warm_up(self._config)
         else:

@@ -26,6 +26,7 @@ from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.processor import FrameProcessor, FrameWork
 from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.pipeline.warm_up import warm_up_config
 from uw_visibility.ros.depth_check import DepthCheck
 from uw_visibility.ros.inputs import RESTING, SILENCE, StereoInput
 from uw_visibility.ros.monitor.faults import describe_fault
@@ -235,7 +236,7 @@ class NodeCore:
         )
         started = time.monotonic()
         try:
-            pipeline = Pipeline(WARM_UP_RIG, self._settings.pipeline)
+            pipeline = Pipeline(WARM_UP_RIG, warm_up_config(self._settings.pipeline))
             compressed = self._settings.node.image_transport == "compressed"
             pipeline.warm_up(WARM_UP_SHAPE, np.uint8, compressed=compressed)
             output_kernels.warm_up()
