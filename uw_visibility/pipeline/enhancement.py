@@ -12,7 +12,7 @@ import numpy as np
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.hole_range import bound_by_veil
-from uw_visibility.enhancement.radiance import Restorer
+from uw_visibility.enhancement.restorers import RESTORER, RESTORERS
 from uw_visibility.enhancement.white_balance import RestorationWater, restoration_water
 from uw_visibility.images.arrays import DisparityMap, Image, Mask, PerChannel, RangeMap
 from uw_visibility.images.view import StereoViews, View
@@ -49,7 +49,7 @@ class ImageEnhancement:
         self._rig = rig
         self._workers = workers
         self._transfer = config.camera.transfer
-        self._restorer = Restorer(config.enhancement, config.camera.transfer, workers)
+        self._restorer = RESTORERS[RESTORER](config.enhancement, self._transfer, workers)
 
     def run(
         self,

@@ -23,8 +23,9 @@ from uw_visibility.images.view import StereoViews, View
 from uw_visibility.pipeline.timing import StageClock
 from uw_visibility.status import Status
 from uw_visibility.stereo.contrast import ContrastNormalizer
-from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS, Matcher, SupportPoints
+from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS, SupportPoints
 from uw_visibility.stereo.interpolation import fill_plane
+from uw_visibility.stereo.matchers import MATCHER, MATCHERS
 from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.radiometry import right_gain
 from uw_visibility.stereo.rig import StereoRig
@@ -109,7 +110,8 @@ class FirstStep:
         self._small_rig = self._pyramid.rig(rig, shape)
         small = self._pyramid.shape(shape)
         stereo = self._pyramid.settings(config.stereo, shape)
-        self._matcher = Matcher(small, disparity_limits(stereo, small[1]), stereo, workers)
+        limits = disparity_limits(stereo, small[1])
+        self._matcher = MATCHERS[MATCHER](small, limits, stereo, workers)
         self._contrast = (ContrastNormalizer(small), ContrastNormalizer(small))
         self._matting = Matting(config.enhancement, workers)
         self._estimator = estimator

@@ -16,8 +16,9 @@ from uw_visibility.pipeline.first_step import CoarseEstimate
 from uw_visibility.pipeline.timing import StageClock
 from uw_visibility.stereo.airlight import Airlight, AirlightPrior
 from uw_visibility.stereo.contrast import ContrastNormalizer
-from uw_visibility.stereo.elas import DenseMatch, Matcher
+from uw_visibility.stereo.elas import DenseMatch
 from uw_visibility.stereo.interpolation import GapFiller, inpaint
+from uw_visibility.stereo.matchers import MATCHER, MATCHERS
 from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.search_range import disparity_limits
@@ -79,7 +80,7 @@ class SecondStep:
         stereo = self._pyramid.settings(config.stereo, shape)
         small = self._pyramid.shape(shape)
         limits = disparity_limits(stereo, small[1])
-        self._matcher = Matcher(small, limits, stereo, workers)
+        self._matcher = MATCHERS[MATCHER](small, limits, stereo, workers)
         self._contrast = (ContrastNormalizer(small), ContrastNormalizer(small))
         self._airlight = Airlight(
             small, self._pyramid.rig(rig, shape), limits[1] + 2, config.camera.transfer, workers

@@ -1,0 +1,37 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Image restorers by name, and what the pipeline asks of one."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import EnhancementConfig
+from uw_visibility.enhancement.radiance import Restorer
+from uw_visibility.images.arrays import Mask, PerChannel, RangeMap
+from uw_visibility.optics.light_model import Water
+
+
+class ImageRestorer(Protocol):
+    """Restorer of images; see `uw_visibility.enhancement.radiance.Restorer`, the first of them."""
+
+    def restore(
+        self, image: Any, range_map: RangeMap, water: Water, noise: PerChannel | None = None, /
+    ) -> tuple[Any, Mask]:
+        """Return the image without the water, and where its gain was limited."""
+
+
+class RestorerFactory(Protocol):
+    """Maker of restorers of images whose code values follow light by a transfer."""
+
+    def __call__(
+        self, config: EnhancementConfig, transfer: str, workers: Workers, /
+    ) -> ImageRestorer: ...
+
+
+RESTORERS: dict[str, RestorerFactory] = {"radiance": Restorer}
+"""Another one is a file and an entry here."""
+
+RESTORER = "radiance"
+"""The one that is used; a parameter once there are several."""
