@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uw_visibility.config.schema import SynchronizationConfig
-from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.synchronizer import SynchronizedFrame, Synchronizer
 
 
@@ -41,7 +40,7 @@ def synchronizer(tolerance: float = 0.0, queue_size: int = 10) -> Synchronizer:
 def feed(sync: Synchronizer, *arrivals: tuple[str, float]) -> list[tuple[float, float]]:
     """Add images; return the stamps of the frames."""
     return [
-        (frame.frame.left.seconds, frame.frame.right.seconds)
+        (frame.left.seconds, frame.right.seconds)
         for side, seconds in arrivals for frame in sync.add_image(side, *at(seconds))
     ]
 
@@ -59,8 +58,8 @@ def test_frame_holds_the_messages_themselves() -> None:
     sync = synchronizer()
     left, right = object(), object()
     sync.add_image("left", 7, left)
-    expected = StereoFrame(left, right, LEFT_INFO[1], RIGHT_INFO[1])
-    assert sync.add_image("right", 7, right) == [SynchronizedFrame(7, 7, expected)]
+    assert sync.add_image("right", 7, right) == [
+        SynchronizedFrame(7, 7, left, right, LEFT_INFO[1], RIGHT_INFO[1])]
 
 
 def test_without_tolerance_stamps_must_be_equal() -> None:
@@ -93,7 +92,7 @@ def test_the_end_releases_the_last_pair_and_counts_what_has_no_partner() -> None
     assert feed(sync, ("left", 1.0), ("right", 1.0)) == [(1.0, 1.0)]
     # CameraInfo comes with every image, so this pair waits for the one that is lost.
     assert feed(sync, ("left", 2.0), ("right", 2.0), ("left", 3.0), ("left", 4.0)) == []
-    assert [frame.frame.left.seconds for frame in sync.finish()] == [2.0]
+    assert [frame.left.seconds for frame in sync.finish()] == [2.0]
     assert sync.dropped == {"left image unmatched": 2}
     assert sync.waiting == 0
     assert sync.finish() == []
@@ -114,7 +113,7 @@ def test_late_camera_info_completes_the_newest_pair() -> None:
         "left image while there is no right/camera_info": 1,
         "right image while there is no right/camera_info": 1,
     }
-    assert [frame.frame.left.seconds for frame in sync.add_info("right", *RIGHT_INFO)] == [2.0]
+    assert [frame.left.seconds for frame in sync.add_info("right", *RIGHT_INFO)] == [2.0]
     assert sync.add_info("right", *RIGHT_INFO) == []
 
 
@@ -125,7 +124,7 @@ def test_camera_info_without_the_images_stamp_is_the_newest_one() -> None:
     sync.add_info("left", *at(0.4))
     sync.add_info("left", *newest)
     sync.add_image("left", *at(1.0))
-    assert sync.add_image("right", *at(1.0))[0].frame.left_info is newest[1]
+    assert sync.add_image("right", *at(1.0))[0].left_info is newest[1]
 
 
 def test_frames_have_the_camera_info_of_their_own_stamp_however_late() -> None:
@@ -137,9 +136,9 @@ def test_frames_have_the_camera_info_of_their_own_stamp_however_late() -> None:
             frames += sync.add_image(side, *at(second))
         frames += sync.add_info("right", *at(second))
     # Only the first frame could not know that more would come.
-    assert [frame.frame.left.seconds for frame in frames] == [1, 2, 3, 4, 5]
-    assert [frame.frame.left_info.seconds for frame in frames] == [1, 2, 3, 4, 5]
-    assert [frame.frame.right_info.seconds for frame in frames] == [0, 2, 3, 4, 5]
+    assert [frame.left.seconds for frame in frames] == [1, 2, 3, 4, 5]
+    assert [frame.left_info.seconds for frame in frames] == [1, 2, 3, 4, 5]
+    assert [frame.right_info.seconds for frame in frames] == [0, 2, 3, 4, 5]
     assert not sync.dropped
 
 
@@ -159,7 +158,7 @@ def test_lost_camera_info_does_not_hold_up_the_last_pair() -> None:
         sync.add_info(side, *at(1.0))
     feed(sync, ("left", 1.0), ("right", 1.0), ("left", 2.0), ("right", 2.0))
     assert sync.end_wait() == []
-    assert [frame.frame.left.seconds for frame in sync.end_wait()] == [2.0]
+    assert [frame.left.seconds for frame in sync.end_wait()] == [2.0]
     assert sync.end_wait() == []
 
 
@@ -295,7 +294,7 @@ def test_every_image_is_used_waits_or_is_counted(
         sync = synchronizer(tolerance, queue_size)
     for side, seconds in arrivals:
         for frame in sync.add_image(side, *at(seconds)):
-            assert abs(frame.frame.left.seconds - frame.frame.right.seconds) <= tolerance + 1e-9
+            assert abs(frame.left.seconds - frame.right.seconds) <= tolerance + 1e-9
         assert sync.waiting <= 2 * queue_size + 4
     used = 2 * sync.frames
     assert used + sync.waiting + sum(sync.dropped.values()) == len(arrivals)

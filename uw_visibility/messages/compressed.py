@@ -22,6 +22,7 @@ from uw_visibility.images.chroma import ChromaImage, mosaic_chroma, subsampled_c
 from uw_visibility.images.encoded import JPEG, PNG, TruncatedError, decode, read_header
 from uw_visibility.images.jpeg import jpeg_chroma
 from uw_visibility.messages.images import ENCODINGS, SUBSAMPLED
+from uw_visibility.messages.protocols import CompressedImageMessage, ImageMessage
 
 
 def read_format(kind: str) -> tuple[str, bool]:
@@ -44,7 +45,9 @@ def read_format(kind: str) -> tuple[str, bool]:
     return original, "compressed rgb" in compression
 
 
-def read_compressed(message: Any, name: str = "image") -> tuple[NDArray[Any], str]:
+def read_compressed(
+    message: CompressedImageMessage, name: str = "image"
+) -> tuple[NDArray[Any], str]:
     """Decompress an image.
 
     Parameters
@@ -86,7 +89,9 @@ def read_compressed(message: Any, name: str = "image") -> tuple[NDArray[Any], st
     return cv2.cvtColor(stored, conversion), f"{order}{bits}"
 
 
-def message_chroma(message: Any, pixels: NDArray[Any]) -> ChromaImage | None:
+def message_chroma(
+    message: ImageMessage | CompressedImageMessage, pixels: NDArray[Any]
+) -> ChromaImage | None:
     """Read an image's colour as its codec or mosaic left it.
 
     Parameters
@@ -117,7 +122,7 @@ def message_chroma(message: Any, pixels: NDArray[Any]) -> ChromaImage | None:
     return None
 
 
-def read_size(message: Any, name: str = "image") -> tuple[int, int]:
+def read_size(message: CompressedImageMessage, name: str = "image") -> tuple[int, int]:
     """Read the size of a compressed image, without decompressing it.
 
     Parameters
@@ -144,7 +149,7 @@ def read_size(message: Any, name: str = "image") -> tuple[int, int]:
     return header.width, header.height
 
 
-def _encoded(message: Any, name: str) -> bytes:
+def _encoded(message: CompressedImageMessage, name: str) -> bytes:
     """Return the data of a message, if they are a JPEG or a PNG.
 
     Raises
@@ -161,7 +166,7 @@ def _encoded(message: Any, name: str) -> bytes:
     return data
 
 
-def _unusable(message: Any, name: str, error: InputError) -> InputError:
+def _unusable(message: CompressedImageMessage, name: str, error: InputError) -> InputError:
     if isinstance(error, TruncatedError):
         return InputError(
             f"{name} has {len(message.data)} bytes of data without an end: it is truncated"

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.images import MessageFactory
+from uw_visibility.messages.protocols import Stamped
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimation import WaterEstimate
@@ -36,7 +37,7 @@ class ImageHeader(NamedTuple):
     frame_id: str
 
     @classmethod
-    def of(cls, message: Any) -> ImageHeader:
+    def of(cls, message: Stamped) -> ImageHeader:
         """Read the header of a message of rclpy or rosbags."""
         header = message.header
         return cls(int(header.stamp.sec), int(header.stamp.nanosec), str(header.frame_id))

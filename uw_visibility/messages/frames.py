@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,16 @@ from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import read_only
 from uw_visibility.messages.compressed import message_chroma, read_compressed, read_size
 from uw_visibility.messages.images import image_view, output_encoding, read_image
-from uw_visibility.stereo.calibration import image_size, matrix_of
+from uw_visibility.messages.protocols import (
+    CameraInfoMessage,
+    CompressedImageMessage,
+    ImageMessage,
+)
+from uw_visibility.stereo.calibration import CameraInfo, image_size, matrix_of
 from uw_visibility.stereo.rectification import Rectifier
 from uw_visibility.stereo.rig import StereoRig
+
+AnyImage: TypeAlias = ImageMessage | CompressedImageMessage
 
 
 class StereoFrame(NamedTuple):
@@ -26,10 +33,10 @@ class StereoFrame(NamedTuple):
     Images are of the type Image or CompressedImage.
     """
 
-    left: Any
-    right: Any
-    left_info: Any
-    right_info: Any
+    left: AnyImage
+    right: AnyImage
+    left_info: CameraInfoMessage
+    right_info: CameraInfoMessage
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +152,7 @@ def _read(message: Any, name: str) -> tuple[NDArray[Any], str]:
     return read_image(message, name), output_encoding(message.encoding)
 
 
-def _check_size(message: Any, info: Any, side: str) -> None:
+def _check_size(message: Any, info: CameraInfo, side: str) -> None:
     width, height = image_size(info, side)
     if hasattr(message, "format"):
         columns, rows = read_size(message, f"{side} image")
@@ -173,7 +180,7 @@ def _check_pair(
         )
 
 
-def _calibration_key(info: Any) -> tuple[Any, ...]:
+def _calibration_key(info: CameraInfo) -> tuple[Any, ...]:
     matrices = tuple(matrix_of(info, name).tobytes() for name in "kdrp")
     roi = info.roi
     window = (roi.x_offset, roi.y_offset, roi.width, roi.height, info.binning_x, info.binning_y)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError, printable
+from uw_visibility.messages.protocols import ImageMessage, Stamp
 
 
 class Encoding(NamedTuple):
@@ -81,12 +82,12 @@ def typestore_factory(types: Mapping[str, Any]) -> MessageFactory:
     return make
 
 
-def stamp_to_nanoseconds(stamp: Any) -> int:
+def stamp_to_nanoseconds(stamp: Stamp) -> int:
     """Return a message's time as nanoseconds since its clock's origin."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def image_view(message: Any, name: str = "image") -> NDArray[Any]:
+def image_view(message: ImageMessage, name: str = "image") -> NDArray[Any]:
     """View the pixels of an Image message, without a copy.
 
     Parameters
@@ -138,7 +139,7 @@ def image_view(message: Any, name: str = "image") -> NDArray[Any]:
     return np.ndarray(shape, dtype, buffer=data, strides=strides)
 
 
-def read_image(message: Any, name: str = "image") -> NDArray[Any]:
+def read_image(message: ImageMessage, name: str = "image") -> NDArray[Any]:
     """Read an Image message as the package's arrays.
 
     Parameters
@@ -210,7 +211,7 @@ def write_image(
     )
 
 
-def _encoding(message: Any, name: str) -> Encoding:
+def _encoding(message: ImageMessage, name: str) -> Encoding:
     encoding = ENCODINGS.get(message.encoding)
     if encoding is None:
         raise InputError(

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from uw_visibility.config.schema import SynchronizationConfig
-from uw_visibility.messages.frames import StereoFrame
 
 SIDES = ("left", "right")
 
@@ -26,13 +25,16 @@ class SynchronizedFrame(NamedTuple):
     ----------
     stamp, right_stamp : int
         Of the left and of the right image, ns.
-    frame : StereoFrame
+    left, right, left_info, right_info : object
         What was handed over.
     """
 
     stamp: int
     right_stamp: int
-    frame: StereoFrame
+    left: Any
+    right: Any
+    left_info: Any
+    right_info: Any
 
 
 class Synchronizer:
@@ -290,11 +292,12 @@ class Synchronizer:
             for side in SIDES
         }
         left, right = (self._pair[side][1] for side in SIDES)
-        frame = StereoFrame(left, right, infos["left"], infos["right"])
         self._pair = None
         self._sent = stamps
         self.frames += 1
-        return [SynchronizedFrame(stamps["left"], stamps["right"], frame)]
+        return [SynchronizedFrame(
+            stamps["left"], stamps["right"], left, right, infos["left"], infos["right"]
+        )]
 
     def _drop_waiting(self) -> None:
         for side, queue in self._waiting.items():

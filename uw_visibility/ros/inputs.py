@@ -246,7 +246,10 @@ class StereoInput:
     def _hand_on(self, frames: list[SynchronizedFrame]) -> None:
         for synchronized in frames:
             self._arrivals["frame"] = time.monotonic()
-            self._offer(synchronized.frame)
+            self._offer(StereoFrame(
+                synchronized.left, synchronized.right, synchronized.left_info,
+                synchronized.right_info,
+            ))
 
     def _report_drop(self, reason: str) -> None:
         self._drops.add(f"dropped: {reason}")

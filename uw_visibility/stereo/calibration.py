@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,32 @@ DISTORTION_COEFFICIENTS = {
     "rational_polynomial": (8, 12, 14),
     EQUIDISTANT: (4,),
 }
+
+
+class RegionOfInterest(Protocol):
+    """``sensor_msgs/RegionOfInterest`` of rclpy or rosbags."""
+
+    x_offset: int
+    y_offset: int
+    height: int
+    width: int
+    do_rectify: bool
+
+
+class CameraInfo(Protocol):
+    """``sensor_msgs/CameraInfo`` of rclpy or rosbags, of ROS 1 or ROS 2.
+
+    `matrix_of` reads D, K, R and P, whose names differ between the two.
+    """
+
+    height: int
+    width: int
+    distortion_model: str
+    binning_x: int
+    binning_y: int
+
+    @property
+    def roi(self) -> RegionOfInterest: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +83,7 @@ class CameraCalibration:
     projection: NDArray[np.float64]
 
     @classmethod
-    def from_camera_info(cls, info: Any, side: str) -> CameraCalibration:
+    def from_camera_info(cls, info: CameraInfo, side: str) -> CameraCalibration:
         """Read a CameraInfo of rclpy, or of rosbags (ROS 1 and ROS 2 names).
 
         Parameters
@@ -125,7 +151,7 @@ class CameraCalibration:
             )
 
 
-def image_size(info: Any, side: str) -> tuple[int, int]:
+def image_size(info: CameraInfo, side: str) -> tuple[int, int]:
     """Return width and height of the images that belong to a CameraInfo, px.
 
     Raises
@@ -147,7 +173,7 @@ def image_size(info: Any, side: str) -> tuple[int, int]:
     return size
 
 
-def read_pair(left: Any, right: Any) -> tuple[CameraCalibration, CameraCalibration]:
+def read_pair(left: CameraInfo, right: CameraInfo) -> tuple[CameraCalibration, CameraCalibration]:
     """Read the CameraInfo messages of a pair of cameras with images of one size.
 
     Raises
@@ -234,7 +260,7 @@ def check_rectified(p1: NDArray[np.float64], p2: NDArray[np.float64]) -> None:
         )
 
 
-def _window(info: Any) -> tuple[int, int, int, int]:
+def _window(info: CameraInfo) -> tuple[int, int, int, int]:
     """Return the image's left and top on the sensor and the binning (0 means 1)."""
     return (
         int(info.roi.x_offset), int(info.roi.y_offset),
@@ -242,7 +268,7 @@ def _window(info: Any) -> tuple[int, int, int, int]:
     )
 
 
-def matrix_of(info: Any, name: str) -> NDArray[np.float64]:
+def matrix_of(info: CameraInfo, name: str) -> NDArray[np.float64]:
     """Return D, K, R or P of a CameraInfo of ROS 2, or of ROS 1, which has capitals.
 
     Parameters
@@ -261,7 +287,7 @@ def matrix_of(info: Any, name: str) -> NDArray[np.float64]:
     return np.array(values, np.float64).ravel()
 
 
-def _matrix(info: Any, name: str, side: str) -> NDArray[np.float64]:
+def _matrix(info: CameraInfo, name: str, side: str) -> NDArray[np.float64]:
     values = matrix_of(info, name)
     if not np.isfinite(values).all():
         raise InputError(

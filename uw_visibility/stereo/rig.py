@@ -7,13 +7,13 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.errors import InputError
 from uw_visibility.stereo.calibration import (
+    CameraInfo,
     check_rectified,
     read_pair,
     read_projection,
@@ -63,7 +63,7 @@ class StereoRig:
             _set_point(self, "principal_point_right", "right principal point")
 
     @classmethod
-    def from_camera_info(cls, left: Any, right: Any) -> StereoRig:
+    def from_camera_info(cls, left: CameraInfo, right: CameraInfo) -> StereoRig:
         """Take the rig from P of a pair of CameraInfo messages.
 
         Parameters

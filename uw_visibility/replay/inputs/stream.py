@@ -248,11 +248,7 @@ class InputStream:
             number = self.frames
             self.frames += 1
             if number % self._options.every == 0:
-                left = synchronized.frame.left
-                yield RecordedFrame(
-                    number, left.time, synchronized.stamp, synchronized.right_stamp,
-                    *synchronized.frame,
-                )
+                yield RecordedFrame(number, synchronized.left.time, *synchronized)
 
     def _sensor(self, message: Recorded) -> Iterator[Event]:
         try:
