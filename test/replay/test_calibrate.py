@@ -84,7 +84,7 @@ def test_white_and_water_are_found_and_make_the_depth_right(
     assert after < 0.5 < 2.0 < before
     told = re.search(r"rms: ([\d.]+) m before, ([\d.]+) m with", printed)
     # What is told is of estimates that expect nothing of the light's colour.
-    np.testing.assert_allclose(np.array(told.groups(), float), (before, after), atol=0.15)
+    np.testing.assert_allclose(np.array(told.groups(), float), (before, after), atol=0.2)
 
 
 def test_without_output_the_file_is_printed_and_nothing_else(

@@ -159,7 +159,7 @@ def test_of_two_pairs_of_cameras_the_choice_is_said(
 @pytest.mark.parametrize("options, said", [
     (["--nonsense"], "unrecognized arguments: --nonsense"),
     (["--every", "few"], "invalid int value: 'few'"),
-    (["--jobs", "-1"], "--jobs is -1: give 1 or more, or 0"),
+    (["--jobs", "-1"], "--jobs is -1: give from 1 to "),
     (["--images", "-1"], "--images is -1: give 1 or more"),
     (["--geo", "/gps"], "there is no topic /gps in the recording: --list shows"),
     (["--geo", "/depth_sensor"], "/depth_sensor is a geometry_msgs/msg/PoseWithCovariance"),

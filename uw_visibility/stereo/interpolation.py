@@ -54,6 +54,8 @@ def inpaint(
     if holes.any():
         small[holes] = low
         small = cv2.inpaint(small, holes.astype(np.uint8), REACH, cv2.INPAINT_NS)
+        # Beside single known cells OpenCV may divide nothing by nothing.
+        small[~np.isfinite(small)] = low
     filled = np.empty_like(disparity)
     workers.rows(_fill_open, height, disparity, small, np.float32(low), np.float32(high), filled)
     return filled
