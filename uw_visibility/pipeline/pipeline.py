@@ -152,9 +152,10 @@ class Pipeline:
                 visibility=visibility,
                 clear_water_attenuation=self._assessor.clear_water_attenuation,
                 stereo=StereoResult(
-                    improved.disparity, filled, range_map, improved.confidence,
-                    improved.original, len(coarse.points), coarse.coverage, low, high,
-                    coarse.right_gain,
+                    disparity=improved.disparity, filled=filled, range=range_map,
+                    confidence=improved.confidence, original=improved.original,
+                    support_points=len(coarse.points), coverage=coarse.coverage,
+                    min_disparity=low, max_disparity=high, right_gain=coarse.right_gain,
                 ),
                 images=images,
                 timing_ms=clock.milliseconds(),
