@@ -30,7 +30,9 @@ from typing import Any, NamedTuple, Protocol
 sys.path.insert(0, str(Path(__file__).parent))
 
 # Numbers of cases that `make test` runs of each kind, within seconds.
-KINDS = {"bags": 200, "replays": 12, "images": 500, "documents": 300, "commands": 200}
+KINDS = {
+    "bags": 200, "replays": 12, "resumes": 12, "images": 500, "documents": 300, "commands": 200,
+}
 # Nothing that these cases read takes as much; beyond the second limit the system refuses.
 MOST_MEMORY, HARD_LIMIT = 1 << 30, 6 << 30
 LONGEST = 30.0

@@ -11,7 +11,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.replay.bags.layout import find_files
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.pool import FramePool
-from uw_visibility.replay.results.folder import check_target, read_state
+from uw_visibility.replay.results.folder import MARK, check_target, read_state
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.runner import replay_bag
@@ -123,4 +123,13 @@ def _finished(bag: Path, target: Path, options: ReplayOptions) -> Summary | None
         raise InputError(
             f"{target} exists already and {difference}: give another name, or --force to replace"
         )
-    return Summary.of_finished(str(bag), str(target), state)
+    try:
+        summary = Summary.of_finished(str(bag), str(target), state)
+        # What is told of it at the end needs more of the state than its form.
+        for tell in (summary.rejections, summary.surveyed, summary.refusals.together):
+            tell()
+        return summary
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            f"{target / MARK} is damaged: give another name, or --force to replace the result"
+        ) from error

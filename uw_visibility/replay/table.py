@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.errors import InputError
 from uw_visibility.replay.records import FrameEstimate, JoinedFrame
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.survey import SurveyEstimate
@@ -172,11 +173,20 @@ class TableWriter:
 
 
 def read_rows(path: Path) -> Iterator[dict[str, str]]:
-    """Yield the rows of a table, as text; a last row that is cut off is left out."""
+    """Yield the rows of a table, as text; a last row that is cut off is left out.
+
+    Raises
+    ------
+    InputError
+        If the table is damaged.
+    """
     with path.open(encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            if None not in row.values():
-                yield row
+        try:
+            for row in csv.DictReader(file):
+                if None not in row.values():
+                    yield row
+        except (csv.Error, UnicodeDecodeError) as error:
+            raise InputError(f"table {path} is damaged: {error}") from error
 
 
 def read_columns(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:

@@ -9,6 +9,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from uw_visibility.config.documents import read_document
 from uw_visibility.errors import InputError
 
 # Every result has this file; a folder without it is none of ours.
@@ -52,10 +53,13 @@ def read_state(folder: Path) -> dict[str, Any]:
 
     Raises
     ------
-    OSError, ValueError
+    InputError
         If that cannot be read.
     """
-    return dict(json.loads((folder / MARK).read_text(encoding="utf-8")))
+    state = read_document(folder / MARK, "state")
+    if not isinstance(state, dict):
+        raise InputError(f"state {folder / MARK} holds no named values")
+    return state
 
 
 class ResultFolder:

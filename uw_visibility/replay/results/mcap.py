@@ -62,6 +62,18 @@ class ResultWriter:
         shutil.rmtree(self._folder / "results")
 
 
+def _timings(path: Path) -> dict[str, dict[str, str]]:
+    """Return the rows by frame; none where they are damaged, since nothing rests on them."""
+    try:
+        rows = list(read_rows(path))
+        for row in rows:
+            for duration in row.values():
+                float(duration)
+        return {row["frame"]: row for row in rows}
+    except (ValueError, TypeError, KeyError):
+        return {}
+
+
 class EarlierPart:
     """Frames that an interrupted replay left, to be taken over.
 
@@ -83,7 +95,7 @@ class EarlierPart:
         self._topics = {f"/{topic}" for topic in topics}
         self.timings: dict[str, dict[str, str]] = {}
         if (folder / "timings.csv").is_file():
-            self.timings = {r["frame"]: r for r in read_rows(folder / "timings.csv")}
+            self.timings = _timings(folder / "timings.csv")
 
     def answers(self) -> Iterator[FrameAnswer]:
         """Yield the frames whose row and messages are all there, in order."""
@@ -91,7 +103,7 @@ class EarlierPart:
             return
         groups, records = self._groups(), read_records(self._folder)
         for row, record in zip(read_rows(self._folder / "frames.csv"), records, strict=False):
-            if row["frame"] != str(record.frame):
+            if row.get("frame") != str(record.frame):
                 return
             if record.estimate is None:
                 yield FrameAnswer(record)

@@ -83,7 +83,9 @@ class Origin:
             return f"is not of {self.bag} as it is now"
         if state.get("version") != self.version:
             return f"is of another version, {state.get('version')}"
-        before = state.get("parameters", {})
+        before = state.get("parameters")
+        if not isinstance(before, Mapping):
+            return "does not say with which parameters it was made"
         names = sorted({*before, *self.parameters})
         # A parameter without a value is another thing than one that is missing.
         changed = [
