@@ -36,6 +36,7 @@ ROSDEP_KEYS = {
     "launch_ros": "launch_ros",
     "lifecycle_msgs": "lifecycle_msgs",
     "llvmlite": "python3-numba",  # numba is built on it
+    "markupsafe": "python3-jinja2",  # which is built on it
     "matplotlib": "python3-matplotlib",
     "nav_msgs": "nav_msgs",
     "numba": "python3-numba",
@@ -58,6 +59,7 @@ PIP_NAMES = {
     "jinja2": "jinja2",
     "llvmlite": "numba",
     "lz4": "lz4",
+    "markupsafe": "jinja2",
     "matplotlib": "matplotlib",
     "numba": "numba",
     "numpy": "numpy",
