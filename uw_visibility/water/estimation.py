@@ -349,12 +349,11 @@ class WaterEstimator:
         codes, irradiance = samples.pixels, linear_table(samples.transfer, samples.pixels.dtype)
         ranges, valid = samples.reduce(range_map, valid)
         mask = np.ones((1, 1), np.bool_) if valid is None else valid
+        rounding = np.sqrt(samples.noise**2 + ROUNDING_VARIANCE)
         contrast = fuse_decays(
             decay(*contrast_course(
-                codes, ranges, mask, irradiance, envelope.limits,
-                np.sqrt(samples.noise**2 + ROUNDING_VARIANCE)), active),
+                codes, ranges, mask, irradiance, envelope.limits, rounding), active),
             envelope_decay(envelope, active))
-        rounding = np.sqrt(samples.noise**2 + ROUNDING_VARIANCE)
         return Cues(
             contrast,
             find_open_water(codes, ranges, valid, irradiance, envelope),
