@@ -21,7 +21,7 @@ from uw_visibility.pipeline.result import EnhancedImages, FrameResult, StereoRes
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Visibility
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.filter import FilteredWater
 from uw_visibility.water.tracking import TrackingEvent
 

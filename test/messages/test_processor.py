@@ -17,7 +17,7 @@ from uw_visibility.messages.outputs import TOPICS
 from uw_visibility.messages.processor import FrameProcessor
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.filter import FilteredWater
 from uw_visibility.water.tracking import TrackingEvent
 

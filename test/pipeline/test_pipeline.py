@@ -12,7 +12,8 @@ from uw_visibility.evaluation.degrade import load_scene
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.pipeline.warm_up import warm_up_pair
 from uw_visibility.status import Status
-from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.estimation import WaterEstimator
 
 CLEAR = clear_water_attenuation(load_response("nikon_d5100"))
 DEPTH = 2.0

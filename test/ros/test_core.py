@@ -19,7 +19,7 @@ from uw_visibility.messages.outputs import TOPICS
 from uw_visibility.pipeline.result import EnhancedImages, FrameResult, StereoResult
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 

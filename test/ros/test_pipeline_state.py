@@ -14,7 +14,7 @@ from uw_visibility.ros.monitor.reasons import ReasonLog
 from uw_visibility.ros.pipeline_state import PipelineState
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.filter import FilteredWater
 from uw_visibility.water.survey import SurveyEstimate
 from uw_visibility.water.tracking import TrackingEvent

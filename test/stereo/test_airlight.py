@@ -17,7 +17,7 @@ from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.status import Status
 from uw_visibility.stereo.airlight import Airlight
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 
 SHAPE = (80, 120)
 RIG = StereoRig(600.0, 0.1, (59.5, 39.5))

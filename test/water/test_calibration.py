@@ -13,7 +13,7 @@ from uw_visibility.status import Status
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.calibration import calibrate
 from uw_visibility.water.depth import diffuse_attenuation
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 
 RESPONSE = load_response("nikon_d5100")
 WHITE = np.array([1.7, 1.0, 0.8])

@@ -15,7 +15,8 @@ from uw_visibility.config.water import WaterConfig
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Assessor
-from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.estimation import WaterEstimator
 
 KAPPA = np.array([0.228, 0.066, 0.025])
 SHAPE = (192, 256)

@@ -19,7 +19,7 @@ from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.depth import CLEAR, ESTIMATED, DepthModel, diffuse_attenuation
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 
 RESPONSE = load_response("nikon_d5100")
 KAPPA = clear_water_attenuation(RESPONSE)

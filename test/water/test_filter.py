@@ -9,7 +9,7 @@ import pytest
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.status import Status
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.filter import WaterFilter
 from uw_visibility.water.observations import Envelopes
 from uw_visibility.water.tracking import TrackingEvent

@@ -16,7 +16,7 @@ from uw_visibility.optics.light_model import ambient_light_at_depth
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Assessor
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.tracking import TrackingEvent, WaterTracker
 
 ASSESSOR = Assessor(AssessmentConfig(), load_response("nikon_d5100"))

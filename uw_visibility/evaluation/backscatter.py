@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from uw_visibility.optics.light_model import transmission, veil_of
 from uw_visibility.optics.transfer import to_linear
 from uw_visibility.status import Status
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 
 BINS = 10
 DARKEST = 0.01

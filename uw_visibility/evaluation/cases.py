@@ -32,7 +32,8 @@ from uw_visibility.optics.spectra import load_response
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.water.assessment import Assessor
-from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.estimation import WaterEstimator
 from uw_visibility.water.observations import Envelopes
 
 Image = NDArray[np.uint8]

@@ -16,7 +16,7 @@ from uw_visibility.pipeline.second_step import SecondStep
 from uw_visibility.pipeline.timing import StageClock
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 
 
 def match_with_truth(

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from uw_visibility.optics.light_model import ambient_light_at_depth, visibility_distance
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 
 CHANNELS = ("red", "green", "blue")
 Triple = tuple[float, float, float]

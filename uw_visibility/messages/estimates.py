@@ -18,7 +18,7 @@ from uw_visibility.messages.images import MessageFactory
 from uw_visibility.messages.protocols import Stamped
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 
 # Variance of the components of a pose that are not measured: whoever fuses
 # them by mistake gives them no weight. A variance of 0 would mean certainty

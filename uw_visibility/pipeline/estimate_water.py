@@ -19,7 +19,8 @@ from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Assessor, Visibility
-from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.estimation import WaterEstimator
 
 DISPARITY_STDDEV = 0.3
 """Standard deviation of a matched disparity, px."""

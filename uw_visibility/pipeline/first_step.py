@@ -30,7 +30,8 @@ from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.radiometry import right_gain
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.search_range import disparity_limits
-from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.estimation import WaterEstimator
 from uw_visibility.water.foreground import foreground_mask
 
 # Images are halved as long as their small copy keeps this width, px,

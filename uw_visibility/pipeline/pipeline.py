@@ -33,7 +33,8 @@ from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.search_range import disparity_limits
 from uw_visibility.water.assessment import Assessor
-from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.estimation import WaterEstimator
 
 SIDES = ("left", "right")
 

@@ -11,7 +11,7 @@ import numpy as np
 from uw_visibility.images.arrays import DisparityMap, Image, Mask, PerChannel, RangeMap
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.joining import Joiner
 from uw_visibility.replay.work import FrameAnswer, FrameTask, Recording
 from uw_visibility.water.calibration import Calibration, calibrate
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.priors import NOTHING_EXPECTED
 
 # Over less, water above and the camera's white look the same: light that is

@@ -24,7 +24,7 @@ from uw_visibility.replay.records import FrameEstimate, FrameRecord
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Visibility
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.observations import Envelopes
 
 NAME = "frames.jsonl"

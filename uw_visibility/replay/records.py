@@ -13,7 +13,7 @@ from uw_visibility.plausibility.samples import DepthSample
 from uw_visibility.plausibility.verdict import Verdict
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Visibility
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.filter import FilteredWater
 
 

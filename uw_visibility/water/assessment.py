@@ -15,7 +15,7 @@ from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.optics.spectra import CameraResponse, clear_water_attenuation, load_response
 from uw_visibility.status import Status
 from uw_visibility.water.depth import DepthModel
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 
 # A distance or depth whose standard deviation is beyond this fraction of it, or
 # of the largest depth, says nothing.

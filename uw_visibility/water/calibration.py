@@ -22,7 +22,7 @@ from uw_visibility.optics.spectra import CameraResponse
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import joint_covariance
 from uw_visibility.water.depth import CLEAR, ESTIMATED, DepthModel, diffuse_attenuation
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 
 FEWEST_FRAMES = 10
 # Residuals beyond so many of their scatter lose weight (Huber).

@@ -13,7 +13,8 @@ import numpy as np
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.water.assessment import Assessor, Visibility
-from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.estimation import WaterEstimator
 from uw_visibility.water.survey import Survey, SurveyEstimate
 from uw_visibility.water.tracking import TrackingEvent, WaterTracker
 

@@ -36,7 +36,7 @@ from scipy.special import chdtri
 
 from uw_visibility.config.schema import TrackingConfig
 from uw_visibility.water.assessment import joint_covariance
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.fit import ATTENUATION_BOUNDS
 
 # How much of a change of turbidity a single channel has for itself.

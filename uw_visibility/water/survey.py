@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 from uw_visibility.config.schema import SurveyConfig
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import joint_covariance
-from uw_visibility.water.estimation import WaterEstimate, WaterEstimator
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.estimation import WaterEstimator
 from uw_visibility.water.observations import Envelopes
 from uw_visibility.water.pooling import (
     FrameEnvelopes,

@@ -13,7 +13,7 @@ import numpy as np
 from uw_visibility.config.schema import TrackingConfig
 from uw_visibility.errors import InputError
 from uw_visibility.status import Status
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.kalman import ATTENUATION, LIGHT, Measurement, WaterState
 
 

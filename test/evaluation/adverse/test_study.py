@@ -17,7 +17,7 @@ from uw_visibility.evaluation.adverse.summary import statistics
 from uw_visibility.evaluation.readings import Reading, Truth
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
-from uw_visibility.water.estimation import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate
 
 FEW = ("--effects", "none", "veil", "spectrum", "bright snow", "--attenuation", "0.2")
 

@@ -1,0 +1,92 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Cues of attenuation and veil beside the envelopes of the whole image."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.images.noise import ROUNDING_VARIANCE
+from uw_visibility.images.view import ColourSamples
+from uw_visibility.optics.transfer import linear_table
+from uw_visibility.water.contrast import (
+    Decay,
+    contrast_course,
+    decay,
+    envelope_decay,
+    fuse_decays,
+)
+from uw_visibility.water.observations import Envelopes
+from uw_visibility.water.open_water import OpenWater, find_open_water
+from uw_visibility.water.position import HalfEnvelopes, observe_halves
+
+
+class Cues(NamedTuple):
+    """What tells of the water beside the envelopes of the whole image.
+
+    Attributes
+    ----------
+    contrast : Decay or None
+        Decay of contrast with range.
+    open_water : OpenWater or None
+        Open water in view.
+    halves : HalfEnvelopes or None
+        Dark envelopes of halves of the image.
+    coarse : bool
+        Whether a rough estimate will do.
+    """
+
+    contrast: Decay | None = None
+    open_water: OpenWater | None = None
+    halves: HalfEnvelopes | None = None
+    coarse: bool = False
+
+
+def coarse_cues(envelope: Envelopes, active: NDArray[np.bool_]) -> Cues:
+    """Return what is quick: a mesh covers open water, and has no outlines."""
+    return Cues(envelope_decay(envelope, active), coarse=True)
+
+
+def gather_cues(
+    samples: ColourSamples,
+    range_map: NDArray[np.float32],
+    valid: NDArray[np.bool_] | None,
+    envelope: Envelopes,
+    active: NDArray[np.bool_],
+) -> Cues:
+    """Gather decay of contrast with range, open water in view, and envelopes of halves.
+
+    Parameters
+    ----------
+    samples : ColourSamples
+    range_map : (H, W) float32 ndarray
+        m; NaN where unknown.
+    valid : (H, W) bool ndarray or None
+        Pixels that show the scene.
+    envelope : Envelopes
+        Of the same image.
+    active : (3,) bool ndarray
+        Channels that count.
+
+    Returns
+    -------
+    Cues
+    """
+    codes, irradiance = samples.pixels, linear_table(samples.transfer, samples.pixels.dtype)
+    ranges, valid = samples.reduce(range_map, valid)
+    mask = np.ones((1, 1), np.bool_) if valid is None else valid
+    rounding = np.sqrt(samples.noise**2 + ROUNDING_VARIANCE)
+    contrast = fuse_decays(
+        decay(*contrast_course(
+            codes, ranges, mask, irradiance, envelope.limits, rounding), active),
+        envelope_decay(envelope, active))
+    return Cues(
+        contrast,
+        find_open_water(codes, ranges, valid, irradiance, envelope),
+        observe_halves(
+            codes, ranges, mask, irradiance, envelope.limits,
+            rounding * np.nan_to_num(envelope.step).max(axis=1)),
+    )

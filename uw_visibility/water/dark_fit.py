@@ -1,0 +1,133 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Fits of the dark envelope: with one ambient light, and for a given veil and light."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.fit import Fit, fit_plain
+from uw_visibility.water.lower_envelope import fit_lower_envelope
+from uw_visibility.water.observations import Envelopes
+from uw_visibility.water.transfer_check import CERTAIN, other_transfer
+from uw_visibility.water.validation import (
+    black_attenuation,
+    brightest_patch,
+    least_ambient_light,
+)
+from uw_visibility.water.veil import FitVeil, envelope_likelihood
+
+
+def fit_one_light(
+    envelope: Envelopes,
+    active: NDArray[np.bool_],
+    start: WaterEstimate | None,
+    range_error: float,
+    clear_water: NDArray[np.float64],
+    plain: bool,
+) -> Fit:
+    """Fit the dark envelope with one ambient light for veil and scene (eq. 6-7).
+
+    Parameters
+    ----------
+    envelope : Envelopes
+    active : (3,) bool ndarray
+        Channels that count.
+    start : WaterEstimate or None
+        An earlier estimate to start from.
+    range_error : float
+        Standard deviation of range over its square, 1/m.
+    clear_water : (3,) float64 ndarray
+        κ of the camera, 1/m.
+    plain : bool
+        Whether to fit as the paper does.
+
+    Returns
+    -------
+    Fit
+    """
+    ambient_min = np.array(
+        [least_ambient_light(envelope, c) if active[c] else 1.0 for c in range(3)])
+    first = np.stack((clear_water, ambient_min), axis=1)
+    for c in np.flatnonzero(active):
+        if plain:
+            first[c, 1] = np.nanmax(envelope.bright[c])
+        else:
+            # From above: what is brighter than the curve of the water holds it less.
+            first[c, 0] = np.median(black_attenuation(envelope, int(c), ambient_min[c]))
+    if start is not None:
+        known = np.isfinite(start.attenuation)
+        first[known, 0] = start.attenuation[known]
+        first[known, 1] = start.ambient_light[known]
+    if plain:
+        return fit_plain(envelope.range, envelope.dark, ambient_min, first, active)
+    return fit_lower_envelope(
+        envelope.dark_range, envelope.dark, envelope.deviation, ambient_min, first,
+        clear_water, active, range_error,
+        brightest_patches(envelope),
+    )
+
+
+def fit_of_veil(
+    envelope: Envelopes, active: NDArray[np.bool_], clear_water: NDArray[np.float64],
+) -> FitVeil:
+    """Return the fit of the dark envelope as a function of the veil's bounds and the light."""
+    patches = brightest_patches(envelope)
+
+    def fit(
+        lower: NDArray[np.float64], upper: NDArray[np.float64], light: NDArray[np.float64]
+    ) -> Fit:
+        share = np.clip(envelope.dark / lower[:, np.newaxis], 0.0, 0.98)
+        black = -np.log1p(-share) / envelope.dark_range
+        first = np.stack((clear_water, lower), axis=1)
+        first[active, 0] = np.nanmedian(black[active], axis=1)
+        found = fit_lower_envelope(
+            envelope.dark_range, envelope.dark, envelope.deviation, lower, first,
+            clear_water, active, envelope.range_error, patches, light, upper)
+        return _with_all_channels(found, active, clear_water, lower)
+
+    return fit
+
+
+def other_transfer_fits(
+    envelope: Envelopes, active: NDArray[np.bool_], clear_water: NDArray[np.float64],
+    transfer: str, likelihood: float,
+) -> bool:
+    """Tell whether the envelope is certainly likelier with the other transfer."""
+    other, change = other_transfer(envelope, transfer)
+    alternative = envelope_likelihood(
+        fit_of_veil(other, active, clear_water), brightest(other, active), clear_water)
+    return alternative + change > likelihood + CERTAIN
+
+
+def brightest(envelope: Envelopes, active: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(3,): the bright envelope at its brightest; 1 for a channel that is left out."""
+    return np.array([least_ambient_light(envelope, c) if active[c] else 1.0 for c in range(3)])
+
+
+def brightest_patches(envelope: Envelopes) -> NDArray[np.float64]:
+    """(3, 2): irradiance and range of the brightest patch near by, of each channel."""
+    return np.array([brightest_patch(envelope, c) for c in range(3)])
+
+
+def _with_all_channels(
+    fit: Fit, active: NDArray[np.bool_], clear_water: NDArray[np.float64],
+    veil: NDArray[np.float64],
+) -> Fit:
+    """Put a guess with a large deviation in the place of channels that were left out."""
+    if active.all():
+        return fit
+    particles = max(float(np.mean(fit.parameters[active, 0] - clear_water[active])), 0.0)
+    absent = ~active
+    values = fit.parameters.copy()
+    values[absent, 0] = clear_water[absent] + particles
+    values[absent, 1] = veil[absent]
+    covariance = np.nan_to_num(fit.covariance)
+    for c in np.flatnonzero(absent):
+        covariance[2 * c, 2 * c] = (1.0 + particles) ** 2
+        covariance[2 * c + 1, 2 * c + 1] = veil[c] ** 2
+    return replace(fit, parameters=values, covariance=covariance)

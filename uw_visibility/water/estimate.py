@@ -1,0 +1,132 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Estimate of the water's state, from one image or several."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.status import Status
+from uw_visibility.water.fit import Fit
+from uw_visibility.water.observations import Envelopes
+
+
+@dataclass(frozen=True)
+class WaterEstimate:
+    """What the water does to light, as one image shows it.
+
+    Attributes
+    ----------
+    status : Status
+        OK when all three channels are assessable, else the first reason why not.
+    attenuation : (3,) float64 ndarray
+        β for R, G, B, 1/m; NaN where not assessable.
+    ambient_light : (3,) float64 ndarray
+        I∞ for R, G, B, in units of irradiance; NaN where not assessable. Where veil and
+        light are told apart, it is the veil B.
+    covariance : (3, 2, 2) float64 ndarray
+        Of (attenuation, ambient light), per channel; NaN where not assessable.
+    iterations : int
+        Iterations of the fit, the largest over the channels.
+    bins : int
+        Range bins used.
+    channel_status : tuple of Status
+        For R, G, B.
+    envelope : Envelopes or None
+        The observations that were fitted.
+    joint_covariance : (6, 6) float64 ndarray or None
+        Of β_R, I∞_R, β_G, I∞_G, β_B, I∞_B; None where the channels are taken
+        as independent.
+    light : (3,) float64 ndarray or None
+        Light W on the scene; None where it is the veil, as in the paper. See
+        `scene_light`.
+    light_stddev : (3,) float64 ndarray or None
+        Its standard deviation.
+    cues : dict of str to tuple of (3,) float64 ndarray
+        What each cue alone says of β, and its standard deviation: ``"open water"`` or
+        ``"dark envelope"``, and ``"contrast"``. Empty with the paper's model.
+    open_water : float
+        Part of the image that is open water.
+    """
+
+    status: Status
+    attenuation: NDArray[np.float64]
+    ambient_light: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    iterations: int
+    bins: int
+    channel_status: tuple[Status, Status, Status]
+    envelope: Envelopes | None = None
+    joint_covariance: NDArray[np.float64] | None = None
+    light: NDArray[np.float64] | None = None
+    light_stddev: NDArray[np.float64] | None = None
+    cues: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(
+        default_factory=dict)
+    open_water: float = 0.0
+
+    @property
+    def veil(self) -> NDArray[np.float64]:
+        """(3,) float64: veil B, what the water adds at infinity; the same as `ambient_light`."""
+        return self.ambient_light
+
+    @property
+    def scene_light(self) -> NDArray[np.float64]:
+        """(3,) float64: light W on the scene, the irradiance of white with no water between."""
+        return self.ambient_light if self.light is None else self.light
+
+    @property
+    def scene_light_stddev(self) -> NDArray[np.float64]:
+        """(3,) float64: standard deviation of the light on the scene."""
+        return self.ambient_light_stddev if self.light_stddev is None else self.light_stddev
+
+    @property
+    def attenuation_stddev(self) -> NDArray[np.float64]:
+        """(3,) float64: standard deviation of the attenuation, 1/m."""
+        return np.sqrt(self.covariance[:, 0, 0])
+
+    @property
+    def ambient_light_stddev(self) -> NDArray[np.float64]:
+        """(3,) float64: standard deviation of the ambient light."""
+        return np.sqrt(self.covariance[:, 1, 1])
+
+    @classmethod
+    def not_assessable(cls, reason: Status, envelope: Envelopes | None = None) -> WaterEstimate:
+        """Return an estimate that says only why there is none."""
+        return cls(
+            status=reason,
+            attenuation=np.full(3, np.nan),
+            ambient_light=np.full(3, np.nan),
+            covariance=np.full((3, 2, 2), np.nan),
+            iterations=0,
+            bins=0 if envelope is None else len(envelope.range),
+            channel_status=(reason, reason, reason),
+            envelope=envelope,
+        )
+
+
+def refuse(status: list[Status], reason: Status) -> list[Status]:
+    """Refuse every channel that is not refused yet; none where the reason is OK."""
+    return [reason if before is Status.OK else before for before in status]
+
+
+def assemble(fit: Fit, envelope: Envelopes, status: list[Status]) -> WaterEstimate:
+    """Return the estimate that a fit is, NaN for the channels that are refused."""
+    refused = np.array([reason is not Status.OK for reason in status])
+    parameters = np.where(refused[:, np.newaxis], np.nan, fit.parameters)
+    joint = fit.covariance.copy()
+    joint[np.repeat(refused, 2), :] = np.nan
+    joint[:, np.repeat(refused, 2)] = np.nan
+    return WaterEstimate(
+        status=next((reason for reason in status if reason is not Status.OK), Status.OK),
+        attenuation=parameters[:, 0],
+        ambient_light=parameters[:, 1],
+        covariance=np.stack([joint[2 * c:2 * c + 2, 2 * c:2 * c + 2] for c in range(3)]),
+        iterations=fit.iterations,
+        bins=len(envelope.range),
+        channel_status=(status[0], status[1], status[2]),
+        envelope=envelope,
+        joint_covariance=joint,
+    )
