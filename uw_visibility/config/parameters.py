@@ -30,7 +30,7 @@ class ParameterInfo:
     name : str
         Dotted name, as in the YAML file and on the node.
     type : type
-        One of bool, int, float, str, or tuple for a list of three floats.
+        One of bool, int, float, str, or tuple for a list of floats.
     default : object
         Value where nothing is given.
     description : str
@@ -43,6 +43,8 @@ class ParameterInfo:
         The words allowed, or () where any is.
     read_only : bool
         Whether a change needs a restart of the node.
+    repeats : bool
+        Whether a list may hold what the default holds several times over.
     """
 
     name: str
@@ -54,6 +56,7 @@ class ParameterInfo:
     maximum: float | None = None
     choices: tuple[str, ...] = ()
     read_only: bool = False
+    repeats: bool = False
 
     def check(self, value: Any) -> Any:
         """Convert a value to the parameter's type, or say why it cannot be.
@@ -87,10 +90,10 @@ class ParameterInfo:
             return float(value)
         if self.type is tuple:
             numbers = value if isinstance(value, str | bytes) else _numbers(value)
-            if not isinstance(numbers, tuple) or len(numbers) != len(self.default):
-                raise InputError(
-                    f"parameter {self.name} is {value!r}: give {len(self.default)} numbers"
-                )
+            if not isinstance(numbers, tuple) or not self._fits(len(numbers)):
+                wanted = f"{len(self.default)} number{'s' if len(self.default) > 1 else ''}"
+                wanted += " for each, one after the other" if self.repeats else ""
+                raise InputError(f"parameter {self.name} is {value!r}: give {wanted}")
             return numbers
         if type(value) is not self.type:
             raise InputError(
@@ -98,6 +101,11 @@ class ParameterInfo:
                 f"give a value of type {self.type.__name__}"
             )
         return value
+
+    def _fits(self, length: int) -> bool:
+        if self.repeats:
+            return length > 0 and length % len(self.default) == 0
+        return length == len(self.default)
 
     def _check_bounds(self, value: Any) -> None:
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -120,6 +128,7 @@ def parameter(
     maximum: float | None = None,
     choices: tuple[str, ...] = (),
     read_only: bool = False,
+    repeats: bool = False,
 ) -> Any:
     """Declare a described parameter as a dataclass field; see `ParameterInfo`."""
     metadata = {
@@ -129,6 +138,7 @@ def parameter(
         "maximum": maximum,
         "choices": choices,
         "read_only": read_only,
+        "repeats": repeats,
     }
     return dataclasses.field(default=default, metadata=metadata)
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from uw_visibility.config.lighting import LightingConfig
 from uw_visibility.config.parameters import (
     build,
     check_names,
@@ -32,9 +33,9 @@ from uw_visibility.config.water import (
 from uw_visibility.errors import InputError
 
 __all__ = [
-    "AssessmentConfig", "CameraConfig", "EnhancementConfig", "NodeConfig", "PipelineConfig",
-    "PlausibilityConfig", "StereoConfig", "SurveyConfig", "SynchronizationConfig",
-    "TrackingConfig", "WaterConfig",
+    "AssessmentConfig", "CameraConfig", "EnhancementConfig", "LightingConfig", "NodeConfig",
+    "PipelineConfig", "PlausibilityConfig", "StereoConfig", "SurveyConfig",
+    "SynchronizationConfig", "TrackingConfig", "WaterConfig",
 ]
 
 # tf2 takes none that begins with a slash.
@@ -210,6 +211,7 @@ class PipelineConfig:
     """
 
     camera: CameraConfig = section(CameraConfig)
+    lighting: LightingConfig = section(LightingConfig)
     stereo: StereoConfig = section(StereoConfig)
     water: WaterConfig = section(WaterConfig)
     assessment: AssessmentConfig = section(AssessmentConfig)

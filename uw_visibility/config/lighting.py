@@ -1,0 +1,145 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the light: daylight, or lamps with places and beams."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
+
+from uw_visibility.config.parameters import parameter
+from uw_visibility.errors import InputError
+
+T = TypeVar("T")
+
+Vector = tuple[float, float, float]
+
+MOST_LAMPS = 16
+# Nearer to the camera, what the water in front of it scatters has no bound.
+LEAST_DISTANCE = 0.01
+ISOTROPIC = 360.0
+
+
+class Lamp(NamedTuple):
+    """Place, axis, beam and colour of one lamp.
+
+    Attributes
+    ----------
+    position : tuple of float
+        In the left camera's optical frame (x right, y down, z forward), m.
+    direction : tuple of float
+        Axis of the beam in that frame, of length 1.
+    beam_angle : float
+        Full angle between the directions of half the power, degrees: relative power is
+        ``exp(-ln 2 (2 θ / beam_angle)²)`` at θ from the axis. 360 for alike in all directions.
+    colour : tuple of float
+        Relative power in R, G, B, as the camera sees it.
+    """
+
+    position: Vector
+    direction: Vector
+    beam_angle: float
+    colour: Vector
+
+
+@dataclass(frozen=True)
+class LightingConfig:
+    """What lights the scene: daylight, the vehicle's lamps, or both.
+
+    Raises
+    ------
+    InputError
+        If lamps light the scene and their parameters do not fit one another.
+    """
+
+    model: str = parameter(
+        "daylight",
+        "What lights the scene: daylight, lamps (the vehicle's own, at night or in the deep), "
+        "or both.",
+        choices=("daylight", "lamps", "both"),
+    )
+    positions: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0),
+        "Where the lamps are: x, y, z of each, one after the other, in the left camera's "
+        "optical frame (x right, y down, z forward, of the rectified camera). To be given with "
+        "lamps; see the drawing in docs/lamps.md.",
+        unit="m", minimum=-20.0, maximum=20.0, repeats=True,
+    )
+    directions: tuple[float, ...] = parameter(
+        (0.0, 0.0, 1.0),
+        "Where the lamps point: x, y, z of each beam's axis in the same frame, of any length; "
+        "three numbers are for all lamps.",
+        minimum=-1e3, maximum=1e3, repeats=True,
+    )
+    beam_angles: tuple[float, ...] = parameter(
+        (90.0,),
+        "Full angle of each beam, between the directions of half the power; 0 or 360 for a "
+        "lamp that shines alike in all directions. One number is for all lamps.",
+        unit="degrees", minimum=0.0, maximum=360.0, repeats=True,
+    )
+    colours: tuple[float, ...] = parameter(
+        (1.0, 1.0, 1.0),
+        "Relative power of each lamp in R, G, B as the camera sees it; three numbers are for "
+        "all lamps. The scale is free, what one lamp has over another is not.",
+        minimum=0.0, maximum=1e3, repeats=True,
+    )
+
+    def __post_init__(self) -> None:
+        # Of daylight alone nothing is asked, so that a node's parameters may be set one by one.
+        if self.model != "daylight":
+            tuple(self.lamps())
+
+    def lamps(self) -> Iterator[Lamp]:
+        """Yield the lamps, axes of length 1.
+
+        Raises
+        ------
+        InputError
+            If the parameters do not fit one another.
+        """
+        positions = _triples(self.positions)
+        count = len(positions)
+        if count > MOST_LAMPS:
+            raise InputError(
+                f"parameter lighting.positions holds {count} lamps: give {MOST_LAMPS} at most")
+        directions = _for_all("directions", _triples(self.directions), count)
+        angles = _for_all("beam_angles", self.beam_angles, count)
+        colours = _for_all("colours", _triples(self.colours), count)
+        for i, position in enumerate(positions):
+            if math.hypot(*position) < LEAST_DISTANCE:
+                raise InputError(
+                    f"parameter lighting.positions puts lamp {i + 1} at {position}, into the "
+                    "left camera itself: give x, y, z of each lamp in that camera's frame, in m"
+                )
+            length = math.hypot(*directions[i])
+            if length == 0:
+                raise InputError(
+                    f"parameter lighting.directions has no direction for lamp {i + 1}: give "
+                    "x, y, z of its beam's axis, not all 0"
+                )
+            if not any(colours[i]):
+                raise InputError(
+                    f"parameter lighting.colours makes lamp {i + 1} black: give R, G, B of its "
+                    "light, not all 0"
+                )
+            x, y, z = (value / length for value in directions[i])
+            yield Lamp(position, (x, y, z), angles[i] or ISOTROPIC, colours[i])
+
+
+def _triples(values: tuple[float, ...]) -> tuple[Vector, ...]:
+    return tuple(
+        (values[i], values[i + 1], values[i + 2]) for i in range(0, len(values), 3))
+
+
+def _for_all(name: str, values: tuple[T, ...], count: int) -> tuple[T, ...]:
+    """Return a value for each lamp; a single one is for all."""
+    if len(values) == 1:
+        return values * count
+    if len(values) != count:
+        raise InputError(
+            f"parameter lighting.{name} is for {len(values)} lamps, lighting.positions for "
+            f"{count}: give one for each lamp, or one for all"
+        )
+    return values
