@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from uw_visibility.config.schema import PipelineConfig
     from uw_visibility.pipeline.estimate_water import estimate_water
+    from uw_visibility.pipeline.match import match
     from uw_visibility.pipeline.pipeline import Pipeline
     from uw_visibility.pipeline.result import FrameResult
     from uw_visibility.stereo.rig import StereoRig
 
-__all__ = ["FrameResult", "Pipeline", "PipelineConfig", "StereoRig", "estimate_water"]
+__all__ = [
+    "FrameResult", "Pipeline", "PipelineConfig", "StereoRig", "estimate_water", "match",
+]
 
 _HOMES = {
     "FrameResult": "pipeline.result",
@@ -22,6 +25,7 @@ _HOMES = {
     "PipelineConfig": "config.schema",
     "StereoRig": "stereo.rig",
     "estimate_water": "pipeline.estimate_water",
+    "match": "pipeline.match",
 }
 
 

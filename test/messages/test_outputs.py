@@ -87,9 +87,9 @@ def result(**changes: Any) -> FrameResult:
         ),
         "clear_water_attenuation": np.array([0.2, 0.1, 0.0]),
         "stereo": StereoResult(
-            disparity=disparity, filled=disparity, range=disparity, confidence=None,
-            original=None, support_points=9, coverage=0.5, min_disparity=0, max_disparity=32,
-            right_gain=np.ones(3),
+            disparity=disparity, filled=disparity, range=disparity, filled_range=disparity,
+            confidence=None, original=None, support_points=9, coverage=0.5,
+            min_disparity=0, max_disparity=32, right_gain=np.ones(3),
         ),
         "images": EnhancedImages(LEFT, RIGHT, disparity > 1),
         "timing_ms": {"total": 1.0},

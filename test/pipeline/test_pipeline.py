@@ -64,7 +64,13 @@ def test_colours_come_back(in_water, name):
 def test_nothing_unannounced_leaves(in_water, name):
     _, _, result = in_water[name]
     assert np.isfinite(result.stereo.filled).all()
-    assert not np.isnan(result.stereo.range).any()
+    # What is filled is for colour: the range is a measured one, of matched pixels alone.
+    assert not np.isnan(result.stereo.filled_range).any()
+    matched = np.isfinite(result.disparity)
+    assert 0.5 < matched.mean() < 1.0
+    np.testing.assert_array_equal(np.isfinite(result.range), matched)
+    np.testing.assert_allclose(
+        result.range[matched], result.stereo.filled_range[matched], rtol=1e-5)
     assert np.nanmin(result.disparity) >= result.stereo.min_disparity
     assert np.nanmax(result.disparity) <= result.stereo.max_disparity + 1
     stages = {name: time for name, time in result.timing_ms.items() if name != "total"}

@@ -40,7 +40,7 @@ WATER = WaterEstimate.not_assessable(Status.TOO_DARK)
 NOTHING = np.full((1, 1), np.nan, np.float32)
 RESULT = FrameResult(
     WATER, WATER, Visibility(Status.TOO_DARK, Status.TOO_DARK), np.zeros(3),
-    StereoResult(NOTHING, NOTHING, NOTHING, None, None, 0, 0.5, 0, 32, np.ones(3)),
+    StereoResult(NOTHING, NOTHING, NOTHING, NOTHING, None, None, 0, 0.5, 0, 32, np.ones(3)),
     EnhancedImages(NOTHING, NOTHING, NOTHING > 0), {"total": 1.0},
 )
 

@@ -30,7 +30,7 @@ def estimator(transfer="linear", **settings):
 @pytest.mark.parametrize("alpha", [0.0, 0.15, 0.4])
 def test_perfect_patches_give_the_water(make_view, method, dtype, alpha):
     view = make_view(alpha)
-    found = estimator(method=method).estimate(view.codes(dtype), view.range)
+    found = estimator(method=method).estimate(view.codes(dtype), view.range, range_error=0.0)
     assert found.status is Status.OK
     assert found.channel_status == (Status.OK,) * 3
     np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.013)
@@ -46,7 +46,7 @@ def test_irradiance_counts_as_such_whatever_the_transfer(make_view):
     view = make_view()
     light = view.irradiance.copy()
     light[0, 0] = np.nan
-    found = estimator("srgb").estimate(light, view.range)
+    found = estimator("srgb").estimate(light, view.range, range_error=0.0)
     np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.01)
 
 
@@ -55,9 +55,9 @@ def test_encoded_images_are_decoded(make_view):
     encoded = np.where(view.irradiance <= 0.0031308, 12.92 * view.irradiance,
                        1.055 * view.irradiance ** (1 / 2.4) - 0.055)
     image = (encoded * 255 + 0.5).astype(np.uint8)
-    found = estimator("srgb").estimate(image, view.range)
+    found = estimator("srgb").estimate(image, view.range, range_error=0.0)
     np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.013)
-    wrong = estimator("linear").estimate(image, view.range)
+    wrong = estimator("linear").estimate(image, view.range, range_error=0.0)
     assert not np.allclose(wrong.attenuation, view.attenuation, atol=0.05)
 
 
@@ -68,47 +68,52 @@ def test_unknown_ranges_and_masked_pixels_do_not_matter(make_view):
     distance[:40] = np.nan
     valid = np.ones(distance.shape, dtype=bool)
     valid[40:80] = False
-    found = estimator().estimate(image, distance, valid)
+    found = estimator().estimate(image, distance, valid, range_error=0.0)
     np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.015)
 
 
 def test_views_of_other_arrays_are_read_rightly(make_view):
     view = make_view()
     flipped = np.ascontiguousarray(view.codes()[:, :, ::-1])
-    found = estimator().estimate(flipped[:, :, ::-1], view.range.astype(np.float64))
-    straight = estimator().estimate(view.codes(), view.range)
+    found = estimator().estimate(
+        flipped[:, :, ::-1], view.range.astype(np.float64), range_error=0.0)
+    straight = estimator().estimate(view.codes(), view.range, range_error=0.0)
     np.testing.assert_array_equal(found.attenuation, straight.attenuation)
 
 
 def test_a_start_changes_nothing_but_the_way(make_view):
     view = make_view()
-    first = estimator().estimate(view.codes(), view.range)
-    again = estimator().estimate(view.codes(), view.range, start=first)
+    first = estimator().estimate(view.codes(), view.range, range_error=0.0)
+    again = estimator().estimate(view.codes(), view.range, start=first, range_error=0.0)
     np.testing.assert_allclose(again.attenuation, first.attenuation, rtol=1e-3)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_grey_image_has_one_attenuation(make_view, method):
     view = make_view()
+
+    def estimate(grey, ranges):
+        return estimator(method=method).estimate_grey(grey, ranges, range_error=0.0)
+
     for channel in (1, 2):
-        found = estimator(method=method).estimate_grey(view.codes()[..., channel], view.range)
+        found = estimate(view.codes()[..., channel], view.range)
         assert found[0] == pytest.approx(view.attenuation[channel], abs=0.012)
         assert found[1] == pytest.approx(view.ambient_light[channel], rel=0.04)
     grey = view.codes()[..., 1]
-    assert estimator(method=method).estimate_grey(grey, np.full_like(view.range, 3)) is None
-    assert estimator(method=method).estimate_grey(np.zeros_like(grey), view.range) is None
-    assert estimator(method=method).estimate_grey(np.full_like(grey, 255), view.range) is None
+    assert estimate(grey, np.full_like(view.range, 3)) is None
+    assert estimate(np.zeros_like(grey), view.range) is None
+    assert estimate(np.full_like(grey, 255), view.range) is None
 
 
 def test_one_estimator_serves_many_threads(make_view):
     views = [make_view(alpha) for alpha in (0.05, 0.1, 0.2, 0.3)]
     shared = estimator()
-    alone = [shared.estimate(v.codes(), v.range).attenuation for v in views]
+    alone = [shared.estimate(v.codes(), v.range, range_error=0.0).attenuation for v in views]
     found = [None] * 8
 
     def work(index):
         view = views[index % 4]
-        found[index] = shared.estimate(view.codes(), view.range).attenuation
+        found[index] = shared.estimate(view.codes(), view.range, range_error=0.0).attenuation
 
     threads = [threading.Thread(target=work, args=(i,)) for i in range(8)]
     for thread in threads:
@@ -120,7 +125,7 @@ def test_one_estimator_serves_many_threads(make_view):
 
 
 def status_of(image, distance, **settings):
-    found = estimator(**settings).estimate(image, distance)
+    found = estimator(**settings).estimate(image, distance, range_error=0.0)
     if found.status is not Status.OK:
         refused = np.array([s is not Status.OK for s in found.channel_status])
         assert np.isnan(found.attenuation[refused]).all()
@@ -159,7 +164,7 @@ class TestRefusals:
 
     def test_too_dark_for_one_channel(self, make_view, method):
         view = make_view(alpha=0.2, depth=12.0)
-        found = estimator(method=method).estimate(view.codes(), view.range)
+        found = estimator(method=method).estimate(view.codes(), view.range, range_error=0.0)
         assert found.channel_status[0] is Status.TOO_DARK
         assert found.channel_status[2] is Status.OK
         assert found.status is Status.TOO_DARK
@@ -174,7 +179,7 @@ class TestRefusals:
         assert status_of(white, view.range, method=method) is Status.SATURATED
         image = view.codes()
         image[..., 2] = 255
-        found = estimator(method=method).estimate(image, view.range)
+        found = estimator(method=method).estimate(image, view.range, range_error=0.0)
         assert found.channel_status == (Status.OK, Status.OK, Status.SATURATED)
 
     def test_no_bright_patch_and_no_open_water(self, make_view, method):
@@ -187,7 +192,7 @@ class TestRefusals:
 
 def test_dark_scenes_near_by_are_refused_for_their_ambient_light(make_view):
     view = make_view(alpha=0.0, nearest=0.5, farthest=1.0, darkest=0.1, brightest=0.11)
-    found = estimator().estimate(view.codes(np.uint16), view.range)
+    found = estimator().estimate(view.codes(np.uint16), view.range, range_error=0.0)
     assert Status.AMBIENT_LIGHT_UNBOUNDED in found.channel_status
 
 
@@ -211,7 +216,7 @@ pixels = st.integers(0, 255)
 )
 @settings(max_examples=60, deadline=None)
 def test_whatever_comes_in_no_unannounced_nan_comes_out(image, distance, method):
-    found = estimator(method=method, min_bin_pixels=10).estimate(image, distance)
+    found = estimator(method=method, min_bin_pixels=10).estimate(image, distance, range_error=0.0)
     ok = np.array([s is Status.OK for s in found.channel_status])
     assert np.isfinite(found.attenuation[ok]).all()
     assert np.isfinite(found.covariance[ok]).all()
@@ -231,7 +236,7 @@ def test_whatever_comes_in_no_unannounced_nan_comes_out(image, distance, method)
 )
 def test_what_does_not_fit_is_refused_by_name(image, distance, valid, says):
     with pytest.raises(InputError, match=says):
-        estimator().estimate(image, distance, valid)
+        estimator().estimate(image, distance, valid, range_error=0.0)
 
 
 SCENES = ("aloe", "art", "dolls", "moebius")
@@ -248,7 +253,8 @@ def errors_of(scenes, method, **settings):
         distance = scene.range_of(scene.disparity_left)
         for alpha in (0.0, 0.1, 0.2, 0.3):
             image, _ = scene.degraded(alpha, 2.0, KAPPA)
-            estimate = estimator(method=method).estimate(image, distance, **settings)
+            estimate = estimator(method=method).estimate(
+                image, distance, range_error=0.0, **settings)
             assert estimate.status is Status.OK, (scene.name, alpha, estimate.channel_status)
             found.append(np.mean(estimate.attenuation - KAPPA) - alpha)
     return np.abs(found)
@@ -277,7 +283,7 @@ def test_ranges_that_a_window_carried_over_edges_do_not_mislead(make_view):
     distance[near & ~eroded] = view.range[near & ~eroded]
     found = estimator().estimate(image, distance, range_error=0.001)
     np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.03)
-    naive = estimator().estimate(image, distance)
+    naive = estimator().estimate(image, distance, range_error=0.0)
     assert (np.abs(naive.attenuation - view.attenuation) > 0.03).any()
 
 
@@ -288,7 +294,7 @@ def test_noise_does_not_pull_the_envelope_down(make_view, alpha):
     rng = np.random.default_rng(0)
     noisy = view.irradiance * 255 + rng.normal(0, 1.7, view.irradiance.shape)
     image = np.clip(noisy + 0.5, 0, 255).astype(np.uint8)
-    found = estimator().estimate(image, view.range)
+    found = estimator().estimate(image, view.range, range_error=0.0)
     np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.02, rtol=0.05)
     assert (np.abs(found.attenuation - view.attenuation) < 3 * found.attenuation_stddev).all()
 
@@ -300,20 +306,20 @@ def test_a_few_bins_of_wrong_ranges_do_not_mislead(make_view):
     wrong = np.abs(distance - 5) < 0.3
     wrong[:300] = False
     image[wrong] = view.ambient_light * (1 - np.exp(-view.attenuation)) * 255
-    found = estimator().estimate(image, distance)
+    found = estimator().estimate(image, distance, range_error=0.0)
     np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.03)
 
 
 def test_the_deviation_grows_where_nothing_is_black(make_view):
     black, grey = make_view(), make_view(darkest=0.25, seed=1)
-    first = estimator().estimate(black.codes(), black.range)
-    second = estimator().estimate(grey.codes(), grey.range)
+    first = estimator().estimate(black.codes(), black.range, range_error=0.0)
+    second = estimator().estimate(grey.codes(), grey.range, range_error=0.0)
     assert (second.attenuation_stddev > first.attenuation_stddev).all()
 
 
 def test_the_deviation_of_a_dull_scene_near_by_says_so(make_view):
     view = make_view(alpha=0.2, farthest=4.0, darkest=0.1, brightest=0.4)
-    found = estimator().estimate(view.codes(), view.range)
+    found = estimator().estimate(view.codes(), view.range, range_error=0.0)
     error = np.abs(found.attenuation - view.attenuation)
     assert (error > 0.08).all()
     assert (error < 2 * found.attenuation_stddev).all()
@@ -333,8 +339,8 @@ def test_interpolated_ranges_are_trusted_less(make_view):
     view = make_view()
     image = view.codes()
     image[5::60, 3::12] = 1
-    coarse = estimator().estimate(image, view.range, coarse=True)
-    fine = estimator().estimate(image, view.range)
+    coarse = estimator().estimate(image, view.range, coarse=True, range_error=0.0)
+    fine = estimator().estimate(image, view.range, range_error=0.0)
     np.testing.assert_allclose(coarse.attenuation, view.attenuation, atol=0.01)
     worse = np.abs(fine.attenuation - view.attenuation).max()
     assert fine.status is not Status.OK or worse > 0.02
@@ -349,6 +355,6 @@ def test_the_estimate_survives_noise_and_marine_snow(make_view, seed):
     flakes = cv2.dilate(seeds, np.ones((2, 2))) > 0
     noisy[flakes] += 60
     image = np.clip(noisy + 0.5, 0, 255).astype(np.uint8)
-    found = WaterEstimator(WaterConfig(), KAPPA).estimate(image, view.range)
+    found = WaterEstimator(WaterConfig(), KAPPA).estimate(image, view.range, range_error=0.0)
     assert found.status is Status.OK
     assert abs(np.mean(found.attenuation - view.attenuation)) < 0.02

@@ -39,7 +39,8 @@ written to DIR:
   disparity.pfm          matched pixels, px; inf = unmatched
   confidence.pfm         probability that disparity is within 1 px; 0 = unmatched
   disparity_filled.pfm   gaps filled, for colour only, px; 0 = unknown
-  range.pfm              distance along the line of sight, m; 0 = unknown or infinite
+  range.pfm              distance along the line of sight, m, of disparity_filled;
+                         0 = unknown or infinite
   report.json            the estimates; null = not assessable, and status says why
 
 exit code: 0 done, 2 unusable input or options, 1 a failure inside"""
@@ -205,7 +206,7 @@ def _write(folder: Path, result: FrameResult) -> dict[str, Any]:
     if result.stereo.confidence is not None:
         write_pfm(folder / "confidence.pfm", result.stereo.confidence)
     for name, values in (
-        ("disparity_filled", result.stereo.filled), ("range", result.stereo.range)
+        ("disparity_filled", result.stereo.filled), ("range", result.stereo.filled_range)
     ):
         known = np.isfinite(values)
         if not known.all():

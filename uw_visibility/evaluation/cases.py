@@ -290,8 +290,9 @@ class _Bench:
         """Estimate the water by both methods, with the pipeline's ranges and with the true ones."""
         method = self.config.water.method
         readings = {
-            "exact": self._reading(self._estimators[method].estimate(left, exact_range)),
-            "paper_exact": self._reading(self._estimators["paper"].estimate(left, exact_range)),
+            name: self._reading(
+                self._estimators[by].estimate(left, exact_range, range_error=0.0))
+            for name, by in (("exact", method), ("paper_exact", "paper"))
         }
         if result is None:
             refused = Reading.refused(refusal or "")
@@ -301,7 +302,8 @@ class _Bench:
             readings["step1"] = self._reading(result.coarse_water)
             readings["pipeline"] = Reading.of(result.water, result.visibility)
             readings["paper_pipeline"] = self._reading(
-                self._estimators["paper"].estimate(left, found)
+                # Which takes every range as exact.
+                self._estimators["paper"].estimate(left, found, range_error=0.0)
             )
         return {name: readings[name] for name in READINGS}
 

@@ -130,7 +130,7 @@ def evaluate_transect(plan: TransectPlan, config: PipelineConfig) -> list[Transe
         )
         known = np.isfinite(frame.range_left)
         exact = estimator.estimate(
-            frame.left, np.where(known, frame.range_left, np.float32(np.nan)))
+            frame.left, np.where(known, frame.range_left, np.float32(np.nan)), range_error=0.0)
         rows.append(TransectRow(
             time, truth, *_read(pipeline, water_filter, frame, time),
             Reading.of(exact, assessor.assess(exact))))

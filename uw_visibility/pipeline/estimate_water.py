@@ -17,13 +17,10 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.pair import read_only
 from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.status import Status
-from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.stereo.rig import DISPARITY_STDDEV, StereoRig
 from uw_visibility.water.assessment import Assessor, Visibility
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.estimation import WaterEstimator
-
-DISPARITY_STDDEV = 0.3
-"""Standard deviation of a matched disparity, px."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.images.arrays import DisparityMap, Image, Mask
+from uw_visibility.images.arrays import DisparityMap, Image, Mask, RangeMap
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import check_pair
 from uw_visibility.images.view import StereoViews, View
@@ -37,9 +37,6 @@ from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.estimation import WaterEstimator
 
 SIDES = ("left", "right")
-
-# Deviation of a matched disparity, px.
-_DISPARITY_DEVIATION = 0.3
 
 
 class Pipeline:
@@ -135,14 +132,15 @@ class Pipeline:
             improved = second_step.run(
                 views, coarse, clock, match_original=match_original, confidence=confidence
             )
+            measured = self.rig.range_from_disparity(improved.disparity)
             filled, water = self._workers.together(
                 lambda: self._fill(second_step, improved, bool(enhance), clock),
-                lambda: self._estimate(coarse, improved, clock),
+                lambda: self._estimate(coarse, improved, measured, clock),
             )
             with clock("image enhancement 2"):
-                images, range_map = self._enhancement.run(
+                images, filled_range = self._enhancement.run(
                     views, improved.disparity, filled,
-                    self._shown_water(water, coarse, improved), coarse.right_gain, enhance,
+                    self._shown_water(water, coarse, measured), coarse.right_gain, enhance,
                 )
             with clock("assessment"):
                 visibility = self._assessor.assess(water)
@@ -153,7 +151,8 @@ class Pipeline:
                 visibility=visibility,
                 clear_water_attenuation=self._assessor.clear_water_attenuation,
                 stereo=StereoResult(
-                    disparity=improved.disparity, filled=filled, range=range_map,
+                    disparity=improved.disparity, filled=filled,
+                    range=measured, filled_range=filled_range,
                     confidence=improved.confidence, original=improved.original,
                     support_points=len(coarse.points), coverage=coarse.coverage,
                     min_disparity=low, max_disparity=high, right_gain=coarse.right_gain,
@@ -273,19 +272,23 @@ class Pipeline:
             return step.fill(improved)
 
     def _estimate(
-        self, coarse: CoarseEstimate, improved: ImprovedDisparity, clock: StageClock
+        self,
+        coarse: CoarseEstimate,
+        improved: ImprovedDisparity,
+        measured: RangeMap,
+        clock: StageClock,
     ) -> WaterEstimate:
         """Estimate the water again, from the original pixels and the improved range."""
         with clock("visibility estimation 2"):
             if improved.support_points < FEWEST_SUPPORT_POINTS:
                 return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
             return self._estimator.estimate_view(
-                coarse.view, self.rig.range_from_disparity(improved.disparity),
-                start=coarse.water, range_error=self.rig.range_error(_DISPARITY_DEVIATION),
+                coarse.view, measured, start=coarse.water,
+                range_error=self.rig.range_error(),
             )
 
     def _shown_water(
-        self, water: WaterEstimate, coarse: CoarseEstimate, improved: ImprovedDisparity
+        self, water: WaterEstimate, coarse: CoarseEstimate, measured: RangeMap
     ) -> ChannelWater:
         """Water that the images are restored with.
 
@@ -308,8 +311,7 @@ class Pipeline:
                 np.where(missing, scene_light_of(coarse.water), scene_light_of(water)),
             )
         found = self._estimator.estimate_grey_view(
-            coarse.view, self.rig.range_from_disparity(improved.disparity),
-            range_error=self.rig.range_error(_DISPARITY_DEVIATION),
+            coarse.view, measured, range_error=self.rig.range_error(),
         )
         attenuation, ambient_light = found or (np.nan, np.nan)
         light = np.array([ambient_light])

@@ -26,8 +26,10 @@ class StereoResult:
         ``(H, W)`` float32, px; gaps filled, for colour only. Finite where anything matched
         at all, else NaN everywhere, as where no image was wanted enhanced.
     range : ndarray
-        ``(H, W)`` float32, m, of `filled`, along the line of sight; infinite where the
-        filled disparity lies at or beyond infinity.
+        ``(H, W)`` float32, m, of `disparity`, along the line of sight; NaN where unmatched.
+    filled_range : ndarray
+        ``(H, W)`` float32, m, of `filled`, for colour only: what stands in the gaps was
+        not measured. Infinite where the filled disparity lies at or beyond infinity.
     confidence : ndarray or None
         ``(H, W)`` float32, probability that `disparity` is within 1 px of the truth;
         0 where unmatched; None where not asked for.
@@ -47,6 +49,7 @@ class StereoResult:
     disparity: DisparityMap
     filled: DisparityMap
     range: RangeMap
+    filled_range: RangeMap
     confidence: DisparityMap | None
     original: DisparityMap | None
     support_points: int
@@ -134,6 +137,11 @@ class FrameResult:
     def disparity(self) -> DisparityMap:
         """``(H, W)`` float32, left-referenced, px; NaN where unmatched."""
         return self.stereo.disparity
+
+    @property
+    def range(self) -> RangeMap:
+        """``(H, W)`` float32, m, measured along the line of sight; NaN where unmatched."""
+        return self.stereo.range
 
     @property
     def left_enhanced(self) -> Image:

@@ -23,6 +23,9 @@ from uw_visibility.stereo.calibration import (
 # 32 bit, and products of them must be finite.
 LARGEST = 1e6
 
+DISPARITY_STDDEV = 0.3
+"""Standard deviation of a matched disparity, px."""
+
 
 @dataclass(frozen=True)
 class StereoRig:
@@ -178,7 +181,7 @@ class StereoRig:
         scale = np.float32(self.focal_length * self.baseline)
         return self.ray_lengths(corrected.shape) * (scale / corrected)
 
-    def range_error(self, disparity_stddev: float) -> float:
+    def range_error(self, disparity_stddev: float = DISPARITY_STDDEV) -> float:
         """Standard deviation of range over its square, 1/m, for that of the disparity, px."""
         return disparity_stddev / (self.focal_length * self.baseline)
 

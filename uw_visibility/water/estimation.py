@@ -81,7 +81,8 @@ class WaterEstimator:
         range_map: NDArray[np.floating],
         valid: NDArray[np.bool_] | None = None,
         start: WaterEstimate | None = None,
-        range_error: float = 0.0,
+        *,
+        range_error: float,
         coarse: bool = False,
     ) -> WaterEstimate:
         """Estimate attenuation and ambient light from plain arrays.
@@ -99,8 +100,10 @@ class WaterEstimator:
             An earlier estimate to start from.
         range_error : float
             Standard deviation of range over its square, 1/m: that of the
-            disparity over focal length times baseline. 0 stands for exact
-            ranges, which hold up to the edges of things.
+            disparity over focal length times baseline, which
+            `StereoRig.range_error` gives. Whoever made the ranges knows it, so it
+            has no default: 0 stands for exact ranges, which hold up to the edges
+            of things, and measured ones that pass for exact bias the attenuation.
         coarse : bool
             Whether ranges are interpolated between points, as in a mesh.
 
@@ -122,8 +125,8 @@ class WaterEstimator:
         view: View,
         range_map: NDArray[np.floating],
         *,
+        range_error: float,
         start: WaterEstimate | None = None,
-        range_error: float = 0.0,
         coarse: bool = False,
     ) -> WaterEstimate:
         """Estimate attenuation and ambient light from a view, whose noise is known.
@@ -268,7 +271,8 @@ class WaterEstimator:
         image: NDArray[Any],
         range_map: NDArray[np.floating],
         valid: NDArray[np.bool_] | None = None,
-        range_error: float = 0.0,
+        *,
+        range_error: float,
         coarse: bool = False,
     ) -> tuple[float, float] | None:
         """Estimate attenuation and ambient light of a single channel, to restore its contrast.
@@ -304,7 +308,7 @@ class WaterEstimator:
         view: View,
         range_map: NDArray[np.floating],
         *,
-        range_error: float = 0.0,
+        range_error: float,
         coarse: bool = False,
     ) -> tuple[float, float] | None:
         """Estimate attenuation and ambient light of a grey view; see `estimate_grey`."""

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -27,6 +28,7 @@ from uw_visibility.simulation.view import View
 from uw_visibility.simulation.water import Water
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Assessor
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.estimation import WaterEstimator
 
 Image = NDArray[np.uint8]
@@ -198,8 +200,9 @@ class _Methods:
         kappa = self.assessor.clear_water_attenuation
         paper = WaterEstimator(
             replace(config.water, method="paper"), kappa, camera.transfer, self.assessor.daylight)
-        self._peers = {
-            "paper": paper.estimate,
+        self._peers: dict[str, Callable[[Image, Map], WaterEstimate]] = {
+            # The paper's fit takes every range as exact.
+            "paper": lambda image, ranges: paper.estimate(image, ranges, range_error=0.0),
             "sea_thru": lambda image, ranges: fit_backscatter(image, ranges, camera.transfer),
         }
 
