@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -105,3 +106,19 @@ def test_a_filtered_estimate_is_told_apart_from_the_frame_s_own() -> None:
         messages = dict(work.messages(result, NodeConfig(), ESTIMATES, given))
         assert messages["visibility/raw/attenuation"].vector.y == 0.2
         assert messages["visibility/attenuation"].vector.y == expected
+
+
+def test_threads_outlive_the_calibration() -> None:
+    processor = FrameProcessor(make, rectify=False)
+    before = set(threading.enumerate())
+    started = []
+    for focal in (160.0, 161.0, 162.0):
+        changed = frame()
+        for info in (changed.left_info, changed.right_info):
+            info.p[0] = info.p[5] = focal
+        work = processor.begin(changed, PipelineConfig(threads=3))
+        assert work.rig.focal_length == focal
+        work.assess(())
+        started.append(set(threading.enumerate()) - before)
+    assert started[0] and started[0] <= started[1] <= started[2]
+    assert len(started[2]) <= 2

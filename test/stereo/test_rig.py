@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import math
+import tracemalloc
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -68,6 +69,17 @@ def test_directions_of_rays_are_those_of_their_pixels() -> None:
     right, down, forward = rays[5, 60]
     assert (right / forward, down / forward) == pytest.approx(
         ((60 - CENTRE[0]) / FOCAL, (5 - CENTRE[1]) / 200.0))
+
+
+def test_calibrations_that_are_gone_keep_no_memory() -> None:
+    shape = (240, 320)
+    tracemalloc.start()
+    for number in range(20):
+        StereoRig(FOCAL + number, BASELINE, CENTRE).ray_lengths(shape)
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    # A map for the whole image, and for what the two steps match.
+    assert kept < 4 * 4 * shape[0] * shape[1]
 
 
 @given(

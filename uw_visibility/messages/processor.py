@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import Any
 
+from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.estimates import ImageHeader
 from uw_visibility.messages.frames import FrameReader, StereoFrame, StereoPair
@@ -112,6 +113,7 @@ class FrameProcessor:
         self.reader = FrameReader(rectify)
         self._make = make
         self._pipeline: Pipeline | None = None
+        self._threads: tuple[int, Workers] | None = None
 
     def begin(self, frame: StereoFrame, pipeline_config: PipelineConfig) -> FrameWork:
         """Read a frame, and make the pipeline that it needs.
@@ -136,8 +138,17 @@ class FrameProcessor:
         pair = self.reader.read(frame)
         made = self._pipeline
         if made is None or (made.rig, made.config) != (pair.rig, pipeline_config):
-            made = self._pipeline = Pipeline(pair.rig, pipeline_config)
+            # Its memory is free before that of the next one is allocated.
+            made = self._pipeline = None
+            workers = self._workers(pipeline_config.threads)
+            made = self._pipeline = Pipeline(pair.rig, pipeline_config, workers)
         return FrameWork(frame, pair, made, self._make)
+
+    def _workers(self, threads: int) -> Workers:
+        """Return the threads of the pipeline before, if there are to be as many."""
+        if self._threads is None or self._threads[0] != threads:
+            self._threads = threads, Workers(threads)
+        return self._threads[1]
 
     def process(
         self,

@@ -220,7 +220,9 @@ def _set_point(rig: StereoRig, field: str, name: str) -> None:
     object.__setattr__(rig, field, point)
 
 
-@functools.lru_cache(maxsize=8)
+# Full size, and those that the two steps match. An array of each calibration that was ever
+# seen would be held for ever.
+@functools.lru_cache(maxsize=3)
 def _ray_lengths(rig: StereoRig, shape: tuple[int, int]) -> NDArray[np.float32]:
     x, y = rig._pinhole(shape)
     lengths = np.sqrt(1.0 + x**2 + y**2).astype(np.float32)
