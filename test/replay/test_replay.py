@@ -32,6 +32,7 @@ from uw_visibility import replay
 from uw_visibility.cli import main
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
+from uw_visibility.messages.comparisons import NIS_TOPICS
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.images import stamp_to_nanoseconds, typestore_factory
 from uw_visibility.messages.outputs import all_topics
@@ -66,16 +67,22 @@ def test_every_frame_has_a_row_and_every_topic_its_messages(
     assert {row["status"] for row in rows} == {"ok"}
     with BagReader(replayed / "results.mcap") as reader:
         assert set(reader.topics) == {f"/{t}" for t in all_topics(NodeConfig())} | {
-            "/depth_plausibility/nis"}
-        nis = []
+            "/depth_plausibility/nis", "/depth_plausibility/nis_stamped"}
+        nis, stamped = [], []
         for m in reader.messages():
             message = reader.deserialize(m)
             if hasattr(message, "header"):
                 assert stamp_to_nanoseconds(message.header.stamp) == m.time
             if m.topic == "/depth_plausibility/nis":
                 nis.append((m.time, message.data))
+            if m.topic == "/depth_plausibility/nis_stamped":
+                assert message.header.frame_id == NodeConfig().depth_frame
+                stamped.append(message.vector)
     assert [v for _, v in nis] == [float(row["nis"]) for row in rows if row["nis"]]
     assert len(nis) >= FRAMES - 1
+    assert [(v.x, f"{v.y:.6g}") for v in stamped] == [
+        (float(row["nis"]), f"{float(row['innovation']):.6g}") for row in rows if row["nis"]]
+    np.testing.assert_allclose([v.y**2 / v.z for v in stamped], [v.x for v in stamped])
     with BagReader(transect) as reader:
         depths = [
             -reader.deserialize(m).pose.pose.position.z
@@ -103,7 +110,7 @@ def test_messages_and_table_are_those_of_the_common_path(transect: Path, tmp_pat
         assert float(row["attenuation_green"]) == result.water.attenuation[1]
         assert float(row["matched_fraction"]) == result.stereo.matched_fraction
         assert row["filtered_depth"] == ""
-    assert {topic for topic, _ in found} == {"/depth_plausibility/nis"}
+    assert {topic for topic, _ in found} == {f"/{topic}" for topic in NIS_TOPICS}
 
 
 def test_filtered_messages_are_those_of_a_filter_over_all_frames(

@@ -106,8 +106,8 @@ class JoinedFrame:
         Of the filter over frames.
     sensor : DepthSample or None
         The depth sensor's value at the frame's stamp.
-    innovation, nis : float
-        Of the test against the sensor; NaN where they were not compared.
+    innovation, innovation_variance, nis : float
+        Of the test against the sensor, m, m² and ν²/S; NaN where they were not compared.
     verdict : Verdict or None
         Of the sensor's plausibility; None without a sensor.
     verdict_reason : str
@@ -122,6 +122,7 @@ class JoinedFrame:
     filtered: FilteredWater | None = None
     sensor: DepthSample | None = None
     innovation: float = math.nan
+    innovation_variance: float = math.nan
     nis: float = math.nan
     verdict: Verdict | None = None
     verdict_reason: str = ""

@@ -9,11 +9,10 @@ import time
 from contextlib import ExitStack
 from typing import Any
 
-from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
-from std_msgs.msg import Float64
 
 from uw_visibility.errors import InputError
+from uw_visibility.messages.comparisons import NIS_TOPICS, nis_messages
 from uw_visibility.messages.depth_sensor import SENSOR_TYPES, read_depth
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.pipeline.result import FrameResult
@@ -23,11 +22,10 @@ from uw_visibility.plausibility.verdict import Comparison, Report, Verdict
 from uw_visibility.ros.monitor.finding import ERROR, OK, STALE, WARN, Finding
 from uw_visibility.ros.monitor.reasons import ReasonLog
 from uw_visibility.ros.parameters import NodeParameters
-from uw_visibility.ros.transport.factory import message_type
+from uw_visibility.ros.transport.factory import make_message, message_type
 from uw_visibility.ros.transport.qos import describe_publishers, publish_on, subscribe_to
 
-SENSOR_TOPIC, NIS_TOPIC = "depth_sensor", "depth_plausibility/nis"
-STAMPED_NIS_TOPIC = f"{NIS_TOPIC}_stamped"
+SENSOR_TOPIC = "depth_sensor"
 
 LEVELS = {
     Verdict.OK: OK, Verdict.LEARNING: OK, Verdict.WARN: WARN, Verdict.ERROR: ERROR,
@@ -56,6 +54,7 @@ class DepthCheck:
         self._verdicts = ReasonLog(lambda line: log.warning(line))
         self._refused: tuple[float, str] | None = None
         self._subscription: Any = None
+        self._publishers: dict[str, Any] = {}
         self._made = ExitStack()
         try:
             self._make()
@@ -65,10 +64,9 @@ class DepthCheck:
 
     def _make(self) -> None:
         node = self._node
-        self._nis = publish_on(node, Float64, NIS_TOPIC)
-        self._made.callback(node.destroy_publisher, self._nis)
-        self._stamped_nis = publish_on(node, Vector3Stamped, STAMPED_NIS_TOPIC)
-        self._made.callback(node.destroy_publisher, self._stamped_nis)
+        for topic, name in NIS_TOPICS.items():
+            publisher = self._publishers[topic] = publish_on(node, message_type(name), topic)
+            self._made.callback(node.destroy_publisher, publisher)
         kind = self._parameters.settings.node.plausibility.sensor_type
         if kind in SENSOR_TYPES:
             self._subscription = subscribe_to(
@@ -83,7 +81,7 @@ class DepthCheck:
     @property
     def wanted(self) -> bool:
         """Whether somebody subscribes to what it publishes."""
-        publishers = self._nis, self._stamped_nis
+        publishers = self._publishers.values()
         return any(publisher.get_subscription_count() > 0 for publisher in publishers)
 
     def reset(self) -> None:
@@ -142,19 +140,13 @@ class DepthCheck:
         return self._monitor
 
     def _publish(self, comparisons: list[Comparison]) -> None:
+        frame = self._parameters.settings.node.depth_frame
         for comparison in comparisons:
-            self._nis.publish(Float64(data=comparison.nis))
-            self._stamped_nis.publish(self._stamped(comparison))
-
-    def _stamped(self, comparison: Comparison) -> Vector3Stamped:
-        """Return ν²/S, ν and S at the image's stamp."""
-        message = Vector3Stamped()
-        stamp = message.header.stamp
-        stamp.sec, stamp.nanosec = divmod(comparison.estimate.stamp, 1_000_000_000)
-        message.header.frame_id = self._parameters.settings.node.depth_frame
-        vector = message.vector
-        vector.x, vector.y, vector.z = comparison.nis, comparison.innovation, comparison.variance
-        return message
+            for topic, message in nis_messages(
+                make_message, comparison.estimate.stamp, frame, comparison.innovation,
+                comparison.variance, comparison.nis,
+            ):
+                self._publishers[topic].publish(message)
 
 
 def _values(report: Report) -> dict[str, Any]:

@@ -165,6 +165,7 @@ class Joiner:
         comparison = self._comparisons.pop(stamp, None)
         if comparison is not None:
             joined.innovation, joined.nis = comparison.innovation, comparison.nis
+            joined.innovation_variance = comparison.variance
         report = self._monitor.report(self._now)
         verdict, reason = report.verdict, report.reason
         if joined.record.estimate is None:

@@ -11,6 +11,7 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from uw_visibility.messages.comparisons import NIS_TOPICS, nis_messages
 from uw_visibility.replay.bags.reader import BagReader, UnreadableError
 from uw_visibility.replay.bags.writer import BagWriter
 from uw_visibility.replay.frame_log import read_records
@@ -19,8 +20,6 @@ from uw_visibility.replay.table import read_rows
 from uw_visibility.replay.work import FrameAnswer
 
 NAME = "results.mcap"
-NIS_TOPIC = "/depth_plausibility/nis"
-NIS_TYPE = "std_msgs/msg/Float64"
 
 
 class ResultWriter:
@@ -31,15 +30,16 @@ class ResultWriter:
     folder : Path
         Where to.
     topics : mapping of str to str
-        Type of message by topic, without that of the plausibility test.
+        Type of message by topic, without those of the plausibility test.
+    depth_frame : str
+        Frame of the depths that it compares.
     """
 
-    def __init__(self, folder: Path, topics: Mapping[str, str]) -> None:
+    def __init__(self, folder: Path, topics: Mapping[str, str], depth_frame: str) -> None:
         self._folder = folder
-        absolute = {f"/{topic}": name for topic, name in topics.items()}
-        self._bag = BagWriter(
-            folder / "results", {**absolute, NIS_TOPIC: NIS_TYPE}, in_place=True
-        )
+        self._depth_frame = depth_frame
+        absolute = {f"/{topic}": name for topic, name in (topics | NIS_TOPICS).items()}
+        self._bag = BagWriter(folder / "results", absolute, in_place=True)
 
     def write_messages(self, messages: list[tuple[str, bytes]], time: int) -> None:
         """Write serialised messages at a time (ns)."""
@@ -49,8 +49,11 @@ class ResultWriter:
     def write_nis(self, joined: JoinedFrame) -> None:
         """Write the NIS of a frame, where it has one."""
         if math.isfinite(joined.nis):
-            message = self._bag.make(NIS_TYPE, data=joined.nis)
-            self._bag.write(NIS_TOPIC, message, joined.record.time)
+            for topic, message in nis_messages(
+                self._bag.make, joined.record.stamp, self._depth_frame, joined.innovation,
+                joined.innovation_variance, joined.nis,
+            ):
+                self._bag.write(f"/{topic}", message, joined.record.time)
 
     def close(self, provenance: Mapping[str, Any]) -> None:
         """Complete the file."""

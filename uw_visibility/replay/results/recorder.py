@@ -47,7 +47,9 @@ class FrameRecorder:
         self._earlier = earlier
         self._table = TableWriter(folder / "frames.csv", COLUMNS)
         self._timings: TableWriter | None = None
-        self._results = ResultWriter(folder, all_topics(options.node))
+        self._results = ResultWriter(
+            folder, all_topics(options.node), options.node.depth_frame
+        )
         self._filter = FilterStage(options.pipeline, options.node)
         self._log = FrameLog(folder)
 
