@@ -44,6 +44,8 @@ class Status(str, Enum):
         "cues disagree: envelope and contrast decay at different rates "
         "(check camera.transfer, calibration, lamps)"
     )
+    NO_WATER_TYPE = "attenuation is that of no Jerlov type"
+    WATER_TYPE_UNCERTAIN = "attenuation is too uncertain to tell a Jerlov type"
     NEGATIVE_DISPARITIES = "negative disparities, are left and right swapped?"
 
     def __str__(self) -> str:

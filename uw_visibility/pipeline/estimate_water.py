@@ -19,6 +19,7 @@ from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import DISPARITY_STDDEV, StereoRig
 from uw_visibility.water.assessment import Assessor, Visibility
+from uw_visibility.water.derived import DerivedModel, DerivedQuantities
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.estimation import WaterEstimator
 
@@ -35,6 +36,8 @@ class WaterResult:
         Attenuation, veil and scene light with their covariance.
     visibility : Visibility
         Mean attenuation, visibility distance and depth with standard deviations.
+    derived : DerivedQuantities
+        Black-disc visibility, Secchi depth, Kd and the nearest Jerlov type.
     clear_water_attenuation : ndarray
         ``(3,)`` float64, 1/m, RGB.
     range : ndarray
@@ -44,6 +47,7 @@ class WaterResult:
     status: Status
     water: WaterEstimate
     visibility: Visibility
+    derived: DerivedQuantities
     clear_water_attenuation: NDArray[np.float64]
     range: NDArray[np.float32]
 
@@ -54,6 +58,7 @@ class WaterResult:
             "attenuation": self.water.status,
             "visibility": self.visibility.status,
             "depth": self.visibility.depth_status,
+            "water type": self.derived.water_type_status,
         }
         return {name: str(reason) for name, reason in named.items() if reason is not Status.OK}
 
@@ -125,4 +130,7 @@ def estimate_water(
         range_error=rig.range_error(disparity_stddev),
     )
     return WaterResult(
-        water.status, water, assessor.assess(water), assessor.clear_water_attenuation, range_map)
+        water.status, water, assessor.assess(water),
+        DerivedModel.from_config(config).derive(water), assessor.clear_water_attenuation,
+        range_map,
+    )

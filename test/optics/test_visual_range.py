@@ -1,0 +1,85 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Visual ranges and Jerlov types against closed forms and published tables."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uw_visibility.optics import water_type as types
+from uw_visibility.optics.spectra import load_response
+from uw_visibility.optics.visual_range import (
+    black_disc_visibility,
+    remote_sensing_reflectance,
+    secchi_depth,
+)
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+    return list(csv.DictReader(lines))
+
+
+def test_black_disc_is_seen_over_attenuation_lengths():
+    # Davies-Colley 1988: contrast falls to the eye's threshold e^-4.8 = 0.008.
+    np.testing.assert_allclose(np.exp(-0.5 * black_disc_visibility(0.5)), np.exp(-4.8))
+    np.testing.assert_allclose(black_disc_visibility([0.1, 1.2]), [48.0, 4.0])
+
+
+def test_secchi_disk_by_the_formula():
+    # 2.5 Kd Z = ln((0.14 - Rrs) / 0.013), so that the difference comes down to 0.013.
+    depth = secchi_depth(0.12, 0.006)
+    assert (0.14 - 0.006) * np.exp(-2.5 * 0.12 * depth) == pytest.approx(0.013)
+    # Water brighter than the disk hides it as well.
+    assert secchi_depth(0.5, 0.28) == pytest.approx(secchi_depth(0.5, 0.0))
+    # About one over Kd, as Lee et al. find (2015).
+    assert secchi_depth(0.1, 0.005) * 0.1 == pytest.approx(0.94, abs=0.01)
+
+
+def test_reflectance_of_clear_and_of_scattering_water():
+    # Gordon et al. 1988 in the form of Lee et al. 2002: r = (0.0895 + 0.1247 u) u below water.
+    assert remote_sensing_reflectance(1.0, 0.0) == 0.0
+    assert remote_sensing_reflectance(0.0, 1.0) == pytest.approx(
+        0.52 * 0.2142 / (1 - 1.7 * 0.2142))
+
+
+def test_water_types_are_in_order():
+    found = [types.water_type(name) for name in types.TYPES]
+    depths = [each.secchi_depth for each in found]
+    assert depths == sorted(depths, reverse=True)
+    # Jerlov 1976: the clearest ocean's Kd is 0.018 1/m at 475 nm, III's 0.115 at 500 nm.
+    assert found[0].least_diffuse_attenuation == 0.018
+    assert found[0].clearest_wavelength == 475.0
+    assert types.water_type("III").least_diffuse_attenuation == 0.115
+    # Turbid water is clearest in green.
+    assert types.water_type("5C").clearest_wavelength == 550.0
+    assert types.water_type("1C").diffuse_attenuation_490 == pytest.approx(0.152)
+
+
+def test_diffuse_attenuation_agrees_with_other_tables(shared_data):
+    """Those of Jerlov himself, and of Solonenko and Mobley, who follow him."""
+    for row in table(shared_data / "optics" / "solonenko_mobley_2015_iop.csv"):
+        kd = row["Kd0_reference_per_m"]
+        if row["wavelength_nm"] != "475" or not kd:
+            continue
+        found = types.water_type(row["water_type"])
+        if found.clearest_wavelength == 475.0:
+            assert found.least_diffuse_attenuation == pytest.approx(float(kd), rel=0.05)
+
+
+def test_a_camera_sees_absorption_and_scattering():
+    response = load_response("nikon_d5100")
+    centre = types.effective_wavelengths(response)
+    assert (np.diff(centre) < 0).all()
+    # An evenly sensitive look through little water at one wavelength's properties.
+    absorption, scattering = types.inherent_properties("II", np.array([488.0]))
+    assert absorption + scattering == pytest.approx(0.0465781 + 0.196966)
+    near = types.seen_attenuation("II", response, 0.0, 0.01)
+    far = types.seen_attenuation("II", response, 10.0, 8.0)
+    # Red light that water takes most is gone first.
+    assert far[0] < 0.85 * near[0]
+    np.testing.assert_allclose(far[1:], near[1:], rtol=0.05)

@@ -1,0 +1,152 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""All ten Jerlov water types: attenuation of beams and of daylight, and what a disk shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.optics import tables
+from uw_visibility.optics.jerlov import BACKSCATTERED, water_type_spectrum, water_types
+from uw_visibility.optics.spectra import CameraResponse, daylight_spectrum
+from uw_visibility.optics.visual_range import remote_sensing_reflectance, secchi_depth
+
+TYPES = ("I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")
+"""From the clearest ocean to turbid coasts."""
+
+DIFFUSE_WAVELENGTH = 490.0
+"""At which the field gives Kd, nm."""
+SECCHI_WAVELENGTHS = (443.0, 665.0)
+"""Between which a Secchi disk is seen, nm (Lee et al. 2015)."""
+
+_WAVELENGTHS = np.arange(380.0, 781.0, 5.0)
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WaterType:
+    """Jerlov water type.
+
+    Attributes
+    ----------
+    name : str
+        One of `TYPES`.
+    diffuse_attenuation_490 : float
+        Kd at 490 nm, 1/m (Jerlov 1976).
+    least_diffuse_attenuation : float
+        The least Kd between 443 and 665 nm, 1/m.
+    clearest_wavelength : float
+        Where that is, nm.
+    secchi_depth : float
+        By Lee et al. 2015, m.
+    """
+
+    name: str
+    diffuse_attenuation_490: float
+    least_diffuse_attenuation: float
+    clearest_wavelength: float
+    secchi_depth: float
+
+
+@cache
+def water_type(name: str) -> WaterType:
+    """Return a Jerlov water type by its name, one of `TYPES`."""
+    file = "jerlov_diffuse_attenuation.csv"
+    wavelength, diffuse = tables.numbers(
+        tables.read_shipped(file), ("wavelength_nm", name), file).T
+    grid = np.arange(SECCHI_WAVELENGTHS[0], SECCHI_WAVELENGTHS[1] + 0.5)
+    values = np.interp(grid, wavelength, diffuse)
+    least = int(values.argmin())
+    absorption, scattering = inherent_properties(name, grid[least:least + 1])
+    pure = _clear_water(grid[least:least + 1])[1]
+    # Molecules scatter half of their light backwards, particles little.
+    backscattering = 0.5 * pure + BACKSCATTERED * np.maximum(scattering - pure, 0.0)
+    reflectance = remote_sensing_reflectance(absorption, backscattering)
+    return WaterType(
+        name, float(np.interp(DIFFUSE_WAVELENGTH, wavelength, diffuse)), float(values[least]),
+        float(grid[least]), float(secchi_depth(values[least], reflectance)[0]),
+    )
+
+
+def inherent_properties(name: str, wavelength: Vector) -> tuple[Vector, Vector]:
+    """Absorption and scattering of a Jerlov water type.
+
+    Measured ones (Williamson and Hollins 2022) where there are some, else modelled ones
+    (Solonenko and Mobley 2015: I, IA, 7C, 9C). Between measurements absorption follows that
+    of clear water, which rises steeply towards red.
+
+    Parameters
+    ----------
+    name : str
+        One of `TYPES`.
+    wavelength : (N,) float64 ndarray
+        nm.
+
+    Returns
+    -------
+    absorption, scattering : (N,) float64 ndarray
+        a and b, 1/m.
+    """
+    if name in water_types():
+        known, absorbed, scattered = water_type_spectrum(name)
+    else:
+        file = "jerlov_modelled_properties.csv"
+        head, rows = tables.read_shipped(file)
+        mine = [row for row in rows if row[0] == name]
+        known, absorbed, scattered = tables.numbers(
+            (head, mine), ("wavelength_nm", "a_per_m", "b_per_m"), file).T
+    excess = absorbed - _clear_water(known)[0]
+    absorption = _clear_water(wavelength)[0] + np.interp(wavelength, known, excess)
+    return np.maximum(absorption, 1e-3), np.interp(wavelength, known, scattered)
+
+
+def seen_attenuation(
+    name: str, response: CameraResponse, depth: float, path: float
+) -> NDArray[np.float64]:
+    """Beam attenuation of a Jerlov water type as a camera under water sees it.
+
+    That of the band-averaged transmission over a path, in the daylight that is left at a
+    depth: of red both leave the part that water takes least.
+
+    Parameters
+    ----------
+    name : str
+        One of `TYPES`.
+    response : CameraResponse
+    depth : float
+        Depth of the camera, m.
+    path : float
+        Range, m.
+
+    Returns
+    -------
+    (3,) float64 ndarray
+        R, G, B, 1/m.
+    """
+    absorption, scattering = inherent_properties(name, _WAVELENGTHS)
+    daylight = np.interp(_WAVELENGTHS, *daylight_spectrum())
+    weight = response.at(_WAVELENGTHS) * (
+        daylight * np.exp(-depth * (absorption + BACKSCATTERED * scattering)))[:, np.newaxis]
+    left = np.exp(-path * (absorption + scattering)) @ weight / weight.sum(axis=0)
+    return np.asarray(-np.log(left) / path)
+
+
+def effective_wavelengths(response: CameraResponse) -> NDArray[np.float64]:
+    """Centroids of a camera's channels in daylight, (3,) float64, R, G, B, nm."""
+    weight = response.at(_WAVELENGTHS) * np.interp(
+        _WAVELENGTHS, *daylight_spectrum())[:, np.newaxis]
+    return np.asarray(_WAVELENGTHS @ weight / weight.sum(axis=0))
+
+
+def _clear_water(wavelength: Vector) -> tuple[Vector, Vector]:
+    """Absorption and scattering of clear sea water (Smith and Baker 1981), 1/m."""
+    file = "clear_sea_water.csv"
+    known, absorbed, scattered = tables.numbers(
+        tables.read_shipped(file), ("wavelength_nm", "absorption_per_m", "scattering_per_m"),
+        file).T
+    return np.interp(wavelength, known, absorbed), np.interp(wavelength, known, scattered)
