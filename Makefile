@@ -10,6 +10,8 @@
 #   make soak          the node for half an hour on good and bad pairs: see soak.json
 #   make bench         speed against OpenCV's StereoSGBM, and noise: see bench.json
 #   make test-oldest   the tests with the versions of Ubuntu 24.04 (needs Python 3.12)
+#   make docs          the site: docs/_build/html/index.html; warnings are errors
+#   make package       dist/: source distribution and wheel, installed without ROS and run
 #   make parameters    write config/uw_visibility.yaml anew from the schema
 #   make clean         remove everything that these made
 #
@@ -23,6 +25,9 @@ PYTEST ?=
 MINUTES ?=
 VENV := .venv
 VENV_OLDEST := .venv-oldest
+VENV_DOCS := .venv-docs
+EXTRAS := ros,report,recordings,test
+INTERPRETERS = $(or $(PYTHON),python3.12 python3.11 python3 python)
 SOURCES := setup.py setup.cfg tools/make_venv
 
 # The environment brings a ROS 2 of its own. One that is sourced in this shell
@@ -35,7 +40,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 ISOLATED = ROS_DOMAIN_ID=$$(( $$$$ % 100 + 1 ))
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test quick soak fuzz lint bench test-oldest parameters clean
+.PHONY: help venv demo test quick soak fuzz lint bench test-oldest docs package parameters clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -43,12 +48,16 @@ help:
 venv: $(VENV)/.installed
 
 $(VENV)/.installed: constraints/constraints-newest.txt $(SOURCES)
-	@tools/make_venv $(VENV) constraints/constraints-newest.txt $(or $(PYTHON),python3.12 python3.11 python3 python)
+	@tools/make_venv $(VENV) constraints/constraints-newest.txt $(EXTRAS) $(INTERPRETERS)
 	$(VENV)/bin/uw_visibility warmup
 	@touch $@
 
 $(VENV_OLDEST)/.installed: constraints/constraints-ubuntu-24.04.txt $(SOURCES)
-	@tools/make_venv $(VENV_OLDEST) constraints/constraints-ubuntu-24.04.txt $(or $(PYTHON),python3.12)
+	@tools/make_venv $(VENV_OLDEST) constraints/constraints-ubuntu-24.04.txt $(EXTRAS) $(or $(PYTHON),python3.12)
+	@touch $@
+
+$(VENV_DOCS)/.installed: constraints/constraints-newest.txt constraints/constraints-docs.txt $(SOURCES)
+	@tools/make_venv $(VENV_DOCS) constraints/constraints-docs.txt replay,docs $(INTERPRETERS)
 	@touch $@
 
 demo: venv
@@ -77,10 +86,13 @@ lint: venv
 bench: venv
 	$(VENV)/bin/python -m benchmarks
 
+package: venv
+	tools/check_package $(VENV)/bin/python
+
 parameters: venv
 	$(VENV)/bin/python -m uw_visibility.config.parameter_file config/uw_visibility.yaml
 
 clean:
-	rm -rf $(VENV) $(VENV_OLDEST) build install log dist demo bench.json soak.json *.egg-info
+	rm -rf $(VENV) $(VENV_OLDEST) $(VENV_DOCS) build install log dist demo bench.json soak.json *.egg-info
 	rm -rf .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache .benchmarks
 	find uw_visibility test benchmarks -name __pycache__ -prune -exec rm -rf {} +

@@ -10,15 +10,36 @@ NAME = "uw_visibility"
 
 setup(
     name=NAME,
+    # Written here and into package.xml by catkin_prepare_release, which wants it as it stands;
+    # everything else asks the installed package.
     version="0.1.0",
     description="Underwater visibility, colour and stereo from a stereo camera",
+    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
     author="the uw_visibility developers",
     maintainer="the uw_visibility developers",
     maintainer_email="uw_visibility@example.org",
     license="Apache-2.0",
+    license_files=["LICENSE"],
+    project_urls={"Paper": "https://doi.org/10.1109/ICRA.2014.6907416"},
+    keywords=["underwater", "stereo", "visibility", "attenuation", "AUV", "ROS 2"],
+    classifiers=[
+        "Development Status :: 4 - Beta",
+        "Environment :: Console",
+        "Intended Audience :: Science/Research",
+        "License :: OSI Approved :: Apache Software License",
+        "Operating System :: POSIX :: Linux",
+        "Programming Language :: Python :: 3",
+        "Programming Language :: Python :: 3.11",
+        "Programming Language :: Python :: 3.12",
+        "Topic :: Scientific/Engineering :: Image Processing",
+        "Topic :: Scientific/Engineering :: Oceanography",
+        "Typing :: Typed",
+    ],
     python_requires=">=3.11",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
+        NAME: ["py.typed"],
         f"{NAME}.data": ["*.csv", "*.txt"],
         f"{NAME}.replay.report": ["templates/*.html"],
         f"{NAME}.ros.transport": ["*.xml"],
@@ -48,8 +69,20 @@ setup(
         "report": ["jinja2>=3.1", "matplotlib>=3.6", "tqdm>=4.66"],
         # Commands that read and write recordings; the only library that no apt has.
         "recordings": ["rosbags>=0.11.9", "lz4"],
+        # Both of them: replay, calibrate and simulate on a computer without ROS.
+        "replay": ["jinja2>=3.1", "lz4", "matplotlib>=3.6", "rosbags>=0.11.9", "tqdm>=4.66"],
         # replay --scheduler, on a Dask cluster that is there already.
         "distributed": ["distributed>=2024.1"],
+        # The site, see docs/; its tutorials are run when it is built.
+        "docs": [
+            "myst-parser>=4",
+            "numpydoc>=1.8",
+            "pydata-sphinx-theme>=0.16",
+            "sphinx>=8",
+            "sphinx-copybutton",
+            "sphinx-design",
+            "sphinx-gallery>=0.18",
+        ],
         "test": [
             "hypothesis",
             "import-linter",

@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import ast
 import configparser
+import email
 import importlib.metadata
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -20,6 +22,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+import uw_visibility
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "uw_visibility"
@@ -252,7 +256,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
     # A build leaves folders of its own beside the sources.
     for name in ("uw_visibility", "config", "launch", "foxglove", "resource"):
         shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "LICENSE"):
+    for name in ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "LICENSE", "README.md"):
         shutil.copy(ROOT / name, tree)
     subprocess.run(
         [
@@ -267,7 +271,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
 def test_the_wheel_holds_modules_tables_and_what_ament_looks_for(wheel: zipfile.ZipFile) -> None:
     names = set(wheel.namelist())
     for file in PACKAGE.rglob("*"):
-        if file.is_file() and file.suffix in (".py", ".csv", ".html", ".txt"):
+        if file.is_file() and file.suffix in (".py", ".csv", ".html", ".txt", ".typed"):
             assert str(file.relative_to(ROOT)) in names
     shared = {name.partition(".data/data/share/")[2] for name in names}
     assert "ament_index/resource_index/packages/uw_visibility" in shared
@@ -278,6 +282,44 @@ def test_the_wheel_holds_modules_tables_and_what_ament_looks_for(wheel: zipfile.
         for file in (ROOT / folder).glob(pattern):
             assert f"uw_visibility/{folder}/{file.name}" in shared
     assert not any(name.startswith(("test", "benchmarks")) for name in names)
+
+
+def test_the_wheel_says_what_it_is_and_installs_without_ros(wheel: zipfile.ZipFile) -> None:
+    name = next(name for name in wheel.namelist() if name.endswith("METADATA"))
+    metadata = email.message_from_bytes(wheel.read(name))
+    assert metadata["Version"] == setup_arguments()["version"]
+    assert metadata["Requires-Python"] == ">=3.11"
+    assert metadata["License-File"] == "LICENSE"
+    assert metadata["Description-Content-Type"] == "text/markdown"
+    assert metadata.get_payload().startswith("# uw_visibility")
+    needed = metadata.get_all("Requires-Dist", [])
+    plain = {words for words in needed if "extra ==" not in words}
+    assert {"ros", "rosbags", "matplotlib"}.isdisjoint(re.split(r"\W", " ".join(plain)))
+    replay = {words.partition(";")[0] for words in needed if 'extra == "replay"' in words}
+    extras = setup_arguments()["extras_require"]
+    assert replay == {*extras["report"], *extras["recordings"]}
+
+
+def test_the_source_distribution_holds_all_that_a_clone_has() -> None:
+    listed = [
+        line.split() for line in (ROOT / "MANIFEST.in").read_text(encoding="utf-8").splitlines()
+    ]
+    held = {
+        name.split("/")[0]
+        for line in listed if line and line[0] in ("include", "graft") for name in line[1:]
+    }
+    tracked = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False,
+    )
+    if tracked.returncode != 0:
+        pytest.skip("this is no clone of the repository: git does not know its files")
+    # setuptools adds these by itself.
+    held |= {"uw_visibility", "setup.py", "MANIFEST.in"}
+    assert {name.split("/")[0] for name in tracked.stdout.split()} - held == set()
+
+
+def test_the_version_is_that_of_the_installed_package() -> None:
+    assert uw_visibility.__version__ == importlib.metadata.version("uw_visibility")
 
 
 def test_the_wheel_declares_both_executables(wheel: zipfile.ZipFile) -> None:

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from uw_visibility.pipeline.result import FrameResult
     from uw_visibility.stereo.rig import StereoRig
 
+    __version__: str
+
 __all__ = [
     "FrameResult", "Pipeline", "PipelineConfig", "StereoRig", "estimate_water", "match",
 ]
@@ -35,8 +37,21 @@ def __getattr__(name: str) -> Any:
     It takes a second of processor time, which help texts, refused options and the
     start of ROS would spend too: the wheels of rclpy restart the interpreter.
     """
-    if name not in _HOMES:
+    if name == "__version__":
+        value = _version()
+    elif name in _HOMES:
+        value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
     globals()[name] = value
     return value
+
+
+def _version() -> str:
+    """Return the version of the installed package, or "unknown" where it is not installed."""
+    import importlib.metadata
+
+    try:
+        return importlib.metadata.version(__name__)
+    except importlib.metadata.PackageNotFoundError:
+        return "unknown"

@@ -5,23 +5,16 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from uw_visibility import __version__
+
 BLOCK = 1 << 20
 SAMPLE, SAMPLES = 1 << 16, 64
-
-
-def version() -> str:
-    """Return the version of the package, or "unknown" where it is not installed."""
-    try:
-        return importlib.metadata.version("uw_visibility")
-    except importlib.metadata.PackageNotFoundError:
-        return "unknown"
 
 
 def fingerprint(files: Sequence[Path]) -> str:
@@ -75,7 +68,7 @@ class Origin:
     @classmethod
     def of(cls, bag: Path, files: Sequence[Path], parameters: dict[str, Any]) -> Origin:
         """Return the origin of a result to be made now."""
-        return cls(bag.name, fingerprint(files), version(), parameters)
+        return cls(bag.name, fingerprint(files), __version__, parameters)
 
     def difference(self, state: Mapping[str, Any]) -> str:
         """Return in what the state of another result differs from this; "" if in nothing."""
