@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from uw_visibility.errors import InputError
 
 if TYPE_CHECKING:
     from uw_visibility.simulation.camera import Sensor
+    from uw_visibility.simulation.lamps import Lighting
     from uw_visibility.simulation.water import WaterEffects
 
 from uw_visibility.commands.terminal import say
@@ -26,7 +28,10 @@ The same options give the same recording.
 
 The water is the paper's: clear water and grey particles, one light on the scene and in
 the water. Options under "water", "disturbances" and "camera" depart from it, each by
-itself or together, so that every way in which an estimate fails can be made."""
+itself or together, so that every way in which an estimate fails can be made.
+
+With --lamps or --lamp-positions the vehicle carries lamps, at night unless --daylight is
+given. Exposure is one for all frames then."""
 
 EPILOG = """\
 truth in the recording:
@@ -39,7 +44,15 @@ truth in the recording:
   /ground_truth/visibility        where contrast falls to 0.05 in the clearest channel, m
   /ground_truth/depth, /ground_truth/disparity
 Light is given as the left image shows it, with its white balance, before its curve.
---range-scale falsifies the recorded CameraInfo alone."""
+--range-scale falsifies the recorded CameraInfo alone.
+
+with lamps also:
+  /ground_truth/lamps             a row for each lamp that fired: position (m, left camera:
+                                  x right, y down, z forward), axis, beam (degrees), power
+                                  (irradiance of white 1 m in front of it, in the image)
+  /ground_truth/reflectance       of the surfaces, without light and shade; open water is 0
+  BAG/lighting.yaml               the lamps as parameters, for --params-file
+Ambient and scene light are daylight's alone: 0 at night."""
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
@@ -77,6 +90,12 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--attenuation", metavar=("A", "B"), type=float, nargs=2, default=(0.05, 0.3),
         help="mean attenuation at start and end, 1/m (0.05 0.3)",
     )
+    add(
+        "--altitude", metavar="M", type=float, nargs="+", default=[1.5],
+        help="height over the floor, or two between which the camera rises and sinks, m (1.5)",
+    )
+    add(
+        "--downward", action="store_true", help="look straight down, as in a survey of the floor")
     add("--speed", metavar="M/S", type=float, default=0.4, help="over ground (%(default)s)")
     add(
         "--exposure", metavar="GAIN", type=float,
@@ -87,10 +106,57 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         help="noise of the depth sensor (%(default)s)",
     )
     add("--threads", metavar="N", type=int, default=0, help="threads; 0 takes one per processor")
+    _add_lamps(parser)
     _add_water(parser)
     _add_disturbances(parser)
     _add_camera(parser)
     parser.set_defaults(func=run)
+
+
+def _add_lamps(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("lamps")
+    add = group.add_argument
+    add("--lamps", metavar="N", type=int, help="1, 2 or 4 lamps where vehicles carry them")
+    add(
+        "--lamp-positions", metavar="M", type=float, nargs="+",
+        help="x y z of each lamp instead, from the left camera: right, down, forward",
+    )
+    add(
+        "--lamp-directions", metavar="X", type=float, nargs="+",
+        help="x y z of each lamp's axis (default: ahead, or the rig's)",
+    )
+    add(
+        "--lamp-beam", metavar="DEG", type=float,
+        help="full angle of the beams at half power; 0 for all directions (90)",
+    )
+    add(
+        "--lamp-power", metavar="X", type=float, nargs="+", default=[1.0],
+        help="irradiance of white 1 m in front of a lamp, where daylight's is 1 at the "
+        "surface; one, or R G B (1)",
+    )
+    light = group.add_mutually_exclusive_group()
+    light.add_argument("--night", action="store_true", help="lamps alone, the default with lamps")
+    light.add_argument("--daylight", action="store_true", help="daylight beside the lamps")
+    add(
+        "--strobe", choices=("steady", "alternate"), default="steady",
+        help="alternate: lamps fire with every second frame (%(default)s)",
+    )
+    add(
+        "--lamp-jitter", metavar="SHARE", type=float, default=0.0,
+        help="change of each lamp's power from frame to frame, standard deviation (0)",
+    )
+    add(
+        "--scattering-albedo", metavar=("R", "G", "B"), type=float, nargs=3,
+        default=(0.6, 0.75, 0.8), help="share of scattering in attenuation (0.6 0.75 0.8)",
+    )
+    add(
+        "--phase-function", metavar="NAME", default="henyey-greenstein",
+        help="henyey-greenstein or fournier-forand (%(default)s)",
+    )
+    add(
+        "--no-shading", action="store_true",
+        help="every surface faces every lamp, as in the paper's model (default: Lambertian)",
+    )
 
 
 def _add_water(parser: argparse.ArgumentParser) -> None:
@@ -228,6 +294,8 @@ def run(arguments: argparse.Namespace) -> None:
         depth=tuple(arguments.depth),
         attenuation=tuple(arguments.attenuation),
         speed=arguments.speed,
+        altitude=_altitude(arguments.altitude),
+        tilt=90.0 if arguments.downward else Transect.tilt,
         seed=arguments.seed,
         exposure=arguments.exposure,
         camera=StereoCamera(arguments.width, arguments.height, focal_length, arguments.baseline),
@@ -244,6 +312,7 @@ def run(arguments: argparse.Namespace) -> None:
             jpeg=arguments.jpeg,
         ),
         water_effects=_water_effects(arguments),
+        lighting=_lighting(arguments),
     )
     write_transect(
         arguments.output,
@@ -254,6 +323,55 @@ def run(arguments: argparse.Namespace) -> None:
         progress=lambda frames: progress_bar(frames, "simulate", transect.frames),
     )
     say(f"{arguments.output}: {transect.frames} stereo frames at {transect.rate:g} Hz")
+
+
+def _altitude(heights: list[float]) -> tuple[float, float]:
+    if len(heights) > 2:
+        raise InputError(f"--altitude has {len(heights)} values: give one, or two")
+    return heights[0], heights[-1]
+
+
+def _lighting(arguments: argparse.Namespace) -> Lighting:
+    from uw_visibility.simulation.lamps import BEAM, Lamp, Lighting, default_rig
+
+    power = arguments.lamp_power
+    if len(power) not in (1, 3):
+        raise InputError(f"--lamp-power has {len(power)} values: give one, or three for R, G, B")
+    colour = tuple(power * (3 // len(power)))
+    beam = BEAM if arguments.lamp_beam is None else arguments.lamp_beam
+    positions = _triples("--lamp-positions", arguments.lamp_positions)
+    axes = _triples("--lamp-directions", arguments.lamp_directions)
+    if positions and arguments.lamps is not None:
+        raise InputError("--lamps and --lamp-positions both place lamps: give one of them")
+    lamps: tuple[Lamp, ...] = ()
+    if positions:
+        lamps = tuple(Lamp(place, beam_angle=beam, power=colour) for place in positions)
+    elif arguments.lamps is not None:
+        lamps = default_rig(arguments.lamps, beam, colour)
+    if axes and len(axes) != len(lamps):
+        raise InputError(
+            f"--lamp-directions has {len(axes)} axes for {len(lamps)} lamps: give one each")
+    if axes:
+        lamps = tuple(replace(lamp, direction=axis) for lamp, axis in zip(lamps, axes, strict=True))
+    if arguments.night and not lamps:
+        raise InputError("--night has no light without lamps: give --lamps 2, say")
+    return Lighting(
+        lamps=lamps,
+        daylight=arguments.daylight or not lamps,
+        shaded=not arguments.no_shading,
+        scattering_albedo=tuple(arguments.scattering_albedo),
+        phase_function=arguments.phase_function,
+        strobe=arguments.strobe,
+        jitter=arguments.lamp_jitter,
+    )
+
+
+def _triples(option: str, values: list[float] | None) -> list[tuple[float, float, float]]:
+    if values is None:
+        return []
+    if len(values) % 3:
+        raise InputError(f"{option} has {len(values)} values: give x y z for each lamp")
+    return [(values[k], values[k + 1], values[k + 2]) for k in range(0, len(values), 3)]
 
 
 def _sensor(arguments: argparse.Namespace) -> Sensor:

@@ -6,7 +6,8 @@ Stamps begin at a fixed date and step with the frame rate. Images lie in the
 cameras' optical frames (x right, y down, z forward), depth in a frame whose
 z points up from the surface. The true disparity is a
 ``stereo_msgs/DisparityImage``, 0 for open water, which is below its
-``min_disparity``.
+``min_disparity``. Under lamps, what the pipeline is told of them is
+``lighting.yaml`` in the bag's folder.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.config.parameter_file import render_values
 from uw_visibility.config.water import AssessmentConfig
 from uw_visibility.errors import InputError
 from uw_visibility.messages.estimates import UNMEASURED_VARIANCE
@@ -26,6 +28,7 @@ from uw_visibility.messages.images import MessageFactory, write_image
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.bags.writer import BagWriter
 from uw_visibility.simulation.camera import StereoCamera
+from uw_visibility.simulation.lamps import Lamp, lighting_parameters
 from uw_visibility.simulation.transect import Transect, TransectFrame
 from uw_visibility.simulation.view import MAX_RANGE
 
@@ -44,6 +47,15 @@ TOPICS = {
     "/ground_truth/disparity": "stereo_msgs/msg/DisparityImage",
 }
 """Type of message by topic."""
+
+LAMP_TOPICS = {
+    "/ground_truth/lamps": "std_msgs/msg/Float64MultiArray",
+    "/ground_truth/reflectance": "sensor_msgs/msg/Image",
+}
+"""What comes on top under lamps."""
+
+LAMP_COLUMNS = "x y z, axis x y z, beam angle, power r g b"
+LIGHTING = "lighting.yaml"
 
 START = 1_700_000_000
 """Time of the first frame in s since 1970."""
@@ -91,7 +103,13 @@ def write_transect(
     if not 0.0 < range_scale <= 100.0:
         raise InputError(f"range scale is {range_scale:g}: give a number above 0, up to 100")
     random = np.random.default_rng([transect.seed, 1])
-    with BagWriter(path, TOPICS, overwrite=overwrite) as bag:
+    lighting = transect.lighting
+    topics = TOPICS | (LAMP_TOPICS if lighting.lamps else {})
+    with BagWriter(path, topics, overwrite=overwrite) as bag:
+        if lighting.lamps:
+            told = lighting_parameters(lighting.lamps, lighting.daylight)
+            text = render_values(told, "The lamps of this recording, for --params-file.")
+            (bag.path / LIGHTING).write_text(text, encoding="utf-8")
         messages = _Messages(bag.make, transect.camera, range_scale)
         for time, frame in progress(transect.render()):
             stamp = START * 1_000_000_000 + round(time * 1e9)
@@ -117,6 +135,12 @@ def write_transect(
                 "depth": messages.depth(surface, frame.depth, 0.0),
                 "disparity": messages.disparity(header, frame.disparity_left),
             }
+            if lighting.lamps:
+                seen = np.isfinite(frame.range_left)[..., np.newaxis]
+                reflectance = np.rint(255.0 * np.clip(frame.radiance_left * seen, 0.0, 1.0))
+                truth["lamps"] = messages.lamps(frame.lamps)
+                truth["reflectance"] = write_image(
+                    bag.make, reflectance.astype(np.uint8), "rgb8", header)
             for name, message in truth.items():
                 bag.write(f"/ground_truth/{name}", message, stamp)
 
@@ -179,6 +203,22 @@ class _Messages:
             "geometry_msgs/msg/Vector3Stamped",
             header=header,
             vector=self._make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+        )
+
+    def lamps(self, lamps: tuple[Lamp, ...]) -> Any:
+        rows = [
+            [*lamp.position, *lamp.axis, lamp.beam_angle, *lamp.power] for lamp in lamps
+        ]
+        sizes = (("lamp", len(rows), 10 * len(rows)), (LAMP_COLUMNS, 10, 10))
+        dimensions = [
+            self._make(
+                "std_msgs/msg/MultiArrayDimension", label=label, size=size, stride=stride)
+            for label, size, stride in sizes
+        ]
+        return self._make(
+            "std_msgs/msg/Float64MultiArray",
+            layout=self._make("std_msgs/msg/MultiArrayLayout", dim=dimensions, data_offset=0),
+            data=np.array(rows, dtype=np.float64).ravel(),
         )
 
     def disparity(self, header: Any, disparity: NDArray[np.float32]) -> Any:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,28 @@ from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.noise import value_noise
 
 Map = NDArray[np.float32]
+
+
+class Particle(NamedTuple):
+    """A particle that drifts before the cameras.
+
+    Attributes
+    ----------
+    depth : float
+        Distance along the optical axis in m.
+    column, row : float
+        Where it is in the left image, px; the column may lie beyond it.
+    sigma : float
+        Standard deviation of its image, px.
+    opacity : float
+        Share of the light behind its middle that it hides.
+    """
+
+    depth: float
+    column: float
+    row: float
+    sigma: float
+    opacity: float
 
 
 @njit(nogil=True, error_model="numpy")
@@ -68,28 +90,42 @@ def marine_snow(
     """
     left = np.zeros((camera.height, camera.width), np.float32)
     right = np.zeros_like(left)
-    wanted = fraction * left.size
+    for particle in drifting_particles(camera, fraction, random):
+        disparity = camera.focal_length * camera.baseline / particle.depth
+        for image, column in ((left, particle.column), (right, particle.column - disparity)):
+            blot(image, column, particle.row, particle.sigma, particle.opacity)
+    return left, right
+
+
+def drifting_particles(
+    camera: StereoCamera, fraction: float, random: np.random.Generator
+) -> list[Particle]:
+    """Draw the particles of `marine_snow`, which takes the same arguments."""
+    particles = []
+    wanted = fraction * camera.width * camera.height
     covered = 0.0
     while covered < wanted:
         depth = 0.4 * math.exp(random.uniform(0.0, 2.0))
         disparity = camera.focal_length * camera.baseline / depth
-        u = random.uniform(0.0, camera.width + disparity)
-        v = random.uniform(0.0, camera.height)
+        column = random.uniform(0.0, camera.width + disparity)
+        row = random.uniform(0.0, camera.height)
         # Near particles are larger, and out of focus.
         sigma = 0.5 + random.exponential(0.5) / depth
-        opacity = random.uniform(0.3, 0.9)
-        for image, column in ((left, u), (right, u - disparity)):
-            _blot(image, column, v, sigma, opacity)
+        particles.append(Particle(depth, column, row, sigma, random.uniform(0.3, 0.9)))
         covered += math.pi * (1.5 * sigma) ** 2
-    return left, right
+    return particles
 
 
-def _blot(opacity: Map, u: float, v: float, sigma: float, strength: float) -> None:
+def blot(
+    opacity: Map, column: float, row: float, sigma: float, strength: float
+) -> tuple[slice, slice]:
+    """Draw a particle's opacity into an image, and return the window that it lies in."""
     reach = math.ceil(3.0 * sigma)
-    rows = slice(max(int(v) - reach, 0), max(int(v) + reach + 1, 0))
-    columns = slice(max(int(u) - reach, 0), max(int(u) + reach + 1, 0))
+    rows = slice(max(int(row) - reach, 0), max(int(row) + reach + 1, 0))
+    columns = slice(max(int(column) - reach, 0), max(int(column) + reach + 1, 0))
     window = opacity[rows, columns]
-    y = np.arange(rows.start, rows.start + window.shape[0]) - v
-    x = np.arange(columns.start, columns.start + window.shape[1]) - u
+    y = np.arange(rows.start, rows.start + window.shape[0]) - row
+    x = np.arange(columns.start, columns.start + window.shape[1]) - column
     squared = (x[np.newaxis] ** 2 + y[:, np.newaxis] ** 2) / (2.0 * sigma**2)
     np.maximum(window, strength * np.exp(-squared).astype(np.float32), out=window)
+    return rows, columns

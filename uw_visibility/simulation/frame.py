@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,19 @@ from uw_visibility.errors import InputError
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
 from uw_visibility.simulation.camera_effects import CameraEffects
-from uw_visibility.simulation.effects import add_caustics, marine_snow
+from uw_visibility.simulation.effects import add_caustics, drifting_particles, marine_snow
 from uw_visibility.simulation.formation import Geometry, effective_attenuation, form_image
+from uw_visibility.simulation.lamp_image import (
+    LitView,
+    add_lit_snow,
+    check_water,
+    exposure_for,
+    form_lamp_image,
+)
+from uw_visibility.simulation.lamps import Lamp, Lighting
 from uw_visibility.simulation.scene import Scene
 from uw_visibility.simulation.view import View, look
-from uw_visibility.simulation.water import RESPONSE, Water
+from uw_visibility.simulation.water import EXPOSED, RESPONSE, Water
 
 Map = NDArray[np.float32]
 Image = NDArray[np.uint8]
@@ -72,7 +80,7 @@ class RenderedFrame:
     disparity_left, disparity_right : ndarray, shape (H, W), float32
         Disparity in px, positive in both; NaN = open water.
     radiance_left, radiance_right : ndarray, shape (H, W, 3), float32
-        Normalised radiance of the scene; 1 for open water.
+        Normalised radiance of the scene; 1 for open water. With lamps, its reflectance.
     attenuation : ndarray, shape (3,), float64
         β in 1/m, RGB; effective over the left image's ranges where the water has a
         spectrum, a layer or a plume, see `effective_attenuation`.
@@ -84,6 +92,9 @@ class RenderedFrame:
         Depth of the camera in m, positive down.
     scene_light : ndarray, shape (3,), float64
         W, which lights the scene, as irradiance in the image, RGB; I∞ in the paper's water.
+        Both are daylight's: 0 at night.
+    lamps : tuple of Lamp
+        Those that fired, with power as irradiance in the image.
     """
 
     left: Image
@@ -99,6 +110,7 @@ class RenderedFrame:
     mean_attenuation: float
     depth: float
     scene_light: Vector
+    lamps: tuple[Lamp, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -117,6 +129,8 @@ class Renderer:
         Threads that do the work; their number changes nothing in the result.
     camera_effects : CameraEffects
         What the cameras do beside.
+    lighting : Lighting
+        Daylight, lamps, or both.
     """
 
     camera: StereoCamera = StereoCamera()
@@ -124,9 +138,11 @@ class Renderer:
     effects: Effects = Effects()
     workers: Workers = field(default_factory=Workers)
     camera_effects: CameraEffects = CameraEffects()
+    lighting: Lighting = Lighting()
 
     def render(
-        self, scene: Scene, pose: Pose, water: Water, *, seed: int = 0, time: float = 0.0
+        self, scene: Scene, pose: Pose, water: Water, *, seed: int = 0, time: float = 0.0,
+        index: int = 0,
     ) -> RenderedFrame:
         """Render one frame.
 
@@ -142,27 +158,49 @@ class Renderer:
             Seed of noise and marine snow; another one for each frame.
         time : float
             Time in s, for the caustics.
+        index : int
+            Number of the frame, for lamps that do not fire with each.
 
         Returns
         -------
         RenderedFrame
+
+        Raises
+        ------
+        InputError
+            If lamps are to light water that they are not simulated in, or are at a camera.
         """
+        if self.lighting.lamps:
+            check_water(water)
         rotation = pose.rotation()
         eyes = [np.array(pose.position) + k * self.camera.baseline * rotation[:, 0] for k in (0, 1)]
         rig = self.camera.rig
         rays = rig.ray_directions((self.camera.height, self.camera.width))
-        views = [look(scene, self.camera, eye, rotation, self.workers) for eye in eyes]
+        with_lamps = bool(self.lighting.lamps)
+        views = [
+            look(scene, self.camera, eye, rotation, self.workers, surfaces=with_lamps)
+            for eye in eyes
+        ]
         if self.effects.caustics > 0.0:
             for view, eye in zip(views, eyes, strict=True):
                 self._shine(view, scene, eye, rays @ rotation.T, time)
-        snow = marine_snow(
-            self.camera, self.effects.marine_snow, np.random.default_rng([seed, 2])
-        )
         geometry = Geometry.of_rays(rays, rotation[2], pose.position[2])
-        light = [
-            self._light(view, geometry, water, cover)
-            for view, cover in zip(views, snow, strict=True)
-        ]
+        lamps = self.lighting.of_frame(index, seed)
+        exposure = 1.0
+        if with_lamps:
+            lit = [
+                LitView(view, rays, rotation, k * self.camera.baseline, self.camera.focal_length)
+                for k, view in enumerate(views)
+            ]
+            light, exposure = self._expose_lamps(lit, geometry, water, lamps, seed)
+        else:
+            snow = marine_snow(
+                self.camera, self.effects.marine_snow, np.random.default_rng([seed, 2])
+            )
+            light = [
+                self._light(view, geometry, water, cover)
+                for view, cover in zip(views, snow, strict=True)
+            ]
         gains = self.camera_effects.gains(light[0])
         images = [
             self.camera_effects.record(
@@ -176,15 +214,37 @@ class Renderer:
             for view in views
         ]
         radiances = [
-            np.where(np.isfinite(v.range)[..., np.newaxis], v.radiance, np.float32(1.0))
+            np.where(
+                np.isfinite(v.range)[..., np.newaxis],
+                v.radiance if v.surfaces is None else v.surfaces.reflectance, np.float32(1.0),
+            )
             for v in views
         ]
         attenuation = effective_attenuation(views[0].range, geometry, water)
+        daylight = replace(water, exposure=1.0) if with_lamps else water
+        scale = exposure * gains * float(self.lighting.daylight)
         return RenderedFrame(
             images[0], images[1], views[0].range, views[1].range, disparities[0], disparities[1],
-            radiances[0], radiances[1], attenuation, gains * water.ambient_light(),
-            mean_attenuation(attenuation, water), water.depth, gains * water.scene_light(),
+            radiances[0], radiances[1], attenuation, scale * daylight.ambient_light(),
+            mean_attenuation(attenuation, water), water.depth, scale * daylight.scene_light(),
+            tuple(lamp.scaled(exposure * gains) for lamp in lamps),
         )
+
+    def exposure_for(self, scene: Scene, pose: Pose, water: Water) -> float:
+        """Return the exposure that suits a frame under lamps, from a small picture of it."""
+        width, height = (max(8, n // 8) for n in (self.camera.width, self.camera.height))
+        small = StereoCamera(
+            width, height, self.camera.focal_length * width / self.camera.width,
+            self.camera.baseline,
+        )
+        rotation = pose.rotation()
+        view = look(
+            scene, small, np.array(pose.position), rotation, self.workers, surfaces=True)
+        rays = small.rig.ray_directions((height, width))
+        geometry = Geometry.of_rays(rays, rotation[2], pose.position[2])
+        lit = LitView(view, rays, rotation, 0.0, small.focal_length)
+        light = self._lamp_light(lit, geometry, replace(water, exposure=1.0), self.lighting.lamps)
+        return exposure_for(light, EXPOSED)
 
     def _shine(
         self, view: View, scene: Scene, eye: Vector, rays: Vector, time: float
@@ -197,6 +257,35 @@ class Renderer:
             add_caustics(
                 radiance.reshape(-1, 3), where.reshape(-1, 3), scene.lattice, amplitude, time
             )
+
+    def _expose_lamps(
+        self, lit: list[LitView], geometry: Geometry, water: Water, lamps: tuple[Lamp, ...],
+        seed: int,
+    ) -> tuple[list[Map], float]:
+        """Return both images' irradiance under lamps, with snow, and the exposure."""
+        source = replace(water, exposure=1.0)
+        light = [self._lamp_light(view, geometry, source, lamps) for view in lit]
+        exposure = water.exposure
+        if exposure is None:
+            exposure = exposure_for(light[0], EXPOSED)
+        particles = drifting_particles(
+            self.camera, self.effects.marine_snow, np.random.default_rng([seed, 2]))
+        background = float(self.lighting.daylight) * source.ambient_light()
+        for view, irradiance in zip(lit, light, strict=True):
+            add_lit_snow(
+                irradiance, view, particles, background, self.effects.snow_brightness, lamps,
+                source.attenuation(),
+            )
+            irradiance *= np.float32(exposure)
+        return light, exposure
+
+    def _lamp_light(
+        self, lit: LitView, geometry: Geometry, water: Water, lamps: tuple[Lamp, ...]
+    ) -> Map:
+        irradiance = form_lamp_image(lit, water, self.lighting, lamps, self.workers)
+        if self.lighting.daylight:
+            irradiance += form_image(lit.view, geometry, water)
+        return irradiance
 
     def _light(self, view: View, geometry: Geometry, water: Water, snow: Map) -> Map:
         irradiance = form_image(view, geometry, water)

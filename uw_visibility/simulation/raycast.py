@@ -174,13 +174,53 @@ def nearest(
 @njit(nogil=True, error_model="numpy")
 def look_at(
     scene: Scene, hit: int, px: float, py: float, pz: float, footprint: float,
-    view: tuple[float, float, float],
-) -> tuple[float, float, float]:
-    """Return the normalised radiance of a point on the floor or on a shape."""
-    heights, centres = scene.heights, scene.ellipsoid_centres
+    view: tuple[float, float, float], seen: Any,
+) -> None:
+    """Write the normalised radiance in daylight of a point on the floor or on a shape.
+
+    Parameters
+    ----------
+    scene, hit, px, py, pz
+        What the ray met, and where.
+    footprint : float
+        Width of a pixel there in m.
+    view : tuple of float
+        Direction of the ray.
+    seen : ndarray, shape (3,) or (9,), float32
+        Takes the radiance and, where there is room, reflectance and unit normal.
+    """
     column, row = (px - scene.origin[0]) / SPACING, (py - scene.origin[1]) / SPACING
-    above = pz - bilinear(heights, column, row)
+    above = pz - bilinear(scene.heights, column, row)
+    nx, ny, nz = surface_normal(scene, hit, px, py, pz)
+    # A slanted surface widens the footprint; half of that is left to supersampling.
+    slant = max(abs(nx * view[0] + ny * view[1] + nz * view[2]), 0.05)
+    footprint /= math.sqrt(slant)
+    light = shading(nx, ny, nz)
     if hit == FLOOR:
+        light *= bilinear(scene.openness, column, row)
+    else:
+        light *= 0.22 + 0.78 * smoothstep(-0.03, 0.22, above)
+    if scene.texture == 0.0:
+        light = 1.0
+        r = g = b = 0.5
+    elif hit == FLOOR:
+        r, g, b = floor_radiance(scene.lattice, px, py, pz, footprint)
+    else:
+        r, g, b = shape_radiance(scene.lattice, scene.appearance[hit], px, py, pz, footprint)
+    seen[0], seen[1], seen[2] = light * r, light * g, light * b
+    if len(seen) > 3:
+        seen[3], seen[4], seen[5] = r, g, b
+        seen[6], seen[7], seen[8] = nx, ny, nz
+
+
+@njit(nogil=True, error_model="numpy")
+def surface_normal(
+    scene: Scene, hit: int, px: float, py: float, pz: float
+) -> tuple[float, float, float]:
+    """Return the outward unit normal at a point of the floor or of a shape."""
+    heights, centres = scene.heights, scene.ellipsoid_centres
+    if hit == FLOOR:
+        column, row = (px - scene.origin[0]) / SPACING, (py - scene.origin[1]) / SPACING
         nx = bilinear(heights, column - 0.7, row) - bilinear(heights, column + 0.7, row)
         ny = bilinear(heights, column, row - 0.7) - bilinear(heights, column, row + 0.7)
         nz = 1.4 * SPACING
@@ -196,22 +236,7 @@ def look_at(
     else:
         nx, ny, nz = capsule_normal(scene.capsules[hit - len(centres)], px, py, pz)
     length = math.sqrt(nx * nx + ny * ny + nz * nz)
-    nx, ny, nz = nx / length, ny / length, nz / length
-    # A slanted surface widens the footprint; half of that is left to supersampling.
-    slant = max(abs(nx * view[0] + ny * view[1] + nz * view[2]), 0.05)
-    footprint /= math.sqrt(slant)
-    light = shading(nx, ny, nz)
-    if hit == FLOOR:
-        light *= bilinear(scene.openness, column, row)
-    else:
-        light *= 0.22 + 0.78 * smoothstep(-0.03, 0.22, above)
-    if scene.texture == 0.0:
-        return 0.5, 0.5, 0.5
-    if hit == FLOOR:
-        r, g, b = floor_radiance(scene.lattice, px, py, pz, footprint)
-    else:
-        r, g, b = shape_radiance(scene.lattice, scene.appearance[hit], px, py, pz, footprint)
-    return light * r, light * g, light * b
+    return nx / length, ny / length, nz / length
 
 
 @njit(nogil=True, error_model="numpy")

@@ -14,11 +14,18 @@ from uw_visibility.errors import InputError
 from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
 from uw_visibility.simulation.camera_effects import CameraEffects
 from uw_visibility.simulation.frame import Effects, RenderedFrame, Renderer
-from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.lamps import Lighting
+from uw_visibility.simulation.scene import Scene, reef
 from uw_visibility.simulation.water import Water, WaterEffects
 
 # Ten days at ten frames a second.
 MOST_FRAMES = 10_000_000
+
+RISE_PERIOD = 16.0
+"""Time in s in which a camera whose altitude changes rises and sinks once."""
+
+METERED = 7
+"""Frames of a transect under lamps that its exposure is set by."""
 
 
 @dataclass(frozen=True)
@@ -38,15 +45,16 @@ class Transect:
         Mean attenuation α at the start and at the end in 1/m.
     speed : float
         Speed over ground in m/s.
-    altitude : float
-        Height above the mean sea floor in m.
+    altitude : tuple of float
+        Heights above the mean sea floor in m, between which the camera rises and sinks.
     tilt : float
-        Downward tilt of the camera in degrees.
+        Downward tilt of the camera in degrees; 90 for a survey of the floor.
     seed : int
         Seed of reef, noise and particles.
     exposure : float or None
-        See `Water`.
-    camera, sensor, effects, camera_effects
+        See `Water`; under lamps None is one exposure for all frames, at which the brightest
+        of them suits the camera.
+    camera, sensor, effects, camera_effects, lighting
         See `Renderer`.
     water_effects : WaterEffects
         See `Water`.
@@ -57,7 +65,7 @@ class Transect:
     depth: tuple[float, float] = (2.0, 6.0)
     attenuation: tuple[float, float] = (0.05, 0.3)
     speed: float = 0.4
-    altitude: float = 1.5
+    altitude: tuple[float, float] = (1.5, 1.5)
     tilt: float = 16.0
     seed: int = 0
     exposure: float | None = None
@@ -67,6 +75,7 @@ class Transect:
     workers: Workers = field(default_factory=Workers)
     camera_effects: CameraEffects = CameraEffects()
     water_effects: WaterEffects = WaterEffects()
+    lighting: Lighting = Lighting()
 
     def __post_init__(self) -> None:
         """Validate the plan."""
@@ -78,6 +87,11 @@ class Transect:
             raise InputError(f"speed is {self.speed:g} m/s: give a number between 0 and 10")
         if self.seed < 0:
             raise InputError(f"seed is {self.seed}: give zero or more")
+        if not all(0.5 <= height <= 20.0 for height in self.altitude):
+            raise InputError(
+                f"altitude is {self.altitude[0]:g} to {self.altitude[1]:g} m: "
+                "give numbers between 0.5 and 20"
+            )
         for progress in (0.0, 1.0):
             self._water(progress)
 
@@ -90,29 +104,46 @@ class Transect:
         """Render the transect's frames in turn."""
         scene = reef(self.seed, self.length)
         renderer = Renderer(
-            self.camera, self.sensor, self.effects, self.workers, self.camera_effects)
+            self.camera, self.sensor, self.effects, self.workers, self.camera_effects,
+            self.lighting,
+        )
+        exposure = self.exposure
+        if self.lighting.lamps and exposure is None:
+            exposure = self._meter(renderer, scene)
         for index in range(self.frames):
             time = index / self.rate
             progress = index / max(self.frames - 1, 1)
             frame = renderer.render(
-                scene, self._pose(time), self._water(progress),
-                seed=self.seed * 1_000_003 + index, time=time,
+                scene, self._pose(time), self._water(progress, exposure),
+                seed=self.seed * 1_000_003 + index, time=time, index=index,
             )
             yield TransectFrame(time, frame)
 
-    def _water(self, progress: float) -> Water:
+    def _meter(self, renderer: Renderer, scene: Scene) -> float:
+        """Return the exposure of a transect under lamps: fixed, as where colours must agree."""
+        last = self.frames - 1
+        indices = {round(last * k / (METERED - 1)) for k in range(METERED)}
+        return min(
+            renderer.exposure_for(
+                scene, self._pose(index / self.rate), self._water(index / max(last, 1)))
+            for index in sorted(indices)
+        )
+
+    def _water(self, progress: float, exposure: float | None = None) -> Water:
         """Return the water after a share of the transect; it changes smoothly."""
         depth = _ease(self.depth, progress)
         alpha = _ease(self.attenuation, progress)
-        return Water(alpha, depth, self.exposure, self.water_effects)
+        return Water(alpha, depth, exposure or self.exposure, self.water_effects)
 
     def _pose(self, time: float) -> Pose:
         """Return the camera's pose: a straight way, with a vehicle's sway."""
+        low, high = self.altitude
+        rise = 0.5 - 0.5 * math.cos(2.0 * math.pi * time / RISE_PERIOD)
         return Pose(
             position=(
                 self.speed * time,
                 0.12 * math.sin(0.5 * time),
-                self.altitude + 0.06 * math.sin(0.9 * time + 1.0),
+                low + (high - low) * rise + 0.06 * math.sin(0.9 * time + 1.0),
             ),
             heading=math.radians(4.0) * math.sin(0.35 * time),
             tilt=math.radians(self.tilt + 1.5 * math.sin(0.8 * time)),

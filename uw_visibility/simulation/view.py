@@ -29,6 +29,26 @@ Map = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
+class Surfaces:
+    """What a view shows, apart from daylight: for light that comes from elsewhere.
+
+    Attributes
+    ----------
+    reflectance : ndarray, shape (H, W, 3), float32
+        Reflectance at the end of each ray; 0 for open water.
+    normals : ndarray, shape (H, W, 3), float32
+        Outward unit normals there, in the world's axes.
+    edge_reflectance, edge_normals : ndarray, shape (n, 4, 3), float32
+        The same in each quarter of the pixels at edges.
+    """
+
+    reflectance: Map
+    normals: Map
+    edge_reflectance: Map
+    edge_normals: Map
+
+
+@dataclass(frozen=True)
 class View:
     """One camera's view of a scene, in air.
 
@@ -44,6 +64,8 @@ class View:
         Range in each quarter of these pixels.
     edge_radiance : ndarray, shape (n, 4, 3), float32
         Radiance in each quarter of these pixels.
+    surfaces : Surfaces, optional
+        Where asked for.
     """
 
     range: Map
@@ -51,6 +73,7 @@ class View:
     edges: tuple[NDArray[np.int64], NDArray[np.int64]]
     edge_range: Map
     edge_radiance: Map
+    surfaces: Surfaces | None = None
 
     @classmethod
     def of_pixels(cls, radiance: Map, ranges: Map) -> View:
@@ -63,7 +86,8 @@ class View:
 
 
 def look(
-    scene: Scene, camera: StereoCamera, eye: Array, rotation: Array, workers: Workers
+    scene: Scene, camera: StereoCamera, eye: Array, rotation: Array, workers: Workers,
+    *, surfaces: bool = False,
 ) -> View:
     """Cast the rays of one camera: one per pixel, and four more where surfaces meet.
 
@@ -82,29 +106,37 @@ def look(
         Axes of the optical frame as columns.
     workers : Workers
         Threads that do the work.
+    surfaces : bool
+        Whether reflectance and normals are wanted too.
 
     Returns
     -------
     View
     """
+    width = 9 if surfaces else 3
     size = (camera.height, camera.width)
     ranges = np.empty(size, np.float32)
     hits = np.empty(size, np.int32)
-    radiance = np.zeros((*size, 3), np.float32)
+    seen = np.zeros((*size, width), np.float32)
     tiles = assign_to_tiles(scene.bounds, camera, eye, rotation, MAX_RANGE)
     optics = np.array([camera.focal_length, *camera.principal_point])
     workers.rows(
-        _cast_centres, camera.height, scene, tiles, eye, rotation, optics, ranges, hits, radiance
+        _cast_centres, camera.height, scene, tiles, eye, rotation, optics, ranges, hits, seen
     )
     rows, columns = np.nonzero(_edges(ranges, hits))
     edge_range = np.empty((len(rows), 4), np.float32)
-    edge_radiance = np.zeros((len(rows), 4, 3), np.float32)
+    edge_seen = np.zeros((len(rows), 4, width), np.float32)
     if len(rows) > 0:
         workers.rows(
             _cast_quarters, len(rows), scene, tiles, eye, rotation, optics, rows, columns,
-            edge_range, edge_radiance,
+            edge_range, edge_seen,
         )
-    return View(ranges, radiance, (rows, columns), edge_range, edge_radiance)
+    (radiance, *of_pixels), (edge_radiance, *of_edges) = (
+        [np.ascontiguousarray(values[..., first:first + 3]) for first in range(0, width, 3)]
+        for values in (seen, edge_seen)
+    )
+    found = Surfaces(*of_pixels, *of_edges) if surfaces else None
+    return View(ranges, radiance, (rows, columns), edge_range, edge_radiance, found)
 
 
 def _edges(ranges: Map, hits: NDArray[np.int32]) -> NDArray[np.bool_]:
@@ -123,20 +155,20 @@ def _edges(ranges: Map, hits: NDArray[np.int32]) -> NDArray[np.bool_]:
 @njit(nogil=True, error_model="numpy")
 def _cast_centres(
     start: int, stop: int, scene: Scene, tiles: Tiles, eye: Any, rotation: Any, optics: Any,
-    ranges: Any, hits: Any, radiance: Any,
+    ranges: Any, hits: Any, seen: Any,
 ) -> None:
     for row in range(start, stop):
         for column in range(ranges.shape[1]):
             tile = (row // TILE) * tiles.columns + column // TILE
             ranges[row, column], hits[row, column] = _cast(
-                scene, tiles, tile, eye, rotation, optics, column, row, radiance[row, column]
+                scene, tiles, tile, eye, rotation, optics, column, row, seen[row, column]
             )
 
 
 @njit(nogil=True, error_model="numpy")
 def _cast_quarters(
     start: int, stop: int, scene: Scene, tiles: Tiles, eye: Any, rotation: Any, optics: Any,
-    rows: Any, columns: Any, ranges: Any, radiance: Any,
+    rows: Any, columns: Any, ranges: Any, seen: Any,
 ) -> None:
     for k in range(start, stop):
         tile = (rows[k] // TILE) * tiles.columns + columns[k] // TILE
@@ -144,16 +176,16 @@ def _cast_quarters(
             u = columns[k] - 0.25 + 0.5 * (quarter % 2)
             v = rows[k] - 0.25 + 0.5 * (quarter // 2)
             ranges[k, quarter], _ = _cast(
-                scene, tiles, tile, eye, rotation, optics, u, v, radiance[k, quarter]
+                scene, tiles, tile, eye, rotation, optics, u, v, seen[k, quarter]
             )
 
 
 @njit(nogil=True, error_model="numpy")
 def _cast(
     scene: Scene, tiles: Tiles, tile: int, eye: Any, rotation: Any, optics: Any, u: float,
-    v: float, radiance: Any,
+    v: float, seen: Any,
 ) -> tuple[float, int]:
-    """Cast the ray through a point of the image; writes what it sees to ``radiance``."""
+    """Cast the ray through a point of the image; writes what it sees to ``seen``."""
     x, y = (u - optics[1]) / optics[0], (v - optics[2]) / optics[0]
     length = 1.0 / math.sqrt(x * x + y * y + 1.0)
     dx = (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2]) * length
@@ -162,8 +194,8 @@ def _cast(
     candidates = tiles.shapes[tiles.offsets[tile]:tiles.offsets[tile + 1]]
     t, hit = nearest(scene, candidates, eye, dx, dy, dz, MAX_RANGE)
     if hit != NOTHING:
-        radiance[0], radiance[1], radiance[2] = look_at(
+        look_at(
             scene, hit, eye[0] + t * dx, eye[1] + t * dy, eye[2] + t * dz,
-            t / optics[0], (dx, dy, dz),
+            t / optics[0], (dx, dy, dz), seen,
         )
     return t, hit

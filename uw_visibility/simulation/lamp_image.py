@@ -1,0 +1,187 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Image formation under lamps: surfaces, scattered light, and snow that they light."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.errors import InputError
+from uw_visibility.simulation.effects import Particle, blot
+from uw_visibility.simulation.formation import blur_by_range
+from uw_visibility.simulation.lamp_light import (
+    irradiance_on,
+    lamp_array,
+    light_surfaces,
+    scatter,
+)
+from uw_visibility.simulation.lamps import Lamp, Lighting
+from uw_visibility.simulation.view import View
+from uw_visibility.simulation.water import Water
+
+Map = NDArray[np.float32]
+Vector = NDArray[np.float64]
+
+BRIGHT = 99.0
+"""Percentile of an image that automatic exposure looks at."""
+
+
+@dataclass(frozen=True)
+class LitView:
+    """One camera among the vehicle's lamps.
+
+    Attributes
+    ----------
+    view : View
+        What it sees in air, with its surfaces.
+    rays : ndarray, shape (H, W, 3), float64
+        Unit directions of its pixels in its optical frame.
+    rotation : ndarray, shape (3, 3), float64
+        Axes of that frame in the world, as columns.
+    offset : float
+        Its place on the left camera's x axis, m.
+    focal_length : float
+        px.
+    """
+
+    view: View
+    rays: Vector
+    rotation: Vector
+    offset: float
+    focal_length: float
+
+
+def check_water(water: Water) -> None:
+    """Refuse water that lamps are not simulated in.
+
+    Raises
+    ------
+    InputError
+        If it has a spectrum, a layer or a plume.
+    """
+    effects = water.effects
+    if effects.water_type is not None or effects.layer > 0.0 or effects.plume > 0.0:
+        raise InputError(
+            "lamps are simulated in water of one attenuation per channel: leave out the lamps, "
+            "or water type, layer and plume"
+        )
+
+
+def form_lamp_image(
+    lit: LitView, water: Water, lighting: Lighting, lamps: tuple[Lamp, ...], workers: Workers
+) -> Map:
+    """Irradiance of an image by the light of lamps alone.
+
+    Parameters
+    ----------
+    lit : LitView
+        The camera.
+    water : Water
+        What is between.
+    lighting : Lighting
+        How water scatters and surfaces face light.
+    lamps : tuple of Lamp
+        Those that fire.
+    workers : Workers
+        Threads that do the work.
+
+    Returns
+    -------
+    ndarray, shape (H, W, 3), float32
+        0 without lamps.
+    """
+    view, surfaces = lit.view, lit.view.surfaces
+    if surfaces is None:
+        raise ValueError("the view has no surfaces: look with surfaces=True")
+    beta = water.attenuation()
+    scattering = beta * lighting.scattering_albedo
+    array = lamp_array(lamps, lit.offset)
+
+    def parts(rays: Vector, ranges: Map, reflectance: Map, normals: Map) -> tuple[Map, Map]:
+        facing = (normals @ lit.rotation).astype(np.float32) if lighting.shaded else None
+        return (
+            light_surfaces(rays, ranges, reflectance, facing, array, beta, workers),
+            scatter(
+                rays, ranges, array, beta, scattering, lighting.phase_function, workers),
+        )
+
+    direct, veil = parts(lit.rays, view.range, surfaces.reflectance, surfaces.normals)
+    if len(view.edge_range) > 0:
+        # A pixel at an edge is the mean of what its quarters see.
+        quarters = np.repeat(lit.rays[view.edges][:, np.newaxis], 4, axis=1)
+        edges = parts(quarters, view.edge_range, surfaces.edge_reflectance, surfaces.edge_normals)
+        direct[view.edges], veil[view.edges] = (part.mean(axis=1) for part in edges)
+    if water.effects.blur > 0.0:
+        direct = blur_by_range(direct, view.range, water.effects.blur)
+    return direct + veil
+
+
+def add_lit_snow(
+    irradiance: Map, lit: LitView, particles: Sequence[Particle], background: Vector,
+    brightness: float, lamps: tuple[Lamp, ...], beta: Vector,
+) -> None:
+    """Marine snow in the light of lamps: white particles, bright where lamps are near.
+
+    Parameters
+    ----------
+    irradiance : ndarray, shape (H, W, 3), float32
+        Image that they drift before; changed in place.
+    lit : LitView
+        The camera.
+    particles : sequence of Particle
+        The particles; those behind the scene are left out.
+    background : ndarray, shape (3,), float64
+        Irradiance of a particle in daylight, as the veil's.
+    brightness : float
+        Reflectance of the particles, where white is 1.
+    lamps : tuple of Lamp
+        Those that fire.
+    beta : ndarray, shape (3,), float64
+        Attenuation in 1/m.
+    """
+    if not particles:
+        return
+    height, width = lit.view.range.shape
+    centre = ((width - 1) / 2, (height - 1) / 2)
+    shift = lit.focal_length * lit.offset
+    u, v, z = (
+        np.array([getattr(p, name) for p in particles]) for name in ("column", "row", "depth"))
+    u = u - shift / z
+    points = np.stack([
+        (u - centre[0]) / lit.focal_length * z, (v - centre[1]) / lit.focal_length * z, z,
+    ], axis=1)
+    light = irradiance_on(points, lamp_array(lamps, lit.offset), beta)
+    colours = (brightness * (light + background)).astype(np.float32)
+    distances = np.linalg.norm(points, axis=1)
+    for k, particle in enumerate(particles):
+        column, row = (int(np.clip(round(x), 0, n - 1)) for x, n in ((u[k], width), (v[k], height)))
+        if distances[k] > lit.view.range[row, column]:
+            continue
+        cover = np.zeros((height, width), np.float32)
+        window = blot(cover, float(u[k]), float(v[k]), particle.sigma, particle.opacity)
+        opacity = cover[window][..., np.newaxis]
+        irradiance[window] += opacity * (colours[k] - irradiance[window])
+
+
+def exposure_for(irradiance: Map, exposed: float) -> float:
+    """Gain that brings an image's bright pixels to an irradiance.
+
+    Parameters
+    ----------
+    irradiance : ndarray, shape (H, W, 3), float32
+        Of the left image.
+    exposed : float
+        Irradiance that the 99th percentile of the strongest channel comes to.
+
+    Returns
+    -------
+    float
+        1 for an image without light.
+    """
+    bright = float(np.percentile(irradiance.max(axis=2), BRIGHT))
+    return exposed / bright if bright > 0.0 else 1.0
