@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 
@@ -92,14 +93,59 @@ def test_a_jpeg_that_lost_its_second_half_is_refused_though_its_end_is_right(
 ) -> None:
     pixels = cv2.resize(SMOOTH, shape[::-1])
     whole = encoded(".jpg", pixels if colour else pixels[..., 0].copy(), *options)
-    for thorough in (True, False):
-        assert decode(whole, thorough=thorough).shape[:2] == shape
-        assert decode(whole[:-2] + b"\xff\xff\xd9", thorough=thorough).shape[:2] == shape
+    assert decode(whole).shape[:2] == shape
+    assert decode(whole[:-2] + b"\xff\xff\xd9").shape[:2] == shape
     scan = whole.index(b"\xff\xda")
     half = whole[: (scan + len(whole)) // 2].removesuffix(b"\xff") + whole[-2:]
-    for thorough in (True, False):
+    with pytest.raises(InputError):
+        decode(half)
+
+
+@pytest.mark.parametrize("options", [(), (cv2.IMWRITE_JPEG_RST_INTERVAL, 5), *SAMPLINGS])
+def test_a_jpeg_that_lost_a_part_on_its_way_is_refused(options: tuple[int, ...]) -> None:
+    whole = encoded(".jpg", np.tile(PIXELS, (3, 3, 1)), *options)
+    middle = (whole.index(b"\xff\xda") + len(whole)) // 2
+    for damaged in (
+        whole[:middle] + whole[middle + 500 :],
+        whole[:middle] + bytes(500) + whole[middle + 500 :],
+        whole[:middle] + whole[middle - 500 :],
+    ):
         with pytest.raises(InputError):
-            decode(half, thorough=thorough)
+            decode(damaged)
+
+
+def test_what_a_codec_thinks_of_an_image_is_not_written_to_the_terminal(
+    capfd: pytest.CaptureFixture[str]
+) -> None:
+    whole = encoded(".jpg", SMOOTH)
+    # Some cameras leave a few bytes behind the codes.
+    for padding in (b"", b"\x55\xaa\x55", bytes(2000)):
+        padded = whole[:-2] + padding + whole[-2:]
+        np.testing.assert_array_equal(decode(padded), decode(whole))
+    with pytest.raises(InputError, match="left over"):
+        decode(whole[:-2] + 40 * b"\x55" + whole[-2:])
+    assert capfd.readouterr() == ("", "")
+
+
+def test_pixels_of_a_jpeg_are_those_of_opencv() -> None:
+    for options in ((), *SAMPLINGS, (cv2.IMWRITE_JPEG_PROGRESSIVE, 1)):
+        for pixels in (SMOOTH, SMOOTH[..., 0].copy()):
+            data = encoded(".jpg", pixels, *options)
+            expected = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+            np.testing.assert_array_equal(decode(data), expected)
+
+
+@pytest.mark.parametrize("colour", [True, False])
+def test_a_progressive_jpeg_that_lost_a_scan_is_refused(colour: bool) -> None:
+    pixels = SMOOTH if colour else SMOOTH[..., 0].copy()
+    data = encoded(".jpg", pixels, cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
+    # A scan with the tables before it.
+    begins = [data.rindex(b"\xff\xc4", 0, m.start()) for m in re.finditer(b"\xff\xda", data)]
+    begins = sorted(set(begins[1:]))
+    assert len(begins) > 3
+    for begin, end in zip(begins, [*begins[1:], len(data) - 2], strict=True):
+        with pytest.raises(TruncatedError, match="scans"):
+            decode(data[:begin] + data[end:])
 
 
 def test_a_jpeg_of_one_colour_is_whole() -> None:
@@ -114,7 +160,7 @@ def test_tables_that_a_camera_takes_for_known_are_left_to_the_decoder() -> None:
         data = data[:at] + data[at + 2 + struct.unpack_from(">H", data, at + 2)[0]:]
     # Only newer decoders know them.
     if cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) is not None:
-        assert decode(data, thorough=True).max() == 0
+        assert decode(data).max() == 0
 
 
 def test_a_png_with_a_wrong_byte_is_refused() -> None:

@@ -3,11 +3,12 @@
 """Encoded images: header and completeness are checked before anything is decoded.
 
 A few bytes can claim any size, and a decoder takes the memory for it first. What ends
-early, decoders fill with grey without a word.
+early or leads astray, decoders fill with grey or with what is not there, without a word.
 """
 
 from __future__ import annotations
 
+import io
 import re
 import struct
 import zlib
@@ -34,7 +35,10 @@ MOST_SCANS = 100
 FRAMES = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 ALONE = frozenset({0x01, *range(0xD0, 0xD8)})
 SCAN, END = b"\xff\xda", b"\xff\xd9"
-BLOCK = 8
+PROGRESSIVE = frozenset({0xC2, 0xC6, 0xCA, 0xCE})
+COEFFICIENTS = 64
+# What ends the codes of a scan: among them 0xFF stands before zeros and restarts alone.
+MARKER = re.compile(rb"\xff[\x01-\xcf\xd8-\xfe]")
 
 # TIFF 6.0: types SHORT and LONG, and tags of sizes.
 TIFF_TYPES = {3: "H", 4: "I"}
@@ -95,16 +99,13 @@ def read_header(data: bytes) -> Header:
     return header
 
 
-def decode(data: bytes, *, thorough: bool = False) -> NDArray[Any]:
+def decode(data: bytes) -> NDArray[Any]:
     """Decode an image as it is stored: depth and channels are not converted.
 
     Parameters
     ----------
     data : bytes
         The encoded image.
-    thorough : bool
-        Whether the codes of a JPEG are followed in any case, which takes as long as
-        decoding does; else where its end looks as if they were missing.
 
     Returns
     -------
@@ -114,28 +115,45 @@ def decode(data: bytes, *, thorough: bool = False) -> NDArray[Any]:
     Raises
     ------
     InputError
-        As `read_header`, and if it cannot be decoded or has neither 8 nor 16 bit
-        per channel.
+        As `read_header`, and if it cannot be decoded, codes of a JPEG are missing or
+        left over, or it has neither 8 nor 16 bit per channel.
     """
     header = read_header(data)
-    if thorough and data.startswith(JPEG):
+    image: NDArray[Any] | None = None
+    if data.startswith(JPEG):
         _check_blocks(data)
+        image = _decode_jpeg(data)
     try:
-        image: NDArray[Any] | None = cv2.imdecode(
-            np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED
-        )
+        if image is None:
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
         raise InputError("it is damaged, and cannot be decoded") from error
     if image is None or image.shape[:2] != (header.height, header.width):
         raise InputError("it is damaged, and cannot be decoded")
     if image.dtype not in (np.uint8, np.uint16):
         raise InputError(f"it holds {image.dtype}: give 8 or 16 bit per channel")
-    if not thorough and data.startswith(JPEG):
-        # Blocks that are missing are decoded as one colour.
-        corner = image[-BLOCK:, -BLOCK:]
-        if (corner == corner[-1, -1]).all():
-            _check_blocks(data)
     return image
+
+
+def _decode_jpeg(data: bytes) -> NDArray[np.uint8] | None:
+    """Decode a grey or RGB image by Pillow, to the same pixels as OpenCV; None for all others.
+
+    OpenCV lets the codec write what it thinks of the data to standard error.
+    """
+    # Imported here, since images without loss need none of it.
+    from PIL import Image
+
+    try:
+        image = Image.open(io.BytesIO(data), formats=["JPEG"])
+    except (OSError, Image.DecompressionBombError):
+        return None
+    if image.mode not in ("L", "RGB"):
+        return None
+    try:
+        pixels = np.asarray(image)
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputError("it is damaged, and cannot be decoded") from error
+    return pixels if image.mode == "L" else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
 
 
 def _check_blocks(data: bytes) -> None:
@@ -171,6 +189,7 @@ def _read_png(data: bytes) -> Header:
 def _read_jpeg(data: bytes) -> Header:
     """Walk the segments up to the first scan (ITU-T T.81, annex B)."""
     header: Header | None = None
+    frame, components = 0, b""
     at = 2
     while at + 4 <= len(data):
         if data[at] != 0xFF:
@@ -186,8 +205,10 @@ def _read_jpeg(data: bytes) -> Header:
         if kind in FRAMES and length >= 8 and at + 9 <= len(data):
             height, width = struct.unpack_from(">HH", data, at + 5)
             header = Header(width, height)
+            frame, components = kind, data[at + 10 : at + 2 + length : 3]
         if kind == SCAN[1]:
-            _check_scans(data, at)
+            _check_end(data, at)
+            _check_scans(data, at, components, frame in PROGRESSIVE)
             if header is None:
                 raise InputError("it is damaged: it does not tell its size")
             return header
@@ -195,7 +216,7 @@ def _read_jpeg(data: bytes) -> Header:
     raise TruncatedError("it has no image in it: it is truncated or damaged")
 
 
-def _check_scans(data: bytes, first: int) -> None:
+def _check_end(data: bytes, first: int) -> None:
     # In scans 0xFF never stands before a code of a marker, and a preview in one of the
     # segments before them has an end of its own.
     last = data.rfind(SCAN, first)
@@ -203,6 +224,34 @@ def _check_scans(data: bytes, first: int) -> None:
         raise TruncatedError("it has no end: it is truncated")
     if last > first and data.count(SCAN, first) > MOST_SCANS:
         raise InputError(f"it has more than {MOST_SCANS} scans")
+
+
+def _check_scans(data: bytes, at: int, components: bytes, progressive: bool) -> None:
+    """Refuse a JPEG that lacks a component, or bits of coefficients that more scans refine.
+
+    A decoder takes what is there for a coarse image and smooths over the rest (T.81, G.1.1.1.1).
+    """
+    # By component, to how many bits less than all each coefficient is known.
+    missing = {component: [COEFFICIENTS] * COEFFICIENTS for component in components}
+    while at + 4 <= len(data) and data[at + 1] != END[1]:
+        (length,) = struct.unpack_from(">H", data, at + 2)
+        content = data[at + 4 : at + 2 + length]
+        at += 2 + length
+        if data[at - length - 1] == SCAN[1] and content:
+            if len(content) < 4 + 2 * content[0]:
+                break
+            band = slice(content[-3], content[-2] + 1) if progressive else slice(None)
+            before, after = (content[-1] >> 4, content[-1] & 15) if progressive else (0, 0)
+            for component in content[1 : 1 + 2 * content[0] : 2]:
+                bits = missing.get(component, [])
+                # A scan that refines rests on the one before it.
+                bits[band] = [after if before in (0, k) else k for k in bits[band]]
+        marker = MARKER.search(data, at)
+        if marker is None:
+            break
+        at = marker.start()
+    if any(map(any, missing.values())):
+        raise TruncatedError("scans of it are missing: it is truncated")
 
 
 def _read_tiff(data: bytes) -> Header:

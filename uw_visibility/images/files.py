@@ -37,7 +37,7 @@ def read_image(path: str | Path) -> NDArray[Any]:
     """
     content = read_regular(path, MOST_BYTES, "image")
     try:
-        image = decode(content, thorough=True)
+        image = decode(content)
     except InputError as error:
         raise InputError(
             f"{path} is not a readable image, {error}: give a complete PNG, JPEG or TIFF file"

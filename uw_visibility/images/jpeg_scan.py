@@ -3,8 +3,9 @@
 """Huffman scan of a baseline JPEG: whether all of its blocks are there.
 
 Where the data end early, or lead astray after a wrong bit, decoders repeat the last
-block's brightness to the end and say nothing; a cable that loses half of a frame leaves
-such images, with a right end. The codes are followed without decoding (ITU-T T.81, F.2.2).
+block's brightness to the end, or shift and tint all that follows, and say nothing; a cable
+that loses a part of a frame leaves such images, with a right end. The codes are followed
+without decoding (ITU-T T.81, F.2.2): they have to end where the data do.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.errors import InputError
-from uw_visibility.images.encoded import ALONE, TruncatedError
+from uw_visibility.images.encoded import ALONE, MARKER, TruncatedError
 
 # Frames whose scans are followed: Huffman coded and sequential.
 SEQUENTIAL = (0xC0, 0xC1)
@@ -26,6 +27,8 @@ HUFFMAN_TABLES, RESTART_INTERVAL, SCAN, END = 0xC4, 0xDD, 0xDA, 0xD9
 CODE_LENGTHS, LONGEST_CODE = 16, 16
 # What the kernel returns in place of where the scan ends.
 DAMAGED, CUT_OFF = -1, -2
+# Bytes that some cameras leave behind a scan, as far as they are not zeros.
+MOST_PADDING = 16
 
 
 def check_blocks(data: bytes) -> None:
@@ -34,7 +37,7 @@ def check_blocks(data: bytes) -> None:
     Raises
     ------
     InputError
-        If its codes are damaged; `TruncatedError` where they end early.
+        If its codes are damaged or left over; `TruncatedError` where they end early.
     """
     reader = _ScanReader(data)
     at = 2
@@ -64,7 +67,10 @@ def check_blocks(data: bytes) -> None:
                 raise TruncatedError("its last rows are missing: it is truncated")
             if end == DAMAGED:
                 raise InputError("it is damaged: its codes lead astray")
-            at = end
+            marker = MARKER.search(data, end)
+            at = len(data) if marker is None else marker.start()
+            if len(data[end:at].strip(b"\0")) > MOST_PADDING:
+                raise InputError("it is damaged: codes are left over")
             scans += 1
     except (struct.error, LookupError):
         # What is missing here, as tables that a camera takes for known, decoders may know.
