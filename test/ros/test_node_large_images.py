@@ -22,7 +22,10 @@ from rclpy.serialization import serialize_message
 pytestmark = pytest.mark.alone
 
 NAMESPACE = "/large"
-FRAMES = 45
+# Each pair comes at once and has to find room where it arrives; how many come in a second
+# would only test how busy the machine is.
+FRAMES = 24
+RATE = 8
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -54,10 +57,10 @@ def frame(tmp_path_factory: pytest.TempPathFactory, image: Any, info: Any) -> Pa
 def publish(
     client: Any, frame: Path, *options: str, **environment: str
 ) -> tuple[dict[str, int], str]:
-    """Publish at 30 Hz; return what the node counts of it, and the reliability meanwhile."""
+    """Publish; return what the node counts of it, and the reliability meanwhile."""
     camera = subprocess.Popen(
         [sys.executable, "-m", "benchmarks.node_publisher", str(frame),
-         "--frames", str(FRAMES), *options],
+         "--frames", str(FRAMES), "--rate", str(RATE), *options],
         env=client.environment | environment, cwd=ROOT, stdout=subprocess.PIPE,
     )
     counted = ("stereo frames", "left received", "right received")
