@@ -183,7 +183,7 @@ def test_the_transect_has_a_row_for_each_frame(run):
 
 
 def test_every_figure_is_drawn(run):
-    names = {"fig3_reef.png", "fig6.png", "fig7.png", "fig9.png", "fig10.png"}
+    names = {"fig3_reef.png", "fig6.png", "fig7.png", "fig9.png", "fig10.png", "reliability.png"}
     assert {path.name for path in run.folder.glob("*.png")} == names
     for name in names:
         image = cv2.imread(str(run.folder / name))

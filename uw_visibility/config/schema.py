@@ -156,6 +156,11 @@ class StereoConfig:
         1.0, "Difference of neighbouring disparities within a segment.",
         unit="px", minimum=0.0, maximum=10.0,
     )
+    min_confidence: float = parameter(
+        0.0, "Least probability that a disparity is within 1 px of the truth; others are "
+        "unmatched. 0.5 takes most of those that the right image does not show.",
+        minimum=0.0, maximum=0.99,
+    )
     gap_width: int = parameter(
         7, "Width of the gaps in the disparity map that are bridged.",
         unit="px", minimum=0, maximum=100,

@@ -27,6 +27,7 @@ from uw_visibility.evaluation.first_step import first_enhancement
 from uw_visibility.evaluation.noise_axis import sensor_of
 from uw_visibility.evaluation.oracle_matching import match_with_truth
 from uw_visibility.evaluation.readings import Reading, Truth, flat
+from uw_visibility.evaluation.reliability import Reliability
 from uw_visibility.evaluation.scenes import SceneSource, search_limit, tolerance
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.pipeline.pipeline import Pipeline
@@ -148,6 +149,8 @@ class CaseResult:
         was not refused.
     noise : str
         Noise of the sensor.
+    reliability : Reliability or None
+        Of our confidence; None where the pair was refused.
     """
 
     scene: str
@@ -162,6 +165,7 @@ class CaseResult:
     pictures: Pictures | None = None
     edges: list[EdgeErrors] = field(default_factory=list)
     noise: str = "0"
+    reliability: Reliability | None = None
 
     def row(self) -> dict[str, Any]:
         """Return the case as a row of a table."""
@@ -256,6 +260,8 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         edges=[] if result is None or not case.pictures else edge_errors(
             scene, left, right, result, bench.rig, bench.config),
         noise=case.noise,
+        reliability=None if result is None or result.stereo.confidence is None else Reliability.of(
+            result.disparity, result.stereo.confidence, scene.disparity_left, tolerance(scene)),
     )
 
 

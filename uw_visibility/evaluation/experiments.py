@@ -19,6 +19,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.evaluation.cases import Case, CaseResult, evaluate_case
 from uw_visibility.evaluation.noise_axis import sensor_of
 from uw_visibility.evaluation.parallel import Progress, run_all
+from uw_visibility.evaluation.reliability import Reliability
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.transects import TransectPlan, TransectRow, evaluate_transect
 from uw_visibility.simulation.camera import NOISELESS
@@ -121,6 +122,14 @@ class Evaluation:
     cases: list[CaseResult]
     transect: list[TransectRow]
     noisy: list[CaseResult] = field(default_factory=list)
+
+    def reliability(self) -> dict[str, Reliability]:
+        """Return the reliability of our confidence over all cases of each noise."""
+        by_noise: dict[str, list[Reliability]] = {}
+        for case in (*self.cases, *self.noisy):
+            if case.reliability is not None:
+                by_noise.setdefault(case.noise, []).append(case.reliability)
+        return {noise: Reliability.total(parts) for noise, parts in by_noise.items()}
 
 
 def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: items) -> Evaluation:

@@ -39,9 +39,13 @@ def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None
     edges = [
         {"scene": case.scene, **error.row()} for case in evaluation.cases for error in case.edges
     ]
+    reliability = [
+        {"noise": noise, **row}
+        for noise, of_noise in evaluation.reliability().items() for row in of_noise.rows()
+    ]
     for name, rows in (
         ("cases", cases), ("conditions", conditions), ("noisy_cases", noisy), ("noise", noise),
-        ("edges", edges), ("transect", transect),
+        ("edges", edges), ("reliability", reliability), ("transect", transect),
     ):
         if rows:
             (folder / f"{name}.csv").write_text(as_csv(rows), encoding="utf-8")
@@ -62,6 +66,7 @@ def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None
         "summary": summary,
         "cases": cases,
         "noisy_cases": noisy,
+        "reliability": reliability,
         "transect": transect,
     }
     text = json.dumps(plain(report), indent=1, ensure_ascii=False, allow_nan=False)

@@ -11,18 +11,25 @@ from uw_visibility.evaluation.rendered_scenes import render_scene
 from uw_visibility.evaluation.scenes import search_limit
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.simulation.camera import Sensor
 from uw_visibility.stereo.rig import StereoRig
 
 PARTS = 5
 
 
-def curve(scene, mean_attenuation):
-    """Confidence, share within 1 px and mean error, by fifths of the confidence."""
+def matched(scene, mean_attenuation, codes=0.0, **parameters):
+    """Process a scene at a depth of 2 m, its images with Gaussian noise."""
     kappa = clear_water_attenuation(load_response("nikon_d5100"))
     config = PipelineConfig.from_parameters(
-        {"stereo.max_disparity": search_limit(scene) - 1, "threads": 1})
+        {"stereo.max_disparity": search_limit(scene) - 1, "threads": 1, **parameters})
     rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
-    result = Pipeline(rig, config).process(*scene.degraded(mean_attenuation, 2.0, kappa))
+    pair = scene.degraded(mean_attenuation, 2.0, kappa, Sensor.gaussian(codes))
+    return Pipeline(rig, config).process(*pair, enhance=())
+
+
+def curve(scene, mean_attenuation, codes=0.0):
+    """Confidence, share within 1 px and mean error, by fifths of the confidence."""
+    result = matched(scene, mean_attenuation, codes)
     assert result.stereo.confidence.dtype == np.float32
     np.testing.assert_array_equal(result.stereo.confidence > 0, np.isfinite(result.disparity))
     known = scene.known & np.isfinite(result.disparity)
@@ -55,3 +62,37 @@ def test_it_falls_with_the_error_on_a_rendered_scene():
     assert error[0] > 2 * error[1]
     assert right[0] < right[1:].min()
     assert np.abs(confidence - right).max() < 0.06
+
+
+@pytest.mark.parametrize(("codes", "mean_attenuation"), [(2.0, 0.1), (2.0, 0.3), (4.0, 0.2)])
+@pytest.mark.parametrize("name", ["art", "dolls", "moebius"])
+def test_noise_makes_it_less_sure(shared_data, name, codes, mean_attenuation):
+    scene = load_scene(shared_data / "middlebury" / name)
+    confidence, right, _ = curve(scene, mean_attenuation, codes).T
+    assert np.all(np.diff(right) > 0)
+    # Without regard to noise it says 0.87 on average, where 0.46 to 0.85 are right.
+    assert abs(confidence.mean() - right.mean()) < 0.1
+    assert abs(confidence[-1] - right[-1]) < 0.1
+
+
+def test_unsure_matches_are_left_out_where_that_is_asked_for(shared_data):
+    scene = load_scene(shared_data / "middlebury" / "dolls")
+    whole = matched(scene, 0.2, 2.0)
+    sure = matched(scene, 0.2, 2.0, **{"stereo.min_confidence": 0.5})
+    kept = np.isfinite(sure.disparity)
+    np.testing.assert_array_equal(kept, whole.stereo.confidence >= 0.5)
+    np.testing.assert_array_equal(sure.disparity[kept], whole.disparity[kept])
+    np.testing.assert_array_equal(sure.stereo.confidence > 0, kept)
+    hidden = unseen_in_right(scene)
+    assert kept[hidden].mean() < 0.75 * np.isfinite(whole.disparity)[hidden].mean()
+    tell = np.abs(whole.disparity - scene.disparity_left) <= 1
+    assert (tell & kept).sum() > 0.9 * tell.sum()
+
+
+def unseen_in_right(scene):
+    """Pixels of the left image that the right one does not show: something nearer is there."""
+    truth = scene.disparity_left
+    rows, columns = np.indices(truth.shape)
+    there = np.rint(columns - np.nan_to_num(truth)).astype(int)
+    nearer = scene.disparity_right[rows, np.maximum(there, 0)] > truth + 1.5
+    return np.isfinite(truth) & ((there < 0) | nearer)

@@ -10,11 +10,12 @@ from uw_visibility.evaluation.experiments import Evaluation
 from uw_visibility.evaluation.figures.bins import draw_bins
 from uw_visibility.evaluation.figures.grid import draw_over_attenuation, draw_over_depth
 from uw_visibility.evaluation.figures.pictures import draw_pictures
+from uw_visibility.evaluation.figures.reliability import draw_reliability
 from uw_visibility.evaluation.figures.transect import draw_transect
 
 
 def write_figures(folder: Path, evaluation: Evaluation) -> list[Path]:
-    """Write ``fig3_<scene>.png``, ``fig6.png``, ``fig7.png``, ``fig9.png``, ``fig10.png``.
+    """Write ``fig3_<scene>.png``, 6, 7, 9 and 10, and ``reliability.png``.
 
     Parameters
     ----------
@@ -41,6 +42,7 @@ def write_figures(folder: Path, evaluation: Evaluation) -> list[Path]:
         draw_over_attenuation(file("fig6"), evaluation)
         draw_over_depth(file("fig7"), evaluation)
         draw_pictures(file("fig9"), shown)
+        draw_reliability(file("reliability"), evaluation.reliability())
     if evaluation.transect:
         draw_transect(file("fig10"), evaluation.transect)
     return written

@@ -4,9 +4,10 @@
 
 A logistic regression on what is at hand where a match is made: how much its descriptors
 differ over their texture, the range of disparities around it (a depth edge), how much of its
-neighbourhood is unmatched, and how far it was moved since the search. Fitted to four
-Middlebury scenes and rendered ones, turned over, degraded and with noise; errors fall with
-it on each of them.
+neighbourhood is unmatched, how far it is from what the right view matches best (a filled
+occlusion), and the noise of the restored pair. Fitted to four Middlebury scenes and two
+rendered ones in water, with 0 to 4 codes of noise; `docs/stereo-noise.md` has its reliability
+on scenes that a fit left out.
 """
 
 from __future__ import annotations
@@ -23,16 +24,19 @@ from uw_visibility.stereo.elas.descriptors import MIDDLE
 from uw_visibility.stereo.elas.edges import MARGIN, STRIDE, VOTERS, range_around
 
 # Log odds of a wrong match: without anything against it; for difference over texture; for
-# the logarithm of the range of disparities, px; for each pixel moved; for the unmatched share.
-_BASE = -4.05
-_DIFFERENCE = np.float32(1.15)
-_RANGE = 0.81
-_MOVED = np.float32(0.17)
-_UNMATCHED = np.float32(3.1)
+# the logarithm of the range of disparities, px; for each pixel that the right view differs;
+# for the unmatched share; for each 8-bit level of restored noise.
+_BASE = -4.24
+_DIFFERENCE = np.float32(0.89)
+_RANGE = 1.01
+_APART = np.float32(0.245)
+_UNMATCHED = np.float32(3.76)
+_NOISE = 0.07
 # Up to these they count.
 _MOST_DIFFERENCE = np.float32(2.0)
 _MOST_RANGE = 20
-_MOST_MOVED = np.float32(3.0)
+_MOST_APART = np.float32(3.0)
+_MOST_NOISE = 30.0
 # Added to the texture, so that noise on a blank wall is no small difference.
 _LEAST_TEXTURE = np.float32(20.0)
 # Entries of tables for a unit of range and of log odds, and the least log odds in them.
@@ -55,8 +59,9 @@ _ODDS_OF_RANGE, _CONFIDENCE = _tables()
 
 def rate(
     disparity: NDArray[np.float32],
-    best: NDArray[np.int16],
+    best_right: NDArray[np.int16],
     descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+    noise: float,
     workers: Workers,
 ) -> NDArray[np.float32]:
     """Confidence of each disparity of a matched pair.
@@ -65,10 +70,12 @@ def rate(
     ----------
     disparity : ndarray
         ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
-    best : ndarray
-        ``(H, W)`` int16, what the search found in the left view, -1 for nothing.
+    best_right : ndarray
+        ``(H, W)`` int16, what the search found in the right view, -1 for nothing.
     descriptors : tuple of ndarray
         Of the left and of the right view, ``(H * W * 16,)`` uint8.
+    noise : float
+        Restored noise of the median pixel, in 8-bit levels of even contrast.
     workers : Workers
         Threads.
 
@@ -79,17 +86,18 @@ def rate(
         truth; 0 where unmatched.
     """
     confidence = np.empty(disparity.shape, np.float32)
+    odds_of_range = _ODDS_OF_RANGE + np.float32(_NOISE * min(noise, _MOST_NOISE))
     workers.rows(
-        _rate, disparity.shape[0], disparity, best, descriptors[0], descriptors[1],
-        _ODDS_OF_RANGE, _CONFIDENCE, confidence,
+        _rate, disparity.shape[0], disparity, best_right, descriptors[0], descriptors[1],
+        odds_of_range, _CONFIDENCE, confidence,
     )
     return confidence
 
 
 @njit(nogil=True, error_model="numpy")
 def _rate(
-    start: int, stop: int, disparity: Any, best: Any, left: Any, right: Any, odds_of_range: Any,
-    table: Any, confidence: Any,
+    start: int, stop: int, disparity: Any, best_right: Any, left: Any, right: Any,
+    odds_of_range: Any, table: Any, confidence: Any,
 ) -> None:
     width = disparity.shape[1]
     low = np.full(width + 2 * MARGIN, np.inf, np.float32)
@@ -112,9 +120,12 @@ def _rate(
                 continue
             odds = odds_of_range[np.int32(min((near[x] - far[x]) * per_unit, last))]
             odds += _UNMATCHED * (np.float32(1) - matched[x])
-            odds += _MOVED * min(abs(d - np.float32(best[y, x])), _MOST_MOVED)
+            column_right = max(x - np.int32(d + np.float32(0.5)), 0)
+            there = best_right[y, column_right]
+            if there >= 0:
+                odds += _APART * min(abs(d - np.float32(there)), _MOST_APART)
             at = (y * width + x) * BYTES
-            other = (y * width + max(x - np.int32(d + np.float32(0.5)), 0)) * BYTES
+            other = (y * width + column_right) * BYTES
             difference = np.float32(absolute_difference(left, at, right, other))
             texture = np.float32(absolute_difference(left, at, blank, x & 0)) + _LEAST_TEXTURE
             odds += _DIFFERENCE * min(difference / texture, _MOST_DIFFERENCE)

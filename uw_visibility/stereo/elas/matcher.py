@@ -203,10 +203,17 @@ class Matcher:
         )
         self._search.try_plane(descriptors, self._plane, airlight)
         self._postprocess(descriptors, disparity)
-        best_left, best_right = self._search.best
+        best_right = self._search.best[1]
         right = np.empty(self._shape, np.float32)
         self._workers.rows(dense.as_disparity, self._shape[0], best_right, right)
-        rated = rate(disparity, best_left, descriptors, self._workers) if confidence else None
+        least = self._config.min_confidence
+        rated = None
+        if confidence or least > 0:
+            noise = 0.0 if self._left is None else self._left.noise
+            rated = rate(disparity, best_right, descriptors, noise, self._workers)
+            unsure = rated < least
+            disparity[unsure] = np.nan
+            rated[unsure] = 0.0
         return DenseMatch(disparity, right, rated)
 
     def _noise_gradient(self) -> NDArray[np.float64]:

@@ -1,0 +1,90 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Reliability of confidence: how many disparities are right, by how sure the matcher was.
+
+Where the two agree in every bin, confidence is calibrated (Murphy and Winkler, 1977,
+doi:10.2307/2346866).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+BINS = 10
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """Matched pixels with known truth in bins of confidence.
+
+    Attributes
+    ----------
+    pixels : (BINS,) int64 ndarray
+        Their number.
+    confidence : (BINS,) float64 ndarray
+        Sum of their confidence.
+    right : (BINS,) int64 ndarray
+        Those whose disparity is right.
+    """
+
+    pixels: NDArray[np.int64]
+    confidence: NDArray[np.float64]
+    right: NDArray[np.int64]
+
+    @classmethod
+    def of(
+        cls, disparity: NDArray[np.float32], confidence: NDArray[np.float32],
+        truth: NDArray[np.float32], tolerance: float,
+    ) -> Reliability:
+        """Count a disparity map's pixels.
+
+        Parameters
+        ----------
+        disparity, truth : (H, W) float32 ndarray
+            px; NaN where unknown.
+        confidence : (H, W) float32 ndarray
+            Probability that `disparity` is right.
+        tolerance : float
+            Largest error of a right disparity, px.
+        """
+        counted = np.isfinite(disparity) & np.isfinite(truth)
+        rated = confidence[counted].astype(np.float64)
+        right = np.abs(disparity[counted] - truth[counted]) <= tolerance
+        place = np.clip((rated * BINS).astype(np.int64), 0, BINS - 1)
+        return cls(
+            np.bincount(place, minlength=BINS),
+            np.asarray(np.bincount(place, rated, BINS), np.float64),
+            np.bincount(place[right], minlength=BINS),
+        )
+
+    @classmethod
+    def total(cls, parts: Iterable[Reliability]) -> Reliability:
+        """Return the sum of several."""
+        sums = cls(np.zeros(BINS, np.int64), np.zeros(BINS), np.zeros(BINS, np.int64))
+        for part in parts:
+            sums = cls(
+                sums.pixels + part.pixels, sums.confidence + part.confidence,
+                sums.right + part.right)
+        return sums
+
+    @property
+    def expected_error(self) -> float:
+        """Mean difference of confidence and right share over the pixels; NaN without any."""
+        pixels = self.pixels.sum()
+        return float(np.abs(self.confidence - self.right).sum() / pixels) if pixels else np.nan
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a row for each bin with pixels: mean confidence, right share, part of all."""
+        return [
+            {
+                "confidence": self.confidence[k] / self.pixels[k],
+                "right": self.right[k] / self.pixels[k],
+                "part": self.pixels[k] / self.pixels.sum(),
+            }
+            for k in np.flatnonzero(self.pixels)
+        ]
