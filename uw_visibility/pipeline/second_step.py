@@ -14,6 +14,7 @@ from uw_visibility.images.arrays import DisparityMap, PerChannel, Points
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.pipeline.first_step import CoarseEstimate
 from uw_visibility.pipeline.timing import StageClock
+from uw_visibility.status import Status
 from uw_visibility.stereo.airlight import Airlight, AirlightPrior
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import DenseMatch
@@ -158,9 +159,15 @@ class SecondStep:
         return self._matcher.dense_disparity(support, confidence=False).disparity
 
     def _describe_restored(self, left: View, right: View, coarse: CoarseEstimate) -> None:
-        """Describe the pair with its contrast restored; without estimate as it is."""
+        """Describe the pair with its contrast restored; without estimate as it is.
+
+        Channels that are too dark are left out. One that is refused for another reason
+        still shows the scene: without it less is left than of the image as it is.
+        """
         water = coarse.water
-        if left.colour is None or not np.isfinite(water.attenuation).any():
+        known = np.isfinite(water.attenuation)
+        dark = np.array([status is Status.TOO_DARK for status in water.channel_status])
+        if left.colour is None or not known.any() or not (known | dark).all():
             self._matcher.describe_raw(self._contrast, left, right)
             return
 
