@@ -20,10 +20,12 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.optics.light_model import Water, veil_thickness
 from uw_visibility.optics.transfer import linear_table
 
-# Neighbourhoods, px: of the least bound, which speckle of noise does not raise, and of
-# the smoothing after it, which leaves no blocks.
-_LEAST = 5
-_SMOOTH = 9
+# Every so many pixels is looked at, in rows and in columns.
+_STRIDE = 2
+# Neighbourhoods, of those: of the least bound, which speckle of noise does not raise, and
+# of the smoothing after it, which leaves no blocks.
+_LEAST = 3
+_SMOOTH = 5
 # Part of the ambient light that a pixel keeps at least as direct light.
 _LEAST_TRANSMISSION = 1e-3
 
@@ -70,24 +72,26 @@ def bound_by_veil(
         farthest = veil[channel] * (1.0 - _LEAST_TRANSMISSION)
         thickness = veil_thickness(np.minimum(irradiance, farthest), veil[channel])
         tables[channel] = thickness / attenuation[channel]
-    bound = np.empty_like(range_map)
     workers = workers or Workers(1)
-    workers.rows(_look_up, bound.shape[0], planes, tables, bound)
-    least = cv2.erode(bound, np.ones((_LEAST, _LEAST), np.uint8))
+    seen = np.empty([-(-size // _STRIDE) for size in range_map.shape], np.float32)
+    workers.rows(_look_up, seen.shape[0], planes, tables, seen)
+    least = cv2.erode(seen, np.ones((_LEAST, _LEAST), np.uint8))
     smooth = cv2.blur(least, (_SMOOTH, _SMOOTH))
+    bound = np.empty_like(range_map)
     workers.rows(_take_lesser, bound.shape[0], range_map, matched, smooth, bound)
     return bound
 
 
 @njit(nogil=True)
-def _look_up(start: int, stop: int, planes: Any, tables: Any, bound: Any) -> None:
-    """Write the farthest range that a pixel's channels allow."""
+def _look_up(start: int, stop: int, planes: Any, tables: Any, seen: Any) -> None:
+    """Write the farthest range that the channels of every second pixel allow."""
     for y in range(start, stop):
-        for x in range(bound.shape[1]):
-            farthest = tables[0, planes[y, x, 0]]
+        row = planes[_STRIDE * y]
+        for x in range(seen.shape[1]):
+            farthest = tables[0, row[_STRIDE * x, 0]]
             for c in range(1, planes.shape[2]):
-                farthest = min(farthest, tables[c, planes[y, x, c]])
-            bound[y, x] = farthest
+                farthest = min(farthest, tables[c, row[_STRIDE * x, c]])
+            seen[y, x] = farthest
 
 
 @njit(nogil=True)
@@ -97,6 +101,7 @@ def _take_lesser(
     for y in range(start, stop):
         for x in range(bound.shape[1]):
             value = range_map[y, x]
-            if not matched[y, x] and smooth[y, x] < value:
-                value = smooth[y, x]
+            least = smooth[y // _STRIDE, x // _STRIDE]
+            if not matched[y, x] and least < value:
+                value = least
             bound[y, x] = value

@@ -27,7 +27,7 @@ from uw_visibility.pipeline.first_step import CoarseEstimate, FirstStep
 from uw_visibility.pipeline.result import FrameResult, StereoResult
 from uw_visibility.pipeline.second_step import ImprovedDisparity, SecondStep
 from uw_visibility.pipeline.timing import StageClock
-from uw_visibility.pipeline.warm_up import warm_up_pair
+from uw_visibility.pipeline.warm_up import warm_up_pair, warm_up_scene
 from uw_visibility.status import Status
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS
 from uw_visibility.stereo.rig import StereoRig
@@ -209,11 +209,9 @@ class Pipeline:
         self.process(left, right, match_original=True)
         if not grey:
             # Of a small image too little is seen to reach all that an estimate may need.
-            ranges = np.linspace(1.0, 4.0, shape[0], dtype=np.float32)[:, np.newaxis]
-            view = View.of(check_pair(left, right)[0], self.config.camera.transfer)
-            self._estimator.estimate_view(
-                view, np.ascontiguousarray(np.broadcast_to(ranges, shape)), range_error=1e-3
-            )
+            image, ranges = warm_up_scene(left)
+            view = View.of(check_pair(image, right)[0], self.config.camera.transfer)
+            self._estimator.estimate_view(view, ranges, range_error=1e-3)
         if compressed:
             # Imported here, since images without loss need none of it.
             from uw_visibility.images.jpeg import warm_up_chroma

@@ -45,3 +45,14 @@ def warm_up_pair(
     scale = 0.8 * np.iinfo(dtype).max
     first, second = ((scale * image).astype(dtype) for image in (left, right))
     return (first[..., 1], second[..., 1]) if grey else (first, second)
+
+
+def warm_up_scene(image: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.float32]]:
+    """Return an image and ranges with open water in view, for all that an estimate may need."""
+    height, width = image.shape[:2]
+    open_water = slice(0, height // 3)
+    image = image.copy()
+    image[open_water] = np.iinfo(image.dtype).max // 2
+    ranges = np.linspace(1.0, 4.0, height, dtype=np.float32)
+    ranges[open_water] = np.nan
+    return image, np.ascontiguousarray(np.broadcast_to(ranges[:, np.newaxis], (height, width)))

@@ -12,23 +12,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.compute.jit import njit
-from uw_visibility.water.histogram import surface_bin
 from uw_visibility.water.observations import Envelopes
+from uw_visibility.water.surfaces import COUNT, DIFFERENCE, RANGE, STEP, SurfaceStatistics
 
-BINS = 24
+# Bins that are needed, and pixels that a bin needs.
 FEWEST_BINS = 5
-# Neighbours that are compared are so many parts of the image's width away, px at least.
-DISTANCE_PART = 160
-DISTANCE_LEAST = 2
-# Pixels that are read, and that a bin needs.
-PIXELS_READ = 60_000
-FEWEST_PIXELS = 100
+FEWEST_PIXELS = 75
 # Contrast below so many times that of noise is not told from it.
 ABOVE_NOISE = 1.0
 # What texture and light change over a scene, as the logarithm of contrast per one
@@ -60,24 +53,13 @@ class Decay:
 
 
 def contrast_course(
-    image: NDArray[Any], range_map: NDArray[np.float32], mask: NDArray[np.bool_],
-    irradiance: NDArray[np.float32], limits: tuple[float, float],
-    noise: NDArray[np.float64],
+    statistics: SurfaceStatistics, noise: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Root mean square of the difference of a pixel to its neighbours, over range.
 
     Parameters
     ----------
-    image : (H, W, 3) uint8 or uint16 ndarray
-        Code values.
-    range_map : (H, W) float32 ndarray
-        m; NaN where unknown.
-    mask : (H, W) or (1, 1) bool ndarray
-        Pixels that count; one for all.
-    irradiance : float32 ndarray
-        Of each code value.
-    limits : tuple of float
-        Least and largest range, m.
+    statistics : SurfaceStatistics
     noise : (3,) float64 ndarray
         Standard deviation of the image's noise and rounding, in code values.
 
@@ -90,57 +72,13 @@ def contrast_course(
     contrast : (3, N) float64 ndarray
         Irradiance, noise taken off; NaN where it is not told from noise.
     """
-    low, high = limits
-    height, width = range_map.shape
-    distance = max(DISTANCE_LEAST, round(width / DISTANCE_PART))
-    stride = max(1, round(math.sqrt(height * width / PIXELS_READ)))
-    sums = np.zeros((BINS, 8))
-    if high > low > 0:
-        _accumulate(
-            image, range_map, mask, irradiance, np.float32(low),
-            np.float32(BINS / math.log(high / low)), distance, stride, sums)
-    enough = sums[:, 7] >= FEWEST_PIXELS
-    count = sums[enough, 7]
-    variance = sums[enough, :3] / count[:, np.newaxis]
+    sums = statistics.contrast[statistics.contrast[:, COUNT] >= FEWEST_PIXELS]
+    count = sums[:, COUNT]
+    variance = sums[:, DIFFERENCE] / count[:, np.newaxis]
     # One pixel and the mean of four.
-    noisy = 1.25 * sums[enough, 3:6] / count[:, np.newaxis] * noise**2
+    noisy = 1.25 * sums[:, STEP] / count[:, np.newaxis] * noise**2
     course = np.sqrt(np.where(variance > (1 + ABOVE_NOISE) * noisy, variance - noisy, np.nan))
-    return sums[enough, 6] / count, count, course.T
-
-
-@njit(nogil=True)
-def _accumulate(
-    image: Any, range_map: Any, mask: Any, irradiance: Any, low: float, bins_per_log: float,
-    distance: int, stride: int, sums: Any,
-) -> None:
-    """Sum squared differences, squared steps of a code, ranges and pixels of each bin."""
-    height, width = range_map.shape
-    masked = mask.size > 1
-    top = irradiance.size - 1
-    for y in range(distance, height - distance, stride):
-        for x in range(distance, width - distance, stride):
-            if masked and not mask[y, x]:
-                continue
-            at = surface_bin(range_map, y, x, distance, low, bins_per_log, sums.shape[0])
-            if at < 0:
-                continue
-            clipped = False
-            for c in range(3):
-                clipped |= image[y, x, c] >= top
-            if clipped:
-                continue
-            for c in range(3):
-                code = image[y, x, c]
-                mean = np.float32(0.25) * (
-                    irradiance[image[y - distance, x, c]] + irradiance[image[y + distance, x, c]]
-                    + irradiance[image[y, x - distance, c]] + irradiance[image[y, x + distance, c]]
-                )
-                difference = irradiance[code] - mean
-                sums[at, c] += difference * difference
-                step = irradiance[min(code + 1, top)] - irradiance[code]
-                sums[at, 3 + c] += step * step
-            sums[at, 6] += range_map[y, x]
-            sums[at, 7] += 1
+    return sums[:, RANGE] / count, count, course.T
 
 
 def decay(

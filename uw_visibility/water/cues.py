@@ -22,6 +22,7 @@ from uw_visibility.water.contrast import (
 from uw_visibility.water.observations import Envelopes
 from uw_visibility.water.open_water import OpenWater, find_open_water
 from uw_visibility.water.position import HalfEnvelopes, observe_halves
+from uw_visibility.water.surfaces import surface_statistics
 
 
 class Cues(NamedTuple):
@@ -79,14 +80,11 @@ def gather_cues(
     ranges, valid = samples.reduce(range_map, valid)
     mask = np.ones((1, 1), np.bool_) if valid is None else valid
     rounding = np.sqrt(samples.noise**2 + ROUNDING_VARIANCE)
+    surfaces = surface_statistics(codes, ranges, mask, irradiance, envelope.limits)
     contrast = fuse_decays(
-        decay(*contrast_course(
-            codes, ranges, mask, irradiance, envelope.limits, rounding), active),
-        envelope_decay(envelope, active))
+        decay(*contrast_course(surfaces, rounding), active), envelope_decay(envelope, active))
     return Cues(
         contrast,
         find_open_water(codes, ranges, valid, irradiance, envelope),
-        observe_halves(
-            codes, ranges, mask, irradiance, envelope.limits,
-            rounding * np.nan_to_num(envelope.step).max(axis=1)),
+        observe_halves(surfaces, rounding * np.nan_to_num(envelope.step).max(axis=1)),
     )

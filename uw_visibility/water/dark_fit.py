@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.fit import Fit, fit_plain
 from uw_visibility.water.lower_envelope import fit_lower_envelope
-from uw_visibility.water.observations import Envelopes
+from uw_visibility.water.observations import Envelopes, quantile_of_known
 from uw_visibility.water.transfer_check import CERTAIN, other_transfer
 from uw_visibility.water.validation import (
     black_attenuation,
@@ -77,14 +77,17 @@ def fit_of_veil(
 ) -> FitVeil:
     """Return the fit of the dark envelope as a function of the veil's bounds and the light."""
     patches = brightest_patches(envelope)
+    typical = quantile_of_known(envelope.dark, 0.5)
 
     def fit(
         lower: NDArray[np.float64], upper: NDArray[np.float64], light: NDArray[np.float64]
-    ) -> Fit:
+    ) -> Fit | None:
+        if (typical > upper)[active].any():
+            return None
         share = np.clip(envelope.dark / lower[:, np.newaxis], 0.0, 0.98)
         black = -np.log1p(-share) / envelope.dark_range
         first = np.stack((clear_water, lower), axis=1)
-        first[active, 0] = np.nanmedian(black[active], axis=1)
+        first[active, 0] = quantile_of_known(black[active], 0.5)
         found = fit_lower_envelope(
             envelope.dark_range, envelope.dark, envelope.deviation, lower, first,
             clear_water, active, envelope.range_error, patches, light, upper)

@@ -151,6 +151,17 @@ def deviance(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -> float:
 
 
 @njit(nogil=True)
+def total_loss(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -> float:
+    """Cost of all bins."""
+    cost = 0.0
+    for c in range(3):
+        for i in range(distance.shape[1]):
+            if known[c, i]:
+                cost += loss(residual(p, distance, dark, scale, c, i), scale, c, i)[0]
+    return cost
+
+
+@njit(nogil=True)
 def add_normal_equations(
     p: Any, distance: Any, dark: Any, known: Any, scale: Any, hessian: Any, slope: Any
 ) -> float:

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -23,8 +22,6 @@ PIXELS_READ_WHOLE = 130_000
 # of a pixel is too steep to be sure of: a slope seen at a grazing angle, or a
 # mesh that was spanned over a jump.
 MAX_SLOPE = np.float32(0.2)
-# Neighbours of one surface: their ranges differ by less than this part.
-SAME_SURFACE = 0.04
 
 
 @njit(nogil=True)
@@ -128,38 +125,6 @@ def _place_smooth_row(
         )
         cell = (here[x] - low) * cells_per_metre
         place[x] = np.int32(cell) if smooth & (cell >= 0) & (cell < CELLS) else np.int32(-1)
-
-
-@njit(nogil=True)
-def surface_bin(
-    range_map: Any, y: int, x: int, distance: int, low: float, bins_per_log: float, bins: int
-) -> int:
-    """Bin of a pixel's range, or -1 where its four neighbours are not of one surface with it.
-
-    Parameters
-    ----------
-    range_map : (H, W) float32 ndarray
-        m; NaN where unknown.
-    y, x, distance : int
-        The pixel, and how far off its neighbours are.
-    low, bins_per_log : float
-        Least range, m, and bins by the logarithm of range over it.
-    bins : int
-        Their number.
-    """
-    here = range_map[y, x]
-    limit = np.float32(SAME_SURFACE) * here
-    # Comparisons with NaN are false.
-    if not (
-        here >= low
-        and abs(range_map[y - distance, x] - here) <= limit
-        and abs(range_map[y + distance, x] - here) <= limit
-        and abs(range_map[y, x - distance] - here) <= limit
-        and abs(range_map[y, x + distance] - here) <= limit
-    ):
-        return -1
-    at = int(math.log(here / low) * bins_per_log)
-    return at if at < bins else -1
 
 
 @njit(nogil=True)

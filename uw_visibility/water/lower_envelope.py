@@ -21,6 +21,7 @@ from uw_visibility.water.envelope_loss import (
     loss,
     residual,
     set_scales,
+    total_loss,
     typical_darkness,
 )
 from uw_visibility.water.fit import AMBIENT_LIGHT_MAX, ATTENUATION_BOUNDS, Fit, blank
@@ -147,9 +148,7 @@ def _minimise(
             if move < 1e-8:
                 converged = iterations > BLACK_ITERATIONS
                 break
-            trial_cost = add_normal_equations(
-                trial, distance, dark, known, scale, scratch, scratch_slope
-            )
+            trial_cost = total_loss(trial, distance, dark, known, scale)
             trial_cost += add_weak_priors(
                 trial, active, clear_water, lower[1::2], tolerance, True, scratch, scratch_slope
             )

@@ -6,12 +6,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from uw_visibility.compute.jit import njit
 from uw_visibility.images.view import ColourSamples
 from uw_visibility.water.histogram import CELL_BITS, CELLS, accumulate, take_quantiles
 from uw_visibility.water.levels import LEVELS_16_BIT, LEVELS_OF_MEANS, levels
@@ -92,6 +94,24 @@ class Envelopes:
     grey: bool
     limits: tuple[float, float] = (0.0, 0.0)
     range_error: float = 0.0
+
+
+def quantile_of_known(values: NDArray[np.float64], quantile: float) -> NDArray[np.float64]:
+    """Quantile over the bins that are known, (C, N) to (C,); NaN where none is."""
+    result = np.full(len(values), np.nan)
+    _quantiles_of_known(np.ascontiguousarray(values), quantile, result)
+    return result
+
+
+@njit(nogil=True)
+def _quantiles_of_known(values: Any, quantile: float, result: Any) -> None:
+    for c in range(len(values)):
+        known = np.sort(values[c][np.isfinite(values[c])])
+        if len(known) > 0:
+            place = quantile * (len(known) - 1)
+            below = int(place)
+            above = min(below + 1, len(known) - 1)
+            result[c] = known[below] + (place - below) * (known[above] - known[below])
 
 
 def observe(

@@ -5,14 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
-from uw_visibility.water.observations import Envelopes
+from uw_visibility.water.observations import Envelopes, quantile_of_known
 
 # The search looks at so many cells along the image's width, of 4 px at least.
 CELLS = 100
@@ -72,6 +72,15 @@ class OpenWater:
     fraction: float
 
 
+class _MatchedLight(NamedTuple):
+    """Irradiance of the matched scene, (3,) float64 each: bright patches and dark ones."""
+
+    brightest: NDArray[np.float64]
+    bright_far: NDArray[np.float64]
+    dark_near: NDArray[np.float64]
+    dark_far: NDArray[np.float64]
+
+
 def find_open_water(
     image: NDArray[Any], range_map: NDArray[np.float32], valid: NDArray[np.bool_] | None,
     irradiance: NDArray[np.float32], envelope: Envelopes,
@@ -113,43 +122,44 @@ def find_open_water(
         return None
     means = cv2.resize(image[whole], size, interpolation=cv2.INTER_AREA).astype(np.float64)
     code = irradiance.size / 256
-    blank = void & _even(means, code) & (means.max(axis=2) > 1.0 * code)
+    blank = void.copy()
+    _even(means, code, blank)
     number, labels = _areas(blank)
     if number < 2:
         return None
     # Only near to what may be water is it asked how smooth the image is.
     asked = cv2.dilate((labels > 0).astype(np.uint8), np.ones((2 * REACH + 1,) * 2, np.uint8)) > 0
-    rough = np.full((rows, columns, 3), np.inf)
-    _roughness(image, side, asked, rough)
     noise = 1.5 * (envelope.noise**2 + 1.0 / 12.0)
     limit = ROUGHNESS * noise + (ROUGHNESS_LEAST * code) ** 2 + 1.5 * PHOTONS * code * means
-    smooth: NDArray[np.bool_] = np.all(rough <= limit, axis=2)
+    smooth = np.zeros((rows, columns), np.bool_)
+    _smooth(image, side, asked, limit, smooth)
     number, labels = _areas(blank & smooth)
-    nearest = np.quantile(ranges[::4, ::4][known[::4, ::4]], FAR) if known[::4, ::4].any() else 0.0
-    far = cv2.resize(
-        (known & (ranges >= nearest)).astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
-    if number < 2 or not far.any():
-        return None
-    light = irradiance[np.clip(means + 0.5, 0, irradiance.size - 1).astype(np.int64)].astype(
-        np.float64)
-    away = cv2.distanceTransform((~far).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5) / columns
     area = np.zeros((rows, columns), np.bool_)
+    scene = _matched_light(envelope)
     for label in range(1, number):
         part = labels == label
         if np.count_nonzero(part) < max(LEAST_AREA * part.size, 6):
             continue
         allowed = np.interp(np.count_nonzero(part) / part.size, REACH_AREAS, CONTINUED)
         if (
-            _is_water(light[part], envelope, means[part], irradiance.size - 1)
+            _is_water(means[part], irradiance, scene)
             and _continued(part, means, matched, smooth, code) < allowed
         ):
             area |= part
     if not area.any():
         return None
-    weights = np.exp(-(away[area] - away[area].min()) / NEAR_TO_FAR)
+    nearest = np.quantile(ranges[::4, ::4][known[::4, ::4]], FAR) if known[::4, ::4].any() else 0.0
+    far = cv2.resize(
+        (known & (ranges >= nearest)).astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
+    if not far.any():
+        return None
+    light = _light(means[area], irradiance)
+    away = cv2.distanceTransform(
+        (~far).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)[area] / columns
+    weights = np.exp(-(away - away.min()) / NEAR_TO_FAR)
     weights /= weights.sum()
-    veil = weights @ light[area]
-    variance = weights @ (light[area] - veil) ** 2 + (veil - light[area].mean(axis=0)) ** 2
+    veil = weights @ light
+    variance = weights @ (light - veil) ** 2 + (veil - light.mean(axis=0)) ** 2
     floor = (0.3 * code * np.diff(irradiance)[np.clip(
         np.searchsorted(irradiance, veil), 0, irradiance.size - 2)])
     fraction = float(np.count_nonzero(area)) / area.size
@@ -168,21 +178,25 @@ def _areas(blank: NDArray[np.bool_]) -> tuple[int, NDArray[np.int32]]:
     return int(order.max()) + 1, order[labels]
 
 
-def _even(means: NDArray[np.float64], code: float) -> NDArray[np.bool_]:
-    """Cells whose neighbours are nearly as bright."""
-    even = np.ones(means.shape[:2], np.bool_)
-    limit = np.maximum(GRADIENT * means, GRADIENT_LEAST * code)
-    for axis in (0, 1):
-        step = np.abs(np.diff(means, axis=axis))
-        limits = limit[1:] if axis == 0 else limit[:, 1:]
-        large = (step > limits).any(axis=2)
-        if axis == 0:
-            even[1:] &= ~large
-            even[:-1] &= ~large
-        else:
-            even[:, 1:] &= ~large
-            even[:, :-1] &= ~large
-    return even
+@njit(nogil=True)
+def _even(means: Any, code: float, even: Any) -> None:
+    """Keep cells that are not black and nearly as bright as their neighbours."""
+    rows, columns = even.shape
+    for row in range(rows):
+        for column in range(columns):
+            brightest = 0.0
+            for c in range(3):
+                here = means[row, column, c]
+                brightest = max(brightest, here)
+                for below, beside in ((1, 0), (0, 1)):
+                    y, x = row + below, column + beside
+                    if y < rows and x < columns:
+                        there = means[y, x, c]
+                        if abs(here - there) > max(GRADIENT * there, GRADIENT_LEAST * code):
+                            even[row, column] = False
+                            even[y, x] = False
+            if brightest <= code:
+                even[row, column] = False
 
 
 def _continued(
@@ -195,6 +209,9 @@ def _continued(
     things.
     """
     near = 2 * REACH + 1
+    about = tuple(
+        slice(max(int(at.min()) - REACH, 0), int(at.max()) + REACH + 1) for at in part.nonzero())
+    part, means, matched, smooth = part[about], means[about], matched[about], smooth[about]
     inside = part.astype(np.float64)
     weight = cv2.blur(inside, (near, near), borderType=cv2.BORDER_CONSTANT)
     ring = (weight > 1e-9) & ~part & (matched > 0.5)
@@ -207,32 +224,43 @@ def _continued(
     return float(same.mean())
 
 
+def _matched_light(envelope: Envelopes) -> _MatchedLight:
+    """Envelopes at the near and at the far end, medians over bins."""
+    bins = len(envelope.range)
+    quarter = max(bins // 4, 1)
+    near, far = slice(0, quarter), slice(bins - quarter, bins)
+    return _MatchedLight(
+        quantile_of_known(envelope.bright, 1.0), quantile_of_known(envelope.bright[:, far], 0.5),
+        quantile_of_known(envelope.dark[:, near], 0.5),
+        quantile_of_known(envelope.dark[:, far], 0.5),
+    )
+
+
+def _light(codes: NDArray[np.float64], irradiance: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Irradiance of mean code values, (N, 3)."""
+    return irradiance[np.minimum(codes + 0.5, irradiance.size - 1).astype(np.int64)].astype(
+        np.float64)
+
+
 def _is_water(
-    light: NDArray[np.float64], envelope: Envelopes, codes: NDArray[np.float64], top: int
+    codes: NDArray[np.float64], irradiance: NDArray[np.float32], scene: _MatchedLight
 ) -> bool:
     """Tell open water from close dark objects, the surface, and overexposed areas."""
-    if (codes.max(axis=1) >= 0.995 * top).mean() > SATURATED:
+    if (codes >= 0.995 * (irradiance.size - 1)).any(axis=1).mean() > SATURATED:
         return False
-    veil = np.median(light, axis=0)
-    bins = len(envelope.range)
-    far = slice(bins - max(bins // 4, 1), bins)
-    near = slice(0, max(bins // 4, 1))
-    brightest = np.nanmax(envelope.bright, axis=1)
-    if (veil > BRIGHTEST * brightest).all():
+    veil = np.median(_light(codes, irradiance), axis=0)
+    if (veil > BRIGHTEST * scene.brightest).all():
         return False
-    dark_far = np.nanmedian(envelope.dark[:, far], axis=1)
-    dark_near = np.nanmedian(envelope.dark[:, near], axis=1)
-    total = veil.sum()
-    far_light = np.nanmedian(envelope.bright[:, far], axis=1)
-    if veil[0] / total > far_light[0] / far_light.sum() + REDDER:
+    far_share = scene.bright_far[0] / scene.bright_far.sum()
+    if veil[0] / veil.sum() > far_share + REDDER:
         return False
-    darker = (veil < DARKER * dark_far) & (dark_far > dark_near)
+    darker = (veil < DARKER * scene.dark_far) & (scene.dark_far > scene.dark_near)
     return not bool(darker.sum() >= 2)
 
 
 @njit(nogil=True)
-def _roughness(image: Any, side: int, asked: Any, rough: Any) -> None:
-    """Mean squared second difference of codes in each cell that is asked for."""
+def _smooth(image: Any, side: int, asked: Any, limit: Any, smooth: Any) -> None:
+    """Mark cells asked for whose mean squared second difference of codes is below its limit."""
     height, width = image.shape[:2]
     total = np.zeros(3)
     for row in range(asked.shape[0]):
@@ -251,5 +279,7 @@ def _roughness(image: Any, side: int, asked: Any, rough: Any) -> None:
                         across = twice - image[y, x - 2, c] - image[y, x + 2, c]
                         along = twice - image[y - 2, x, c] - image[y + 2, x, c]
                         total[c] += 0.125 * (across * across + along * along)
+            below = True
             for c in range(3):
-                rough[row, column, c] = total[c] / max(count, 1)
+                below &= total[c] <= limit[row, column, c] * max(count, 1)
+            smooth[row, column] = below

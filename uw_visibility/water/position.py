@@ -9,30 +9,22 @@ more than dark patches do, no single attenuation describes the frame.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.compute.jit import njit
 from uw_visibility.optics.light_model import transmission
 from uw_visibility.status import Status
-from uw_visibility.water.histogram import surface_bin
+from uw_visibility.water.surfaces import REGIONS, SurfaceStatistics
 
-RANGE_BINS = 16
-# Left or right, top or bottom, middle or surroundings: a bit each.
-REGIONS = 8
+# What the bits of a region tell.
 SPLITS = ("left and right", "top and bottom", "middle and surroundings")
-LEVELS = 128
-# Pixels that are read, and that half a bin needs; part of them below its dark envelope.
-PIXELS_READ = 45_000
+# Pixels that half a bin needs; part of them below its dark envelope.
 FEWEST = 40
 FEWEST_BINS = 2
 DARK = 0.03
-# Neighbours this far off, px, belong to the same surface.
-NEIGHBOUR = 3
 # Darkest patches of halves differ by this part of the direct light.
 DARKNESS = 0.08
 # Neighbouring bins show the same objects.
@@ -105,23 +97,13 @@ class HalfEnvelopes:
 
 
 def observe_halves(
-    image: NDArray[Any], range_map: NDArray[np.float32], mask: NDArray[np.bool_],
-    irradiance: NDArray[np.float32], limits: tuple[float, float], noise: NDArray[np.float64],
+    statistics: SurfaceStatistics, noise: NDArray[np.float64]
 ) -> HalfEnvelopes:
     """Take the dark envelopes of halves of an image.
 
     Parameters
     ----------
-    image : (H, W, 3) uint8 or uint16 ndarray
-        Code values.
-    range_map : (H, W) float32 ndarray
-        m; NaN where unknown.
-    mask : (H, W) or (1, 1) bool ndarray
-        Pixels that count; one for all.
-    irradiance : float32 ndarray
-        Of each code value.
-    limits : tuple of float
-        Least and largest range, m.
+    statistics : SurfaceStatistics
     noise : (3,) float64 ndarray
         Standard deviation of the image's noise and rounding, as irradiance.
 
@@ -129,18 +111,8 @@ def observe_halves(
     -------
     HalfEnvelopes
     """
-    low, high = limits
-    counts = np.zeros((RANGE_BINS, REGIONS, 3, LEVELS), np.int32)
-    ranges = np.zeros((RANGE_BINS, 2))
-    top = float(irradiance[-1])
-    if high > low > 0:
-        stride = max(1, round(math.sqrt(range_map.size / PIXELS_READ)))
-        level_of = (np.sqrt(irradiance / top) * (LEVELS - 1)).astype(np.int32)
-        _count(
-            image, range_map, mask, level_of, np.float32(low),
-            np.float32(RANGE_BINS / math.log(high / low)), stride, counts, ranges)
+    counts, ranges = statistics.levels, statistics.ranges
     mean = ranges[:, 0] / np.maximum(ranges[:, 1], 1.0)
-    edges = top * (np.arange(LEVELS + 1) / (LEVELS - 1)) ** 2
     # Halves by splits by bins by channels by levels.
     whole = counts.sum(axis=1)
     second = np.stack([
@@ -148,7 +120,7 @@ def observe_halves(
         for split in range(len(SPLITS))])
     halves = np.stack((whole - second, second))
     enough = halves[:, :, :, 0].sum(axis=3).min(axis=0) >= FEWEST
-    dark = np.moveaxis(_quantile(halves, edges), 3, 2)
+    dark = np.moveaxis(_quantile(halves, statistics.edges), 3, 2)
     return HalfEnvelopes(np.where(enough, mean, np.nan), dark, noise)
 
 
@@ -197,34 +169,3 @@ def _quantile(counts: NDArray[Any], edges: NDArray[np.float64]) -> NDArray[np.fl
     upto = np.take_along_axis(running, level[..., np.newaxis], -1)[..., 0]
     inside = 1.0 - (upto - rank[..., 0]) / np.maximum(here, 1)
     return np.asarray(edges[level] + inside * (edges[level + 1] - edges[level]))
-
-
-@njit(nogil=True)
-def _count(
-    image: Any, range_map: Any, mask: Any, level_of: Any, low: float, bins_per_log: float,
-    stride: int, counts: Any, ranges: Any,
-) -> None:
-    """Count levels by range and region."""
-    height, width = range_map.shape
-    masked = mask.size > 1
-    middle_y, middle_x = 0.5 * height, 0.5 * width
-    # Half of the image is farther from its middle.
-    ring = 0.5 * (middle_y**2 + middle_x**2) * 0.66
-    for y in range(NEIGHBOUR, height - NEIGHBOUR, stride):
-        for x in range(NEIGHBOUR, width - NEIGHBOUR, stride):
-            if masked and not mask[y, x]:
-                continue
-            at = surface_bin(range_map, y, x, NEIGHBOUR, low, bins_per_log, counts.shape[0])
-            if at < 0:
-                continue
-            region = 0
-            if x >= middle_x:
-                region += 1
-            if y >= middle_y:
-                region += 2
-            if (y - middle_y) ** 2 + (x - middle_x) ** 2 >= ring:
-                region += 4
-            for c in range(3):
-                counts[at, region, c, level_of[image[y, x, c]]] += 1
-            ranges[at, 0] += range_map[y, x]
-            ranges[at, 1] += 1

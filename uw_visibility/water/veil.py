@@ -58,8 +58,11 @@ TAIL = 2.0
 TEMPERATURE = 6.0
 
 FitVeil = Callable[
-    [NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], Fit]
-"""Fit with a lower and an upper bound of the veil, (3,) each, and W / B, (3,)."""
+    [NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], Fit | None]
+"""Fit with a lower and an upper bound of the veil, (3,) each, and W / B, (3,).
+
+None where most dark patches are lighter than the upper bound: no water makes black so light.
+"""
 FuseVeil = Callable[
     [Fit, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], Fit]
 """Fuse with priors: the fit, W / B, the veil and the deviation of its logarithm."""
@@ -185,6 +188,8 @@ def _fit_ratio(fit: FitVeil, ratio: float, brightest: NDArray[np.float64]) -> Fi
     as_the_paper = ratio == 1.0
     upper = np.full(3, AMBIENT_LIGHT_MAX) if as_the_paper else ABOVE * veil
     found = fit(veil if as_the_paper else BELOW * veil, upper, _light_of_ratio(ratio))
+    if found is None:
+        return None
     failed = (
         not found.converged or not np.isfinite(found.covariance).all()
         or (found.parameters[:, 0] >= ATTENUATION_BOUNDS[1]).any()
@@ -236,10 +241,12 @@ def _with_open_water(
     light = np.clip(
         np.nan_to_num(envelope.bright).max(axis=1) / BRIGHT_RADIANCE / water.veil, *LIGHT_LIMITS)
     found = fit(lower, upper, light)
+    if found is None:
+        return None
     light = np.clip(
         _bright_light(found.parameters[:, 0], water.veil, envelope) / water.veil, *LIGHT_LIMITS)
     found = fit(lower, upper, light)
-    if not found.converged or not np.isfinite(found.covariance).all():
+    if found is None or not found.converged or not np.isfinite(found.covariance).all():
         return None
     likelihood = _likelihood(found, clear_water)
     fused = _regular(fuse(found, light, water.veil, water.stddev / water.veil))

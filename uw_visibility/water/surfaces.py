@@ -1,0 +1,154 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Statistics of smooth surfaces over range, in one pass: local contrast, levels by region."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.jit import njit
+
+# Pixels that are read.
+PIXELS_READ = 45_000
+# Bins of equal ratio, and how many of them contrast and regions take together.
+BINS = 48
+CONTRAST_GROUP = 2
+REGION_GROUP = 3
+# Neighbours that are compared are so many parts of the image's width away, px at least.
+DISTANCE_PART = 160
+DISTANCE_LEAST = 2
+# Neighbours of one surface: their ranges differ by less than this part.
+SAME_SURFACE = 0.04
+# Left or right, top or bottom, middle or surroundings: a bit each.
+REGIONS = 8
+# Levels of the square root of irradiance.
+LEVELS = 128
+# Columns of `SurfaceStatistics.contrast`.
+DIFFERENCE, STEP, RANGE, COUNT = slice(0, 3), slice(3, 6), 6, 7
+COLUMNS = 8
+
+
+class SurfaceStatistics(NamedTuple):
+    """Sums over the pixels whose neighbours are of one surface with them.
+
+    Attributes
+    ----------
+    contrast : (N, 8) float64 ndarray
+        For each bin of range, over unsaturated pixels: sum of the squared difference of
+        irradiance to the neighbours' mean and of the squared step of a code, both of
+        three channels; sum of ranges, m; pixels.
+    levels : (M, 8, 3, 128) int32 ndarray
+        For each bin of range, region and channel: pixels of each level.
+    edges : (129,) float64 ndarray
+        Irradiance where each level begins, and the last ends.
+    ranges : (M, 2) float64 ndarray
+        Sum of ranges, m, and pixels.
+    """
+
+    contrast: NDArray[np.float64]
+    levels: NDArray[np.int32]
+    edges: NDArray[np.float64]
+    ranges: NDArray[np.float64]
+
+
+def surface_statistics(
+    image: NDArray[Any], range_map: NDArray[np.float32], mask: NDArray[np.bool_],
+    irradiance: NDArray[np.float32], limits: tuple[float, float],
+) -> SurfaceStatistics:
+    """Sum up local contrast and levels over range.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8 or uint16 ndarray
+        Code values.
+    range_map : (H, W) float32 ndarray
+        m; NaN where unknown.
+    mask : (H, W) or (1, 1) bool ndarray
+        Pixels that count; one for all.
+    irradiance : float32 ndarray
+        Of each code value.
+    limits : tuple of float
+        Least and largest range, m.
+
+    Returns
+    -------
+    SurfaceStatistics
+    """
+    low, high = limits
+    top = float(irradiance[-1])
+    sums = np.zeros((BINS // CONTRAST_GROUP, COLUMNS))
+    levels = np.zeros((BINS // REGION_GROUP, REGIONS, 3, LEVELS), np.int32)
+    ranges = np.zeros((BINS // REGION_GROUP, 2))
+    if high > low > 0:
+        _accumulate(
+            image, range_map, mask, irradiance,
+            (np.sqrt(irradiance / top) * (LEVELS - 1)).astype(np.uint8),
+            np.float32(low), np.float32(BINS / math.log(high / low)),
+            max(DISTANCE_LEAST, round(range_map.shape[1] / DISTANCE_PART)),
+            max(1, round(math.sqrt(range_map.size / PIXELS_READ))), sums, levels, ranges)
+    edges = top * (np.arange(LEVELS + 1) / (LEVELS - 1)) ** 2
+    return SurfaceStatistics(sums, levels, edges, ranges)
+
+
+@njit(nogil=True)
+def _accumulate(
+    image: Any, range_map: Any, mask: Any, irradiance: Any, level_of: Any, low: float,
+    bins_per_log: float, distance: int, stride: int, sums: Any, levels: Any, ranges: Any,
+) -> None:
+    """Fill the sums of `SurfaceStatistics`."""
+    height, width = range_map.shape
+    masked = mask.size > 1
+    top = irradiance.size - 1
+    middle_y, middle_x = 0.5 * height, 0.5 * width
+    # Half of the image is farther from its middle.
+    ring = 0.5 * (middle_y**2 + middle_x**2) * 0.66
+    for y in range(distance, height - distance, stride):
+        above, below = y - distance, y + distance
+        for x in range(distance, width - distance, stride):
+            here = range_map[y, x]
+            limit = np.float32(SAME_SURFACE) * here
+            before, after = x - distance, x + distance
+            # Comparisons with NaN are false.
+            if not (
+                here >= low
+                and abs(range_map[above, x] - here) <= limit
+                and abs(range_map[below, x] - here) <= limit
+                and abs(range_map[y, before] - here) <= limit
+                and abs(range_map[y, after] - here) <= limit
+            ) or (masked and not mask[y, x]):
+                continue
+            at = int(math.log(here / low) * bins_per_log)
+            if at >= BINS:
+                continue
+            region = 0
+            if x >= middle_x:
+                region += 1
+            if y >= middle_y:
+                region += 2
+            if (y - middle_y) ** 2 + (x - middle_x) ** 2 >= ring:
+                region += 4
+            clipped = False
+            for c in range(3):
+                levels[at // REGION_GROUP, region, c, level_of[image[y, x, c]]] += 1
+                clipped |= image[y, x, c] >= top
+            ranges[at // REGION_GROUP, 0] += here
+            ranges[at // REGION_GROUP, 1] += 1
+            if clipped:
+                continue
+            row = sums[at // CONTRAST_GROUP]
+            for c in range(3):
+                code = image[y, x, c]
+                light = irradiance[code]
+                difference = light - np.float32(0.25) * (
+                    irradiance[image[above, x, c]] + irradiance[image[below, x, c]]
+                    + irradiance[image[y, before, c]] + irradiance[image[y, after, c]]
+                )
+                row[c] += difference * difference
+                step = irradiance[code + 1] - light
+                row[3 + c] += step * step
+            row[RANGE] += here
+            row[COUNT] += 1
