@@ -15,6 +15,7 @@ from uw_visibility.errors import InputError
 if TYPE_CHECKING:
     from uw_visibility.config.schema import PipelineConfig
     from uw_visibility.evaluation.experiments import Plan
+    from uw_visibility.evaluation.lamps.study import LampPlan
 
 # Each takes up to 1 GB.
 MOST_JOBS = 256
@@ -32,6 +33,10 @@ With --adverse, it shows instead what the estimates of the water say where water
 camera are not the model's: each effect, at some levels, is put on every scene, and
 counted is what was refused, and why, and what was published more than 3 σ wrong, beside
 the paper's plain fit and Sea-thru's.
+
+With --lamps, it renders reefs by night, lit by the vehicle's own lamps, and a survey that
+looks down at the floor, and shows what the pipeline says when it is told of the lamps, when it
+is told of lamps that are off by 5 cm and 5°, and when it is told of daylight.
 
 A DATASET is a scene or a folder of scenes of the Middlebury 2005 or 2006 form: view1
 and view5 (images), disp1.png and, where there is one, disp5.png. Without a DATASET,
@@ -59,6 +64,14 @@ with --adverse:
   adverse.csv       the same by effect, level and method: error, σ, refused, beyond 3 σ
   evaluation.json   all of these, the settings, and the summary
 
+with --lamps:
+  lamp_cases.csv    each reef, rig, surface and water: every estimate and its truth
+  survey.csv        each frame of the survey: its estimate, and that with the frames before
+  lamps.png         visibility over its truth; frames right and refused
+  survey.png        frames by method, and attenuation over the frames
+  evaluation.json   all of these, the settings, and the summary
+  Surfaces are Lambertian, or face every lamp, as the light model has them.
+
 An empty field, or null, is not assessable; the status beside it says why. A disparity
 is correct within 1 px (2 px for images wider than 1000 px), of all pixels whose truth
 is known. In water with a spectrum, a layer or a plume the true β is the effective one,
@@ -70,6 +83,7 @@ exit code: 0 done, 2 unusable input or options, 1 a failure inside"""
 
 QUICK_ATTENUATIONS, QUICK_DEPTHS, QUICK_FRAMES = (0.0, 0.2), (2.0,), 3
 QUICK_SIZE = (320, 240)
+QUICK_SURVEY = 12
 NOISES, QUICK_NOISES = ("1", "2", "4", "camera"), ("2",)
 FRAMES = 20
 
@@ -105,7 +119,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     )
     add(
         "--frames", metavar="N", type=int,
-        help=f"frames of the transect, 0 for none ({FRAMES})",
+        help=f"frames of the transect, 0 for none ({FRAMES}); with --lamps of the survey (100)",
     )
     add(
         "--marine-snow", metavar="SHARE", type=float, default=0.0,
@@ -134,10 +148,17 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--effects", metavar="NAME", nargs="+", default=[],
         help="these effects only; an unknown name lists them",
     )
-    add("--seeds", metavar="N", type=int, default=1, help="draws of noise (%(default)s)")
+    group = parser.add_argument_group("study under lamps")
+    group.add_argument("--lamps", action="store_true", help="reefs and a survey by night")
+    add = parser.add_argument_group("both studies").add_argument
     add(
-        "--ranges", choices=("true", "matched"), default="true",
-        help="disparities: the true ones, which is quick, or those of the pipeline (%(default)s)",
+        "--seeds", metavar="N", type=int,
+        help="draws of noise (1); with --lamps also of reefs and poses (3)",
+    )
+    add(
+        "--ranges", choices=("true", "matched"),
+        help="disparities: the true ones, which is quick, or those of the pipeline (true; with "
+        "--lamps matched, and in a survey always)",
     )
     parser.set_defaults(func=run)
 
@@ -153,8 +174,12 @@ def run(arguments: argparse.Namespace) -> None:
     if not 1 <= arguments.jobs <= MOST_JOBS:
         raise InputError(f"--jobs is {arguments.jobs}: give from 1 to {MOST_JOBS}")
     _refuse_folder(arguments.output, arguments.force)
+    if arguments.adverse and arguments.lamps:
+        raise InputError("--adverse and --lamps are two studies: give one of them")
     with sole_writer(arguments.output):
-        if arguments.adverse:
+        if arguments.lamps:
+            _run_lamps(arguments)
+        elif arguments.adverse:
             _run_adverse(arguments)
         else:
             _run_experiments(arguments)
@@ -200,7 +225,7 @@ def _run_adverse(arguments: argparse.Namespace) -> None:
         effects=tuple(arguments.effects),
         attenuations=tuple(arguments.attenuation or ATTENUATIONS),
         depths=tuple(arguments.depth or DEPTHS),
-        seeds=arguments.seeds,
+        seeds=1 if arguments.seeds is None else arguments.seeds,
         matched=arguments.ranges == "matched",
         config=_read_config(arguments.params_file, {}),
     )
@@ -213,6 +238,54 @@ def _run_adverse(arguments: argparse.Namespace) -> None:
     say(f"tables: {arguments.output}")
     say("")
     print(adverse_text(summary))
+
+
+def _run_lamps(arguments: argparse.Namespace) -> None:
+    if arguments.datasets:
+        raise InputError("--lamps renders its own scenes: leave out the DATASET")
+    plan = _lamp_plan(arguments)
+    _check_figures()
+    from uw_visibility.commands.progress import progress_bar
+    from uw_visibility.evaluation.lamps.figures import draw_survey, draw_visibility
+    from uw_visibility.evaluation.lamps.report import lamps_text, write_lamps
+    from uw_visibility.evaluation.lamps.study import run_lamps
+    from uw_visibility.evaluation.lamps.summary import summarise_lamps
+
+    results, survey = run_lamps(
+        plan, arguments.jobs, lambda done, total: progress_bar(done, "evaluate", total)
+    )
+    summary = summarise_lamps(results, survey)
+    with gathered(arguments.output, last=RESULT, clear=arguments.force) as folder:
+        write_lamps(folder, plan, results, survey, summary)
+        draw_visibility(folder / "lamps.png", results, summary)
+        if survey is not None:
+            draw_survey(folder / "survey.png", survey)
+    print(lamps_text(summary))
+    say("")
+    say(f"tables and figures: {arguments.output}")
+
+
+def _lamp_plan(arguments: argparse.Namespace) -> LampPlan:
+    from uw_visibility.evaluation.lamps import study
+    from uw_visibility.evaluation.lamps.survey_frames import SurveyPlan
+
+    quick = arguments.quick
+    config = _read_config(arguments.params_file, {})
+    frames = arguments.frames
+    if frames is None:
+        frames = QUICK_SURVEY if quick else study.FRAMES
+    seeds = arguments.seeds
+    if seeds is None:
+        seeds = 1 if quick else study.SEEDS
+    return study.LampPlan(
+        attenuations=tuple(
+            arguments.attenuation or (QUICK_ATTENUATIONS[1:] if quick else study.ATTENUATIONS)),
+        surfaces=study.SURFACES[:1] if quick else study.SURFACES,
+        seeds=seeds,
+        matched=arguments.ranges != "true",
+        survey=None if frames == 0 else SurveyPlan(frames, config=config),
+        config=config,
+    )
 
 
 def _plan(arguments: argparse.Namespace) -> Plan:

@@ -1,0 +1,171 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Case of the study under lamps: a reef by night, and what the pipeline is told of its lamps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.evaluation.readings import Reading, Truth, flat
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility.pipeline.estimate_water import estimate_water
+from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.simulation.camera import Pose, StereoCamera
+from uw_visibility.simulation.frame import RenderedFrame, Renderer
+from uw_visibility.simulation.lamps import (
+    Lighting,
+    default_rig,
+    lighting_parameters,
+    misplaced,
+)
+from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.water import Water
+
+CAMERA = StereoCamera(480, 360, 450.0, 0.12)
+DEPTH = 40.0
+"""Depth of the camera, m: no daylight is left there, so that none is missing in the frames."""
+
+SHIFT, TURN = 0.05, 5.0
+"""How far misplaced lamps are off: m, degrees."""
+
+TOLD = {
+    "known": "lamps as they are",
+    "misplaced": f"lamps off by {100 * SHIFT:.0f} cm and {TURN:.0f}°",
+    "daylight": "told of daylight",
+}
+"""What the pipeline is told of the lamps, by the names in tables."""
+
+SURFACES = ("lambertian", "facing")
+
+
+@dataclass(frozen=True)
+class LampCase:
+    """A reef by night.
+
+    Attributes
+    ----------
+    seed : int
+        Seed of reef, pose, noise and misplacement.
+    lamps : int
+        Number of lamps, see `default_rig`.
+    mean_attenuation : float
+        Attenuation by grey particles, 1/m.
+    surfaces : str
+        ``lambertian``, or ``facing``: each surface faces each lamp, as in the light model.
+    matched : bool
+        Whether ranges are matched by the pipeline instead of true.
+    """
+
+    seed: int
+    lamps: int
+    mean_attenuation: float
+    surfaces: str = "lambertian"
+    matched: bool = True
+
+
+@dataclass(frozen=True)
+class LampResult:
+    """Results of a case.
+
+    Attributes
+    ----------
+    case : LampCase
+        What it was.
+    truth : Truth
+        The water.
+    readings : dict of str to Reading
+        By the names of `TOLD`.
+    """
+
+    case: LampCase
+    truth: Truth
+    readings: dict[str, Reading]
+
+    def row(self) -> dict[str, Any]:
+        """Return the case as a row of a table."""
+        columns: dict[str, Any] = {
+            "seed": self.case.seed, "lamps": self.case.lamps,
+            "mean_attenuation": self.case.mean_attenuation, "surfaces": self.case.surfaces,
+        }
+        columns |= flat("true", self.truth)
+        for name, reading in self.readings.items():
+            columns |= flat(name, reading)
+        return columns
+
+
+def pose_of(seed: int) -> Pose:
+    """Draw a view ahead over a reef, tilted down by 8 to 30 degrees."""
+    random = np.random.default_rng([seed, 5])
+    return Pose(
+        (random.uniform(0.0, 1.0), 0.0, random.uniform(1.2, 1.9)),
+        heading=random.uniform(-0.3, 0.3),
+        tilt=np.radians(random.uniform(8.0, 30.0)),
+        roll=np.radians(random.uniform(-3.0, 3.0)),
+    )
+
+
+def evaluate_lamp_case(case: LampCase, config: PipelineConfig) -> LampResult:
+    """Render a frame under lamps, and estimate the water by what is told of them.
+
+    Parameters
+    ----------
+    case : LampCase
+        What to render.
+    config : PipelineConfig
+        What else the pipeline is told.
+
+    Returns
+    -------
+    LampResult
+    """
+    lamps = default_rig(case.lamps)
+    lighting = Lighting(lamps, daylight=False, shaded=case.surfaces == "lambertian")
+    renderer = Renderer(CAMERA, workers=Workers(config.threads), lighting=lighting)
+    frame = renderer.render(
+        reef(case.seed, length=1.0), pose_of(case.seed), Water(case.mean_attenuation, DEPTH),
+        seed=case.seed,
+    )
+    told = {
+        "known": lighting_parameters(lamps, daylight=False),
+        "misplaced": lighting_parameters(
+            misplaced(lamps, SHIFT, TURN, case.seed), daylight=False),
+        "daylight": {"lighting.model": "daylight"},
+    }
+    truth = Truth.of_water(
+        frame.attenuation, frame.ambient_light, clear_water(config), DEPTH,
+        config.assessment.contrast,
+    )
+    readings = {
+        name: _read(
+            frame, PipelineConfig.from_parameters({**config.to_parameters(), **parameters}),
+            case.matched,
+        )
+        for name, parameters in told.items()
+    }
+    return LampResult(case, truth, readings)
+
+
+def clear_water(config: PipelineConfig) -> NDArray[np.float64]:
+    """Clear water's attenuation as the told camera sees it, 1/m, RGB."""
+    return clear_water_attenuation(load_response(config.camera.response))
+
+
+def _read(frame: RenderedFrame, config: PipelineConfig, matched: bool) -> Reading:
+    if not matched:
+        found = estimate_water(
+            frame.left, frame.disparity_left, CAMERA.rig, config, disparity_stddev=0.0)
+        return Reading.of(found.water, found.visibility)
+    largest = int(np.nanmax(frame.disparity_left)) + 8
+    config = replace(config, stereo=replace(config.stereo, max_disparity=largest))
+    try:
+        result = Pipeline(CAMERA.rig, config).process(frame.left, frame.right)
+    except InputError as error:
+        return Reading.refused(f"pair refused: {error}")
+    return Reading.of(result.water, result.visibility)

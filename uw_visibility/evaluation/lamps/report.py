@@ -1,0 +1,149 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Reports of the study under lamps: text for a terminal, CSV and JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+from uw_visibility.evaluation.lamps.cases import TOLD, LampResult
+from uw_visibility.evaluation.lamps.study import LampPlan
+from uw_visibility.evaluation.lamps.summary import Summary
+from uw_visibility.evaluation.lamps.survey import PICTURES, SurveyResult
+from uw_visibility.evaluation.readings import CHANNELS
+from uw_visibility.evaluation.tables import as_csv, plain
+
+
+def lamps_text(summary: Summary) -> str:
+    """Return the summary as tables of up to 100 columns for a terminal.
+
+    Parameters
+    ----------
+    summary : dict
+        What `summarise_lamps` returned.
+    """
+    parts = [
+        f"{summary['frames']} frames by night; shares of all frames in %; right: visibility "
+        "within 20 %;\n> 3 σ: published and farther from the truth; ratio: median of published "
+        "over true visibility"
+    ]
+    for name, title in TOLD.items():
+        lines = [_header(title), _line("  all", summary["told"][name])]
+        for split, words in (
+            ("lamps", "{} lamps"), ("attenuation", "α {} 1/m"), ("surfaces", "{} surfaces"),
+        ):
+            lines += [
+                _line(f"  {words.format(value)}", found[name])
+                for value, found in summary[split].items() if len(summary[split]) > 1
+            ]
+        lines += _reasons(summary["told"][name])
+        parts.append("\n".join(lines))
+    if summary["survey"] is not None:
+        parts.append(_survey_text(summary["survey"]))
+    return "\n\n".join(parts)
+
+
+def write_lamps(
+    folder: Path, plan: LampPlan, results: list[LampResult], survey: SurveyResult | None,
+    summary: Summary,
+) -> None:
+    """Write ``lamp_cases.csv``, ``survey.csv`` and ``evaluation.json``.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to.
+    plan : LampPlan
+        What was asked for.
+    results : list of LampResult
+        Frames of reefs.
+    survey : SurveyResult, optional
+        The survey; without one there is no table of it.
+    summary : dict
+        What `summarise_lamps` made of them.
+    """
+    cases = [result.row() for result in results]
+    (folder / "lamp_cases.csv").write_text(as_csv(cases), encoding="utf-8")
+    frames = []
+    if survey is not None:
+        frames = [row.row(index) for index, row in enumerate(survey.rows)]
+        (folder / "survey.csv").write_text(as_csv(frames), encoding="utf-8")
+    settings = {
+        "attenuations": plan.attenuations,
+        "lamps": plan.lamps,
+        "surfaces": plan.surfaces,
+        "seeds": plan.seeds,
+        "ranges": "matched" if plan.matched else "true",
+        "survey": None if plan.survey is None else {
+            "frames": plan.survey.frames, "lamps": plan.survey.lamps,
+            "mean_attenuation": plan.survey.mean_attenuation, "surfaces": plan.survey.surfaces,
+        },
+        "parameters": {
+            name: value for name, value in plan.config.to_parameters().items()
+            if name != "threads"
+        },
+    }
+    report = {"settings": settings, "summary": summary, "cases": cases, "survey": frames}
+    text = json.dumps(plain(report), indent=1, ensure_ascii=False, allow_nan=False)
+    (folder / "evaluation.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _header(title: str) -> str:
+    return (
+        f"{title:26s}{'frames':>7s}{'assessed':>9s}{'refused':>8s}{'right':>7s}"
+        f"{'> 3 σ: β':>10s}{'visib.':>8s}{'depth':>7s}{'ratio':>8s}{'σ':>6s}"
+    )
+
+
+def _line(title: str, found: Summary) -> str:
+    beyond = found["beyond"]
+    return (
+        f"{title:26s}{found['cases']:7d}{_percent(found['assessed']):>9s}"
+        f"{_percent(found['refused']):>8s}{_percent(found['right']):>7s}"
+        f"{_percent(beyond['attenuation']):>10s}{_percent(beyond['visibility']):>8s}"
+        f"{_percent(beyond['depth']):>7s}{_number(found['ratio'], 2):>8s}"
+        f"{_percent(found['visibility_relative_stddev']):>6s}"
+    )
+
+
+def _reasons(found: Summary) -> list[str]:
+    told = "; ".join(f"{reason}: {n}" for reason, n in found["reasons"].items())
+    return [f"  refused: {told}"] if told else []
+
+
+def _survey_text(survey: Summary) -> str:
+    lines = [
+        f"survey of {survey['frames']} frames; {survey['cells']} pieces of ground, "
+        f"each in {survey['views']} frames",
+        _header("water"),
+        _line("  each frame alone", survey["single"]),
+        _line("  with those before it", survey["pooled"]),
+        *_reasons(survey["pooled"]),
+    ]
+    errors = ", ".join(
+        f"{name} {_signed(survey['attenuation_error'][name])} %" for name in CHANNELS)
+    lines.append(f"  error of β at the end: {errors} ({survey['last_status']})")
+    lines.append(
+        f"{'same ground over frames':26s}{'σ/mean R':>10s}{'G':>8s}{'B':>8s}{'ΔE*ab':>9s}")
+    for name, title in PICTURES.items():
+        variation = "".join(
+            f"{100.0 * survey['variation'][name][c]:{width}.1f}"
+            if math.isfinite(survey["variation"][name][c]) else f"{'–':>{width}s}"
+            for c, width in zip(CHANNELS, (10, 8, 8), strict=True)
+        )
+        lines.append(f"  {title:24s}{variation}{survey['colour_difference'][name]:9.1f}")
+    return "\n".join(lines)
+
+
+def _percent(share: float) -> str:
+    return "–" if not math.isfinite(share) else f"{100 * share:.0f}"
+
+
+def _signed(share: float) -> str:
+    return "–" if not math.isfinite(share) else f"{100 * share:+.0f}"
+
+
+def _number(value: float, digits: int) -> str:
+    return "–" if not math.isfinite(value) else f"{value:.{digits}f}"

@@ -1,0 +1,104 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Study under lamps: reefs by night in waters of several turbidities, and a survey."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from uw_visibility.compute.threads import number_of_threads
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.evaluation.lamps.cases import (
+    SURFACES,
+    LampCase,
+    LampResult,
+    evaluate_lamp_case,
+)
+from uw_visibility.evaluation.lamps.survey import SurveyResult, run_survey
+from uw_visibility.evaluation.lamps.survey_frames import SurveyPlan
+from uw_visibility.evaluation.parallel import Progress, run_all
+
+ATTENUATIONS = (0.05, 0.1, 0.2, 0.3)
+LAMPS = (2, 4)
+SEEDS = 3
+FRAMES = 100
+
+
+@dataclass(frozen=True)
+class LampPlan:
+    """Plan of a study under lamps.
+
+    Attributes
+    ----------
+    attenuations : tuple of float
+        Attenuation by grey particles, 1/m.
+    lamps : tuple of int
+        Numbers of lamps, see `default_rig`.
+    surfaces : tuple of str
+        Of `SURFACES`.
+    seeds : int
+        Number of reefs, each with a pose and noise of its own.
+    matched : bool
+        Whether ranges are matched by the pipeline instead of true.
+    survey : SurveyPlan, optional
+        The survey; None for none.
+    config : PipelineConfig
+        What the pipeline is told beside the lamps.
+    """
+
+    attenuations: tuple[float, ...] = ATTENUATIONS
+    lamps: tuple[int, ...] = LAMPS
+    surfaces: tuple[str, ...] = SURFACES
+    seeds: int = SEEDS
+    matched: bool = True
+    survey: SurveyPlan | None = None
+    config: PipelineConfig = field(default_factory=PipelineConfig)
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be rendered."""
+        if self.seeds < 1:
+            raise InputError(f"number of seeds is {self.seeds}: give 1 or more")
+        if not self.attenuations or not all(0.0 <= a <= 5.0 for a in self.attenuations):
+            raise InputError(
+                f"attenuations are {', '.join(f'{a:g}' for a in self.attenuations) or 'missing'}: "
+                "give numbers between 0 and 5"
+            )
+
+    def cases(self) -> list[LampCase]:
+        """Return the cases, reef by reef."""
+        return [
+            LampCase(seed, lamps, attenuation, surfaces, self.matched)
+            for seed in range(self.seeds)
+            for lamps in self.lamps
+            for surfaces in self.surfaces
+            for attenuation in self.attenuations
+        ]
+
+
+def run_lamps(
+    plan: LampPlan, jobs: int = 1, progress: Progress = lambda items, _: items
+) -> tuple[list[LampResult], SurveyResult | None]:
+    """Run the study.
+
+    Parameters
+    ----------
+    plan : LampPlan
+        What to run.
+    jobs : int
+        Processes that share the work; the result is the same for any number.
+    progress : callable
+        Takes an iterator over what is done and its length, and yields from it.
+
+    Returns
+    -------
+    list of LampResult
+        In the order of `LampPlan.cases`.
+    SurveyResult or None
+        Of the survey, where there is one.
+    """
+    threads = max(1, number_of_threads(0) // jobs)
+    config = replace(plan.config, threads=threads)
+    results = run_all(evaluate_lamp_case, plan.cases(), (config,), jobs, threads, progress)
+    survey = None if plan.survey is None else run_survey(plan.survey, jobs, progress)
+    return results, survey

@@ -1,0 +1,189 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Survey of the floor under lamps: water after many frames, and the colour of the same ground."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.threads import number_of_threads
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.evaluation.lamps.cases import DEPTH, clear_water
+from uw_visibility.evaluation.lamps.ground import GroundCells
+from uw_visibility.evaluation.lamps.survey_frames import (
+    CAMERA,
+    SurveyFrame,
+    SurveyPlan,
+    render_survey_frame,
+)
+from uw_visibility.evaluation.metrics import colour_difference
+from uw_visibility.evaluation.parallel import Progress, run_all
+from uw_visibility.evaluation.readings import Reading, Truth, flat
+from uw_visibility.evaluation.survey_statistics import SurveyStatistics
+from uw_visibility.optics.transfer import to_linear
+from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.simulation.lamps import default_rig, lighting_parameters
+from uw_visibility.water.filter import WaterFilter
+
+Map = NDArray[np.float32]
+
+PICTURES = {
+    "raw": "as recorded",
+    "statistics": "statistics of the survey",
+    "ours": "ours",
+    "truth": "reflectance",
+}
+"""Pictures of a survey, by the names in tables; the last one is the truth."""
+
+NEAREST = 0.7
+"""Range in m that disparities are searched to."""
+
+
+@dataclass(frozen=True)
+class SurveyRow:
+    """What a frame of a survey says of the water, and what all up to it say.
+
+    Attributes
+    ----------
+    truth : Truth
+        The water.
+    single, pooled : Reading
+        The frame alone, and the filter over the frames up to it.
+    """
+
+    truth: Truth
+    single: Reading
+    pooled: Reading
+
+    def row(self, index: int) -> dict[str, Any]:
+        """Return the frame as a row of a table."""
+        return {
+            "frame": index, **flat("true", self.truth), **flat("single", self.single),
+            **flat("pooled", self.pooled),
+        }
+
+
+@dataclass(frozen=True)
+class SurveyResult:
+    """Results of a survey.
+
+    Attributes
+    ----------
+    rows : list of SurveyRow
+        By frame.
+    variation : dict of str to ndarray
+        Standard deviation over mean of the same ground over the frames, RGB, by the
+        names of `PICTURES`; the truth's is what changes of resolution leave of it.
+    difference : dict of str to float
+        Mean ΔE*ab against the reflectance, at each method's best exposure.
+    cells, views : int
+        Pieces of ground that count, and median number of frames that see one.
+    shown : list of dict of str to ndarray
+        Some frames by the names of `PICTURES`, at each method's best exposure.
+    """
+
+    rows: list[SurveyRow]
+    variation: dict[str, NDArray[np.float64]]
+    difference: dict[str, float]
+    cells: int
+    views: int
+    shown: list[dict[str, Map]]
+
+
+def run_survey(
+    plan: SurveyPlan, jobs: int = 1, progress: Progress = lambda items, _: items
+) -> SurveyResult:
+    """Render a survey, process it frame by frame, and compare the ground's colours.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        What to render.
+    jobs : int
+        Processes that render; the result is the same for any number.
+    progress : callable
+        Takes an iterator over what is done and its length, and yields from it.
+
+    Returns
+    -------
+    SurveyResult
+    """
+    threads = max(1, number_of_threads(0) // jobs)
+    frames = run_all(
+        render_survey_frame, range(plan.frames), (plan,), jobs, threads, progress)
+    rows, ours = _process(plan, frames, progress)
+    images = {"ours": ours, **_peers(frames)}
+    truth = images["truth"]
+    scaled = {name: at_best_exposure(some, truth) for name, some in images.items()}
+    ground = GroundCells.of(truth, [frame.cells for frame in frames])
+    shown = sorted({(k * len(frames)) // 3 for k in range(3)})
+    return SurveyResult(
+        rows,
+        {name: ground.variation(images[name]) for name in PICTURES},
+        {name: mean_difference(scaled[name], truth) for name in PICTURES},
+        ground.count,
+        ground.views,
+        [{name: scaled[name][k] for name in PICTURES} for k in shown],
+    )
+
+
+def _process(
+    plan: SurveyPlan, frames: Sequence[SurveyFrame], progress: Progress
+) -> tuple[list[SurveyRow], list[Map]]:
+    """Let the pipeline and the filter see the frames in turn."""
+    config = PipelineConfig.from_parameters({
+        **plan.config.to_parameters(),
+        **lighting_parameters(default_rig(plan.lamps), daylight=False),
+        "stereo.max_disparity": int(CAMERA.focal_length * CAMERA.baseline / NEAREST),
+    })
+    truth = Truth.of_water(
+        frames[0].frame.attenuation, np.zeros(3), clear_water(config), DEPTH,
+        config.assessment.contrast,
+    )
+    pipeline, water_filter = Pipeline(CAMERA.rig, config), WaterFilter(config)
+    rows: list[SurveyRow] = []
+    restored: list[Map] = []
+    for index, survey_frame in progress(iter(enumerate(frames)), len(frames)):
+        frame = survey_frame.frame
+        result = pipeline.process(frame.left, frame.right)
+        single = Reading.of(result.water, result.visibility)
+        filtered = water_filter.update(result.water, float(index))
+        pooled = single
+        if filtered is not None:
+            pooled = Reading.of(filtered.water, filtered.visibility)
+        rows.append(SurveyRow(truth, single, pooled))
+        restored.append(to_linear(result.left_enhanced, config.camera.transfer))
+    return rows, restored
+
+
+def _peers(frames: Sequence[SurveyFrame]) -> dict[str, list[Map]]:
+    """Return the frames as recorded, corrected by statistics with true ranges, and the truth."""
+    raw = [to_linear(frame.frame.left, "linear") for frame in frames]
+    ranges = [frame.frame.range_left for frame in frames]
+    statistics = SurveyStatistics.fit(raw, ranges)
+    return {
+        "raw": raw,
+        "statistics": [statistics.correct(*pair) for pair in zip(raw, ranges, strict=True)],
+        "truth": [frame.frame.radiance_left for frame in frames],
+    }
+
+
+def at_best_exposure(images: Sequence[Map], truth: Sequence[Map]) -> list[Map]:
+    """Multiply images by the one gain with which they come nearest to the truth."""
+    product = sum(float(np.nansum(i * t)) for i, t in zip(images, truth, strict=True))
+    square = sum(float(np.nansum(np.square(i))) for i in images)
+    gain = np.float32(product / square if square > 0.0 else 1.0)
+    return [gain * image for image in images]
+
+
+def mean_difference(images: Sequence[Map], truth: Sequence[Map]) -> float:
+    """Mean ΔE*ab over all frames, of linear images."""
+    return float(np.mean([
+        np.nanmean(colour_difference(np.clip(image, 0.0, 1.0), true))
+        for image, true in zip(images, truth, strict=True)
+    ]))
