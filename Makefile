@@ -86,6 +86,10 @@ lint: venv
 bench: venv
 	$(VENV)/bin/python -m benchmarks
 
+docs: $(VENV_DOCS)/.installed
+	$(VENV_DOCS)/bin/sphinx-build -W --keep-going -q -b html -d docs/_build/doctrees docs docs/_build/html
+	$(VENV_DOCS)/bin/python tools/check_site docs/_build/html
+
 package: venv
 	tools/check_package $(VENV)/bin/python
 

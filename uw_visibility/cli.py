@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if any("\0" in word for word in words):
             raise InputError("an argument holds a null character: leave it out")
-        arguments = _make_parser().parse_args(_repeat_calibration(words))
+        arguments = make_parser().parse_args(_repeat_calibration(words))
         arguments.func(arguments)
         sys.stdout.flush()
     except InputError as error:
@@ -86,7 +86,8 @@ def _take_any_text() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _make_parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands."""
     parser = _Parser(
         prog="uw_visibility",
         description="Underwater visibility, colour and stereo from a stereo camera.",

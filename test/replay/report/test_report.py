@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from uw_visibility.replay import progress
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.report.figures import MOST_POINTS, NEEDED, draw_series
-from uw_visibility.replay.report.meaning import MEANINGS
+from uw_visibility.replay.report.meaning import MEANINGS, REMEDIES, meaning
 from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_track
 from uw_visibility.status import Status
 from uw_visibility.water import assessment
@@ -160,8 +160,10 @@ def test_frames_that_the_filter_rejected_are_told(
     assert told in again.out
 
 
-def test_every_reason_has_a_meaning() -> None:
-    assert set(MEANINGS) == set(Status) - {Status.OK}
+def test_every_reason_has_a_meaning_and_a_remedy() -> None:
+    assert set(MEANINGS) == set(REMEDIES) == set(Status) - {Status.OK}
+    assert meaning(str(Status.TOO_DARK)).endswith(REMEDIES[Status.TOO_DARK])
+    assert meaning("ok") == meaning("unheard of") == ""
 
 
 def test_frames_that_are_all_unusable_are_exit_code_1_with_the_reason(

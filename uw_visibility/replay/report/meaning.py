@@ -11,9 +11,9 @@ MEANINGS = {
     Status.TOO_FEW_SUPPORT_POINTS: "Hardly anything matched: open water, blur, or too murky.",
     Status.TOO_FEW_OBSERVATIONS: "Too few pixels with a known range.",
     Status.RANGE_SPREAD_TOO_SMALL: "All that is seen is about equally far away, so that the "
-    "water's part cannot be told from the scene's: tilt the camera.",
-    Status.SATURATED: "Too many pixels at the largest value: shorten the exposure.",
-    Status.TOO_DARK: "Too little light: lengthen the exposure, or light the scene.",
+    "water's part cannot be told from the scene's.",
+    Status.SATURATED: "Too many pixels at the largest value.",
+    Status.TOO_DARK: "Too little light reaches the camera.",
     Status.NO_TEXTURE: "The image is one colour.",
     Status.AMBIENT_LIGHT_UNBOUNDED: "Nothing bright or far enough bounds the light of the water.",
     Status.FIT_FAILED: "The light that was seen does not follow the model of one water.",
@@ -28,13 +28,44 @@ MEANINGS = {
     "setting or the calibration is wrong.",
     Status.CUES_DISAGREE: "Contrast and darkness fade with range at different rates, which no "
     "single water explains.",
+    Status.NO_WATER_TYPE: "No Jerlov type attenuates the three channels in these proportions.",
+    Status.WATER_TYPE_UNCERTAIN: "Several Jerlov types fit the attenuation about equally well.",
     Status.NEGATIVE_DISPARITIES: "Left and right images are exchanged.",
+}
+
+REMEDIES = {
+    Status.NO_COLOUR: "Publish colour images: a Bayer pattern or rgb8 instead of mono8.",
+    Status.TOO_FEW_SUPPORT_POINTS: "Go nearer to the scene, or check focus and calibration: rows "
+    "of a rectified pair must correspond.",
+    Status.TOO_FEW_OBSERVATIONS: "Show more of the scene and less open water; check the "
+    "calibration.",
+    Status.RANGE_SPREAD_TOO_SMALL: "Tilt the camera, so that near and far are in view together; "
+    "over a flat floor leave survey.enabled on.",
+    Status.SATURATED: "Shorten the exposure or lower the gain.",
+    Status.TOO_DARK: "Lengthen the exposure, or light the scene.",
+    Status.NO_TEXTURE: "Look for a lens cap, a fogged port or a stuck driver; open water alone "
+    "tells nothing.",
+    Status.AMBIENT_LIGHT_UNBOUNDED: "Let some open water or something bright be in view.",
+    Status.FIT_FAILED: "Look at the frame: lamps, shade and sun beams are the usual causes.",
+    Status.NO_DAYLIGHT_COLOUR: "Find camera.white_reference with uw_visibility calibrate, fix the "
+    "white balance, and turn lamps off.",
+    Status.OTHER_TRANSFER: "Set camera.transfer to the other value; where it is right, set "
+    "camera.flat_field.",
+    Status.UNEVEN_RADIUS: "Set camera.vignetting or camera.flat_field; turn lamps off.",
+    Status.UNEVEN_SIDES: "Wait until the plume has passed, or keep lamps and shade symmetrical.",
+    Status.CLEARER_THAN_CLEAR_WATER: "Check camera.transfer, camera.response, the white balance, "
+    "and that the rig was calibrated under water.",
+    Status.CUES_DISAGREE: "Check camera.transfer and the calibration; turn lamps off.",
+    Status.NO_WATER_TYPE: "Take the attenuation itself; check camera.response.",
+    Status.WATER_TYPE_UNCERTAIN: "Take the attenuation itself, or more frames together.",
+    Status.NEGATIVE_DISPARITIES: "Exchange the topics, files or camera_info of left and right.",
 }
 
 
 def meaning(status: str) -> str:
-    """Return a sentence for a status; empty where there is none to add."""
+    """Return what a status means and what to do; empty where there is nothing to add."""
     try:
-        return MEANINGS.get(Status(status), "")
+        known = Status(status)
     except ValueError:
         return ""
+    return f"{MEANINGS[known]} {REMEDIES[known]}" if known in MEANINGS else ""

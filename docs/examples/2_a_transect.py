@@ -1,0 +1,118 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A transect and its report
+=========================
+
+From a recording to a table, a report, and the state of the water over time.
+"""
+
+# %%
+# A recording
+# -----------
+# Any bag with a stereo pair does: ROS 2 (mcap, sqlite3) or ROS 1. Here one is rendered, in which
+# the water becomes murkier and the camera goes deeper. On the command line this is::
+#
+#     uw_visibility simulate -o dive --frames 12 --width 320 --height 240
+#
+# and here the same words are given to the command from Python.
+
+import contextlib
+import csv
+import json
+import tempfile
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from uw_visibility.cli import main
+from uw_visibility.replay.bags.reader import BagReader
+
+folder = Path(tempfile.mkdtemp())
+
+
+def uw_visibility(words):
+    """Run a command of the terminal's, in the folder of this tutorial."""
+    with contextlib.chdir(folder):
+        main(words.split())
+
+
+uw_visibility("simulate -o dive --frames 12 --width 320 --height 240 --seed 1")
+
+# %%
+# Replay
+# ------
+# ``--list`` tells what is there and what would be used::
+#
+#     uw_visibility replay dive --list
+#     uw_visibility replay dive -o out --images 4
+
+uw_visibility("replay dive --list")
+uw_visibility("replay dive -o out --images 4 --jobs 1")
+print(*sorted(file.name for file in (folder / "out").iterdir()), sep="\n")
+
+# %%
+# The table
+# ---------
+# One row a frame. An empty cell is a value that could not be assessed, and the status beside it
+# says why. ``filtered_…`` are the same quantities filtered over frames.
+
+with (folder / "out" / "frames.csv").open() as file:
+    rows = list(csv.DictReader(file))
+
+
+def column(name):
+    return np.array([float(row[name] or "nan") for row in rows])
+
+
+print({status: sum(row["status"] == status for row in rows) for status in
+       {row["status"] for row in rows}})
+
+# %%
+# Beside the truth
+# ----------------
+# A simulated recording holds what is true, under ``/ground_truth``.
+
+with BagReader(folder / "dive") as bag:
+    truth = [
+        bag.deserialize(recorded).data
+        for recorded in bag.messages(["/ground_truth/mean_attenuation"])
+    ]
+
+frame = column("frame")
+fig, ax = plt.subplots(figsize=(7, 3), layout="constrained")
+ax.errorbar(frame, column("mean_attenuation"), column("mean_attenuation_stddev"), fmt=".",
+            color="0.6", label="of each frame, ± σ")
+ax.plot(frame, column("filtered_mean_attenuation"), label="filtered")
+ax.plot(np.arange(len(truth)), truth, "k--", lw=1, label="truth")
+ax.set(xlabel="frame", ylabel="mean attenuation α, 1/m")
+ax.legend()
+plt.show()
+
+# %%
+# The report
+# ----------
+# ``report.html`` opens in any browser, without a network: time series, pictures, and of each
+# quantity in which frames it was not assessable, and why. ``replay.json`` says what it was made
+# with.
+
+pictures = sorted((folder / "out" / "images").glob("*.*"))
+plt.figure(figsize=(9, 2.6), layout="constrained")
+plt.imshow(plt.imread(pictures[0]))
+plt.axis("off")
+plt.show()
+
+about = json.loads((folder / "out" / "replay.json").read_text())
+print({name: about[name] for name in ("version", "frames") if name in about})
+
+# %%
+# In Python
+# ---------
+# The same frame by frame, without files:
+
+import uw_visibility.replay
+
+for replayed in uw_visibility.replay.read(folder / "dive", every=4):
+    seen = replayed.result.visibility
+    print(f"frame {replayed.number}: {seen.distance:.1f} ± {seen.distance_stddev:.1f} m")
