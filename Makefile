@@ -4,7 +4,7 @@
 #   make venv          .venv with pinned versions and ROS 2 Jazzy, kernels compiled
 #   make demo          simulate, run the node, play the bag into it, report: see demo/
 #   make test          the tests
-#   make fuzz          an hour of damaged files and absurd arguments
+#   make fuzz          an hour of damaged files and messages, absurd arguments, signals
 #   make lint          ruff, mypy, import-linter
 #   make quick         lint, and the tests that start no nodes: a minute
 #   make soak          the node for half an hour on good and bad pairs: see soak.json

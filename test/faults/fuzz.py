@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import importlib.util
 import json
 import os
 import resource
@@ -24,6 +25,7 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -32,7 +34,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 # Numbers of cases that `make test` runs of each kind, within seconds.
 KINDS = {
     "bags": 200, "replays": 12, "resumes": 12, "images": 500, "documents": 300, "commands": 200,
+    "messages": 40, "signals": 4,
 }
+# Those that need ROS.
+WITH_NODES = ("messages", "signals")
 # Nothing that these cases read takes as much; beyond the second limit the system refuses.
 MOST_MEMORY, HARD_LIMIT = 1 << 30, 6 << 30
 LONGEST = 30.0
@@ -88,8 +93,11 @@ def run(kind: str, seeds: Iterator[int], seconds: float) -> Iterator[dict[str, A
 
     signal.signal(signal.SIGALRM, stop)
     end = time.monotonic() + seconds
-    with tempfile.TemporaryDirectory(prefix="uw_visibility_fuzz_") as folder:
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="uw_visibility_fuzz_"))
         cases: Kind = importlib.import_module(f"fuzz_{kind}").Cases(Path(folder))
+        # Nodes must end well.
+        stack.callback(getattr(cases, "close", lambda: None))
         for seed in seeds:
             begin = time.monotonic()
             if begin > end:
@@ -121,7 +129,9 @@ def main() -> int:
     parser.add_argument("--cases", type=int, help="cases of each kind")
     parser.add_argument("--first", type=int, default=0, help="seed of the first case")
     arguments = parser.parse_args()
-    kinds = arguments.kinds or list(KINDS)
+    kinds = arguments.kinds or [
+        kind for kind in KINDS if kind not in WITH_NODES or importlib.util.find_spec("rclpy")
+    ]
     if len(kinds) == 1:
         return run_kind(kinds[0], arguments)
     # Each in a process of its own, so that its memory is its own too.

@@ -13,10 +13,8 @@ the start. `make soak` takes half an hour.
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import math
-import os
 import random
 import signal
 import statistics
@@ -27,12 +25,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import live
 import numpy as np
-
-FOLDER = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(FOLDER))
-os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 99))
-os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 # What belongs to the start: a share of the time, and never more than this, s.
 START_SHARE, LONGEST_START = 0.3, 120.0
@@ -108,12 +102,7 @@ class Soak:
     """
 
     def __init__(self, folder: Path, seed: int) -> None:
-        specification = importlib.util.spec_from_file_location(
-            "node_parts", FOLDER / "ros" / "conftest.py"
-        )
-        assert specification is not None and specification.loader is not None
-        self._parts = sys.modules["node_parts"] = importlib.util.module_from_spec(specification)
-        specification.loader.exec_module(self._parts)
+        self._parts = live.load()
         self.node = self._parts.NodeProcess(
             folder, "-r", "__ns:=/soak", "-p", "stereo.max_disparity:=40",
             "-p", "publish_points:=true", "-p", "publish_depth_image:=true",
@@ -121,11 +110,7 @@ class Soak:
         self.node.wait_for("ready after", self._parts.READY_TIMEOUT)
         self._rng = random.Random(seed)
         self._scene = self._parts.double(self._parts.make_scene())
-        sides = ("left", "right")
-        self.client = self._parts.Client({
-            f"{side}/{name}": f"{side}/{topic}" for side in sides
-            for name, topic in (("image", "image_rect"), ("camera_info", "camera_info"))
-        }, "/soak")
+        self.client = self._parts.Client(live.topics(), "/soak")
         from geometry_msgs.msg import PoseWithCovarianceStamped
 
         self._sensor = self.client.node.create_publisher(

@@ -133,12 +133,12 @@ def test_what_a_codec_thinks_of_an_image_is_not_written_to_the_terminal(
     assert capfd.readouterr() == ("", "")
 
 
-def test_pixels_of_a_jpeg_are_those_of_opencv() -> None:
-    for options in ((), *SAMPLINGS, (cv2.IMWRITE_JPEG_PROGRESSIVE, 1)):
-        for pixels in (SMOOTH, SMOOTH[..., 0].copy()):
-            data = encoded(".jpg", pixels, *options)
-            expected = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-            np.testing.assert_array_equal(decode(data), expected)
+@pytest.mark.parametrize("options", [(), (cv2.IMWRITE_JPEG_PROGRESSIVE, 1), *SAMPLINGS])
+def test_pixels_of_a_jpeg_are_those_of_opencv(options: tuple[int, ...]) -> None:
+    for pixels in (SMOOTH, SMOOTH[..., 0].copy()):
+        data = encoded(".jpg", pixels, *options)
+        expected = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(decode(data), expected)
 
 
 @pytest.mark.parametrize("colour", [True, False])

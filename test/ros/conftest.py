@@ -90,9 +90,12 @@ def double(scene: KnownScene) -> KnownScene:
 class NodeProcess:
     """The real node, started as a user would start it."""
 
-    def __init__(self, folder: Path, *arguments: str, module: str = "node") -> None:
+    def __init__(
+        self, folder: Path, *arguments: str, module: str = "node", code: str = ""
+    ) -> None:
         self._log = folder / f"node_{time.monotonic_ns()}.log"
-        command = [sys.executable, "-m", f"uw_visibility.ros.{module}"]
+        started = ["-c", code] if code else ["-m", f"uw_visibility.ros.{module}"]
+        command = [sys.executable, *started]
         if arguments:
             command += ["--ros-args", *arguments]
         with self._log.open("w") as output:

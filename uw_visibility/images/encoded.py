@@ -35,7 +35,7 @@ MOST_SCANS = 100
 FRAMES = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 ALONE = frozenset({0x01, *range(0xD0, 0xD8)})
 SCAN, END = b"\xff\xda", b"\xff\xd9"
-PROGRESSIVE = frozenset({0xC2, 0xC6, 0xCA, 0xCE})
+BASELINE, PROGRESSIVE = (0xC0, 0xC1), 0xC2
 COEFFICIENTS = 64
 # What ends the codes of a scan: among them 0xFF stands before zeros and restarts alone.
 MARKER = re.compile(rb"\xff[\x01-\xcf\xd8-\xfe]")
@@ -206,9 +206,12 @@ def _read_jpeg(data: bytes) -> Header:
             height, width = struct.unpack_from(">HH", data, at + 5)
             header = Header(width, height)
             frame, components = kind, data[at + 10 : at + 2 + length : 3]
+            if frame not in (*BASELINE, PROGRESSIVE):
+                # Of arithmetic codes no decoder tells whether they are damaged.
+                raise InputError("it is no baseline or progressive JPEG, as cameras write")
         if kind == SCAN[1]:
             _check_end(data, at)
-            _check_scans(data, at, components, frame in PROGRESSIVE)
+            _check_scans(data, at, components, frame == PROGRESSIVE)
             if header is None:
                 raise InputError("it is damaged: it does not tell its size")
             return header

@@ -19,10 +19,8 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.errors import InputError
-from uw_visibility.images.encoded import ALONE, MARKER, TruncatedError
+from uw_visibility.images.encoded import ALONE, BASELINE, MARKER, TruncatedError
 
-# Frames whose scans are followed: Huffman coded and sequential.
-SEQUENTIAL = (0xC0, 0xC1)
 HUFFMAN_TABLES, RESTART_INTERVAL, SCAN, END = 0xC4, 0xDD, 0xDA, 0xD9
 CODE_LENGTHS, LONGEST_CODE = 16, 16
 # What the kernel returns in place of where the scan ends.
@@ -113,7 +111,7 @@ class _ScanReader:
         """
         if 0xC0 <= kind <= 0xCF and kind not in (HUFFMAN_TABLES, 0xC8, 0xCC):
             precision, height, width, count = struct.unpack_from(">BHHB", content)
-            self.sequential = kind in SEQUENTIAL and precision == 8
+            self.sequential = kind in BASELINE and precision == 8
             self._size = (width, height)
             self._components = {
                 content[6 + 3 * k]: _Component(content[7 + 3 * k] >> 4, content[7 + 3 * k] & 15)

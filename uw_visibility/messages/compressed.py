@@ -142,8 +142,9 @@ def read_size(message: CompressedImageMessage, name: str = "image") -> tuple[int
     InputError
         As `read_compressed`.
     """
+    data = _encoded(message, name)
     try:
-        header = read_header(_encoded(message, name))
+        header = read_header(data)
     except InputError as error:
         raise _unusable(message, name, error) from error
     return header.width, header.height

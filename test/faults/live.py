@@ -1,0 +1,38 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the tests of the node have, for scripts: a node's process, a client and a scene."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+from pathlib import Path
+from types import ModuleType
+
+FOLDER = Path(__file__).resolve().parents[1]
+SIDES = ("left", "right")
+TOPICS = {"image": "image_rect", "camera_info": "camera_info"}
+
+
+def load() -> ModuleType:
+    """Load the tests' parts, in a ROS domain of this process's own."""
+    name = "node_parts"
+    if name not in sys.modules:
+        sys.path.insert(0, str(FOLDER))
+        os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 99))
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        path = FOLDER / "ros" / "conftest.py"
+        specification = importlib.util.spec_from_file_location(name, path)
+        assert specification is not None and specification.loader is not None
+        sys.modules[name] = importlib.util.module_from_spec(specification)
+        specification.loader.exec_module(sys.modules[name])
+    return sys.modules[name]
+
+
+def topics(suffix: str = "") -> dict[str, str]:
+    """Return the node's inputs by name, those of images with a suffix."""
+    return {
+        f"{side}/{name}": f"{side}/{topic}{suffix if name == 'image' else ''}"
+        for side in SIDES for name, topic in TOPICS.items()
+    }
