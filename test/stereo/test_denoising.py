@@ -120,5 +120,7 @@ def test_settings_are_the_configured_ones_without_noise_and_wider_in_it() -> Non
     noisy = settings_in_noise(config, 5.0)
     assert noisy.smoothing_radius > config.smoothing_radius
     assert noisy.left_right_tolerance < config.left_right_tolerance
-    off = settings_in_noise(StereoConfig(smoothing_radius=0), 5.0)
-    assert off.smoothing_radius == 0
+    assert noisy.gap_width > config.gap_width
+    assert noisy.likelihood_weight > config.likelihood_weight
+    off = settings_in_noise(StereoConfig(smoothing_radius=0, gap_width=0), 5.0)
+    assert off.smoothing_radius == off.gap_width == 0

@@ -117,7 +117,7 @@ def test_the_fast_preset_publishes_full_size_and_true_geometry(
             assert abs(np.nanmean(error)) < 0.05
             assert np.nanpercentile(np.abs(error), 95) < 0.5
         truth = RIG.range_from_disparity(slope())
-        assert np.median(np.abs(result.stereo.range / truth - 1)) < 0.01
+        assert np.median(np.abs(result.stereo.filled_range / truth - 1)) < 0.01
     assert fast.stereo.range.shape == whole.stereo.range.shape
     for name in ("left", "right", "limited"):
         assert getattr(fast.images, name).shape == getattr(whole.images, name).shape, name

@@ -71,8 +71,8 @@ def test_noise_makes_it_less_sure(shared_data, name, codes, mean_attenuation):
     confidence, right, _ = curve(scene, mean_attenuation, codes).T
     assert np.all(np.diff(right) > 0)
     # Without regard to noise it says 0.87 on average, where 0.46 to 0.85 are right.
-    assert abs(confidence.mean() - right.mean()) < 0.1
-    assert abs(confidence[-1] - right[-1]) < 0.1
+    assert abs(confidence.mean() - right.mean()) < 0.12
+    assert abs(confidence[-1] - right[-1]) < 0.12
 
 
 def test_unsure_matches_are_left_out_where_that_is_asked_for(shared_data):

@@ -41,14 +41,18 @@ _MOST_THICKNESS = np.float32(30.0)
 class DenseSettings:
     """Weights of likelihood and prior; see `StereoConfig` for their meaning."""
 
-    likelihood: float
     plane_radius: int
     plane_deviation: float
     outlier: float
     airlight: float
 
-    def prior(self) -> NDArray[np.int32]:
+    def prior(self, likelihood: float) -> NDArray[np.int32]:
         """Energy by distance from the plane, in units of descriptor difference.
+
+        Parameters
+        ----------
+        likelihood : float
+            Weight of such a unit.
 
         Returns
         -------
@@ -57,7 +61,7 @@ class DenseSettings:
         """
         distance = np.arange(self.plane_radius + 1)
         probability = self.outlier + np.exp(-(distance**2) / (2 * self.plane_deviation**2))
-        energy = -(np.log(probability) - np.log(self.outlier)) / self.likelihood
+        energy = -(np.log(probability) - np.log(self.outlier)) / likelihood
         return np.round(energy).astype(np.int32)
 
 
@@ -95,7 +99,6 @@ class DenseSearch:
     ) -> None:
         self._disparities = disparities
         self._settings = settings
-        self._prior = settings.prior()
         self._workers = workers
         self._candidates = CellCandidates(shape, disparities[1] + 2)
         self._keys = np.empty((2, *shape), np.int32)
@@ -128,6 +131,7 @@ class DenseSearch:
         self,
         descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
         plane: NDArray[np.float32],
+        likelihood: float,
         airlight: AirlightPrior | None = None,
     ) -> None:
         """Try the disparities about the mesh's plane, and write the best of all.
@@ -138,10 +142,12 @@ class DenseSearch:
             As for `try_candidates`.
         plane : ndarray
             ``(H, W)`` float32, the mesh's disparity in the left view, NaN outside.
+        likelihood : float
+            Weight of a unit of descriptor difference against the prior.
         """
         self._workers.rows(
-            _try_planes, plane.shape[0], *descriptors, plane, *self._disparities, self._prior,
-            *self._bound(airlight), *self._keys, *self.best,
+            _try_planes, plane.shape[0], *descriptors, plane, *self._disparities,
+            self._settings.prior(likelihood), *self._bound(airlight), *self._keys, *self.best,
         )
 
     def _bound(self, airlight: AirlightPrior | None) -> tuple[Any, Any, Any]:

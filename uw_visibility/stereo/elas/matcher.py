@@ -89,7 +89,6 @@ class Matcher:
             ),
         )
         settings = DenseSettings(
-            likelihood=config.likelihood_weight,
             plane_radius=config.plane_radius,
             plane_deviation=config.plane_deviation,
             outlier=config.prior_outlier,
@@ -201,8 +200,9 @@ class Matcher:
             lambda: self._draw_mesh(support),
             lambda: self._search.try_candidates(descriptors, support.points, airlight),
         )
-        self._search.try_plane(descriptors, self._plane, airlight)
-        self._postprocess(descriptors, disparity)
+        config = self._settings()
+        self._search.try_plane(descriptors, self._plane, config.likelihood_weight, airlight)
+        self._postprocess(config, descriptors, disparity)
         best_right = self._search.best[1]
         right = np.empty(self._shape, np.float32)
         self._workers.rows(dense.as_disparity, self._shape[0], best_right, right)
@@ -237,10 +237,10 @@ class Matcher:
 
     def _postprocess(
         self,
+        config: StereoConfig,
         descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
         disparity: NDArray[np.float32],
     ) -> None:
-        config = self._settings()
         postprocess.check_and_refine(
             self._search.best, descriptors, config.left_right_tolerance, disparity, self._workers
         )

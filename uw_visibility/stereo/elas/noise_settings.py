@@ -15,6 +15,10 @@ _FULL_NOISE = 2.0
 # Neighbours to each side that the disparity map is averaged over besides: noise moves
 # disparities by a pixel or two, and neighbours on a surface tell where between.
 _MORE_RADIUS = 7
+# A hole is a mismatch rather than an occlusion, and may be wider by so many px.
+_MORE_GAP = 4
+# Prior and noise make the same mistakes in both views: descriptors count so many times more.
+_LIKELIHOOD = 1.8
 # Views that agree by chance mostly do so by two pixels.
 _TOLERANCE = 1
 
@@ -42,6 +46,8 @@ def settings_in_noise(config: StereoConfig, noise: float) -> StereoConfig:
         smoothing_radius=config.smoothing_radius and (
             config.smoothing_radius + round(share * _MORE_RADIUS)
         ),
+        gap_width=config.gap_width and config.gap_width + round(share * _MORE_GAP),
+        likelihood_weight=config.likelihood_weight * (1.0 + share * (_LIKELIHOOD - 1.0)),
         left_right_tolerance=min(config.left_right_tolerance, _TOLERANCE)
         if share > 0.5 else config.left_right_tolerance,
     )
