@@ -231,6 +231,21 @@ def growth(samples: list[Sample], start: float) -> dict[str, float]:
     }
 
 
+def course(samples: list[Sample], parts: int = 10) -> list[dict[str, float]]:
+    """Return the medians of tenths of the time, for a table."""
+    end = samples[-1].time
+    found = []
+    for part in range(parts):
+        low, high = end * part / parts, end * (part + 1) / parts
+        within = [s for s in samples if low <= s.time <= high]
+        if within:
+            found.append({"until (min)": round(high / 60.0, 1)} | {
+                name: round(statistics.median(getattr(s, name) for s in within), 1)
+                for name in ("memory", "descriptors", "threads")
+            })
+    return found
+
+
 def run(minutes: float, seed: int) -> dict[str, Any]:
     """Run for a time; returns what came of it, with the faults that were found."""
     with tempfile.TemporaryDirectory() as folder:
@@ -257,6 +272,7 @@ def run(minutes: float, seed: int) -> dict[str, Any]:
         "peak memory (MiB)": round(max(s.memory for s in samples), 1),
         "growth of memory (MiB)": round(grown["memory"], 1),
         "growth of descriptors": grown["descriptors"], "growth of threads": grown["threads"],
+        "course": course(samples),
         "faults": faults(numbers, log, code, grown, samples),
     }
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import array
 import inspect
 import math
 import os
@@ -20,6 +21,8 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from stereo_msgs.msg import DisparityImage
@@ -146,6 +149,25 @@ def test_stamps_of_zero_past_and_future(node: Any, client: Any, parts: Any) -> N
     client.result(future, "disparity")
     good_frame(client, parts)
     assert node.log.count("time jumped back") == 1
+
+
+def test_image_beyond_the_limit_does_not_wait_in_memory(
+    client: Any, parts: Any, image: Callable[..., Any], scene: Any
+) -> None:
+    def limit(megapixels: float) -> None:
+        parameter = Parameter("max_megapixels", value=megapixels).to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        assert client.call("uw_visibility/set_parameters", request).results[0].successful
+
+    limit(0.02)
+    large = image(scene.left, "rgb8", data=array.array("B", bytes(200_000)))
+    large.header.stamp.sec = client.next_stamp()
+    client.publishers["left/image"].publish(large)
+    reason = "dropped: left image larger than max_megapixels"
+    client.wait(lambda: client.diagnosis("input").numbers.get(reason) == "1", "the count of it")
+    assert client.diagnosis("input").numbers["waiting images"] == "0"
+    limit(8.0)
+    good_frame(client, parts)
 
 
 def test_burst_is_answered_with_its_newest_frame_and_memory_stays(

@@ -170,6 +170,11 @@ class Synchronizer:
         self._late[side] = stamp, image
         return []
 
+    def refuse_image(self, side: str, reason: str) -> None:
+        """Count an image that must not wait, with the reason why."""
+        self.received[side] += 1
+        self._drop(f"{side} image {reason}")
+
     def end_wait(self) -> list[SynchronizedFrame]:
         """Release a pair that was there at the last call already, with the newest CameraInfo.
 

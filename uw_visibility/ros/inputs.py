@@ -29,10 +29,14 @@ RECENT_STAMPS = RECENT_DROPS = 10
 RESTING = "at rest (lazy): nobody subscribes to a result"
 # What synchronization.tolerance may be, s.
 LARGEST_TOLERANCE = 1.0
+# Four channels of 16 bit: images that hold more are none of `max_megapixels`.
+MOST_BYTES_PER_PIXEL = 8
+TOO_LARGE = "larger than max_megapixels"
 # What to do where images make no frame, by the reason why they are dropped.
 ADVICE = {
     "without a stamp": "images have no stamp: fill header.stamp with the time of exposure",
     "seen before": "images repeat a stamp: give each pair a stamp of its own",
+    TOO_LARGE: "images are larger than max_megapixels: raise it where there is memory for them",
 }
 
 
@@ -228,10 +232,15 @@ class StereoInput:
         self._arrivals[topic] = time.monotonic()
         if not self.active:
             return
+        settings = self._parameters.settings.node
+        if len(message.data) > MOST_BYTES_PER_PIXEL * 1e6 * settings.max_megapixels:
+            # Those that wait for their partner would fill the memory.
+            self.synchronizer.refuse_image(side, TOO_LARGE)
+            return
         stamp = stamp_to_nanoseconds(message.header.stamp)
         if stamp:
             self._stamps[side].append(stamp)
-        self.synchronizer.config = self._parameters.settings.node.synchronization
+        self.synchronizer.config = settings.synchronization
         restarts = self.synchronizer.restarts
         frames = self.synchronizer.add_image(side, stamp, message)
         if self.synchronizer.restarts != restarts:
