@@ -30,6 +30,10 @@ class Cases:
         self._parts = live.load()
         self._folder = folder
         self._client: Any = None
+        # Compiling does not count.
+        first = self._parts.NodeProcess(folder, "-r", "__ns:=/first", code=NODE.format("node"))
+        first.wait_for("ready after", self._parts.READY_TIMEOUT)
+        first.stop()
         scene = self._parts.make_scene()
         self._frame = [
             *(self._parts.image_message(p, "rgb8") for p in (scene.left, scene.right)),
