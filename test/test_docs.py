@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from uw_visibility.cli import COMMANDS
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.images import ENCODINGS
 from uw_visibility.messages.outputs import all_topics
@@ -33,10 +34,20 @@ def test_what_the_model_names_exists(module: str, name: str) -> None:
     assert hasattr(found, name), f"{module} has no {name}"
 
 
-@pytest.mark.parametrize("file", sorted((ROOT / "docs").glob("*.md")), ids=lambda file: file.name)
+# What Sphinx makes is no source.
+MADE = {"_build", "generated", "tutorials"}
+PAGES = sorted(
+    file for file in (ROOT / "docs").rglob("*.md")
+    if not MADE & set(file.relative_to(ROOT / "docs").parts)
+)
+
+
+@pytest.mark.parametrize("file", PAGES, ids=lambda file: str(file.relative_to(ROOT)))
 def test_links_between_files_lead_somewhere(file: Path) -> None:
     for target in re.findall(r"\]\(([^)#:]+)\)", file.read_text(encoding="utf-8")):
-        assert (file.parent / target).exists(), target
+        # A tutorial's page is made of its script.
+        source = re.sub(r"tutorials/(\w+)\.rst$", r"examples/\1.py", target)
+        assert (file.parent / source).exists(), target
 
 
 def test_every_topic_is_in_the_page_of_the_node() -> None:
@@ -54,3 +65,29 @@ def test_every_launch_argument_is_in_the_page_of_the_node() -> None:
     arguments = re.findall(r'DeclareLaunchArgument\(\s*"(\w+)"', launch)
     assert len(arguments) == 13
     assert [name for name in arguments if f"`{name}`" not in page] == []
+
+
+def test_the_readme_has_no_long_paragraph() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    prose = re.sub(r"```.*?```", "", text, flags=re.S)
+    for paragraph in prose.split("\n\n"):
+        lines = [line for line in paragraph.splitlines() if not line.startswith(("|", "- ", "!["))]
+        assert len(lines) <= 5, paragraph
+        assert all(len(line) <= 105 for line in lines), paragraph
+
+
+def test_links_of_the_readme_lead_somewhere() -> None:
+    links = re.findall(r"\]\(([^)#:]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
+    assert len(links) > 20
+    assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+def test_commands_and_targets_of_the_readme_exist() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = set(re.findall(r"(?:^|`)make (\w+)", text, flags=re.M))
+    assert targets >= {"demo", "test", "docs"}
+    assert {target for target in targets if f"\n{target}:" not in makefile} == set()
+    commands = set(re.findall(r"^uw_visibility (\w+)", text, flags=re.M))
+    assert commands >= {"enhance", "replay", "calibrate"}
+    assert commands <= {module.__name__.rpartition(".")[2] for module in COMMANDS}

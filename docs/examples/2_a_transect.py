@@ -11,11 +11,7 @@ From a recording to a table, a report, and the state of the water over time.
 # A recording
 # -----------
 # Any bag with a stereo pair does: ROS 2 (mcap, sqlite3) or ROS 1. Here one is rendered, in which
-# the water becomes murkier and the camera goes deeper. On the command line this is::
-#
-#     uw_visibility simulate -o dive --frames 12 --width 320 --height 240
-#
-# and here the same words are given to the command from Python.
+# the water becomes murkier and the camera goes deeper. Commands are given as in a terminal.
 
 import contextlib
 import csv
@@ -32,24 +28,21 @@ from uw_visibility.replay.bags.reader import BagReader
 folder = Path(tempfile.mkdtemp())
 
 
-def uw_visibility(words):
-    """Run a command of the terminal's, in the folder of this tutorial."""
+def terminal(words):
+    """Run a command as a terminal would, in the folder of this tutorial."""
     with contextlib.chdir(folder):
-        main(words.split())
+        main(words.split()[1:])
 
 
-uw_visibility("simulate -o dive --frames 12 --width 320 --height 240 --seed 1")
+terminal("uw_visibility simulate -o dive --frames 12 --width 320 --height 240 --seed 1")
 
 # %%
 # Replay
 # ------
-# ``--list`` tells what is there and what would be used::
-#
-#     uw_visibility replay dive --list
-#     uw_visibility replay dive -o out --images 4
+# ``--list`` tells what is there and what would be used.
 
-uw_visibility("replay dive --list")
-uw_visibility("replay dive -o out --images 4 --jobs 1")
+terminal("uw_visibility replay dive --list")
+terminal("uw_visibility replay dive -o out --images 4 --jobs 1")
 print(*sorted(file.name for file in (folder / "out").iterdir()), sep="\n")
 
 # %%

@@ -12,9 +12,7 @@ must be known. A dive with a depth sensor tells both.
 # A dive
 # ------
 # Over a metre of depth or more; here from 2 to 7 m. The camera's white is not neutral: its red is
-# 0.8 of its green, its blue 0.7. Nobody has told the estimator. On the command line::
-#
-#     uw_visibility simulate -o dive --frames 16 --depth 2 7 --white-balance 0.8 1 0.7 …
+# 0.8 of its green, its blue 0.7. Nobody has told the estimator.
 
 import contextlib
 import csv
@@ -29,25 +27,23 @@ from uw_visibility.cli import main
 folder = Path(tempfile.mkdtemp())
 
 
-def uw_visibility(words):
-    """Run a command of the terminal's, in the folder of this tutorial."""
+def terminal(words):
+    """Run a command as a terminal would, in the folder of this tutorial."""
     with contextlib.chdir(folder):
-        main(words.split())
+        main(words.split()[1:])
 
 
-uw_visibility(
-    "simulate -o dive --frames 16 --width 320 --height 240 --depth 2 7 "
+terminal(
+    "uw_visibility simulate -o dive --frames 16 --width 320 --height 240 --depth 2 7 "
     "--attenuation 0.1 0.15 --white-balance 0.8 1 0.7 --seed 4"
 )
 
 # %%
 # Calibrate
 # ---------
-# ::
-#
-#     uw_visibility calibrate dive -o camera.yaml
+# Each type of water is tried, with the white that fits it best.
 
-uw_visibility("calibrate dive -o camera.yaml --jobs 1")
+terminal("uw_visibility calibrate dive -o camera.yaml --jobs 1")
 print((folder / "camera.yaml").read_text())
 
 # %%
@@ -56,8 +52,8 @@ print((folder / "camera.yaml").read_text())
 # The file is for ``--params-file`` of every command, and for the node. It tells the depth of
 # other dives with the same camera in the same water; here, to be short, of the same dive.
 
-uw_visibility("replay dive -o before --jobs 1")
-uw_visibility("replay dive -o after --jobs 1 --params-file camera.yaml")
+terminal("uw_visibility replay dive -o before --jobs 1")
+terminal("uw_visibility replay dive -o after --jobs 1 --params-file camera.yaml")
 
 
 def columns(name, *names):

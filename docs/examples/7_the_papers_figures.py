@@ -26,13 +26,13 @@ from uw_visibility.cli import main
 folder = Path(tempfile.mkdtemp())
 
 
-def uw_visibility(words):
-    """Run a command of the terminal's, in the folder of this tutorial."""
+def terminal(words):
+    """Run a command as a terminal would, in the folder of this tutorial."""
     with contextlib.chdir(folder):
-        main(words.split())
+        main(words.split()[1:])
 
 
-uw_visibility("evaluate -o out --attenuation 0 0.2 --depth 2 --noise 0 --frames 0")
+terminal("uw_visibility evaluate -o out --attenuation 0 0.2 --depth 2 --noise 0 --frames 0")
 out = folder / "out"
 print(*sorted(file.name for file in out.iterdir()), sep="\n")
 
