@@ -50,7 +50,7 @@ class _Counts(NamedTuple):
     reasons: frozenset[tuple[str, str]]
 
 
-class _Wire:
+class Wire:
     """A node with its client."""
 
     def __init__(self, folder: Path, name: str, *arguments: str, suffix: str = "") -> None:
@@ -129,6 +129,12 @@ class _Wire:
             message.header.frame_id = topic.partition("/")[0]
         return self._stamp
 
+    def close(self) -> None:
+        """End the node; raises where it does not end well."""
+        code, _ = self.node.stop(signal.SIGTERM)
+        self.client.close()
+        assert (code, "Traceback" in self.node.log) == (0, False), self.node.log[-3000:]
+
     def answered(self, frame: dict[str, Any], tries: int = TRIES) -> None:
         """Publish a good frame until it is answered: a bad one before may take its place."""
         for _ in range(tries):
@@ -155,8 +161,8 @@ class Cases:
         self._views = scene.left, scene.right
         self._parts = parts
         self._nodes = {
-            "raw": _Wire(folder, "raw"),
-            "compressed": _Wire(
+            "raw": Wire(folder, "raw"),
+            "compressed": Wire(
                 folder, "compressed", "-p", "image_transport:=compressed", suffix="/compressed"
             ),
         }
@@ -217,11 +223,9 @@ class Cases:
     def close(self) -> None:
         """End the nodes; raises where they do not end well."""
         for wire in self._nodes.values():
-            code, _ = wire.node.stop(signal.SIGTERM)
-            wire.client.close()
-            assert (code, "Traceback" in wire.node.log) == (0, False), wire.node.log[-3000:]
+            wire.close()
 
-    def _tried(self, wire: _Wire, act: Callable[[], Outcome]) -> Outcome:
+    def _tried(self, wire: Wire, act: Callable[[], Outcome]) -> Outcome:
         for left in reversed(range(TRIES)):
             outcome = act()
             if outcome.verdict in ("read", "refused") or not left:
@@ -231,7 +235,7 @@ class Cases:
             return outcome._replace(verdict=f"{memory:.0f} MiB")
         return outcome
 
-    def _replace(self, wire: _Wire, node: str, kind: kinds.MessageKind) -> Outcome:
+    def _replace(self, wire: Wire, node: str, kind: kinds.MessageKind) -> Outcome:
         """Send a frame of a kind."""
         before = wire.counts()
         frame = self._frame(node)
@@ -256,7 +260,7 @@ class Cases:
         named = any(re.search(kind.says, name) for name in new) and kind.says != kinds.ANSWERED
         return Outcome(self.case, "refused" if named else "wrong reason", str(new)[:500])
 
-    def _sense(self, wire: _Wire, node: str, kind: kinds.SensorKind) -> Outcome:
+    def _sense(self, wire: Wire, node: str, kind: kinds.SensorKind) -> Outcome:
         """Send a depth that no sensor measures."""
         before = wire.counts()
         message = self._pose_type()()
@@ -269,7 +273,7 @@ class Cases:
         good = wire.counts().sensor == before.sensor + 1 and kind.says in said
         return Outcome(self.case, "refused" if good else "wrong reason", said)
 
-    def _spoil(self, wire: _Wire, node: str, rng: random.Random) -> Outcome:
+    def _spoil(self, wire: Wire, node: str, rng: random.Random) -> Outcome:
         """Set fields of a frame to values that their types allow."""
         before = wire.counts()
         frame = self._frame(node)
@@ -280,7 +284,7 @@ class Cases:
         wire.send(frame)
         return self._recovered(wire, node, before)
 
-    def _mutate(self, wire: _Wire, node: str, rng: random.Random) -> Outcome:
+    def _mutate(self, wire: Wire, node: str, rng: random.Random) -> Outcome:
         """Change bytes of a message as it is sent."""
         from rclpy.serialization import serialize_message
 
@@ -297,7 +301,7 @@ class Cases:
         wire.send(frame)
         return self._recovered(wire, node, before)
 
-    def _recovered(self, wire: _Wire, node: str, before: _Counts) -> Outcome:
+    def _recovered(self, wire: Wire, node: str, before: _Counts) -> Outcome:
         time.sleep(0.02)
         wire.answered(self._frame(node))
         after = wire.counts()
