@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,33 @@ import numpy as np
 from uw_visibility.config.documents import read_document
 from uw_visibility.errors import InputError
 from uw_visibility.stereo.rig import StereoRig
+
+
+@dataclass
+class WholeImage:
+    """Region of interest of a calibration file: there is none."""
+
+    x_offset: int = 0
+    y_offset: int = 0
+    width: int = 0
+    height: int = 0
+    do_rectify: bool = False
+
+
+@dataclass
+class FileCameraInfo:
+    """Calibration of one camera as its file states it, with the fields of a CameraInfo."""
+
+    width: int
+    height: int
+    distortion_model: str
+    k: list[float]
+    d: list[float]
+    r: list[float]
+    p: list[float]
+    binning_x: int = 0
+    binning_y: int = 0
+    roi: WholeImage = field(default_factory=WholeImage)
 
 
 def read_rig(paths: Sequence[str | Path]) -> tuple[StereoRig, tuple[int, int] | None]:
@@ -48,8 +75,8 @@ def read_rig(paths: Sequence[str | Path]) -> tuple[StereoRig, tuple[int, int] | 
     )
 
 
-def read_camera_infos(paths: Sequence[str | Path]) -> tuple[Any, Any]:
-    """Read the calibration of a pair in the form of two CameraInfo messages.
+def read_camera_infos(paths: Sequence[str | Path]) -> tuple[FileCameraInfo, FileCameraInfo]:
+    """Read the calibration of each camera of a pair.
 
     Parameters
     ----------
@@ -60,8 +87,7 @@ def read_camera_infos(paths: Sequence[str | Path]) -> tuple[Any, Any]:
 
     Returns
     -------
-    left, right : object
-        With the fields of a CameraInfo.
+    left, right : FileCameraInfo
 
     Raises
     ------
@@ -78,7 +104,7 @@ def read_camera_infos(paths: Sequence[str | Path]) -> tuple[Any, Any]:
     infos = []
     for side, number in (("left", 1), ("right", 2)):
         projection = np.asarray(content[f"P{number}"], np.float64)
-        infos.append(SimpleNamespace(
+        infos.append(FileCameraInfo(
             width=size[0],
             height=size[1],
             distortion_model="plumb_bob",
@@ -86,9 +112,6 @@ def read_camera_infos(paths: Sequence[str | Path]) -> tuple[Any, Any]:
             d=_flat(path, content, f"D_{side}", np.zeros(5)),
             r=_flat(path, content, f"R{number}", np.eye(3)),
             p=projection.ravel().tolist(),
-            binning_x=0,
-            binning_y=0,
-            roi=SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0, do_rectify=False),
         ))
     return infos[0], infos[1]
 
@@ -130,11 +153,11 @@ def _from_camera_info_files(left: Path, right: Path) -> tuple[StereoRig, tuple[i
     return rig, (infos[0].width, infos[0].height)
 
 
-def _camera_info(path: Path) -> Any:
-    """Return a camera's YAML file in the form of its CameraInfo message."""
+def _camera_info(path: Path) -> FileCameraInfo:
+    """Read a camera's YAML file."""
     content = _read(path)
     width, height = _size(path, content, "image_width", "image_height")
-    return SimpleNamespace(
+    return FileCameraInfo(
         width=width,
         height=height,
         distortion_model=content.get("distortion_model", "plumb_bob"),
@@ -142,9 +165,6 @@ def _camera_info(path: Path) -> Any:
         d=_numbers(path, content, "distortion_coefficients", None),
         r=_numbers(path, content, "rectification_matrix", 9),
         p=_numbers(path, content, "projection_matrix", 12),
-        binning_x=0,
-        binning_y=0,
-        roi=SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0, do_rectify=False),
     )
 
 
