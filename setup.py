@@ -83,9 +83,15 @@ setup(
             "sphinx-design",
             "sphinx-gallery>=0.18",
         ],
+        # replay --netcdf and --parquet.
+        "netcdf": ["xarray>=2024.2", "netCDF4>=1.6"],
+        "parquet": ["pyarrow>=14"],
+        # Words that the shell completes; see the command's help.
+        "completion": ["argcomplete>=3.1"],
         "test": [
             "hypothesis",
             "import-linter",
+            "mcap",
             "mypy",
             "pytest",
             "pytest-xdist",

@@ -23,8 +23,8 @@ from rosbags.typesys import Stores, get_typestore
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.columns import FAILED
 from uw_visibility.replay.results.mcap import NIS_TOPIC, NIS_TYPE
-from uw_visibility.replay.table import FAILED
 from uw_visibility.simulation.bag import TOPICS as RECORDED
 
 pytestmark = pytest.mark.node

@@ -38,7 +38,8 @@ from uw_visibility.messages.images import stamp_to_nanoseconds, typestore_factor
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.processor import FrameProcessor
 from uw_visibility.replay.bags.reader import BagReader
-from uw_visibility.replay.table import COLUMNS, read_rows
+from uw_visibility.replay.columns import COLUMNS
+from uw_visibility.replay.table import read_rows
 from uw_visibility.water.tracking import WaterTracker
 
 ALONE = {"tracking.enabled": False, "threads": 1}
@@ -59,10 +60,11 @@ def test_every_frame_has_a_row_and_every_topic_its_messages(
     transect: Path, replayed: Path
 ) -> None:
     assert {p.name for p in replayed.iterdir()} == {
-        "results.mcap", "frames.csv", "timings.csv", "report.html", "replay.json"
+        "results.mcap", "frames.csv", "frames.csv-metadata.json", "timings.csv", "report.html",
+        "replay.json",
     }
     rows = list(read_rows(replayed / "frames.csv"))
-    assert tuple(rows[0]) == COLUMNS
+    assert tuple(rows[0]) == tuple(COLUMNS)
     assert [row["frame"] for row in rows] == [str(k) for k in range(FRAMES)]
     assert {row["status"] for row in rows} == {"ok"}
     with BagReader(replayed / "results.mcap") as reader:

@@ -32,11 +32,12 @@ in the names, camera_info beside the images."""
 EPILOG = """\
 written to DIR (with several bags: to DIR/NAME for each):
   results.mcap     the node's topics; stamps as recorded, logged when the left image was
-  frames.csv       one row a frame: estimates with standard deviations, sensor, statuses
+  frames.csv       one row a frame: estimates with standard deviations, sensor, statuses;
+                   frames.csv-metadata.json has units and definitions (CSV on the Web)
   timings.csv      duration of each stage, ms
   report.html      time series, pictures, what was not assessable and why
   replay.json      counts, parameters, hash of the input
-  images/, video.mp4, frames.geojson   on request
+  images/, video.mp4, frames.geojson, frames.nc, frames.parquet   on request
 
 DIR appears when all is written; until then it is DIR.partial, which is what an
 interruption leaves, and what --resume goes on from.
@@ -76,6 +77,8 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--match-original", action="store_true",
         help="match the images as recorded too, for comparison; costs about a third more time",
     )
+    add("--netcdf", action="store_true", help="write frames.nc (CF trajectory; extra: netcdf)")
+    add("--parquet", action="store_true", help="write frames.parquet (extra: parquet)")
     add(
         "--geo", metavar="TOPIC",
         help="join a NavSatFix or Odometry to the table and write frames.geojson",
@@ -124,6 +127,8 @@ def _options(arguments: argparse.Namespace) -> ReplayOptions:
         images=arguments.images,
         video=arguments.video,
         geo=arguments.geo is not None,
+        netcdf=arguments.netcdf,
+        parquet=arguments.parquet,
         match_original=arguments.match_original,
         origin=None if arguments.origin is None else tuple(arguments.origin),
     )

@@ -118,7 +118,8 @@ def _finished(bag: Path, target: Path, options: ReplayOptions) -> Summary | None
     origin = Origin.of(bag, find_files(bag).files, options.parameters())
     difference = origin.difference(state)
     if not difference and state.get("extras") != options.extras():
-        difference = "was made with another choice of --images, --video and --geo"
+        difference = (
+            "was made with another choice of --images, --video, --geo, --netcdf, --parquet")
     if difference:
         raise InputError(
             f"{target} exists already and {difference}: give another name, or --force to replace"

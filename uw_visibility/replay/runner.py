@@ -23,6 +23,8 @@ from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.folder import ResultFolder
 from uw_visibility.replay.results.joining import Joiner
 from uw_visibility.replay.results.mcap import EarlierPart
+from uw_visibility.replay.results.netcdf import check_netcdf, write_netcdf
+from uw_visibility.replay.results.parquet import check_parquet, write_parquet
 from uw_visibility.replay.results.provenance import FileHash, Origin
 from uw_visibility.replay.results.recorder import FrameRecorder
 from uw_visibility.replay.results.summary import Summary
@@ -65,6 +67,10 @@ def replay_bag(
     KeyboardInterrupt
         After an interruption; what there is by then is a readable partial result.
     """
+    if options.netcdf:
+        check_netcdf()
+    if options.parquet:
+        check_parquet()
     with BagReader(bag) as reader, sole_writer(target):
         stream = InputStream(reader, options)
         folder = ResultFolder(target, force=force, resume=resume)
@@ -220,6 +226,14 @@ class _Replay:
         work = self._folder.work
         if self._options.geo:
             write_geojson(work / "frames.geojson", read_rows(work / "frames.csv"))
+        columns, provenance = self._recorder.columns, self.summary.provenance
+        if self._options.netcdf:
+            write_netcdf(
+                work / "frames.nc", work / "frames.csv", columns, provenance,
+                self._recorder.model.effective_wavelengths,
+            )
+        if self._options.parquet:
+            write_parquet(work / "frames.parquet", work / "frames.csv", columns, provenance)
         scale = colour_scale(work)
         selection = self._stream.selection
         if self.summary.complete:

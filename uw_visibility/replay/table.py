@@ -1,12 +1,13 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Table of a replay, frames.csv: one row a frame, and the columns' meaning."""
+"""Table of a replay, frames.csv: one row a frame; `columns` says what is in it."""
 
 from __future__ import annotations
 
 import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -14,37 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
+from uw_visibility.replay.columns import CHANNELS, FAILED
 from uw_visibility.replay.records import FrameEstimate, JoinedFrame
 from uw_visibility.water.assessment import Visibility
+from uw_visibility.water.derived import QUANTITIES, DerivedModel, DerivedQuantities
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.survey import SurveyEstimate
-
-FAILED = "unusable"
-"""Status of frames that gave no result; the column ``reason`` says why."""
-
-CHANNELS = ("red", "green", "blue")
-
-
-def _with_stddev(name: str) -> tuple[str, str]:
-    return name, f"{name}_stddev"
-
-
-COLUMNS: tuple[str, ...] = (
-    "frame", "stamp", "right_stamp", "time", "status", "visibility_status", "depth_status",
-    "reason",
-    *(c for channel in CHANNELS for c in _with_stddev(f"attenuation_{channel}")),
-    *(c for channel in CHANNELS for c in _with_stddev(f"ambient_light_{channel}")),
-    *_with_stddev("mean_attenuation"), *_with_stddev("visibility_distance"),
-    *_with_stddev("depth"), "depth_precision",
-    *_with_stddev("filtered_mean_attenuation"), *_with_stddev("filtered_visibility_distance"),
-    *_with_stddev("filtered_depth"), "filtering",
-    "survey_frames", "survey_range_min", "survey_range_max",
-    "support_points", "coverage", "matched_fraction", "matched_fraction_original",
-    "limited_fraction",
-    *_with_stddev("sensor_depth"), "innovation", "nis", "plausibility",
-    "plausibility_reason",
-    "longitude", "latitude", "x", "y",
-)
-"""Columns of ``frames.csv``: m, 1/m, degrees; stamps and time in s; empty = not known."""
 
 
 def seconds(nanoseconds: int) -> str:
@@ -58,17 +34,25 @@ def nanoseconds(text: str) -> int:
     return int(whole) * 1_000_000_000 + int(fraction)
 
 
+def iso_time(nanoseconds: int) -> str:
+    """Return a time in UTC as ISO 8601, with all its digits."""
+    second = datetime.fromtimestamp(nanoseconds // 1_000_000_000, UTC)
+    return f"{second:%Y-%m-%dT%H:%M:%S}.{nanoseconds % 1_000_000_000:09d}Z"
+
+
 def number(value: float) -> str:
     """Return a number so that reading it gives the same one; empty where it is not finite."""
     return repr(float(value)) if math.isfinite(value) else ""
 
 
-def row_of(joined: JoinedFrame) -> dict[str, str]:
+def row_of(joined: JoinedFrame, model: DerivedModel) -> dict[str, str]:
     """Write a frame as a row of the table; what it lacks stays empty.
 
     Parameters
     ----------
     joined : JoinedFrame
+    model : DerivedModel
+        Derives the field's quantities.
 
     Returns
     -------
@@ -77,7 +61,8 @@ def row_of(joined: JoinedFrame) -> dict[str, str]:
     """
     record = joined.record
     row = {
-        "frame": str(record.frame), "stamp": seconds(record.stamp),
+        "frame": str(record.frame), "datetime": iso_time(record.stamp),
+        "stamp": seconds(record.stamp),
         "right_stamp": seconds(record.right_stamp), "time": seconds(record.time),
         "innovation": number(joined.innovation), "nis": number(joined.nis),
         "plausibility": "" if joined.verdict is None else str(joined.verdict),
@@ -91,8 +76,11 @@ def row_of(joined: JoinedFrame) -> dict[str, str]:
     if record.estimate is None:
         return row | {"status": FAILED, "reason": record.reason}
     row |= _estimate_columns(record.estimate)
+    row |= _derived_columns("", model.derive(record.estimate.water))
     if joined.filtered is not None:
+        row |= _attenuation_columns("filtered_", joined.filtered.water)
         row |= _visibility_columns("filtered_", joined.filtered.visibility)
+        row |= _derived_columns("filtered_", model.derive(joined.filtered.water))
         row["filtering"] = str(joined.filtered.event)
         if joined.filtered.survey is not None:
             row |= _survey_columns(joined.filtered.survey)
@@ -114,12 +102,30 @@ def _estimate_columns(estimate: FrameEstimate) -> dict[str, str]:
         "matched_fraction_original": "" if original is None else number(original),
         "limited_fraction": number(estimate.limited_fraction),
     }
+    columns |= _attenuation_columns("", water)
     for index, channel in enumerate(CHANNELS):
-        columns[f"attenuation_{channel}"] = number(water.attenuation[index])
-        columns[f"attenuation_{channel}_stddev"] = number(water.attenuation_stddev[index])
         columns[f"ambient_light_{channel}"] = number(water.ambient_light[index])
         columns[f"ambient_light_{channel}_stddev"] = number(water.ambient_light_stddev[index])
     return columns
+
+
+def _attenuation_columns(prefix: str, water: WaterEstimate) -> dict[str, str]:
+    columns = {}
+    for index, channel in enumerate(CHANNELS):
+        name = f"{prefix}attenuation_{channel}"
+        columns[name] = number(water.attenuation[index])
+        columns[f"{name}_stddev"] = number(water.attenuation_stddev[index])
+    return columns
+
+
+def _derived_columns(prefix: str, derived: DerivedQuantities) -> dict[str, str]:
+    names = [name for quantity in QUANTITIES for name in (quantity, f"{quantity}_stddev")]
+    return {
+        **{f"{prefix}{name}": number(getattr(derived, name)) for name in names},
+        f"{prefix}water_type": derived.water_type,
+        f"{prefix}water_type_likelihood": number(derived.water_type_likelihood),
+        f"{prefix}water_type_status": str(derived.water_type_status),
+    }
 
 
 def _visibility_columns(prefix: str, visibility: Visibility) -> dict[str, str]:

@@ -14,7 +14,7 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from uw_visibility.replay.bags.reader import BagReader
-from uw_visibility.replay.table import FAILED
+from uw_visibility.replay.columns import FAILED
 
 ZSTANDARD = b"\x28\xb5\x2f\xfd"
 

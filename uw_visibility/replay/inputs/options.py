@@ -43,6 +43,8 @@ class ReplayOptions:
         Whether ``video.mp4`` is written.
     geo : bool
         Whether ``frames.geojson`` is written.
+    netcdf, parquet : bool
+        Whether ``frames.nc`` or ``frames.parquet`` is written.
     match_original : bool
         Whether the raw pair is matched too, for comparison.
     origin : tuple of float or None
@@ -60,6 +62,8 @@ class ReplayOptions:
     images: int = 0
     video: bool = False
     geo: bool = False
+    netcdf: bool = False
+    parquet: bool = False
     match_original: bool = False
     origin: tuple[float, float] | None = None
 
@@ -94,7 +98,10 @@ class ReplayOptions:
 
     def extras(self) -> dict[str, Any]:
         """Return the outputs beside the table and the messages, for JSON."""
-        return {"images": self.images, "video": self.video, "geo": self.geo}
+        return {
+            "images": self.images, "video": self.video, "geo": self.geo, "netcdf": self.netcdf,
+            "parquet": self.parquet,
+        }
 
     def with_threads(self, threads: int) -> ReplayOptions:
         """Return the options with so many threads for each frame, if none are given."""

@@ -9,13 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from uw_visibility.messages.outputs import all_topics
+from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.filtering import FilterStage
 from uw_visibility.replay.frame_log import FrameLog
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.records import JoinedFrame
+from uw_visibility.replay.results.data_dictionary import write_dictionary
 from uw_visibility.replay.results.mcap import ResultWriter
-from uw_visibility.replay.table import COLUMNS, TableWriter, row_of
+from uw_visibility.replay.table import TableWriter, row_of
 from uw_visibility.replay.work import FrameAnswer
+from uw_visibility.water.derived import DerivedModel
 from uw_visibility.water.filter import FilteredWater
 
 Row = dict[str, str]
@@ -37,6 +40,10 @@ class FrameRecorder:
     ----------
     resumed : int
         Frames of the earlier part so far.
+    columns : mapping of str to Column
+        Of the table.
+    model : DerivedModel
+        Derives the field's quantities.
     """
 
     def __init__(
@@ -45,7 +52,10 @@ class FrameRecorder:
         self.resumed = 0
         self._folder = folder
         self._earlier = earlier
-        self._table = TableWriter(folder / "frames.csv", COLUMNS)
+        self.columns = COLUMNS
+        self.model = DerivedModel.from_config(options.pipeline)
+        self._table = TableWriter(folder / "frames.csv", tuple(self.columns))
+        write_dictionary(folder / "frames.csv", self.columns)
         self._timings: TableWriter | None = None
         self._results = ResultWriter(
             folder, all_topics(options.node), options.node.depth_frame
@@ -66,7 +76,7 @@ class FrameRecorder:
 
     def write_row(self, joined: JoinedFrame) -> None:
         """Write a row that is complete, and the comparison with the sensor in it."""
-        self._table.write(row_of(joined))
+        self._table.write(row_of(joined, self.model))
         self._results.write_nis(joined)
 
     def close(self, provenance: Mapping[str, Any]) -> None:

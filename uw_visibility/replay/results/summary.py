@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from uw_visibility.plausibility.monitor import Report
+from uw_visibility.replay.columns import FAILED
 from uw_visibility.replay.reasons import count_reason
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.refusals import Refusals
-from uw_visibility.replay.table import FAILED
 from uw_visibility.water.survey import SurveyEstimate
 from uw_visibility.water.tracking import TrackingEvent
 

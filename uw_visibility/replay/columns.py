@@ -1,0 +1,192 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Columns of frames.csv: one dictionary for the table, NetCDF, Parquet and the report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Literal
+
+from uw_visibility.optics.water_type import TYPES
+from uw_visibility.plausibility.verdict import Verdict
+from uw_visibility.status import Status
+from uw_visibility.water.derived import QUANTITIES
+from uw_visibility.water.tracking import TrackingEvent
+
+FAILED = "unusable"
+"""Status of frames that gave no result; the column ``reason`` says why."""
+
+CHANNELS = ("red", "green", "blue")
+BEAM = "volume_beam_attenuation_coefficient_of_radiative_flux_in_sea_water"
+DIFFUSE = "volume_attenuation_coefficient_of_downwelling_radiative_flux_in_sea_water"
+
+Kind = Literal["integer", "number", "text", "choice", "datetime"]
+
+
+@dataclass(frozen=True)
+class Column:
+    """Column of a table.
+
+    Attributes
+    ----------
+    kind : str
+        ``"choice"`` is a text that is one of `choices`.
+    title : str
+        What it is, in a few words.
+    unit : str
+        As UDUNITS writes it; ``"1"`` for a number without one, empty for texts.
+    description : str
+        Definition, caveat and source, where the title does not say all.
+    standard_name : str
+        That of the CF conventions, where there is one.
+    choices : tuple of str
+        What may stand there; empty where it is not known.
+    keys : tuple of str
+        A word for each of `choices`.
+    stddev_of : str
+        The column whose standard deviation this is.
+    status : str
+        The column that says why a value is missing.
+    """
+
+    kind: Kind
+    title: str
+    unit: str = ""
+    description: str = ""
+    standard_name: str = ""
+    choices: tuple[str, ...] = ()
+    keys: tuple[str, ...] = ()
+    stddev_of: str = ""
+    status: str = ""
+
+
+def _integer(title: str, description: str = "") -> Column:
+    return Column("integer", title, "1", description)
+
+
+def _number(title: str, unit: str, description: str = "", standard_name: str = "") -> Column:
+    return Column("number", title, unit, description, standard_name)
+
+
+def _choice(title: str, choices: type[Enum], *more: str) -> Column:
+    texts = tuple(str(each.value) for each in choices)
+    keys = tuple(each.name.lower() for each in choices)
+    return Column("choice", title, choices=(*texts, *more), keys=(*keys, *more))
+
+
+def with_stddev(
+    name: str, title: str, unit: str, description: str = "", standard_name: str = "",
+    status: str = "",
+) -> dict[str, Column]:
+    """Return a column of numbers and that of their standard deviations."""
+    error = f"{standard_name} standard_error" if standard_name else ""
+    return {
+        name: Column(
+            "number", title, unit, description, standard_name, status=status),
+        f"{name}_stddev": Column(
+            "number", f"standard deviation of {title}", unit, "", error, stddev_of=name),
+    }
+
+
+def _attenuation(prefix: str, of: str) -> dict[str, Column]:
+    found: dict[str, Column] = {}
+    for channel in CHANNELS:
+        found |= with_stddev(
+            f"{prefix}attenuation_{channel}", f"attenuation β, {channel} channel{of}", "m-1",
+            "Beam attenuation as the camera's channel sees it (Roser et al. 2014, eq. 1)",
+            BEAM, status="" if prefix else "status")
+    return found
+
+
+def _visibility(prefix: str, of: str) -> dict[str, Column]:
+    return {
+        **with_stddev(
+            f"{prefix}mean_attenuation", f"mean attenuation α{of}", "m-1",
+            "Mean over the channels of what the water attenuates beyond clear sea water "
+            "(Roser et al. 2014, eq. 9)", status="" if prefix else "status"),
+        **with_stddev(
+            f"{prefix}visibility_distance", f"visibility distance{of}", "m",
+            "Distance at which contrast is down to the one that parameter assessment.contrast "
+            "names, 5 % if not changed, in the clearest channel: "
+            "ln((1 - C)/(2 C) + 1)/min β, 2.35/min β (Roser et al. 2014, eq. 11-12)",
+            status="" if prefix else "visibility_status"),
+        **with_stddev(
+            f"{prefix}depth", f"depth of the camera by the colour of daylight{of}", "m",
+            "Positive down (Roser et al. 2014, eq. 13-14)", "depth",
+            status="" if prefix else "depth_status"),
+    }
+
+
+_STANDARD_NAMES = {
+    "beam_attenuation": BEAM, "diffuse_attenuation_490": DIFFUSE,
+    "secchi_depth": "secchi_depth_of_sea_water",
+}
+
+
+def _derived(prefix: str, of: str) -> dict[str, Column]:
+    found: dict[str, Column] = {}
+    for name, quantity in QUANTITIES.items():
+        found |= with_stddev(
+            f"{prefix}{name}", f"{quantity.title}{of}", quantity.unit,
+            f"{quantity.definition}. {quantity.caveat} Source: {quantity.source}.",
+            _STANDARD_NAMES.get(name, ""), status=f"{prefix}water_type_status")
+    return {
+        **found,
+        f"{prefix}water_type": Column(
+            "choice", f"nearest Jerlov water type{of}", choices=TYPES, keys=TYPES,
+            description="By the likelihood of the attenuation in the three channels"),
+        f"{prefix}water_type_likelihood": _number(
+            f"likelihood of that type{of}", "1", "Its share of the likelihood of all ten types"),
+        f"{prefix}water_type_status": _choice(f"why no water type is told{of}", Status),
+    }
+
+
+FILTERED = ", filtered over frames"
+
+COLUMNS: dict[str, Column] = {
+    "frame": _integer("number of the frame in the recording"),
+    "datetime": Column(
+        "datetime", "stamp of the left image", description="UTC, ISO 8601"),
+    "stamp": _number("stamp of the left image", "s", "Since 1970, UTC, to the nanosecond"),
+    "right_stamp": _number("stamp of the right image", "s", "As stamp"),
+    "time": _number("time at which the left image was received", "s", "As stamp"),
+    "status": _choice("whether attenuation was assessed, or why not", Status, FAILED),
+    "visibility_status": _choice("whether visibility was assessed, or why not", Status),
+    "depth_status": _choice("whether depth was assessed, or why not", Status),
+    "reason": Column("text", "why the frame gave no result"),
+    **_attenuation("", ""),
+    **{
+        name: column for channel in CHANNELS for name, column in with_stddev(
+            f"ambient_light_{channel}", f"ambient light I∞, {channel} channel", "1",
+            "Irradiance of open water, 1 is the largest value of a pixel", status="status",
+        ).items()
+    },
+    **_visibility("", ""),
+    "depth_precision": _number(
+        "part of depth's standard deviation that differs between frames", "m",
+        "Without what is not known of water type and white balance, which stay the same"),
+    **_derived("", ""),
+    **_attenuation("filtered_", FILTERED),
+    **_visibility("filtered_", FILTERED),
+    **_derived("filtered_", FILTERED),
+    "filtering": _choice("what the frame did to the filter's state", TrackingEvent),
+    "survey_frames": _integer("frames that the filtered state is a survey of"),
+    "survey_range_min": _number("least range of the survey", "m"),
+    "survey_range_max": _number("largest range of the survey", "m"),
+    "support_points": _integer("support points of step 1"),
+    "coverage": _number("part of the left image that their mesh covers", "1"),
+    "matched_fraction": _number("matched part of the left image", "1"),
+    "matched_fraction_original": _number("matched part without restoration", "1"),
+    "limited_fraction": _number("part of the pixels whose gain was limited", "1"),
+    **with_stddev("sensor_depth", "depth by the depth sensor", "m", "Positive down", "depth"),
+    "innovation": _number("sensor minus estimate", "m"),
+    "nis": _number("squared innovation over its variance", "1"),
+    "plausibility": _choice("verdict on the depth sensor", Verdict),
+    "plausibility_reason": Column("text", "why that is not ok"),
+    "longitude": _number("longitude", "degrees_east", "WGS 84", "longitude"),
+    "latitude": _number("latitude", "degrees_north", "WGS 84", "latitude"),
+    "x": _number("position x of the recorded Odometry", "m"),
+    "y": _number("position y of the recorded Odometry", "m"),
+}
+"""Columns of ``frames.csv`` by name, in order; empty = not known."""

@@ -1,0 +1,193 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Table of a replay as NetCDF: a trajectory of the Climate and Forecast conventions (CF)."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.replay.columns import CHANNELS, Column
+from uw_visibility.replay.results.slices import ROWS, slices
+
+CONVENTIONS = "CF-1.11"
+DIMENSION = "obs"
+COORDINATES = ("datetime", "longitude", "latitude", "sensor_depth")
+"""Columns that say when and where."""
+_UNKNOWN = np.int8(-1)
+
+_EPOCH = "seconds since 1970-01-01 00:00:00"
+_NAMES = {"datetime": "time", "longitude": "lon", "latitude": "lat", "time": "time_received"}
+"""What columns are called here, where they are called otherwise."""
+
+
+def check_netcdf() -> None:
+    """Refuse where xarray or netCDF4 is missing, before the work rather than after it.
+
+    Raises
+    ------
+    InputError
+        Saying how to install them.
+    """
+    _libraries()
+
+
+def write_netcdf(
+    path: Path,
+    table: Path,
+    columns: Mapping[str, Column],
+    attributes: Mapping[str, Any],
+    wavelengths: NDArray[np.float64],
+) -> None:
+    """Write a table as a CF trajectory, in slices.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    table : Path
+        The table.
+    columns : mapping of str to Column
+        Its columns.
+    attributes : mapping of str to object
+        Global attributes; what is no text is written as JSON.
+    wavelengths : (3,) float64 ndarray
+        Effective wavelengths of the channels, nm.
+
+    Raises
+    ------
+    InputError
+        If xarray or netCDF4 is not installed.
+
+    References
+    ----------
+    NetCDF Climate and Forecast (CF) Metadata Conventions, version 1.11, chapter 9,
+    https://cfconventions.org
+    """
+    xarray, netcdf = _libraries()
+    written = 0
+    for number, part in enumerate(slices(table, columns)):
+        values = {_name(name): _values(part[name], column) for name, column in columns.items()}
+        if number == 0:
+            # Its dimension has no end: xarray makes the file, and the rest is added to it.
+            xarray.Dataset(
+                {
+                    _name(name): (DIMENSION, values[_name(name)], _attributes(name, columns))
+                    for name in columns
+                } | _scalars(wavelengths, str(attributes["bag"])),
+                attrs=_global(attributes),
+            ).to_netcdf(
+                path, engine="netcdf4", format="NETCDF4", unlimited_dims=[DIMENSION],
+                encoding={_name(name): _encoding(column) for name, column in columns.items()}
+                | {f"wavelength_{channel}": {"_FillValue": None} for channel in CHANNELS},
+            )
+        else:
+            with netcdf.Dataset(path, "a") as file:
+                for name, array in values.items():
+                    file[name][written:written + len(array)] = array
+        written += len(part["frame"])
+
+
+def _libraries() -> tuple[Any, Any]:
+    try:
+        return importlib.import_module("xarray"), importlib.import_module("netCDF4")
+    except ImportError as error:
+        raise InputError(
+            f"--netcdf needs {error.name}: install the extra netcdf, "
+            "pip install 'uw_visibility[netcdf]'"
+        ) from error
+
+
+def _name(column: str) -> str:
+    return _NAMES.get(column, column)
+
+
+def _values(values: NDArray, column: Column) -> NDArray:
+    if column.kind == "datetime":
+        stamps = [np.datetime64(text[:-1], "ns").astype(np.int64) for text in values]
+        return np.array(stamps, np.int64) / 1e9
+    if column.kind == "choice":
+        place = {text: number for number, text in enumerate(column.choices)}
+        return np.array([place.get(text, _UNKNOWN) for text in values], np.int8)
+    return values
+
+
+def _attributes(name: str, columns: Mapping[str, Column]) -> dict[str, Any]:
+    column = columns[name]
+    found: dict[str, Any] = {"long_name": column.title}
+    if column.standard_name:
+        found["standard_name"] = column.standard_name
+    if column.description:
+        found["comment"] = column.description
+    if column.kind == "datetime":
+        return found | {
+            "standard_name": "time", "units": _EPOCH, "calendar": "standard", "axis": "T"}
+    if name not in COORDINATES:
+        channel = [f"wavelength_{c}" for c in CHANNELS if f"attenuation_{c}" in name]
+        places = [_name(place) for place in COORDINATES if place in columns]
+        found["coordinates"] = " ".join(places + channel)
+    if column.kind == "choice":
+        return found | {
+            "flag_values": np.arange(len(column.choices), dtype=np.int8),
+            "flag_meanings": " ".join(column.keys),
+        }
+    if column.unit:
+        found["units"] = column.unit
+    if column.standard_name == "depth":
+        found["positive"] = "down"
+    if name in ("longitude", "latitude"):
+        found["axis"] = "X" if name == "longitude" else "Y"
+    beside = [f"{name}_stddev"] * (f"{name}_stddev" in columns) + [column.status] * bool(
+        column.status)
+    if beside:
+        found["ancillary_variables"] = " ".join(beside)
+    return found
+
+
+def _encoding(column: Column) -> dict[str, Any]:
+    found: dict[str, Any] = {"chunksizes": (ROWS,)}
+    if column.kind == "datetime":
+        return found | {"_FillValue": None}
+    if column.kind == "choice":
+        return found | {"_FillValue": _UNKNOWN, "dtype": np.int8, "zlib": True}
+    if column.kind in ("integer", "number"):
+        return found | {"_FillValue": np.nan, "zlib": True}
+    return found | {"dtype": str}
+
+
+def _scalars(wavelengths: NDArray[np.float64], identity: str) -> dict[str, Any]:
+    """Variables without a dimension: name of the trajectory, wavelengths of the channels."""
+    found: dict[str, Any] = {
+        "trajectory": ((), identity, {"cf_role": "trajectory_id", "long_name": "recording"}),
+    }
+    for channel, wavelength in zip(CHANNELS, wavelengths, strict=True):
+        found[f"wavelength_{channel}"] = ((), float(wavelength), {
+            "standard_name": "radiation_wavelength", "units": "nm",
+            "long_name": f"effective wavelength of the {channel} channel in daylight",
+        })
+    return found
+
+
+def _global(attributes: Mapping[str, Any]) -> dict[str, str]:
+    texts = {
+        name: value if isinstance(value, str) else json.dumps(value)
+        for name, value in attributes.items()
+    }
+    return {
+        "Conventions": CONVENTIONS, "featureType": "trajectory",
+        "title": "Water attenuation, visibility and depth from a stereo camera",
+        "source": "images of a stereo camera under water",
+        "history": f"uw_visibility {texts['version']}, replay of {texts['bag']}",
+        "references": "Roser, Dunbabin and Geiger, Simultaneous Underwater Visibility "
+        "Assessment, Enhancement and Improved Stereo, ICRA 2014",
+        "comment": "A value is missing where it could not be assessed; the status beside it "
+        "says why. Positions are missing where none was recorded.",
+        **{f"uw_visibility_{name}": text for name, text in texts.items()},
+    }
