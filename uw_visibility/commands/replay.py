@@ -80,6 +80,19 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     add("--netcdf", action="store_true", help="write frames.nc (CF trajectory; extra: netcdf)")
     add("--parquet", action="store_true", help="write frames.parquet (extra: parquet)")
     add(
+        "--join", metavar="TOPIC[.FIELD]", action="append", default=[],
+        help="join a number of any topic by time: a column, and in the report a fit over the beam "
+        "attenuation, which comes to fit_TOPIC.json; may be repeated",
+    )
+    add(
+        "--join-tolerance", metavar="S", type=float, default=2.0,
+        help="values further apart than this are not interpolated between (2)",
+    )
+    add(
+        "--turbidity", metavar="FIT.json", type=Path,
+        help="turbidity, FNU, by the fit to your own sensor that --join made",
+    )
+    add(
         "--geo", metavar="TOPIC",
         help="join a NavSatFix or Odometry to the table and write frames.geojson",
     )
@@ -120,6 +133,9 @@ def run(arguments: argparse.Namespace) -> None:
 def _options(arguments: argparse.Namespace) -> ReplayOptions:
     if arguments.origin is not None and arguments.geo is None:
         raise InputError("--origin is given without --geo: name the Odometry with --geo")
+    from uw_visibility.replay.inputs.scalars import ScalarTopic
+    from uw_visibility.replay.line_fit import LineFit
+
     options = read_recording_options(arguments)
     return replace(
         options,
@@ -129,6 +145,9 @@ def _options(arguments: argparse.Namespace) -> ReplayOptions:
         geo=arguments.geo is not None,
         netcdf=arguments.netcdf,
         parquet=arguments.parquet,
+        joins=tuple(ScalarTopic.parse(text) for text in arguments.join),
+        join_tolerance=arguments.join_tolerance,
+        turbidity=None if arguments.turbidity is None else LineFit.read(arguments.turbidity),
         match_original=arguments.match_original,
         origin=None if arguments.origin is None else tuple(arguments.origin),
     )

@@ -190,3 +190,18 @@ COLUMNS: dict[str, Column] = {
     "y": _number("position y of the recorded Odometry", "m"),
 }
 """Columns of ``frames.csv`` by name, in order; empty = not known."""
+
+TURBIDITY = {
+    name: column for prefix, of in (("", ""), ("filtered_", FILTERED))
+    for name, column in with_stddev(
+        f"{prefix}turbidity", f"turbidity{of}", "1",
+        "FNU as the user's own sensor would read, by a line fitted to it over the beam "
+        "attenuation of the green channel (replay --turbidity)", "sea_water_turbidity",
+    ).items()
+}
+"""Columns that a fit to a turbidity sensor adds."""
+
+
+def joined(title: str) -> Column:
+    """Return the column of a joined topic."""
+    return Column("number", f"{title}, at the frame's stamp", "", "In the unit of the recording")

@@ -116,6 +116,8 @@ class JoinedFrame:
         Degrees; NaN where they are not known.
     x, y : float
         Position in metres; NaN where it is not known.
+    scalars : tuple of float
+        Values of the joined topics; NaN where they are not known.
     """
 
     record: FrameRecord
@@ -130,3 +132,4 @@ class JoinedFrame:
     latitude: float = math.nan
     x: float = math.nan
     y: float = math.nan
+    scalars: tuple[float, ...] = ()

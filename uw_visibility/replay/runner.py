@@ -117,7 +117,8 @@ class _Replay:
             folder.work, options, self._earlier.timings if self._earlier else {}
         )
         self._joiner = Joiner(
-            stream.plausibility, selection.position is not None, options.origin
+            stream.plausibility, selection.position is not None, options.origin, options.joins,
+            options.join_tolerance,
         )
         folder.write_state(self._state())
 
@@ -213,6 +214,10 @@ class _Replay:
         if summary.complete:
             summary.damage += stream.missing()
         summary.damage += [f"{reason} ({count})" for reason, count in stream.problems.items()]
+        summary.damage += [
+            f"{count} of {summary.frames} frames lie {reason} of {stream.selection.position}, and "
+            "have no position" for reason, count in self._joiner.unplaced.items()
+        ]
         restarts = stream.synchronizer.restarts
         if restarts:
             times = "once" if restarts == 1 else f"{restarts} times"
@@ -221,6 +226,7 @@ class _Replay:
 
     def _write_extras(self) -> None:
         from uw_visibility.replay.report.gallery import colour_scale, write_pictures
+        from uw_visibility.replay.report.joins import fit_joins
         from uw_visibility.replay.report.report import write_report
 
         work = self._folder.work
@@ -238,7 +244,8 @@ class _Replay:
         selection = self._stream.selection
         if self.summary.complete:
             write_pictures(work, self._reader, selection, scale, self._options)
-        write_report(work, self._reader, selection, scale, self.summary)
+        joins = fit_joins(work, self._options.joins)
+        write_report(work, self._reader, selection, scale, self.summary, joins)
 
     def _check_earlier(self) -> None:
         """Refuse to go on with another input or other parameters.

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
 from uw_visibility.replay.columns import CHANNELS, FAILED
+from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.records import FrameEstimate, JoinedFrame
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.derived import QUANTITIES, DerivedModel, DerivedQuantities
@@ -45,7 +46,12 @@ def number(value: float) -> str:
     return repr(float(value)) if math.isfinite(value) else ""
 
 
-def row_of(joined: JoinedFrame, model: DerivedModel) -> dict[str, str]:
+def row_of(
+    joined: JoinedFrame,
+    model: DerivedModel,
+    joins: Sequence[str] = (),
+    turbidity: LineFit | None = None,
+) -> dict[str, str]:
     """Write a frame as a row of the table; what it lacks stays empty.
 
     Parameters
@@ -53,6 +59,10 @@ def row_of(joined: JoinedFrame, model: DerivedModel) -> dict[str, str]:
     joined : JoinedFrame
     model : DerivedModel
         Derives the field's quantities.
+    joins : sequence of str
+        Columns of the joined topics.
+    turbidity : LineFit or None
+        Of turbidity over attenuation.
 
     Returns
     -------
@@ -70,17 +80,18 @@ def row_of(joined: JoinedFrame, model: DerivedModel) -> dict[str, str]:
         "longitude": number(joined.longitude), "latitude": number(joined.latitude),
         "x": number(joined.x), "y": number(joined.y),
     }
+    row |= {name: number(value) for name, value in zip(joins, joined.scalars, strict=True)}
     if joined.sensor is not None:
         row["sensor_depth"] = number(joined.sensor.depth)
         row["sensor_depth_stddev"] = number(joined.sensor.variance**0.5)
     if record.estimate is None:
         return row | {"status": FAILED, "reason": record.reason}
     row |= _estimate_columns(record.estimate)
-    row |= _derived_columns("", model.derive(record.estimate.water))
+    row |= _derived_columns("", model.derive(record.estimate.water), turbidity)
     if joined.filtered is not None:
         row |= _attenuation_columns("filtered_", joined.filtered.water)
         row |= _visibility_columns("filtered_", joined.filtered.visibility)
-        row |= _derived_columns("filtered_", model.derive(joined.filtered.water))
+        row |= _derived_columns("filtered_", model.derive(joined.filtered.water), turbidity)
         row["filtering"] = str(joined.filtered.event)
         if joined.filtered.survey is not None:
             row |= _survey_columns(joined.filtered.survey)
@@ -118,9 +129,18 @@ def _attenuation_columns(prefix: str, water: WaterEstimate) -> dict[str, str]:
     return columns
 
 
-def _derived_columns(prefix: str, derived: DerivedQuantities) -> dict[str, str]:
+def _derived_columns(
+    prefix: str, derived: DerivedQuantities, turbidity: LineFit | None
+) -> dict[str, str]:
     names = [name for quantity in QUANTITIES for name in (quantity, f"{quantity}_stddev")]
+    sensed = {}
+    if turbidity is not None:
+        value, stddev = turbidity.predict(
+            derived.beam_attenuation, derived.beam_attenuation_stddev)
+        sensed = {
+            f"{prefix}turbidity": number(value), f"{prefix}turbidity_stddev": number(stddev)}
     return {
+        **sensed,
         **{f"{prefix}{name}": number(getattr(derived, name)) for name in names},
         f"{prefix}water_type": derived.water_type,
         f"{prefix}water_type_likelihood": number(derived.water_type_likelihood),

@@ -11,7 +11,9 @@ from typing import Any
 from uw_visibility.config.parameters import flatten
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
+from uw_visibility.replay.inputs.scalars import LONGEST_TOLERANCE, ScalarTopic
 from uw_visibility.replay.inputs.topics import Wanted
+from uw_visibility.replay.line_fit import LineFit
 
 # Seconds that no recording is longer than.
 LONGEST = 1e9
@@ -49,6 +51,12 @@ class ReplayOptions:
         Whether the raw pair is matched too, for comparison.
     origin : tuple of float or None
         Latitude and longitude, in degrees, of the origin of an Odometry.
+    joins : tuple of ScalarTopic
+        Numbers of other topics that are joined to the frames.
+    join_tolerance : float
+        Values of theirs further apart than this are not neighbours, s.
+    turbidity : LineFit or None
+        What turns attenuation into the turbidity that a sensor would read.
     """
 
     pipeline: PipelineConfig = field(default_factory=PipelineConfig)
@@ -66,6 +74,9 @@ class ReplayOptions:
     parquet: bool = False
     match_original: bool = False
     origin: tuple[float, float] | None = None
+    joins: tuple[ScalarTopic, ...] = ()
+    join_tolerance: float = 2.0
+    turbidity: LineFit | None = None
 
     def __post_init__(self) -> None:
         """Validate the options."""
@@ -80,6 +91,15 @@ class ReplayOptions:
             raise InputError(f"--every is {self.every}: give 1 or more")
         if self.images < 0:
             raise InputError(f"--images is {self.images}: give 1 or more")
+        if not 0.0 < self.join_tolerance <= LONGEST_TOLERANCE:
+            raise InputError(
+                f"--join-tolerance is {self.join_tolerance:g}: give seconds above 0, up to "
+                f"{LONGEST_TOLERANCE:g}"
+            )
+        columns = [join.column for join in self.joins]
+        twice = [str(join) for join in self.joins if columns.count(join.column) > 1]
+        if twice:
+            raise InputError(f"--join names {twice[0]} twice: once is enough")
 
     def parameters(self) -> dict[str, Any]:
         """Return everything that changes results, for provenance, as JSON has it."""
@@ -92,6 +112,9 @@ class ReplayOptions:
             "replay.calibration": None if self.infos is None else repr(self.infos),
             "replay.match_original": self.match_original,
             "replay.origin": self.origin,
+            "replay.join": [str(join) for join in self.joins],
+            "replay.join_tolerance": self.join_tolerance,
+            "replay.turbidity": None if self.turbidity is None else asdict(self.turbidity),
             **{f"replay.{name}": topic for name, topic in asdict(self.wanted).items()},
         }
         return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}

@@ -81,6 +81,14 @@ class PositionTrack:
         while len(self._positions) > 1 and self._positions[1].stamp <= stamp:
             self._positions.popleft()
 
+    def lack(self, stamp: int) -> str:
+        """Say why there is no position at a stamp."""
+        if not self._positions or stamp < self._positions[0].stamp:
+            return "before the first fix"
+        if stamp > self._positions[-1].stamp:
+            return "beyond the last fix"
+        return f"between fixes more than {LONGEST_GAP:g} s apart"
+
     def at(self, stamp: int) -> Position | None:
         """Return the position at a stamp, linear between its neighbours."""
         before = None

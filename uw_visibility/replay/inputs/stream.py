@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -21,7 +22,8 @@ from uw_visibility.plausibility.samples import DepthSample
 from uw_visibility.replay.bags.reader import BagReader, Recorded
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.positions import Position, read_position
-from uw_visibility.replay.inputs.topics import Selection, find_topics
+from uw_visibility.replay.inputs.scalars import ScalarTopic, ScalarValue
+from uw_visibility.replay.inputs.topics import ODOMETRY, Selection, find_topics
 from uw_visibility.replay.reasons import count_reason
 from uw_visibility.stereo.calibration import CameraCalibration
 
@@ -65,7 +67,7 @@ class Restart:
     """The stamps of the images jumped back: a clock was set, or a recording begun again."""
 
 
-Event = RecordedFrame | SensorValue | Position | Restart
+Event = RecordedFrame | SensorValue | Position | ScalarValue | Restart
 
 
 class InputStream:
@@ -106,6 +108,10 @@ class InputStream:
             calibrated=options.infos is not None, sensor_type=options.sensor_type,
         )
         self._check_start()
+        self._check_topics()
+        self._joins: dict[str, list[ScalarTopic]] = {}
+        for join in options.joins:
+            self._joins.setdefault(join.topic, []).append(join)
         self.plausibility: PlausibilityConfig = replace(
             options.node.plausibility, sensor_type=self.selection.sensor_type
         )
@@ -133,6 +139,7 @@ class InputStream:
         images, infos = self.selection.images(), self.selection.infos()
         topics = {*images, *infos}
         topics |= {t for t in (self.selection.depth, self.selection.position) if t is not None}
+        topics |= set(self._joins)
         for message in self._reader.messages(topics, start, stop):
             if message.topic in images:
                 yield from self._add(self.synchronizer.add_image, images[message.topic], message)
@@ -167,6 +174,27 @@ class InputStream:
             raise InputError(
                 f"--start is {self._options.start:g}: {self._reader.path.name} ends after "
                 f"{(span[1] - span[0]) / 1e9:.1f} s"
+            )
+
+    def _check_topics(self) -> None:
+        """Refuse joined topics that are not there, and positions that are nowhere on a map.
+
+        Raises
+        ------
+        InputError
+            Naming the topic.
+        """
+        channels, position = self._reader.channels, self.selection.position
+        for join in self._options.joins:
+            if join.topic not in channels:
+                raise InputError(
+                    f"there is no topic {join.topic} in the recording: --list shows what there is")
+        if position is None or not self._options.geo or self._options.origin is not None:
+            return
+        if channels[position].type == ODOMETRY:
+            raise InputError(
+                f"{position} is an Odometry, in metres from an origin of its own: say where that "
+                "is with --origin LAT LON"
             )
 
     def _interval(self) -> tuple[int | None, int | None]:
@@ -253,12 +281,23 @@ class InputStream:
     def _sensor(self, message: Recorded) -> Iterator[Event]:
         try:
             content = self._reader.deserialize(message)
-            if message.topic == self.selection.position:
-                position = read_position(content)
-                if position is not None:
-                    yield position
-            else:
-                sample = read_depth(content, self.plausibility, message.time)
-                yield SensorValue(sample, message.time)
         except InputError as error:
             count_reason(self.problems, f"{message.topic}: {error}")
+            return
+        readers: list[Callable[[], Event | None]] = [
+            functools.partial(join.read, content, message.time)
+            for join in self._joins.get(message.topic, ())
+        ]
+        if message.topic == self.selection.position:
+            readers.append(lambda: read_position(content))
+        if message.topic == self.selection.depth:
+            readers.append(lambda: SensorValue(
+                read_depth(content, self.plausibility, message.time), message.time))
+        for read in readers:
+            try:
+                event = read()
+            except InputError as error:
+                count_reason(self.problems, f"{message.topic}: {error}")
+                continue
+            if event is not None:
+                yield event

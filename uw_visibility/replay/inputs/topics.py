@@ -15,7 +15,8 @@ from uw_visibility.replay.bags.storage import Channel
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 INFO = "sensor_msgs/msg/CameraInfo"
-POSITION_TYPES = ("sensor_msgs/msg/NavSatFix", "nav_msgs/msg/Odometry")
+ODOMETRY = "nav_msgs/msg/Odometry"
+POSITION_TYPES = ("sensor_msgs/msg/NavSatFix", ODOMETRY)
 
 # Parts of names under which something else than a camera's images or a sensor is.
 OTHER_IMAGES = re.compile(r"enhanced|disparity|ground_truth|depth|mask|compressedDepth|theora")

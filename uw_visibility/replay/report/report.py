@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,7 @@ from uw_visibility.replay.report.meaning import meaning
 from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_track
 from uw_visibility.replay.results.refusals import OTHER_CHANNELS, STATUS_COLUMNS, WHOLE_FRAME
 from uw_visibility.replay.table import read_columns, read_rows
+from uw_visibility.water.derived import QUANTITIES
 
 if TYPE_CHECKING:
     from uw_visibility.replay.results.summary import Summary
@@ -42,6 +44,7 @@ def write_report(
     selection: Selection,
     scale: ColourScale | None,
     summary: Summary,
+    joins: Sequence[Mapping[str, Any]] = (),
 ) -> None:
     """Write ``report.html``.
 
@@ -57,6 +60,8 @@ def write_report(
         Colours of the disparities.
     summary : Summary
         What the replay did.
+    joins : sequence of mapping
+        Sections of the joined topics, of `fit_joins`.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("uw_visibility.replay.report"), autoescape=True,
@@ -73,6 +78,8 @@ def write_report(
         numbers=_numbers(columns, summary),
         series=draw_series(columns) if summary.frames else "<p>There are no frames.</p>",
         track=draw_track(columns),
+        derived=_derived(folder / "frames.csv"),
+        joins=joins,
         pictures=[
             {
                 "frame": picture.row["frame"],
@@ -152,6 +159,29 @@ def _numbers(columns: dict[str, Any], summary: Summary) -> list[tuple[str, str]]
             f"matched, median; {_percent(float(np.median(original)))} of the pairs as recorded",
         ))
     return numbers
+
+
+def _derived(table: Path) -> list[dict[str, str]]:
+    """Return the field's quantities, derived from the filtered water where there is one."""
+    columns = read_columns(
+        table, [f"{prefix}{name}{end}" for prefix in ("", "filtered_") for name in QUANTITIES
+                for end in ("", "_stddev")])
+    rows = []
+    for name, quantity in QUANTITIES.items():
+        prefix = "filtered_" if np.isfinite(columns[f"filtered_{name}"]).any() else ""
+        values, stddev = columns[f"{prefix}{name}"], columns[f"{prefix}{name}_stddev"]
+        known = np.isfinite(values)
+        if known.any():
+            low, middle, high = np.percentile(values[known], [5.0, 50.0, 95.0])
+            spread = float(np.median(stddev[known]))
+            unit = quantity.unit.replace("m-1", "1/m")
+            rows.append({
+                "title": quantity.title, "median": f"{middle:.3g} ± {spread:.2g} {unit}",
+                "span": f"{low:.3g} to {high:.3g} {unit}",
+                "definition": quantity.definition, "caveat": quantity.caveat,
+                "source": quantity.source,
+            })
+    return rows
 
 
 def _caption(picture: Picture) -> str:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from uw_visibility.config.schema import PlausibilityConfig
@@ -19,6 +19,7 @@ from uw_visibility.plausibility.monitor import (
 from uw_visibility.plausibility.samples import DepthSample, interpolate
 from uw_visibility.plausibility.verdict import Verdict
 from uw_visibility.replay.inputs.positions import Position, PositionTrack, geographic
+from uw_visibility.replay.inputs.scalars import ScalarTopic, ScalarTrack, ScalarValue
 from uw_visibility.replay.inputs.stream import Restart, SensorValue
 from uw_visibility.replay.records import FrameRecord, JoinedFrame
 from uw_visibility.water.filter import FilteredWater
@@ -41,11 +42,17 @@ class Joiner:
         Whether positions will come.
     origin : tuple of float or None
         Latitude and longitude of the origin of positions in metres.
+    joins : sequence of ScalarTopic
+        Numbers of other topics to join.
+    tolerance : float
+        Values of theirs further apart than this are not neighbours, s.
 
     Attributes
     ----------
     verdicts : Counter of str
         Frames by verdict of the plausibility test.
+    unplaced : Counter of str
+        Frames without a position, by reason.
     """
 
     def __init__(
@@ -53,18 +60,24 @@ class Joiner:
         config: PlausibilityConfig,
         position: bool = False,
         origin: tuple[float, float] | None = None,
+        joins: Sequence[ScalarTopic] = (),
+        tolerance: float = 2.0,
     ) -> None:
         self._config = config
         self._monitor = DepthMonitor(config) if config.sensor_type != "none" else None
         self._samples: deque[DepthSample] = deque()
         self._track = PositionTrack() if position else None
         self._origin = origin
+        self._scalars = {join: ScalarTrack(tolerance) for join in joins}
+        # What is joined may come later than its frame by so much.
+        self._patience = max([config.timeout, *([tolerance] if joins else [])])
         self._waiting: deque[JoinedFrame] = deque()
         self._comparisons: dict[int, Comparison] = {}
         self._now = 0.0
         # Of the parts of the recording before its stamps jumped back.
         self._counts: Counter[str] = Counter()
         self.verdicts: Counter[str] = Counter()
+        self.unplaced: Counter[str] = Counter()
 
     def add_frame(
         self, record: FrameRecord, filtered: FilteredWater | None = None
@@ -79,12 +92,17 @@ class Joiner:
         self._waiting.append(JoinedFrame(record, filtered))
         yield from self._complete(at_end=False)
 
-    def add(self, event: SensorValue | Position | Restart) -> Iterator[JoinedFrame]:
+    def add(
+        self, event: SensorValue | Position | ScalarValue | Restart
+    ) -> Iterator[JoinedFrame]:
         """Take whatever comes between frames; yields the frames that are complete."""
         if isinstance(event, SensorValue):
             yield from self.add_sensor(event)
         elif isinstance(event, Position):
             yield from self.add_position(event)
+        elif isinstance(event, ScalarValue):
+            self._scalars[event.source].add(event)
+            yield from self._complete(at_end=False)
         else:
             self.restart()
 
@@ -140,20 +158,24 @@ class Joiner:
             stamp = self._waiting[0].record.stamp
             newest = self._waiting[-1].record.stamp
             overdue = len(self._waiting) >= WAITING_ESTIMATES or (
-                newest - stamp > self._config.timeout * 1e9
+                newest - stamp > self._patience * 1e9
             )
             if not (at_end or overdue or self._enclosed(stamp)):
                 return
             joined = self._waiting.popleft()
             self._join_sensor(joined)
             self._join_position(joined)
+            joined.scalars = tuple(track.at(stamp) for track in self._scalars.values())
+            for track in self._scalars.values():
+                track.forget_before(stamp)
             yield joined
 
     def _enclosed(self, stamp: int) -> bool:
         sensor = self._monitor is None or (
             bool(self._samples) and self._samples[-1].stamp >= stamp
         )
-        return sensor and (self._track is None or self._track.reaches(stamp))
+        scalars = all(track.reaches(stamp) for track in self._scalars.values())
+        return sensor and scalars and (self._track is None or self._track.reaches(stamp))
 
     def _join_sensor(self, joined: JoinedFrame) -> None:
         if self._monitor is None:
@@ -179,6 +201,8 @@ class Joiner:
             return
         stamp = joined.record.stamp
         position = self._track.at(stamp)
+        if position is None:
+            self.unplaced[self._track.lack(stamp)] += 1
         self._track.forget_before(stamp)
         if position is None:
             return

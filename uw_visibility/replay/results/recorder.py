@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from uw_visibility.messages.outputs import all_topics
-from uw_visibility.replay.columns import COLUMNS
+from uw_visibility.replay.columns import COLUMNS, TURBIDITY
+from uw_visibility.replay.columns import joined as joined_column
 from uw_visibility.replay.filtering import FilterStage
 from uw_visibility.replay.frame_log import FrameLog
 from uw_visibility.replay.inputs.options import ReplayOptions
@@ -52,7 +53,12 @@ class FrameRecorder:
         self.resumed = 0
         self._folder = folder
         self._earlier = earlier
-        self.columns = COLUMNS
+        self._joins = [join.column for join in options.joins]
+        self._turbidity = options.turbidity
+        self.columns = {
+            **COLUMNS, **(TURBIDITY if options.turbidity else {}),
+            **{join.column: joined_column(str(join)) for join in options.joins},
+        }
         self.model = DerivedModel.from_config(options.pipeline)
         self._table = TableWriter(folder / "frames.csv", tuple(self.columns))
         write_dictionary(folder / "frames.csv", self.columns)
@@ -76,7 +82,7 @@ class FrameRecorder:
 
     def write_row(self, joined: JoinedFrame) -> None:
         """Write a row that is complete, and the comparison with the sensor in it."""
-        self._table.write(row_of(joined, self.model))
+        self._table.write(row_of(joined, self.model, self._joins, self._turbidity))
         self._results.write_nis(joined)
 
     def close(self, provenance: Mapping[str, Any]) -> None:

@@ -1,0 +1,187 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Scalars of any topic, joined to frames by time."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from uw_visibility.errors import InputError
+from uw_visibility.messages.images import stamp_to_nanoseconds
+
+LONGEST_TOLERANCE = 3600.0
+_DEEPEST = 6
+
+
+@dataclass(frozen=True)
+class ScalarTopic:
+    """A number in the messages of a topic.
+
+    Attributes
+    ----------
+    topic : str
+    field : str
+        Path of the field, parts and indices with dots between; empty takes the only number.
+    """
+
+    topic: str
+    field: str = ""
+
+    @classmethod
+    def parse(cls, text: str) -> ScalarTopic:
+        """Read ``TOPIC`` or ``TOPIC.field.of.it``: names of topics have no dots.
+
+        Raises
+        ------
+        InputError
+            If there is no topic, or a part of the path is empty.
+        """
+        topic, _, field = text.partition(".")
+        if not topic or text.endswith(".") or ".." in text:
+            raise InputError(
+                f"--join is {text!r}: give a topic, or a topic and a field as /ctd.temperature")
+        return cls(topic, field)
+
+    def __str__(self) -> str:
+        return f"{self.topic}.{self.field}" if self.field else self.topic
+
+    @property
+    def column(self) -> str:
+        """Name of the column in the table."""
+        return "joined_" + re.sub(r"\W+", "_", str(self)).strip("_").lower()
+
+    def read(self, message: Any, arrival: int) -> ScalarValue:
+        """Read the value of a message.
+
+        Parameters
+        ----------
+        message : object
+            Of the topic.
+        arrival : int
+            When it was received, ns: its time where it has no header.
+
+        Returns
+        -------
+        ScalarValue
+
+        Raises
+        ------
+        InputError
+            If the field is absent, or no finite number.
+        """
+        value = self._value(message)
+        if not math.isfinite(value):
+            raise InputError(f"{self} is {value}: only finite numbers are joined")
+        header = getattr(message, "header", None)
+        stamp = 0 if header is None else stamp_to_nanoseconds(header.stamp)
+        return ScalarValue(self, stamp or arrival, value)
+
+    def _value(self, message: Any) -> float:
+        if not self.field:
+            found = list(_numbers(message, ""))
+            if len(found) != 1:
+                names = ", ".join(f"{self.topic}.{name}" for name, _ in found[:8]) or "none"
+                raise InputError(
+                    f"{self.topic} has {len(found) or 'no'} numbers: name one of them, {names}")
+            return found[0][1]
+        value = message
+        for part in self.field.split("."):
+            value = _part(value, part)
+        if not _is_number(value):
+            raise InputError(f"{self.topic} has no number {self.field}")
+        return float(value)
+
+
+class ScalarValue(NamedTuple):
+    """A value of a joined topic.
+
+    Attributes
+    ----------
+    source : ScalarTopic
+    stamp : int
+        ns.
+    value : float
+    """
+
+    source: ScalarTopic
+    stamp: int
+    value: float
+
+
+class ScalarTrack:
+    """Buffer of a topic's values around the frames that wait for theirs.
+
+    Parameters
+    ----------
+    tolerance : float
+        Values further apart than this are not neighbours, s.
+    """
+
+    def __init__(self, tolerance: float) -> None:
+        self._tolerance = round(tolerance * 1e9)
+        self._values: deque[tuple[int, float]] = deque()
+
+    def add(self, value: ScalarValue) -> None:
+        """Take a value; a stamp that goes back begins anew."""
+        if self._values and value.stamp < self._values[-1][0]:
+            self._values.clear()
+        self._values.append((value.stamp, value.value))
+
+    def reaches(self, stamp: int) -> bool:
+        """Tell whether values go as far as a stamp."""
+        return bool(self._values) and self._values[-1][0] >= stamp
+
+    def forget_before(self, stamp: int) -> None:
+        """Drop what is not needed for stamps from this one on."""
+        while len(self._values) > 1 and self._values[1][0] <= stamp:
+            self._values.popleft()
+
+    def at(self, stamp: int) -> float:
+        """Return the value at a stamp, linear between neighbours; NaN where there are none."""
+        before = None
+        for after in self._values:
+            if after[0] == stamp:
+                return after[1]
+            if after[0] > stamp:
+                break
+            before = after
+        else:
+            return math.nan
+        if before is None or after[0] - before[0] > self._tolerance:
+            return math.nan
+        share = (stamp - before[0]) / (after[0] - before[0])
+        return before[1] + share * (after[1] - before[1])
+
+
+def _part(value: Any, part: str) -> Any:
+    """Return a field, or an element of an array; None where there is none."""
+    if part.isdigit():
+        try:
+            return value[int(part)]
+        except (TypeError, IndexError, KeyError):
+            return None
+    return None if part.startswith("_") else getattr(value, part, None)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+
+
+def _numbers(value: Any, path: str, depth: int = 0) -> Iterator[tuple[str, float]]:
+    """Yield the numbers of a message by their paths, but those of headers and variances."""
+    for name in getattr(type(value), "__dataclass_fields__", {}):
+        if name in ("header", "layout") or name.startswith("_") or name.endswith("variance"):
+            continue
+        inner = getattr(value, name)
+        where = f"{path}.{name}" if path else name
+        if _is_number(inner):
+            yield where, float(inner)
+        elif depth < _DEEPEST:
+            yield from _numbers(inner, where, depth + 1)

@@ -1,0 +1,175 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Straight line between an estimate and a sensor, with errors in both."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.config.documents import read_document
+from uw_visibility.errors import InputError
+
+FEWEST = 8
+"""Frames that a fit needs."""
+BLOCKS = 10
+# How far beyond the fitted values the line is taken to go on, as a part of their span.
+BEYOND = 0.25
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LineFit:
+    """Line y = intercept + slope · x through estimates x and a sensor's values y.
+
+    Attributes
+    ----------
+    source : str
+        Topic and field of the sensor.
+    against : str
+        Column of the estimates.
+    intercept, slope : float
+    intercept_stddev, slope_stddev, covariance : float
+        Of both, by jackknife over blocks of frames, whose errors are alike.
+    residual_stddev : float
+        What the sensor's values differ by from the line, beyond the estimates' errors.
+    correlation : float
+        Of estimates and sensor.
+    low, high : float
+        Least and largest estimate.
+    frames : int
+    """
+
+    source: str
+    against: str
+    intercept: float
+    slope: float
+    intercept_stddev: float
+    slope_stddev: float
+    covariance: float
+    residual_stddev: float
+    correlation: float
+    low: float
+    high: float
+    frames: int
+
+    def predict(self, x: float, stddev: float) -> tuple[float, float]:
+        """Return what the sensor would say, and its standard deviation.
+
+        Parameters
+        ----------
+        x, stddev : float
+            Estimate.
+
+        Returns
+        -------
+        tuple of float
+            NaN where the estimate is not known, or far outside of those fitted.
+        """
+        margin = BEYOND * (self.high - self.low)
+        if not self.low - margin <= x <= self.high + margin:
+            return math.nan, math.nan
+        variance = (
+            self.intercept_stddev**2 + 2.0 * x * self.covariance + (x * self.slope_stddev) ** 2
+            + (self.slope * stddev) ** 2 + self.residual_stddev**2
+        )
+        return self.intercept + self.slope * x, math.sqrt(max(variance, 0.0))
+
+    def write(self, path: Path) -> None:
+        """Write it as JSON."""
+        text = json.dumps(asdict(self), indent=1, allow_nan=False)
+        path.write_text(text + "\n", encoding="utf-8")
+
+    @classmethod
+    def read(cls, path: Path) -> LineFit:
+        """Read what `write` wrote.
+
+        Raises
+        ------
+        InputError
+            If the file is none.
+        """
+        content = read_document(path, "fit")
+        try:
+            texts = ("source", "against")
+            values: dict[str, Any] = {
+                name: str(value) if name in texts else float(value)
+                for name, value in content.items()
+            }
+            if not all(math.isfinite(value) for key, value in values.items() if key not in texts):
+                raise ValueError("a number is not finite")
+            return cls(**values | {"frames": int(values["frames"])})
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"{path} is no fit of a joined topic: give a fit_….json of replay --join"
+            ) from error
+
+
+def fit_line(
+    x: Vector, x_stddev: Vector, y: Vector, source: str = "", against: str = ""
+) -> LineFit | None:
+    """Fit a line with errors in both coordinates: slope S_xy / (S_xx − σ²).
+
+    Errors of x flatten the line of y on x, so that their variance is taken from that of x;
+    never more of it than brings all values onto the line, since a part of σ may be alike in
+    all frames.
+
+    Parameters
+    ----------
+    x, x_stddev : (n,) float64 ndarray
+        Estimates and their standard deviations.
+    y : (n,) float64 ndarray
+        Values of the sensor.
+    source, against : str
+        Names for the result.
+
+    Returns
+    -------
+    LineFit or None
+        None where there are too few frames, or estimates or values are all the same.
+
+    References
+    ----------
+    W. A. Fuller, Measurement Error Models, Wiley, 1987, section 1.2.
+    """
+    known = np.isfinite(x) & np.isfinite(x_stddev) & np.isfinite(y)
+    x, x_stddev, y = x[known], x_stddev[known], y[known]
+    if len(x) < FEWEST or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+        return None
+    # Around the middle, where intercept and slope tell of different things.
+    centre = float(x.mean())
+    level, slope, scatter, plain = _line(x - centre, x_stddev, y)
+    parts = []
+    for block in np.array_split(np.arange(len(x)), min(BLOCKS, len(x))):
+        kept = np.ones(len(x), bool)
+        kept[block] = False
+        parts.append(_line(x[kept] - centre, x_stddev[kept], y[kept])[:2])
+    deviation = np.array(parts) - np.mean(parts, axis=0)
+    covariance = (len(parts) - 1) / len(parts) * deviation.T @ deviation
+    # How much of the errors is alike in all frames is not known.
+    covariance[1, 1] += (slope - plain) ** 2 / 12.0
+    turn = np.array([[1.0, -centre], [0.0, 1.0]])
+    covariance = turn @ covariance @ turn.T
+    return LineFit(
+        source, against, level - slope * centre, slope,
+        math.sqrt(covariance[0, 0]), math.sqrt(covariance[1, 1]), float(covariance[0, 1]),
+        scatter, float(np.corrcoef(x, y)[0, 1]), float(x.min()), float(x.max()), len(x),
+    )
+
+
+def _line(x: Vector, x_stddev: Vector, y: Vector) -> tuple[float, float, float, float]:
+    """Return level at x = 0, slope, scatter of y, and the slope of y on x alone."""
+    (s_xx, s_xy), (_, s_yy) = np.cov(x, y)
+    if s_xx == 0.0 or s_yy == 0.0:
+        return float(y.mean()), 0.0, math.sqrt(s_yy), 0.0
+    noise = min(float(np.mean(x_stddev**2)), s_xx - s_xy**2 / s_yy)
+    slope = float(s_xy / (s_xx - noise))
+    scatter = math.sqrt(max(float(s_yy) - slope * float(s_xy), 0.0))
+    return float(y.mean() - slope * x.mean()), slope, scatter, float(s_xy / s_xx)

@@ -1,0 +1,96 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Joined topics against the estimates: fit, scatter plot and residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from uw_visibility.replay.inputs.scalars import ScalarTopic
+from uw_visibility.replay.line_fit import FEWEST, LineFit, fit_line
+from uw_visibility.replay.report.figures import ESTIMATE, MOST_POINTS, SENSOR, Columns, draw
+from uw_visibility.replay.table import read_columns
+
+AGAINST = "beam_attenuation"
+"""Column that joined topics are held against."""
+
+
+def fit_joins(folder: Path, joins: Sequence[ScalarTopic]) -> list[dict[str, Any]]:
+    """Fit each joined topic over the beam attenuation; writes ``fit_TOPIC.json``.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the result, with its table.
+    joins : sequence of ScalarTopic
+
+    Returns
+    -------
+    list of dict
+        For each: its title, a sentence, and a figure as HTML (empty without values).
+    """
+    sections = []
+    for join in joins:
+        columns = read_columns(
+            folder / "frames.csv", ["stamp", AGAINST, f"{AGAINST}_stddev", join.column])
+        x, x_stddev, y = columns[AGAINST], columns[f"{AGAINST}_stddev"], columns[join.column]
+        fit = fit_line(x, x_stddev, y, str(join), AGAINST)
+        both = int(np.count_nonzero(np.isfinite(x) & np.isfinite(y)))
+        if fit is not None:
+            fit.write(folder / f"fit_{join.column.removeprefix('joined_')}.json")
+        sections.append({
+            "title": str(join), "text": _sentence(fit, both, columns[join.column]),
+            "figure": _draw(columns, join.column, fit, str(join)) if both else "",
+        })
+    return sections
+
+
+def _sentence(fit: LineFit | None, both: int, values: NDArray[np.float64]) -> str:
+    known = int(np.count_nonzero(np.isfinite(values)))
+    if fit is None:
+        return (
+            f"{known} of {len(values)} frames have a value, {both} of them beside an estimate: "
+            f"too few or too much alike for a fit, which needs {FEWEST} different ones."
+        )
+    return (
+        f"{fit.source} = ({fit.intercept:.3g} ± {fit.intercept_stddev:.2g}) + "
+        f"({fit.slope:.3g} ± {fit.slope_stddev:.2g}) m · beam attenuation, over {fit.frames} "
+        f"frames from {fit.low:.3g} to {fit.high:.3g} 1/m; correlation {fit.correlation:.2f}, "
+        f"scatter {fit.residual_stddev:.2g}."
+    )
+
+
+def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> str:
+    x, y = columns[AGAINST], columns[name]
+    known = np.isfinite(x) & np.isfinite(y)
+    x, x_stddev, y = x[known], columns[f"{AGAINST}_stddev"][known], y[known]
+    time = columns["stamp"][known] - columns["stamp"][0]
+    figure = Figure(figsize=(10.8, 3.8), layout="constrained")
+    scatter, residuals = figure.subplots(1, 2)
+    scatter.errorbar(
+        x, y, xerr=x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6, label="frames")
+    scatter.set(xlabel="beam attenuation, green [1/m]", ylabel=title)
+    residuals.set(xlabel="time [s]", ylabel=f"{title} less the fit")
+    if fit is None:
+        residuals.text(0.5, 0.5, "no fit", transform=residuals.transAxes, ha="center")
+    else:
+        line = np.linspace(fit.low, fit.high, 50)
+        value, stddev = np.transpose([fit.predict(each, 0.0) for each in line])
+        scatter.plot(line, value, color=SENSOR, linewidth=1.4, label="fit")
+        scatter.fill_between(
+            line, value - stddev, value + stddev, color=SENSOR, alpha=0.2, linewidth=0.0,
+            label="± 1 σ")
+        residuals.errorbar(
+            time, y - fit.intercept - fit.slope * x, fit.slope * x_stddev, fmt=".",
+            color=ESTIMATE, elinewidth=0.6, alpha=0.6)
+        residuals.axhline(0.0, color=SENSOR, linewidth=1.0)
+    scatter.legend(fontsize="small", frameon=False)
+    for axes in (scatter, residuals):
+        axes.grid(alpha=0.3)
+    return draw(figure, len(x) <= MOST_POINTS, f"{title} against beam attenuation")
