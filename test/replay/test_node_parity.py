@@ -21,19 +21,25 @@ from node_run import run_node
 from rosbags.typesys import Stores, get_typestore
 
 from uw_visibility.config.schema import NodeConfig
+from uw_visibility.messages.comparisons import NIS_TOPICS
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import FAILED
-from uw_visibility.replay.results.mcap import NIS_TOPIC, NIS_TYPE
 from uw_visibility.simulation.bag import TOPICS as RECORDED
 
 pytestmark = pytest.mark.node
 
-INPUTS = {topic: kind for topic, kind in RECORDED.items() if "ground_truth" not in topic}
+# The node reads neither the truth nor a transmissometer.
+INPUTS = {
+    topic: kind for topic, kind in RECORDED.items()
+    if "ground_truth" not in topic and topic != "/transmissometer"
+}
 OUTPUTS = {
     f"/{topic}": kind
-    for topic, kind in all_topics(NodeConfig(publish_depth_image=True, publish_points=True)).items()
-} | {NIS_TOPIC: NIS_TYPE}
+    for topic, kind in (
+        all_topics(NodeConfig(publish_depth_image=True, publish_points=True)) | NIS_TOPICS
+    ).items()
+}
 
 # The filter, a learned bias of the sensor, and every optional output.
 PARAMETERS = {
@@ -65,7 +71,7 @@ def played(bag: Path, folder: Path, params: Path, expected: dict[str, Any]) -> d
                 # sensor once its value after the frame is there.
                 node.wait_for({
                     topic: sum(
-                        time <= message.time - SENSOR_DELAY * (topic == NIS_TOPIC)
+                        time <= message.time - SENSOR_DELAY * (topic[1:] in NIS_TOPICS)
                         for time, _ in answers
                     )
                     for topic, answers in expected.items()

@@ -245,7 +245,7 @@ def test_a_part_of_another_origin_is_not_gone_on_from(
     (other / "hard.mcap").write_bytes(data)
     assert "is not of hard as it is now" in refusal(bag=other)
     with monkeypatch.context() as patched:
-        patched.setattr(provenance, "version", lambda: "0.0.1")
+        patched.setattr(provenance, "__version__", "0.0.1")
         assert "is of another version" in refusal()
     # Another frame, whatever the state says.
     table, log = (interrupted.partial / name for name in ("frames.csv", frame_log.NAME))

@@ -23,7 +23,8 @@ MOST_THREADS = 64
 DESCRIPTION = """\
 Render a stereo camera that swims over a reef while depth and turbidity change, and
 record it as a rosbag2 (mcap): images, calibration and a depth sensor as a vehicle
-has them, and the truth about water, depth and disparity under /ground_truth.
+has them, a transmissometer (/transmissometer, beam attenuation of the green channel, 1/m,
+with a noise of 2 %), and the truth about water, depth and disparity under /ground_truth.
 The same options give the same recording.
 
 The water is the paper's: clear water and grey particles, one light on the scene and in
@@ -104,6 +105,10 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     add(
         "--depth-stddev", metavar="M", type=float, default=0.05,
         help="noise of the depth sensor (%(default)s)",
+    )
+    add(
+        "--position", metavar=("LAT", "LON"), type=float, nargs=2,
+        help="record positions too, /gps/fix: from here on to the east",
     )
     add("--threads", metavar="N", type=int, default=0, help="threads; 0 takes one per processor")
     _add_lamps(parser)
@@ -319,6 +324,7 @@ def run(arguments: argparse.Namespace) -> None:
         transect,
         depth_stddev=arguments.depth_stddev,
         range_scale=arguments.range_scale,
+        position=None if arguments.position is None else tuple(arguments.position),
         overwrite=arguments.force,
         progress=lambda frames: progress_bar(frames, "simulate", transect.frames),
     )

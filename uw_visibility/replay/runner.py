@@ -231,7 +231,10 @@ class _Replay:
 
         work = self._folder.work
         if self._options.geo:
-            write_geojson(work / "frames.geojson", read_rows(work / "frames.csv"))
+            write_geojson(
+                work / "frames.geojson", read_rows(work / "frames.csv"),
+                [join.column for join in self._options.joins],
+            )
         columns, provenance = self._recorder.columns, self.summary.provenance
         if self._options.netcdf:
             write_netcdf(

@@ -38,6 +38,7 @@ TOPICS = {
     "/left/camera_info": "sensor_msgs/msg/CameraInfo",
     "/right/camera_info": "sensor_msgs/msg/CameraInfo",
     "/depth_sensor": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "/transmissometer": "std_msgs/msg/Float64",
     "/ground_truth/attenuation": "geometry_msgs/msg/Vector3Stamped",
     "/ground_truth/ambient_light": "geometry_msgs/msg/Vector3Stamped",
     "/ground_truth/scene_light": "geometry_msgs/msg/Vector3Stamped",
@@ -57,12 +58,19 @@ LAMP_TOPICS = {
 LAMP_COLUMNS = "x y z, axis x y z, beam angle, power r g b"
 LIGHTING = "lighting.yaml"
 
+POSITION_TOPIC, POSITION_TYPE = "/gps/fix", "sensor_msgs/msg/NavSatFix"
+"""Where the vehicle is, if that is asked for."""
+
+TRANSMISSOMETER_NOISE = 0.02
+"""Standard deviation of the transmissometer, as a part of its value."""
+
 START = 1_700_000_000
 """Time of the first frame in s since 1970."""
 
 LEFT_FRAME = "stereo_left_optical_frame"
 RIGHT_FRAME = "stereo_right_optical_frame"
 DEPTH_FRAME = "map"
+EARTH_RADIUS = 6371008.8
 
 
 def write_transect(
@@ -71,6 +79,7 @@ def write_transect(
     *,
     depth_stddev: float = 0.05,
     range_scale: float = 1.0,
+    position: tuple[float, float] | None = None,
     overwrite: bool = False,
     progress: Callable[[Iterator[TransectFrame]], Any] = iter,
 ) -> None:
@@ -86,6 +95,8 @@ def write_transect(
         Standard deviation of the depth sensor in m.
     range_scale : float
         Ratio of the baseline in CameraInfo to the true one: a wrong calibration.
+    position : tuple of float, optional
+        Latitude and longitude of the start, degrees; the way leads east from there.
     overwrite : bool
         Whether a bag of that name may be replaced.
     progress : callable
@@ -102,9 +113,18 @@ def write_transect(
         )
     if not 0.0 < range_scale <= 100.0:
         raise InputError(f"range scale is {range_scale:g}: give a number above 0, up to 100")
+    if position is not None and not (abs(position[0]) <= 89.0 and abs(position[1]) <= 180.0):
+        raise InputError(
+            f"the position is {position[0]:g} {position[1]:g}: give latitude and longitude in "
+            "degrees, off the poles"
+        )
     random = np.random.default_rng([transect.seed, 1])
+    # Of its own, so that the depth sensor's noise stays what it was.
+    optical = np.random.default_rng([transect.seed, 3])
     lighting = transect.lighting
     topics = TOPICS | (LAMP_TOPICS if lighting.lamps else {})
+    if position is not None:
+        topics = topics | {POSITION_TOPIC: POSITION_TYPE}
     with BagWriter(path, topics, overwrite=overwrite) as bag:
         if lighting.lamps:
             told = lighting_parameters(lighting.lamps, lighting.daylight)
@@ -124,6 +144,11 @@ def write_transect(
             surface = messages.header(stamp, DEPTH_FRAME)
             noisy = frame.depth + depth_stddev * random.standard_normal()
             bag.write("/depth_sensor", messages.depth(surface, noisy, depth_stddev**2), stamp)
+            beam = frame.attenuation[1] * (1 + TRANSMISSOMETER_NOISE * optical.standard_normal())
+            bag.write("/transmissometer", bag.make("std_msgs/msg/Float64", data=beam), stamp)
+            if position is not None:
+                fix = messages.fix(header, position, transect.speed * time)
+                bag.write(POSITION_TOPIC, fix, stamp)
             truth = {
                 "attenuation": messages.vector(header, frame.attenuation),
                 "ambient_light": messages.vector(header, frame.ambient_light),
@@ -195,6 +220,19 @@ class _Messages:
             pose=self._make(
                 "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.ravel()
             ),
+        )
+
+    def fix(self, header: Any, start: tuple[float, float], east: float) -> Any:
+        radius = EARTH_RADIUS * math.cos(math.radians(start[0]))
+        return self._make(
+            POSITION_TYPE,
+            header=header,
+            status=self._make("sensor_msgs/msg/NavSatStatus", status=0, service=1),
+            latitude=start[0],
+            longitude=start[1] + math.degrees(east / radius),
+            altitude=0.0,
+            position_covariance=np.zeros(9),
+            position_covariance_type=0,
         )
 
     def vector(self, header: Any, values: NDArray[np.float64]) -> Any:

@@ -11,7 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+from rosbags.rosbag2 import (
+    CompressionFormat,
+    CompressionMode,
+    StoragePlugin,
+    Writer,
+    WriterError,
+)
 
 from uw_visibility.config.files import aside_of, sole_writer
 from uw_visibility.errors import InputError
@@ -34,6 +40,8 @@ class BagWriter:
         Whether a bag of that name may be replaced.
     in_place : bool
         Whether it is written in its place, where its part can be read after a crash.
+    compress : bool
+        Whether its chunks are compressed (Zstandard).
 
     Attributes
     ----------
@@ -48,7 +56,7 @@ class BagWriter:
 
     def __init__(
         self, path: str | Path, topics: Mapping[str, str], *, overwrite: bool = False,
-        in_place: bool = False,
+        in_place: bool = False, compress: bool = False,
     ) -> None:
         self._target = Path(path)
         _check_room(self._target, overwrite)
@@ -63,6 +71,8 @@ class BagWriter:
         self._writer = Writer(
             self.path, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP
         )
+        if compress:
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         try:
             self._writer.open()
         except (WriterError, OSError) as error:

@@ -7,22 +7,29 @@ from __future__ import annotations
 import json
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from uw_visibility.messages.images import stamp_to_nanoseconds
+from uw_visibility.replay.columns import CHANNELS
 
 # Positions further apart than this are not neighbours, s.
 LONGEST_GAP = 10.0
 # Mean radius of the earth, m (IUGG), enough for the extent of a dive.
 EARTH_RADIUS = 6371008.8
 
-PROPERTIES = (
-    "status", "visibility_status", "depth_status", "reason",
-    "mean_attenuation", "mean_attenuation_stddev", "visibility_distance",
-    "visibility_distance_stddev", "depth", "depth_stddev", "sensor_depth", "plausibility",
+QUANTITIES = (
+    *(f"attenuation_{channel}" for channel in CHANNELS), "mean_attenuation",
+    "visibility_distance", "depth", "black_disc_visibility", "secchi_depth",
 )
+PROPERTIES = (
+    "datetime", "status", "visibility_status", "depth_status", "reason",
+    *(f"{prefix}{name}{end}" for name in QUANTITIES for prefix in ("", "filtered_")
+      for end in ("", "_stddev")),
+    "water_type", "filtered_water_type", "filtering", "sensor_depth", "plausibility",
+)
+"""Columns that points have: estimates of the frame alone and filtered, with their deviations."""
 
 
 class Position(NamedTuple):
@@ -117,7 +124,9 @@ def geographic(x: float, y: float, origin: tuple[float, float]) -> tuple[float, 
     return longitude + east, latitude + north
 
 
-def write_geojson(path: Path, rows: Iterator[Mapping[str, str]]) -> int:
+def write_geojson(
+    path: Path, rows: Iterator[Mapping[str, str]], more: Sequence[str] = ()
+) -> int:
     """Write frames with a longitude and a latitude as points (RFC 7946).
 
     Parameters
@@ -126,6 +135,8 @@ def write_geojson(path: Path, rows: Iterator[Mapping[str, str]]) -> int:
         File to write.
     rows : iterator of mapping
         Rows of the table, as text; empty for what is not known.
+    more : sequence of str
+        Columns to write beside `PROPERTIES`.
 
     Returns
     -------
@@ -146,7 +157,7 @@ def write_geojson(path: Path, rows: Iterator[Mapping[str, str]]) -> int:
                 },
                 "properties": {
                     "stamp": row["stamp"], "frame": int(row["frame"]),
-                    **{name: _value(row[name]) for name in PROPERTIES},
+                    **{name: _value(row[name]) for name in (*PROPERTIES, *more)},
                 },
             }
             file.write(("," if count else "") + "\n" + json.dumps(feature, allow_nan=False))

@@ -18,6 +18,8 @@ from uw_visibility.messages.images import stamp_to_nanoseconds
 
 LONGEST_TOLERANCE = 3600.0
 _DEEPEST = 6
+# Fields that are no measurement.
+_NO_VALUES = ("header", "layout", "variance")
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,16 @@ class ScalarTopic:
         header = getattr(message, "header", None)
         stamp = 0 if header is None else stamp_to_nanoseconds(header.stamp)
         return ScalarValue(self, stamp or arrival, value)
+
+    def check(self, message: Any) -> None:
+        """Refuse a message without the field.
+
+        Raises
+        ------
+        InputError
+            Naming the numbers that there are.
+        """
+        self._value(message)
 
     def _value(self, message: Any) -> float:
         if not self.field:
@@ -175,9 +187,9 @@ def _is_number(value: Any) -> bool:
 
 
 def _numbers(value: Any, path: str, depth: int = 0) -> Iterator[tuple[str, float]]:
-    """Yield the numbers of a message by their paths, but those of headers and variances."""
+    """Yield the numbers of a message by their paths, without headers, variances, constants."""
     for name in getattr(type(value), "__dataclass_fields__", {}):
-        if name in ("header", "layout") or name.startswith("_") or name.endswith("variance"):
+        if name in _NO_VALUES or name.startswith("_") or name.isupper():
             continue
         inner = getattr(value, name)
         where = f"{path}.{name}" if path else name

@@ -189,6 +189,10 @@ class InputStream:
             if join.topic not in channels:
                 raise InputError(
                     f"there is no topic {join.topic} in the recording: --list shows what there is")
+            first = next(self._reader.messages([join.topic]), None)
+            if first is not None:
+                # Before hours of work rather than after them.
+                join.check(self._reader.deserialize(first))
         if position is None or not self._options.geo or self._options.origin is not None:
             return
         if channels[position].type == ODOMETRY:

@@ -39,7 +39,7 @@ class ResultWriter:
         self._folder = folder
         self._depth_frame = depth_frame
         absolute = {f"/{topic}": name for topic, name in (topics | NIS_TOPICS).items()}
-        self._bag = BagWriter(folder / "results", absolute, in_place=True)
+        self._bag = BagWriter(folder / "results", absolute, in_place=True, compress=True)
 
     def write_messages(self, messages: list[tuple[str, bytes]], time: int) -> None:
         """Write serialised messages at a time (ns)."""

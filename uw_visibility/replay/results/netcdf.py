@@ -128,7 +128,10 @@ def _attributes(name: str, columns: Mapping[str, Column]) -> dict[str, Any]:
         found["comment"] = column.description
     if column.kind == "datetime":
         return found | {
-            "standard_name": "time", "units": _EPOCH, "calendar": "standard", "axis": "T"}
+            "standard_name": "time", "units": _EPOCH, "calendar": "standard", "axis": "T",
+            # Clocks of computers know none.
+            "units_metadata": "leap_seconds: none",
+        }
     if name not in COORDINATES:
         channel = [f"wavelength_{c}" for c in CHANNELS if f"attenuation_{c}" in name]
         places = [_name(place) for place in COORDINATES if place in columns]

@@ -1,0 +1,283 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Table, NetCDF, Parquet, GeoJSON and messages of one replay, each by another's reader."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import json
+import subprocess
+import sys
+import tracemalloc
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bag_copies import FRAMES, Message, copy_bag, run
+from rosbags.typesys import Stores, get_typestore
+
+from uw_visibility.replay.columns import COLUMNS
+from uw_visibility.replay.results.data_dictionary import SUFFIX
+from uw_visibility.replay.results.netcdf import write_netcdf
+from uw_visibility.replay.table import TableWriter, read_rows
+
+LAST_FIX = FRAMES - 2
+"""Frames with a position."""
+TEMPERATURE = "joined_ctd_temperature"
+
+
+def with_sensors(messages: Iterator[Message]) -> Iterator[Message]:
+    """Add fixes, which end early, a thermometer and a transmissometer without stamps."""
+    types = get_typestore(Stores.ROS2_JAZZY).types
+    frame = 0
+    for message in messages:
+        yield message
+        if message[0] != "/depth_sensor":
+            continue
+        header, time = message[2].header, message[3]
+        yield "/ctd", "sensor_msgs/msg/Temperature", types["sensor_msgs/msg/Temperature"](
+            header=header, temperature=8.0 + 0.5 * frame, variance=0.0), time
+        yield "/c", "std_msgs/msg/Float32", types["std_msgs/msg/Float32"](
+            data=0.2 + 0.02 * frame), time
+        if frame < LAST_FIX:
+            yield "/fix", "sensor_msgs/msg/NavSatFix", types["sensor_msgs/msg/NavSatFix"](
+                header=header,
+                status=types["sensor_msgs/msg/NavSatStatus"](status=0, service=1),
+                latitude=59.5, longitude=10.5 + 1e-5 * frame, altitude=0.0,
+                position_covariance=np.zeros(9), position_covariance_type=0,
+            ), time
+        frame += 1
+
+
+@pytest.fixture(scope="module")
+def exported(transect: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A replay with everything that can be written."""
+    folder = tmp_path_factory.mktemp("exported")
+    bag = copy_bag(transect, folder / "bag", edit=with_sensors)
+    pytest.importorskip("xarray", reason="the extra netcdf is not installed")
+    pytest.importorskip("netCDF4", reason="the extra netcdf is not installed")
+    pytest.importorskip("pyarrow", reason="the extra parquet is not installed")
+    options = ["--netcdf", "--parquet", "--geo", "/fix", "--join", "/ctd.temperature",
+               "--join", "/c"]
+    assert run(bag, folder / "out", *options).code == 0
+    return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def rows(exported: Path) -> list[dict[str, str]]:
+    return list(read_rows(exported / "frames.csv"))
+
+
+def test_table_has_iso_times_and_joined_values(rows: list[dict[str, str]]) -> None:
+    assert rows[1]["datetime"] == "2023-11-14T22:13:20.500000000Z"
+    assert [float(row[TEMPERATURE]) for row in rows] == [8.0 + 0.5 * k for k in range(FRAMES)]
+    # A message without a header has the time at which it was received.
+    np.testing.assert_allclose(
+        [float(row["joined_c"]) for row in rows], [0.2 + 0.02 * k for k in range(FRAMES)])
+    for row in rows:
+        assert float(row["black_disc_visibility"]) == pytest.approx(
+            4.8 / float(row["attenuation_green"]))
+        assert float(row["filtered_secchi_depth_stddev"]) > 0.0
+        assert row["water_type"] in ("IB", "II", "III")
+
+
+def test_dictionary_describes_every_column(exported: Path, rows: list[dict[str, str]]) -> None:
+    content = json.loads((exported / f"frames.csv{SUFFIX}").read_text())
+    assert content["url"] == "frames.csv"
+    columns = {column["name"]: column for column in content["tableSchema"]["columns"]}
+    assert list(columns) == list(rows[0])
+    assert columns["attenuation_red"]["schema:unitText"] == "m-1"
+    assert columns["datetime"]["datatype"] == "dateTime"
+    assert "4.8/c" in columns["black_disc_visibility"]["dc:description"]
+    for name, column in columns.items():
+        assert column["dc:title"]
+        if column["datatype"] in ("double", "integer") and not name.startswith("joined_"):
+            assert column["schema:unitText"], name
+
+
+def test_pandas_reads_the_table(exported: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    table = pandas.read_csv(exported / "frames.csv", parse_dates=["datetime"])
+    assert len(table) == FRAMES
+    assert str(table["datetime"].dt.tz) == "UTC"
+    assert table["attenuation_green"].between(0.1, 0.4).all()
+
+
+def test_netcdf_is_a_trajectory_with_everything_in_it(
+    exported: Path, rows: list[dict[str, str]]
+) -> None:
+    xarray = pytest.importorskip("xarray")
+    with xarray.open_dataset(exported / "frames.nc") as data:
+        assert data.attrs["Conventions"] == "CF-1.11"
+        assert data.attrs["featureType"] == "trajectory"
+        assert data.attrs["uw_visibility_version"]
+        parameters = json.loads(data.attrs["uw_visibility_parameters"])
+        assert parameters["replay.join"] == ["/ctd.temperature", "/c"]
+        assert {"time", "lon", "lat", "sensor_depth"} <= set(data.coords)
+        assert data["time"].values[1] == np.datetime64("2023-11-14T22:13:20.5")
+        assert float(data["trajectory"].size) == 1
+        for name in ("attenuation_green", "depth", "secchi_depth", TEMPERATURE, "nis"):
+            expected = [float(row[name] or "nan") for row in rows]
+            np.testing.assert_array_equal(data[name].values, expected)
+        beam = data["attenuation_green"]
+        assert beam.attrs["units"] == "m-1"
+        assert beam.attrs["ancillary_variables"].split() == ["attenuation_green_stddev", "status"]
+        assert 520.0 < float(beam.coords["wavelength_green"]) < 540.0
+        meanings = data["status"].attrs["flag_meanings"].split()
+        assert len(meanings) == len(data["status"].attrs["flag_values"])
+        assert meanings[int(data["status"].values[0])] == "ok"
+        types = data["water_type"].attrs["flag_meanings"].split()
+        assert [types[int(k)] for k in data["water_type"].values] == [
+            row["water_type"] for row in rows]
+        assert np.isfinite(data["lon"].values).sum() == LAST_FIX
+        assert data["plausibility_reason"].values[0] == rows[0]["plausibility_reason"]
+
+
+def test_netcdf_passes_the_checker_of_ioos(exported: Path) -> None:
+    if importlib.util.find_spec("compliance_checker") is None:
+        pytest.skip("compliance-checker is not installed")
+    done = subprocess.run(
+        [sys.executable, "-m", "compliance_checker.cchecker", "-t", "cf:1.11", "-c", "strict",
+         str(exported / "frames.nc")], capture_output=True, text=True, check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    assert "All tests passed!" in done.stdout
+
+
+def test_a_long_table_is_written_in_slices(exported: Path, tmp_path: Path) -> None:
+    """All of 5,000 frames, in the memory of a slice."""
+    xarray = pytest.importorskip("xarray")
+    row = dict(next(read_rows(exported / "frames.csv")))
+    table = TableWriter(tmp_path / "frames.csv", tuple(COLUMNS))
+    for k in range(5000):
+        table.write({**{c: row[c] for c in COLUMNS}, "frame": str(k), "depth": repr(0.5 * k)})
+    table.close()
+    provenance = {"bag": "long", "version": "0"}
+    tracemalloc.start()
+    write_netcdf(
+        tmp_path / "frames.nc", tmp_path / "frames.csv", COLUMNS, provenance, np.full(3, 500.0))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # A row as text takes some 15 kB.
+    assert peak < 40e6
+    with xarray.open_dataset(tmp_path / "frames.nc") as data:
+        np.testing.assert_array_equal(data["frame"].values, np.arange(5000))
+        np.testing.assert_array_equal(data["depth"].values, 0.5 * np.arange(5000))
+        assert (data["status"].values == 0).all()
+        assert (data["time"].values == data["time"].values[0]).all()
+
+
+def test_parquet_has_types_and_units(exported: Path, rows: list[dict[str, str]]) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    table = parquet.read_table(exported / "frames.parquet")
+    assert table.column_names == list(rows[0])
+    assert str(table.schema.field("datetime").type) == "timestamp[ns, tz=UTC]"
+    assert table.schema.field("secchi_depth").metadata[b"unit"] == b"m"
+    assert table["frame"].to_pylist() == list(range(FRAMES))
+    assert table["depth"].to_pylist() == [float(row["depth"]) for row in rows]
+    assert table["longitude"].null_count == FRAMES - LAST_FIX
+    assert table["status"].to_pylist() == ["ok"] * FRAMES
+    assert table.schema.metadata[b"bag"] == b"bag"
+
+
+def test_geojson_has_times_raw_and_filtered_values(
+    exported: Path, rows: list[dict[str, str]]
+) -> None:
+    features = json.loads((exported / "frames.geojson").read_text())["features"]
+    assert len(features) == LAST_FIX
+    for feature, row in zip(features, rows, strict=False):
+        properties = feature["properties"]
+        assert properties["datetime"] == row["datetime"]
+        for channel in ("red", "green", "blue"):
+            for name in (f"attenuation_{channel}", f"filtered_attenuation_{channel}_stddev"):
+                assert properties[name] == float(row[name])
+        assert properties[TEMPERATURE] == float(row[TEMPERATURE])
+    if importlib.util.find_spec("geopandas") is not None:
+        import geopandas
+
+        assert geopandas.read_file(exported / "frames.geojson").crs.to_epsg() == 4326
+
+
+def test_frames_beyond_the_last_fix_are_told(exported: Path) -> None:
+    said = f"2 of {FRAMES} frames lie beyond the last fix of /fix, and have no position"
+    assert said in json.loads((exported / "replay.json").read_text())["damage"]
+    assert said in (exported / "report.html").read_text()
+
+
+def test_messages_open_with_the_library_of_mcap(exported: Path) -> None:
+    reader = pytest.importorskip("mcap.reader")
+    with (exported / "results.mcap").open("rb") as file:
+        content = reader.make_reader(file)
+        (metadata,) = content.iter_metadata()
+        text = metadata.metadata["serialized_metadata"]
+        for word in ("uw_visibility.version", "uw_visibility.parameters", "input_sha256"):
+            assert word in text
+        chunks = content.get_summary().chunk_indexes
+        assert {chunk.compression for chunk in chunks} == {"zstd"}
+        count = sum(1 for _ in content.iter_messages(topics=["/visibility/attenuation"]))
+        assert count == FRAMES
+
+
+def test_report_shows_derived_quantities_and_joined_topics(exported: Path) -> None:
+    text = (exported / "report.html").read_text()
+    for word in ("black-disc visibility", "Secchi depth", "/ctd.temperature",
+                 "which needs 8 different ones"):
+        assert word in text
+
+
+@pytest.mark.parametrize("join, said", [
+    ("/nothing", "there is no topic /nothing in the recording"),
+    ("/ctd.", "--join is '/ctd.'"),
+    ("/c --join /c", "--join names /c twice"),
+    ("/fix", "/fix has 6 numbers: name one of them, /fix.status.status"),
+    ("/ctd.salinity", "/ctd has no number salinity"),
+])
+def test_what_cannot_be_joined_is_one_sentence(
+    join: str, said: str, transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = copy_bag(transect, tmp_path / "bag", edit=with_sensors)
+    done = run(bag, tmp_path / "out", "--join", *join.split(), capsys=capsys)
+    assert done.code == 2
+    assert said in done.err
+    assert done.err.count("\n") == 1
+
+
+def test_an_odometry_needs_an_origin(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    types = get_typestore(Stores.ROS2_JAZZY).types
+
+    def with_odometry(messages: Iterator[Message]) -> Iterator[Message]:
+        for message in messages:
+            yield message
+            if message[0] == "/depth_sensor":
+                yield "/odom", "nav_msgs/msg/Odometry", odometry(types, message[2]), message[3]
+
+    bag = copy_bag(transect, tmp_path / "bag", edit=with_odometry)
+    done = run(bag, tmp_path / "out", "--geo", "/odom", capsys=capsys)
+    assert done.code == 2
+    assert "/odom is an Odometry, in metres" in done.err
+    assert "--origin LAT LON" in done.err
+    done = run(bag, tmp_path / "out", "--geo", "/odom", "--origin", "59", "10", "--every", "5")
+    assert [float(row["longitude"]) for row in done.rows] == [10.0, 10.0]
+
+
+def odometry(types: Any, pose: Any) -> Any:
+    zero = types["geometry_msgs/msg/Vector3"](x=0.0, y=0.0, z=0.0)
+    return types["nav_msgs/msg/Odometry"](
+        header=pose.header, child_frame_id="base",
+        pose=types["geometry_msgs/msg/PoseWithCovariance"](
+            pose=pose.pose.pose, covariance=np.zeros(36)),
+        twist=types["geometry_msgs/msg/TwistWithCovariance"](
+            twist=types["geometry_msgs/msg/Twist"](linear=zero, angular=zero),
+            covariance=np.zeros(36)),
+    )
+
+
+def test_a_table_of_this_kind_is_plain_csv(exported: Path) -> None:
+    with (exported / "frames.csv").open(newline="") as file:
+        widths = {len(row) for row in csv.reader(file)}
+    assert len(widths) == 1
