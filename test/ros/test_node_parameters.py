@@ -163,6 +163,7 @@ def test_change_that_no_image_of_the_size_in_use_allows_is_refused(
     for values, reason in (
         ({"stereo__min_disparity": 120}, "stereo.min_disparity is 120"),
         ({"camera__flat_field": str(field)}, "the flat field has 100x100 px and the image 160x120"),
+        ({"max_megapixels": 0.01}, "images have 160x120 pixels, more than max_megapixels"),
     ):
         result = change(client, **values)
         assert (result.successful, reason in result.reason) == (False, True), result.reason

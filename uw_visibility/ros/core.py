@@ -171,6 +171,8 @@ class NodeCore:
         """
         rig, shape = self._images or (WARM_UP_RIG, None)
         config = settings.pipeline
+        if shape is not None:
+            check_megapixels(shape[1], shape[0], settings.node.max_megapixels)
         if self._tried == (config, rig, shape):
             return
         pipeline = Pipeline(rig, config, Workers(1))
@@ -302,11 +304,7 @@ class NodeCore:
             If they cannot be used, or are larger than there may be memory for.
         """
         width, height = image_size(frame.left_info, "left")
-        if width * height > 1e6 * settings.node.max_megapixels:
-            raise InputError(
-                f"images have {width}x{height} pixels, more than max_megapixels, which is "
-                f"{settings.node.max_megapixels:g}: raise it where there is memory for them"
-            )
+        check_megapixels(width, height, settings.node.max_megapixels)
         work = self._processor.begin(frame, settings.pipeline)
         calibrations = self._processor.reader.calibrations
         if calibrations > max(self.state.calibrations, 1):
@@ -343,3 +341,18 @@ class NodeCore:
         if self._active_since is None:
             return "the node is not active: activate it"
         return self.state.obstacle() or self.input.silence() or self.state.silence()
+
+
+def check_megapixels(width: int, height: int, most: float) -> None:
+    """Refuse images of more pixels than there may be memory for.
+
+    Raises
+    ------
+    InputError
+        If they are larger than the parameter allows, 1e6 px.
+    """
+    if width * height > 1e6 * most:
+        raise InputError(
+            f"images have {width}x{height} pixels, more than max_megapixels, which is {most:g}: "
+            "raise it where there is memory for them"
+        )
