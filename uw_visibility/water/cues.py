@@ -23,6 +23,7 @@ from uw_visibility.water.observations import Envelopes
 from uw_visibility.water.open_water import OpenWater, find_open_water
 from uw_visibility.water.position import HalfEnvelopes, observe_halves
 from uw_visibility.water.surfaces import surface_statistics
+from uw_visibility.water.veil_gradient import PlaceCourse, VeilGradient, matters, place_course
 
 
 class Cues(NamedTuple):
@@ -38,12 +39,21 @@ class Cues(NamedTuple):
         Dark envelopes of halves of the image.
     coarse : bool
         Whether a rough estimate will do.
+    places : PlaceCourse or None
+        Where in the image the ranges lie.
     """
 
     contrast: Decay | None = None
     open_water: OpenWater | None = None
     halves: HalfEnvelopes | None = None
     coarse: bool = False
+    places: PlaceCourse | None = None
+
+    @property
+    def gradient(self) -> VeilGradient | None:
+        """How the veil changes over the image, where that matters at the ranges seen."""
+        gradient = None if self.open_water is None else self.open_water.gradient
+        return gradient if matters(gradient, self.places) else None
 
 
 def coarse_cues(envelope: Envelopes, active: NDArray[np.bool_]) -> Cues:
@@ -87,4 +97,5 @@ def gather_cues(
         contrast,
         find_open_water(codes, ranges, valid, irradiance, envelope),
         observe_halves(surfaces, rounding * np.nan_to_num(envelope.step).max(axis=1)),
+        places=place_course(surfaces),
     )

@@ -35,7 +35,8 @@ from uw_visibility.water.validation import (
     refute_clearness,
     validate_fit,
 )
-from uw_visibility.water.veil import CONTRADICTION, fit_free_veil
+from uw_visibility.water.veil import CONTRADICTION, VeilFit, fit_free_veil
+from uw_visibility.water.veil_gradient import UNCERTAIN, level_envelope, level_halves
 
 # Dark envelope: its quantile, and the pixels below it at least. The paper takes
 # 1 % (eq. 4). The darkest 5 pixels are a patch rather than a speck; where ranges
@@ -221,30 +222,25 @@ class WaterEstimator:
         cues: Cues,
     ) -> WaterEstimate:
         """Estimate with the veil apart from the light."""
-        brightest_light = brightest(envelope, active)
-        fit = fit_of_veil(envelope, active, self._clear_water)
-
-        def fuse_priors(
-            found: Fit, light: NDArray[np.float64], veil: NDArray[np.float64],
-            tolerance: NDArray[np.float64],
-        ) -> Fit:
-            return fuse(
-                found, self._clear_water, np.full(3, 1e-6), self._daylight,
-                self._config.daylight_tolerance, light, veil, tolerance)
-
-        found = fit_free_veil(
-            fit, fuse_priors, envelope, brightest_light, self._clear_water, cues.contrast,
-            cues.open_water, cues.coarse)
+        found = self._fit_free_veil(envelope, active, cues)
         if found is None:
             return WaterEstimate.not_assessable(Status.FIT_FAILED, envelope)
+        halves, covariance = cues.halves, found.fit.covariance.copy()
+        if cues.gradient is not None and cues.places is not None:
+            envelope = level_envelope(envelope, cues.gradient, cues.places)
+            level = self._fit_free_veil(envelope, active, cues)
+            if level is None:
+                return WaterEstimate.not_assessable(Status.FIT_FAILED, envelope)
+            change = UNCERTAIN * (level.fit.parameters - found.fit.parameters).ravel()
+            found, covariance = level, level.fit.covariance + np.outer(change, change)
+            halves = None if halves is None else level_halves(halves, cues.gradient)
         for channel in np.flatnonzero(active):
             status[channel] = validate_fit(found.fit, envelope, int(channel))
         if found.disagreement > CONTRADICTION:
             status = refuse(status, Status.CUES_DISAGREE)
-        covariance = found.fit.covariance.copy()
-        if cues.halves is not None:
+        if halves is not None:
             attenuation, veil = found.fit.parameters.T
-            uneven = compare_halves(cues.halves, attenuation, veil, found.scene_light)
+            uneven = compare_halves(halves, attenuation, veil, found.scene_light)
             refuted = uneven.refutes(attenuation)
             status = refuse(status, refuted)
             covariance[0::2, 0::2] += uneven.stddev_of(attenuation) ** 2 * np.outer(
@@ -265,6 +261,24 @@ class WaterEstimator:
             cues=found.cues,
             open_water=0.0 if cues.open_water is None else cues.open_water.fraction,
         )
+
+    def _fit_free_veil(
+        self, envelope: Envelopes, active: NDArray[np.bool_], cues: Cues
+    ) -> VeilFit | None:
+        """Fit with the veil apart from the light; None where there is no fit."""
+
+        def fuse_priors(
+            found: Fit, light: NDArray[np.float64], veil: NDArray[np.float64],
+            tolerance: NDArray[np.float64],
+        ) -> Fit:
+            return fuse(
+                found, self._clear_water, np.full(3, 1e-6), self._daylight,
+                self._config.daylight_tolerance, light, veil, tolerance)
+
+        return fit_free_veil(
+            fit_of_veil(envelope, active, self._clear_water), fuse_priors, envelope,
+            brightest(envelope, active), self._clear_water, cues.contrast, cues.open_water,
+            cues.coarse)
 
     def estimate_grey(
         self,

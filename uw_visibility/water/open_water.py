@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.water.observations import Envelopes, quantile_of_known
+from uw_visibility.water.veil_gradient import VeilGradient, fit_gradient
 
 # The search looks at so many cells along the image's width, of 4 px at least.
 CELLS = 100
@@ -65,11 +66,14 @@ class OpenWater:
         Irradiance, and how well it stands for the veil before the scene.
     fraction : float
         Part of the image.
+    gradient : VeilGradient
+        How the veil changes over the image.
     """
 
     veil: NDArray[np.float64]
     stddev: NDArray[np.float64]
     fraction: float
+    gradient: VeilGradient
 
 
 class _MatchedLight(NamedTuple):
@@ -158,6 +162,9 @@ def find_open_water(
         (~far).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)[area] / columns
     weights = np.exp(-(away - away.min()) / NEAR_TO_FAR)
     weights /= weights.sum()
+    place = (np.argwhere(area) + 0.5) / area.shape
+    gradient = fit_gradient(light, place, weights)
+    light /= gradient.at(place).T
     veil = weights @ light
     variance = weights @ (light - veil) ** 2 + (veil - light.mean(axis=0)) ** 2
     floor = (0.3 * code * np.diff(irradiance)[np.clip(
@@ -165,7 +172,7 @@ def find_open_water(
     fraction = float(np.count_nonzero(area)) / area.size
     unsure = np.hypot(DEVIATION, SMALL_DEVIATION / (1.0 + (fraction / SMALL_AREA) ** 2))
     stddev = np.sqrt(variance + (unsure * veil) ** 2 + floor**2)
-    return OpenWater(veil, stddev, fraction)
+    return OpenWater(veil, stddev, fraction, gradient)
 
 
 def _areas(blank: NDArray[np.bool_]) -> tuple[int, NDArray[np.int32]]:

@@ -89,11 +89,14 @@ class HalfEnvelopes:
         Irradiance: halves by splits by channels.
     noise : (3,) float64 ndarray
         Its standard deviation by noise and rounding.
+    place : (2, 3, N, 2) float64 ndarray
+        Mean row and column of the pixels, in parts of the image: halves by splits by bins.
     """
 
     range: NDArray[np.float64]
     dark: NDArray[np.float64]
     noise: NDArray[np.float64]
+    place: NDArray[np.float64]
 
 
 def observe_halves(
@@ -111,17 +114,24 @@ def observe_halves(
     -------
     HalfEnvelopes
     """
-    counts, ranges = statistics.levels, statistics.ranges
-    mean = ranges[:, 0] / np.maximum(ranges[:, 1], 1.0)
+    places = statistics.places.sum(axis=1)
+    mean = places[:, 0] / np.maximum(places[:, 1], 1.0)
     # Halves by splits by bins by channels by levels.
-    whole = counts.sum(axis=1)
-    second = np.stack([
-        counts[:, (np.arange(REGIONS) >> split) & 1 == 1].sum(axis=1)
-        for split in range(len(SPLITS))])
-    halves = np.stack((whole - second, second))
+    halves = _halves(statistics.levels)
+    about = _halves(statistics.places)
     enough = halves[:, :, :, 0].sum(axis=3).min(axis=0) >= FEWEST
     dark = np.moveaxis(_quantile(halves, statistics.edges), 3, 2)
-    return HalfEnvelopes(np.where(enough, mean, np.nan), dark, noise)
+    place = about[..., 2:] / np.maximum(about[..., 1:2], 1.0)
+    return HalfEnvelopes(np.where(enough, mean, np.nan), dark, noise, place)
+
+
+def _halves(of_regions: NDArray[Any]) -> NDArray[Any]:
+    """Sum over the regions of each half: (N, 8, ...) to halves by splits by (N, ...)."""
+    whole = of_regions.sum(axis=1)
+    second = np.stack([
+        of_regions[:, (np.arange(REGIONS) >> split) & 1 == 1].sum(axis=1)
+        for split in range(len(SPLITS))])
+    return np.stack((whole - second, second))
 
 
 def compare_halves(

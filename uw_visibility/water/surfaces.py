@@ -45,14 +45,15 @@ class SurfaceStatistics(NamedTuple):
         For each bin of range, region and channel: pixels of each level.
     edges : (129,) float64 ndarray
         Irradiance where each level begins, and the last ends.
-    ranges : (M, 2) float64 ndarray
-        Sum of ranges, m, and pixels.
+    places : (M, 8, 4) float64 ndarray
+        For each of these bins and regions: sum of ranges, m; pixels; sums of rows and
+        columns in parts of the image.
     """
 
     contrast: NDArray[np.float64]
     levels: NDArray[np.int32]
     edges: NDArray[np.float64]
-    ranges: NDArray[np.float64]
+    places: NDArray[np.float64]
 
 
 def surface_statistics(
@@ -82,22 +83,23 @@ def surface_statistics(
     top = float(irradiance[-1])
     sums = np.zeros((BINS // CONTRAST_GROUP, COLUMNS))
     levels = np.zeros((BINS // REGION_GROUP, REGIONS, 3, LEVELS), np.int32)
-    ranges = np.zeros((BINS // REGION_GROUP, 2))
+    places = np.zeros((BINS // REGION_GROUP, REGIONS, 4))
     if high > low > 0:
         _accumulate(
             image, range_map, mask, irradiance,
             (np.sqrt(irradiance / top) * (LEVELS - 1)).astype(np.uint8),
             np.float32(low), np.float32(BINS / math.log(high / low)),
             max(DISTANCE_LEAST, round(range_map.shape[1] / DISTANCE_PART)),
-            max(1, round(math.sqrt(range_map.size / PIXELS_READ))), sums, levels, ranges)
+            max(1, round(math.sqrt(range_map.size / PIXELS_READ))), sums, levels, places)
     edges = top * (np.arange(LEVELS + 1) / (LEVELS - 1)) ** 2
-    return SurfaceStatistics(sums, levels, edges, ranges)
+    places[:, :, 2:] /= range_map.shape
+    return SurfaceStatistics(sums, levels, edges, places)
 
 
 @njit(nogil=True)
 def _accumulate(
     image: Any, range_map: Any, mask: Any, irradiance: Any, level_of: Any, low: float,
-    bins_per_log: float, distance: int, stride: int, sums: Any, levels: Any, ranges: Any,
+    bins_per_log: float, distance: int, stride: int, sums: Any, levels: Any, places: Any,
 ) -> None:
     """Fill the sums of `SurfaceStatistics`."""
     height, width = range_map.shape
@@ -135,8 +137,11 @@ def _accumulate(
             for c in range(3):
                 levels[at // REGION_GROUP, region, c, level_of[image[y, x, c]]] += 1
                 clipped |= image[y, x, c] >= top
-            ranges[at // REGION_GROUP, 0] += here
-            ranges[at // REGION_GROUP, 1] += 1
+            place = places[at // REGION_GROUP, region]
+            place[0] += here
+            place[1] += 1
+            place[2] += y
+            place[3] += x
             if clipped:
                 continue
             row = sums[at // CONTRAST_GROUP]
