@@ -33,9 +33,11 @@ NEIGHBOURING_BINS = 2.0
 # of attenuation that is so many times as large, as range goes with position.
 USUAL = 1.5
 EFFECT = 1.7
-# Differences beyond so many deviations and this part of attenuation refute the estimate.
-SIGNIFICANT = 5.0
-LARGE = 0.25
+# Differences beyond so many deviations and this part of attenuation refute the estimate, for
+# each split; less is needed where surroundings are darker, as lenses and lamps make them.
+SIGNIFICANT = np.array([4.0, 4.0, 5.0])
+LARGE = np.array([0.15, 0.15, 0.25])
+SIGNIFICANT_FALL, LARGE_FALL = 3.5, 0.12
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,7 @@ class Unevenness:
         """OK, or the reason why one attenuation does not describe the frame."""
         part = np.median(np.abs(self.difference) / attenuation, axis=1)
         uneven = (np.abs(self.significance) > SIGNIFICANT) & (part > LARGE)
+        uneven[2] |= self.significance[2] > SIGNIFICANT_FALL and part[2] > LARGE_FALL
         if not uneven.any():
             return Status.OK
         ring = int(np.argmax(np.where(uneven, np.abs(self.significance), 0.0))) == 2
