@@ -10,7 +10,7 @@ import pytest
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.survey_statistics import SurveyStatistics
 
-SHAPE = (48, 64)
+SHAPE = (96, 160)
 RATES = np.array([0.9, 0.5, 0.3])
 
 
@@ -22,7 +22,7 @@ def survey(frames: int, veil: float = 0.0) -> tuple[list[np.ndarray], list[np.nd
     for k in range(frames):
         altitude = 1.5 + 1.5 * (0.5 - 0.5 * np.cos(0.7 * k))
         distance = np.full(SHAPE, altitude) + random.uniform(-0.1, 0.1)
-        ground = np.repeat(random.uniform(0.2, 0.6, (3, 4, 1)), 16, axis=0).repeat(16, axis=1)
+        ground = np.repeat(random.uniform(0.2, 0.6, (6, 10, 1)), 16, axis=0).repeat(16, axis=1)
         light = pattern * np.exp(-RATES * distance[..., np.newaxis])
         images.append((ground * light + veil).astype(np.float32))
         ranges.append(distance.astype(np.float32))
@@ -38,7 +38,7 @@ def spread(images: list[np.ndarray], grounds: list[np.ndarray]) -> np.ndarray:
 
 
 def test_light_that_falls_with_range_and_place_is_evened() -> None:
-    images, ranges, grounds = survey(300)
+    images, ranges, grounds = survey(100)
     statistics = SurveyStatistics.fit(images, ranges)
     corrected = [statistics.correct(*pair) for pair in zip(images, ranges, strict=True)]
     before, after = spread(images, grounds), spread(corrected, grounds)
@@ -46,11 +46,12 @@ def test_light_that_falls_with_range_and_place_is_evened() -> None:
     assert (after < 0.5 * before).all()
     # Grey on average, as bright as the survey at its middle range.
     means = np.mean(corrected, axis=(0, 1, 2))
-    np.testing.assert_allclose(means, statistics.target_mean, rtol=0.02)
+    np.testing.assert_allclose(means, means.mean(), rtol=0.01)
+    np.testing.assert_allclose(means, statistics.target_mean, rtol=0.05)
 
 
 def test_the_fitted_rate_is_that_of_the_decay() -> None:
-    images, ranges, _ = survey(200)
+    images, ranges, _ = survey(60)
     a, b, c = SurveyStatistics.fit(images, ranges).curve
     middle = 2.25
     slope = a * b * np.exp(-b * middle) / (a * np.exp(-b * middle) + c)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullFormatter
 
 from uw_visibility.evaluation.figures.style import (
     CHANNEL_COLOURS,
@@ -26,6 +27,7 @@ from uw_visibility.evaluation.readings import CHANNELS
 from uw_visibility.optics.transfer import from_linear
 
 COLOURS = {"known": OURS, "misplaced": HISTOGRAM, "daylight": PLAIN}
+TICKS = (1, 2, 5, 10, 20, 50, 100, 200)
 ORDER = (("right", "within 20 %", OURS), ("other", "assessed, not within 20 %", HISTOGRAM),
          ("refused", "refused", "#cccccc"))
 
@@ -45,7 +47,7 @@ def draw_visibility(path: Path, results: Sequence[LampResult], summary: Summary)
     figure = Figure(figsize=(11.0, 4.8), layout="constrained")
     scatter, bars = figure.subplots(1, 2, width_ratios=(3, 2))
     truth = np.array([result.truth.distance for result in results])
-    ends = np.array([0.9 * truth.min(), 1.1 * truth.max()])
+    ends = np.array([0.85 * truth.min(), 1.15 * truth.max()])
     scatter.fill_between(
         ends, (1 - NEAR) * ends, (1 + NEAR) * ends, color="black", alpha=0.07, linewidth=0.0)
     scatter.plot(ends, ends, **TRUTH_STYLE)
@@ -57,20 +59,25 @@ def draw_visibility(path: Path, results: Sequence[LampResult], summary: Summary)
             shift, [r.distance for r in readings], [r.distance_stddev for r in readings],
             fmt="o", color=COLOURS[name], markersize=4.0, linewidth=0.8, label=TOLD[name],
         )
-    scatter.set_xscale("log")
-    scatter.set_yscale("log")
+    scales = ((scatter.xaxis, scatter.set_xscale), (scatter.yaxis, scatter.set_yscale))
+    for axis, set_scale in scales:
+        set_scale("log")
+        axis.set_major_locator(FixedLocator(TICKS))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
     scatter.set_xlabel("true visibility distance [m]")
     scatter.set_ylabel("published visibility distance [m], ± 1 σ")
     scatter.grid(alpha=0.25, which="both")
     scatter.legend(frameon=False)
     left = np.zeros(len(TOLD))
+    names = [
+        f"{title}\n> 3 σ: {100.0 * summary['told'][name]['beyond']['visibility']:.0f} %"
+        for name, title in TOLD.items()
+    ]
     for kind, label, colour in ORDER:
         share = np.array([_share(summary["told"][name], kind) for name in TOLD])
-        bars.barh(list(TOLD.values()), share, left=left, color=colour, label=label)
+        bars.barh(names, share, left=left, height=0.6, color=colour, label=label)
         left += share
-    for k, name in enumerate(TOLD):
-        beyond = 100.0 * summary["told"][name]["beyond"]["visibility"]
-        bars.text(50.0, k - 0.46, f"> 3 σ: {beyond:.0f} %", ha="center", va="top", fontsize=9)
     bars.set_xlim(0.0, 100.0)
     bars.invert_yaxis()
     bars.set_xlabel("frames [%]")
