@@ -21,7 +21,6 @@ setup(
     maintainer_email="uw_visibility@example.org",
     license="Apache-2.0",
     license_files=["LICENSE"],
-    project_urls={"Paper": "https://doi.org/10.1109/ICRA.2014.6907416"},
     keywords=["underwater", "stereo", "visibility", "attenuation", "AUV", "ROS 2"],
     classifiers=[
         "Development Status :: 4 - Beta",

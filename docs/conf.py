@@ -20,15 +20,15 @@ release = version = uw_visibility.__version__
 
 extensions = [
     "sphinx.ext.autodoc",
-    "sphinx.ext.mathjax",
     "myst_parser",
     "numpydoc",
     "sphinx_copybutton",
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
+    "mathml",
     "reference_pages",
 ]
-exclude_patterns = ["_build", "generated", "examples", "**/sg_execution_times.rst"]
+exclude_patterns = ["_build", "generated", "examples"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 
 smartquotes = False  # what is shown is what code says and messages hold
@@ -48,16 +48,19 @@ sphinx_gallery_conf = {
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "show_signature": False,
+    "write_computation_times": False,
     "min_reported_time": 10_000,
     "abort_on_example_error": True,
     "remove_config_comments": True,
 }
 suppress_warnings = ["config.cache"]
 
+html_math_renderer = "mathml"
 html_theme = "pydata_sphinx_theme"
 html_title = "uw_visibility"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {

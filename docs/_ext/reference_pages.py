@@ -71,7 +71,7 @@ def commands() -> Iterator[str]:
             actions = [a for a in group._group_actions if a.dest not in ("help", "debug")]
             if actions:
                 yield from (f"**{(group.title or '').capitalize()}**", "")
-                yield from _table(("", "Meaning"), [_option(parser, a) for a in actions])
+                yield from _table(("Argument", "Meaning"), [_option(parser, a) for a in actions])
         yield from _text(parser.epilog or "")
 
 

@@ -63,15 +63,16 @@ def columns(name, *names):
 
 
 fig, ax = plt.subplots(figsize=(7, 3.2), layout="constrained")
-for name, colour in (("before", "tab:red"), ("after", "tab:blue")):
+for name, colour, shift in (("before", "tab:red", -0.15), ("after", "tab:blue", 0.15)):
     frame, depth, sigma, sensor = columns(name, "frame", "depth", "depth_stddev", "sensor_depth")
-    ax.errorbar(frame, depth, sigma, fmt=".", color=colour, label=f"{name} calibration, ± σ")
+    label = f"{name} calibration, ± σ"
+    ax.errorbar(frame + shift, depth, sigma, fmt=".", color=colour, label=label)
     print(f"{name}: {np.isfinite(depth).sum()} of {len(depth)} frames assessed, "
           f"median |difference| {np.nanmedian(np.abs(depth - sensor)):.2f} m")
 ax.plot(frame, sensor, "k--", lw=1, label="depth sensor")
 ax.set(xlabel="frame", ylabel="depth, m")
 ax.invert_yaxis()
-ax.legend()
+ax.legend(loc="lower left")
 plt.show()
 
 # %%
