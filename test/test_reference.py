@@ -21,7 +21,7 @@ from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages import synchronizer
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.plausibility.verdict import Verdict
-from uw_visibility.replay.table import COLUMNS
+from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.status import Status
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -116,10 +116,15 @@ def test_every_reason_of_the_synchroniser_is_there() -> None:
     assert {text for text in texts if f"{text.removeprefix('image ')}" not in page} == set()
 
 
-def test_every_column_of_the_table_is_there() -> None:
-    page = written("files.md")
-    plain = {column for column in COLUMNS if not column.endswith("_stddev")}
-    assert {column for column in plain if f"`{column}`" not in page} == set()
+def test_every_column_of_the_table_is_there(pages: dict[str, str]) -> None:
+    table = {name.partition("`")[0]: cells for name, cells in rows(pages["columns.md"]).items()}
+    assert "filtered_visibility_distance" in table
+    for name, column in COLUMNS.items():
+        if column.stddev_of:
+            assert "…_stddev" in table[column.stddev_of][0]
+        else:
+            assert column.title in table[name][2]
+            assert column.unit in ("1", table[name][1])
 
 
 def listed() -> list[str]:

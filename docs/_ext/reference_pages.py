@@ -14,11 +14,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.cli import COMMANDS, make_parser
+from uw_visibility.cli import make_parser
 from uw_visibility.config.parameters import ParameterInfo, describe
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.plausibility.verdict import Verdict
+from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.report.meaning import MEANINGS, REMEDIES
 from uw_visibility.status import Status
 
@@ -39,7 +40,7 @@ def pages() -> dict[str, str]:
     """Return the generated parts of the reference by file name."""
     makers: dict[str, Callable[[], Iterator[str]]] = {
         "parameters.md": parameters, "commands.md": commands, "topics.md": topics,
-        "statuses.md": statuses, "verdicts.md": verdicts,
+        "statuses.md": statuses, "verdicts.md": verdicts, "columns.md": columns,
     }
     return {name: "\n".join(make()) + "\n" for name, make in makers.items()}
 
@@ -99,9 +100,16 @@ def verdicts() -> Iterator[str]:
     yield from _table(("Verdict", "Meaning"), [(f"`{v}`", VERDICTS[v]) for v in Verdict])
 
 
-def command_names() -> list[str]:
-    """Return the names of all commands."""
-    return [module.__name__.rpartition(".")[2] for module in COMMANDS]
+def columns() -> Iterator[str]:
+    """Yield a table of the columns of frames.csv; standard deviations with what they are of."""
+    deviations = {column.stddev_of for column in COLUMNS.values()}
+    rows = [
+        (f"`{name}`" + (" (`…_stddev`)" if name in deviations else ""),
+         "" if column.unit in ("", "1") else column.unit,
+         f"{column.title}. {column.description}".strip())
+        for name, column in COLUMNS.items() if not column.stddev_of
+    ]
+    yield from _table(("Column", "Unit", "Meaning"), rows)
 
 
 def _subparsers() -> dict[str, argparse.ArgumentParser]:
