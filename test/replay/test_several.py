@@ -46,7 +46,7 @@ def test_of_several_bags_one_that_is_unreadable_holds_up_no_other(
     assert ended.value.code == 1
     printed = capsys.readouterr()
     assert "cannot read bag" in printed.err
-    assert "transect: 2 frames, water assessed in 2" in printed.out
+    assert "transect: Visibility was assessed in all 2 frames, " in printed.out
     table = tmp_path / "day" / "transect" / "frames.csv"
     before = table.stat().st_mtime_ns
     # What is complete is not made again.
@@ -74,7 +74,7 @@ def test_of_several_bags_one_that_cannot_be_used_holds_up_no_other(
     assert ended.value.code == 1
     printed = capsys.readouterr()
     assert printed.err.count("no pair of images") == 2
-    assert "transect: 2 frames" in printed.out
+    assert "transect: Visibility was assessed in all 2 frames, " in printed.out
     assert "2024" not in printed.out
     assert {p.name for p in (tmp_path / "day").iterdir()} == {"transect"}
 

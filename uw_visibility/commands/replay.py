@@ -252,14 +252,21 @@ def _tell(summary: Summary) -> None:
     if summary.error:
         say(f"uw_visibility: {summary.error}", error=True)
         return
+    from uw_visibility.replay.report.sentences import definition, verdict
+
+    sentences = ["".join(map(str, parts)) for parts in verdict(summary)]
+    if summary.synopsis is not None and summary.synopsis.told:
+        sentences.append(definition(summary.synopsis.contrast))
+    for place, sentence in enumerate(sentences):
+        say(f"  {sentence}" if place else f"{summary.bag}: {sentence}")
     rate = summary.frames / summary.seconds if summary.seconds else 0.0
     again = f", {summary.resumed} of them from before" if summary.resumed else ""
     took = f", {summary.seconds:.1f} s ({rate:.1f} frames/s)" if summary.seconds else ""
     say(
-        f"{summary.bag}: {summary.frames} frames{again}, water assessed in {summary.assessed}"
+        f"  {summary.frames} frames{again}, water assessed in {summary.assessed}"
         f"{took}; written to {summary.output}"
     )
-    for note in filter(None, (*summary.notes, summary.rejections(), summary.surveyed())):
+    for note in summary.notes:
         say(f"  {note}")
     for refusal in summary.refusals.together():
         what = f"not assessable: {refusal.what}: {refusal.why}"

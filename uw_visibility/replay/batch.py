@@ -11,6 +11,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.replay.bags.layout import find_files
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.pool import FramePool
+from uw_visibility.replay.report.sentences import verdict
 from uw_visibility.replay.results.folder import MARK, check_target, read_state
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.summary import Summary
@@ -127,7 +128,10 @@ def _finished(bag: Path, target: Path, options: ReplayOptions) -> Summary | None
     try:
         summary = Summary.of_finished(str(bag), str(target), state)
         # What is told of it at the end needs more of the state than its form.
-        for tell in (summary.rejections, summary.surveyed, summary.refusals.together):
+        for tell in (
+            summary.rejections, summary.surveyed, summary.refusals.together,
+            lambda: verdict(summary),
+        ):
             tell()
         return summary
     except (LookupError, TypeError, ValueError, AttributeError) as error:

@@ -28,6 +28,7 @@ from uw_visibility.replay.results.parquet import check_parquet, write_parquet
 from uw_visibility.replay.results.provenance import FileHash, Origin
 from uw_visibility.replay.results.recorder import FrameRecorder
 from uw_visibility.replay.results.summary import Summary
+from uw_visibility.replay.results.synopsis import Findings
 from uw_visibility.replay.table import read_rows
 from uw_visibility.replay.work import FrameAnswer, FrameTask, Recording
 
@@ -120,6 +121,7 @@ class _Replay:
             stream.plausibility, selection.position is not None, options.origin, options.joins,
             options.join_tolerance,
         )
+        self._findings = Findings(options.pipeline.assessment.contrast)
         folder.write_state(self._state())
 
     def run(self, pool: FramePool) -> None:
@@ -183,6 +185,7 @@ class _Replay:
         for joined in frames:
             self._recorder.write_row(joined)
             self.summary.count(joined)
+            self._findings.count(joined)
 
     def _finish(self, hashed: bool) -> None:
         """Close everything, whole or partial, and write report and summary."""
@@ -207,6 +210,7 @@ class _Replay:
     def _collect(self) -> None:
         stream, summary = self._stream, self.summary
         summary.plausibility = self._joiner.report()
+        summary.synopsis = self._findings.synopsis()
         summary.verdicts = self._joiner.verdicts
         summary.resumed = self._recorder.resumed
         summary.dropped = stream.synchronizer.dropped

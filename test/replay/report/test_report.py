@@ -23,6 +23,10 @@ from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.report.figures import MOST_POINTS, NEEDED, draw_series
 from uw_visibility.replay.report.meaning import MEANINGS, REMEDIES, meaning
 from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_track
+from uw_visibility.replay.table import read_rows
+from uw_visibility.simulation.bag import write_transect
+from uw_visibility.simulation.camera import StereoCamera
+from uw_visibility.simulation.transect import Transect
 from uw_visibility.status import Status
 from uw_visibility.water import assessment
 
@@ -92,12 +96,58 @@ def test_colours_mean_the_same_disparity_in_all_pictures(replayed: Path) -> None
 def test_numbers_tables_and_parameters_are_there(replayed: Path, tmp_path: Path) -> None:
     text = Page(replayed / "report.html").text
     for words in (
-        "visibility distance, median", "improved disparity", "/depth_sensor",
+        "visibility distance, 2.35/β of the clearest channel; median", "improved disparity",
         "too uncertain: a difference of … m would pass", "SHA-256", "stereo.max_disparity", "± ",
+        "/depth_sensor",
     ):
         assert words in text
     assert "Partial result" not in text
     assert "could be used" not in text
+
+
+def said(page: str) -> str:
+    """The sentences that a page opens with, as text."""
+    opening = re.search(r'<div class="verdict">(.*?)</div>', page, re.DOTALL)
+    assert opening
+    return " ".join(re.sub(r"<[^>]*>", "", opening[1]).split())
+
+
+def test_the_report_opens_with_what_the_table_says(replayed: Path) -> None:
+    page = Page(replayed / "report.html")
+    rows = list(read_rows(replayed / "frames.csv"))
+    filtered = [float(row["filtered_visibility_distance"]) for row in rows]
+    opening = said(page.text)
+    assert f"Visibility was assessed in all {FRAMES} frames, from 2023-11-14 22:13:20" in opening
+    # What differs between these few frames is within their standard deviations.
+    found = re.search(r"It was ([\d.]+) ± [\d.]+ m throughout .* Lowest, ([\d.]+) m, in", opening)
+    assert found
+    assert float(found[1]) == pytest.approx(np.median(filtered), abs=0.06)
+    assert float(found[2]) == pytest.approx(min(filtered), abs=0.06)
+    assert "The filter over frames rejected none" in opening
+    # Before any figure, and with its definition.
+    places = [page.text.index(part) for part in ('"verdict"', 'id="definition"', "<svg")]
+    assert places == sorted(places)
+    linked = [address for address in page.addresses if address.startswith("#frame-")]
+    assert linked
+    assert all(f'id="{address[1:]}"' in page.text for address in linked)
+
+
+def test_water_too_turbid_to_see_in_is_said_to_be_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_transect(tmp_path / "turbid", Transect(
+        frames=2, attenuation=(2.5, 3.0), camera=StereoCamera(160, 120, 150.0, 0.12)))
+    done = run(tmp_path / "turbid", tmp_path / "out", capsys=capsys)
+    text = Page(tmp_path / "out" / "report.html").text
+    opening = said(text)
+    assert {row["visibility_distance"] for row in done.rows} == {""}
+    assert opening.startswith("Visibility could not be assessed in any of 2 frames, from 2023-1")
+    assert "Why not: too few" in opening
+    assert "<b>0 %</b><span>of them show visibility by themselves</span>" in text
+    assert "100 %" not in text[:text.index("Over time")]
+    assert done.out.startswith(f"{tmp_path / 'turbid'}: Visibility could not be assessed in any of")
+    again = run(tmp_path / "turbid", tmp_path / "out", "--resume", capsys=capsys)
+    assert again.out.startswith(done.out.partition("\n")[0])
 
 
 def test_what_was_not_assessable_is_explained(transect: Path, tmp_path: Path) -> None:
@@ -114,6 +164,7 @@ def test_what_was_not_assessable_is_explained(transect: Path, tmp_path: Path) ->
     assert {row["visibility_distance"] for row in done.rows} == {""}
     text = Page(tmp_path / "out" / "report.html").text
     assert MEANINGS[Status.NO_COLOUR] in text
+    assert said(text).startswith(f"Visibility could not be assessed in any of {FRAMES} frames")
     assert "not assessable" in text
 
 
@@ -150,11 +201,11 @@ def test_frames_that_the_filter_rejected_are_told(
     events = [row["filtering"] for row in done.rows]
     rejected, followed = events.count("outlier"), events.count("restarted")
     assert rejected > 0
-    told = f"filter rejected {rejected} of {len(events)} frames"
+    told = f"The filter rejected {rejected} of {len(events)} frames"
     told += f", and followed {followed} run" * (followed > 0)
     state = json.loads((tmp_path / "out" / "replay.json").read_text())
     assert state["filtering"]["outlier"] == rejected
-    assert told in Page(tmp_path / "out" / "report.html").text
+    assert told in said(Page(tmp_path / "out" / "report.html").text)
     again = run(dive, tmp_path / "out", "--params-file", str(params), "--resume", capsys=capsys)
     assert told in done.out
     assert told in again.out

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,21 +18,23 @@ from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import LONGEST_MESSAGE, printable
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.topics import Selection
+from uw_visibility.replay.report.captions import caption
 from uw_visibility.replay.report.colours import ColourScale, gradient
+from uw_visibility.replay.report.derived import derived_quantities
 from uw_visibility.replay.report.figures import NEEDED, data_uri, draw_series
-from uw_visibility.replay.report.gallery import Picture, pictures, preview
+from uw_visibility.replay.report.gallery import pictures, preview
 from uw_visibility.replay.report.meaning import meaning
+from uw_visibility.replay.report.overview import OVERVIEW_COLUMNS, contrast_of, overview
+from uw_visibility.replay.report.sentences import Frames, formula, verdict
 from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_track
 from uw_visibility.replay.results.refusals import OTHER_CHANNELS, STATUS_COLUMNS, WHOLE_FRAME
 from uw_visibility.replay.table import read_columns, read_rows
-from uw_visibility.water.derived import QUANTITIES
 
 if TYPE_CHECKING:
     from uw_visibility.replay.results.summary import Summary
 
 EVENLY_SPACED = 5
 PICTURE_WIDTH = 1200
-MATCHED = ("matched_fraction", "matched_fraction_original")
 TOPIC_TITLES = {"depth": "depth sensor", "left_info": "left camera_info",
                 "right_info": "right camera_info"}
 
@@ -68,28 +69,29 @@ def write_report(
         trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined, finalize=_shown,
     )
     columns = read_columns(
-        folder / "frames.csv", [*dict.fromkeys((*NEEDED, *TRACK_COLUMNS, *MATCHED))]
+        folder / "frames.csv", [*dict.fromkeys((*NEEDED, *TRACK_COLUMNS, *OVERVIEW_COLUMNS))]
     )
+    contrast = contrast_of(summary)
+    shown = [
+        {
+            "frame": picture.row["frame"],
+            "source": Markup(data_uri(preview(picture.side_by_side(), PICTURE_WIDTH))),
+            "caption": caption(picture.row, formula(contrast)),
+        }
+        for picture in pictures(
+            folder, reader, selection, scale, _representative(folder, summary)
+        )
+    ]
     text = environment.get_template("report.html").render(
+        **overview(columns, summary, [picture["frame"] for picture in shown]),
         title=f"Visibility: {Path(summary.bag).name}",
-        subtitle=_subtitle(columns, summary),
         summary=summary,
         problems=summary.damage,
-        numbers=_numbers(columns, summary),
         series=draw_series(columns) if summary.frames else "<p>There are no frames.</p>",
         track=draw_track(columns),
-        derived=_derived(folder / "frames.csv"),
+        derived=derived_quantities(folder / "frames.csv"),
         joins=joins,
-        pictures=[
-            {
-                "frame": picture.row["frame"],
-                "source": Markup(data_uri(preview(picture.side_by_side(), PICTURE_WIDTH))),
-                "caption": _caption(picture),
-            }
-            for picture in pictures(
-                folder, reader, selection, scale, _representative(folder)
-            )
-        ],
+        pictures=shown,
         colours=_colours(scale),
         refusals=_refusals(summary),
         other_channels=summary.refusals.has(OTHER_CHANNELS),
@@ -108,101 +110,23 @@ def _shown(value: Any) -> Any:
     return value if own else printable(value, LONGEST_MESSAGE)
 
 
-def _representative(folder: Path) -> set[str]:
-    """Choose frames: evenly spaced ones, the clearest and the murkiest, one of each refusal."""
+def _representative(folder: Path, summary: Summary) -> set[str]:
+    """Choose frames: evenly spaced ones, the worst and the best, one of each refusal."""
     rows = [
-        (row["frame"], [row[c] for c in STATUS_COLUMNS.values()], row["visibility_distance"])
+        (row["frame"], [row[c] for c in STATUS_COLUMNS.values()])
         for row in read_rows(folder / "frames.csv") if not row["reason"]
     ]
     if not rows:
         return set()
     spaced = np.unique(np.linspace(0, len(rows) - 1, EVENLY_SPACED).round().astype(int))
     chosen = {rows[index][0] for index in spaced}
-    seen = sorted((float(distance), frame) for frame, _, distance in rows if distance)
-    if seen:
-        chosen |= {seen[0][1], seen[-1][1]}
+    for parts in verdict(summary):
+        chosen |= {str(part.frame) for part in parts if isinstance(part, Frames)}
     refused = {
-        (status, place): frame for frame, statuses, _ in reversed(rows)
+        (status, place): frame for frame, statuses in reversed(rows)
         for place, status in enumerate(statuses) if status != "ok"
     }
     return chosen | set(refused.values())
-
-
-def _subtitle(columns: dict[str, Any], summary: Summary) -> str:
-    stamps = columns["stamp"]
-    if not len(stamps):
-        return summary.bag
-    first, last = (datetime.fromtimestamp(float(t), UTC) for t in (stamps.min(), stamps.max()))
-    return f"{first:%Y-%m-%d %H:%M:%S} to {last:%Y-%m-%d %H:%M:%S} UTC, {summary.bag}"
-
-
-def _numbers(columns: dict[str, Any], summary: Summary) -> list[tuple[str, str]]:
-    numbers = [(str(summary.frames), "frames")]
-    if summary.frames:
-        share = summary.assessed / summary.frames
-        numbers.append((_percent(share), "of them with the water assessed"))
-    for name, unit, title in (
-        ("visibility_distance", "m", "visibility distance"),
-        ("mean_attenuation", "1/m", "mean attenuation α"),
-        ("depth", "m", "depth by colour"),
-    ):
-        known = columns[name][np.isfinite(columns[name])]
-        if known.size:
-            low, middle, high = np.percentile(known, [5.0, 50.0, 95.0])
-            numbers.append((
-                f"{middle:.3g} {unit}", f"{title}, median; {low:.3g} to {high:.3g} in 90 % of them"
-            ))
-    enhanced, original = (columns[name][np.isfinite(columns[name])] for name in MATCHED)
-    if original.size:
-        numbers.append((
-            _percent(float(np.median(enhanced))),
-            f"matched, median; {_percent(float(np.median(original)))} of the pairs as recorded",
-        ))
-    return numbers
-
-
-def _derived(table: Path) -> list[dict[str, str]]:
-    """Return the field's quantities, derived from the filtered water where there is one."""
-    columns = read_columns(
-        table, [f"{prefix}{name}{end}" for prefix in ("", "filtered_") for name in QUANTITIES
-                for end in ("", "_stddev")])
-    rows = []
-    for name, quantity in QUANTITIES.items():
-        prefix = "filtered_" if np.isfinite(columns[f"filtered_{name}"]).any() else ""
-        values, stddev = columns[f"{prefix}{name}"], columns[f"{prefix}{name}_stddev"]
-        known = np.isfinite(values)
-        if known.any():
-            low, middle, high = np.percentile(values[known], [5.0, 50.0, 95.0])
-            spread = float(np.median(stddev[known]))
-            unit = quantity.unit.replace("m-1", "1/m")
-            rows.append({
-                "title": quantity.title, "median": f"{middle:.3g} ± {spread:.2g} {unit}",
-                "span": f"{low:.3g} to {high:.3g} {unit}",
-                "definition": quantity.definition, "caveat": quantity.caveat,
-                "source": quantity.source,
-            })
-    return rows
-
-
-def _caption(picture: Picture) -> str:
-    row = picture.row
-    parts = [f"Frame {row['frame']}", f"water: {row['status']}"]
-    for name, title, unit, column in (
-        ("visibility_distance", "visibility", "m", "visibility_status"),
-        ("mean_attenuation", "α", "1/m", "status"), ("depth", "depth", "m", "depth_status"),
-    ):
-        if row[name]:
-            band = f" ± {float(row[name + '_stddev']):.2g}" if row[name + "_stddev"] else ""
-            parts.append(f"{title} {float(row[name]):.3g}{band} {unit}")
-        elif row[column] != row["status"]:
-            parts.append(f"{title}: {row[column]}")
-    if row["sensor_depth"]:
-        parts.append(f"sensor {float(row['sensor_depth']):.2f} m")
-    matched = f"{_percent(float(row['matched_fraction']))} matched"
-    if row["matched_fraction_original"]:
-        matched += f" ({_percent(float(row['matched_fraction_original']))} of the pair as recorded)"
-    parts.append(matched)
-    return ", ".join(parts)
 
 
 def _colours(scale: ColourScale | None) -> dict[str, str] | None:
@@ -210,10 +134,6 @@ def _colours(scale: ColourScale | None) -> dict[str, str] | None:
         return None
     low, high = scale.describe(scale.low), scale.describe(scale.high)
     return {"low": low, "high": high, "gradient": gradient()}
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %"
 
 
 def _refusals(summary: Summary) -> list[dict[str, Any]]:

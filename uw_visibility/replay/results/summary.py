@@ -16,6 +16,7 @@ from uw_visibility.replay.reasons import count_reason
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.refusals import Refusals
+from uw_visibility.replay.results.synopsis import Synopsis
 from uw_visibility.water.survey import SurveyEstimate
 from uw_visibility.water.tracking import TrackingEvent
 
@@ -63,6 +64,8 @@ class Summary:
         Of the depth sensor.
     verdicts : Counter of str
         Frames by verdict of the plausibility test.
+    synopsis : Synopsis or None
+        Of visibility as a whole; None before the end.
     """
 
     bag: str
@@ -86,6 +89,7 @@ class Summary:
     provenance: dict[str, Any] = field(default_factory=dict)
     plausibility: Report | None = None
     verdicts: Counter[str] = field(default_factory=Counter)
+    synopsis: Synopsis | None = None
 
     @property
     def assessed(self) -> int:
@@ -157,6 +161,7 @@ class Summary:
             "unusable": dict(self.reasons), "not_assessable": self.refusals.state(),
             "filtering": dict(self.filtering),
             "survey": self.survey,
+            "synopsis": None if self.synopsis is None else self.synopsis.state(),
             "dropped": dict(self.dropped),
             "damage": self.damage, "plausibility": dict(self.verdicts),
             "seconds": round(self.seconds, 3), "python": sys.version.split()[0],
@@ -175,4 +180,6 @@ class Summary:
             filtering=Counter(state.get("filtering")), survey=dict(state.get("survey", {})),
             dropped=Counter(state["dropped"]),
             damage=list(state["damage"]), topics=state["topics"],
+            synopsis=None if state.get("synopsis") is None else Synopsis.of_state(
+                state["synopsis"]),
         )

@@ -1,0 +1,175 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The sentences that a result opens with are true, and name what they should."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from frame_records import frame_estimate, frame_record
+
+from uw_visibility.optics.light_model import visibility_distance
+from uw_visibility.replay.records import JoinedFrame
+from uw_visibility.replay.report.sentences import definition, number, rounded, verdict
+from uw_visibility.replay.results.provenance import Origin
+from uw_visibility.replay.results.summary import Summary
+from uw_visibility.replay.results.synopsis import Findings, Synopsis
+from uw_visibility.status import Status
+from uw_visibility.water.assessment import Visibility
+from uw_visibility.water.filter import FilteredWater
+from uw_visibility.water.observations import Envelopes
+from uw_visibility.water.survey import SurveyEstimate
+from uw_visibility.water.tracking import TrackingEvent
+
+BASE = 1_700_000_000.0
+
+
+def envelope(low: float, high: float) -> Envelopes:
+    nothing = np.zeros((3, 1))
+    return Envelopes(
+        np.ones(1), np.ones(1, np.int64), nothing, nothing, nothing, nothing, nothing,
+        np.zeros(3), 1, np.zeros(3), np.zeros(3), False, limits=(low, high),
+    )
+
+
+def seen(
+    number: int, distance: float, stddev: float = 0.1, *, reach: tuple[float, float] = (1.0, 9.0),
+    status: Status = Status.OK, filtered: float | None = None,
+    event: TrackingEvent = TrackingEvent.UPDATED, survey: SurveyEstimate | None = None,
+) -> JoinedFrame:
+    """Frame with a distance, or without (NaN), and what a filter makes of it."""
+    estimate = frame_estimate(
+        status, status=status, distance=distance, distance_stddev=stddev + 0.0 * distance)
+    estimate = replace(estimate, water=replace(estimate.water, envelope=envelope(*reach)))
+    of_filter = None
+    if filtered is not None:
+        visibility = Visibility(
+            Status.OK, Status.OK, distance=filtered, distance_stddev=stddev)
+        of_filter = FilteredWater(estimate.water, visibility, event, survey=survey)
+    return JoinedFrame(frame_record(BASE + number, number, estimate=estimate), of_filter)
+
+
+def told(*frames: JoinedFrame, contrast: float = 0.05) -> tuple[list[str], Summary]:
+    """Sentences of frames, as text."""
+    summary, findings = Summary("bag", "out"), Findings(contrast)
+    for frame in frames:
+        summary.count(frame)
+        findings.count(frame)
+    summary.synopsis = findings.synopsis()
+    return ["".join(map(str, parts)) for parts in verdict(summary)], summary
+
+
+def test_when_where_and_how_far_one_could_see() -> None:
+    distances = [8.0, 8.1, 8.0, 6.0, 4.0, 4.05, 7.0, 7.9]
+    frames = [seen(k, d, reach=(0.5 + k, 3.0 + k)) for k, d in enumerate(distances)]
+    sentences, summary = told(*frames)
+    assert sentences[0] == (
+        "Visibility was assessed in all 8 frames, from 2023-11-14 22:13:20 to 22:13:27 UTC, "
+        "over ranges from 0.50 to 10 m.")
+    assert sentences[1].startswith("It was from 4.00 ± 0.10 m to 8.10 ± 0.10 m, median 7.45 m")
+    assert "2.35/β of green, the clearest channel" in sentences[1]
+    assert sentences[1].endswith("worst in frames 4-5, best in frames 0-2.")
+    assert "beyond" not in sentences[2]
+    linked = [part.frame for part in verdict(summary)[1] if not isinstance(part, str)]
+    assert linked == [4, 1]
+    assert sentences[-1] == "Frames were not filtered: each stands by itself."
+
+
+def test_a_value_that_is_hardly_known_is_neither_worst_nor_best() -> None:
+    sentences, _ = told(seen(0, 6.0), seen(1, 40.0, 35.0), seen(2, 8.0), seen(3, 1.0, 9.0))
+    assert sentences[1].startswith("It was from 6.00 ± 0.10 m to 8.00 ± 0.10 m")
+    assert sentences[1].endswith("worst in frame 0, best in frame 2.")
+
+
+def test_what_differs_within_sigma_is_no_change() -> None:
+    sentences, _ = told(*(seen(k, 6.0 + 0.05 * (k % 2)) for k in range(6)))
+    assert sentences[1].startswith("It was 6.03 ± 0.10 m throughout")
+    assert "within the standard deviations. Lowest, 6.00 m, in frame 0." in sentences[1]
+    assert "worst" not in sentences[1]
+
+
+def test_nothing_assessed_is_said_first_and_why() -> None:
+    sentences, summary = told(
+        *(seen(k, math.nan, status=Status.RANGE_SPREAD_TOO_SMALL) for k in range(3)),
+        JoinedFrame(frame_record(BASE + 3.0, 3, reason="too dark")),
+    )
+    assert sentences[0] == ("Visibility could not be assessed in any of 4 frames, from "
+                            "2023-11-14 22:13:20 to 22:13:23 UTC.")
+    assert sentences[1].startswith("Why not: range spread too small (3), that is: all that is seen")
+    assert "too dark (1)" in sentences[1]
+    assert "%" not in "".join(sentences)
+    assert summary.synopsis is not None and summary.synopsis.share == 0.0
+    assert told()[0] == ["There are no frames, so that nothing can be said of the water."]
+
+
+def test_a_frame_refused_is_a_share_below_all() -> None:
+    frames = [seen(k, 6.0) for k in range(999)]
+    sentences, _ = told(*frames, seen(999, math.nan, status=Status.TOO_DARK))
+    assert "in 999 of 1000 frames (99 %)" in sentences[0]
+    assert any(s.startswith("1 frame does not show it by itself: too dark (1)") for s in sentences)
+
+
+def test_what_lies_beyond_all_that_was_seen_is_said_to_be_extrapolated() -> None:
+    sentences, _ = told(seen(0, 20.0), seen(1, 20.0))
+    assert "Nothing was seen beyond 9.0 m" in sentences[2]
+    assert "to ± 0.50 % (one standard deviation)" in sentences[2]
+    assert "no wrong calibration or camera setting" in sentences[2]
+
+
+def test_the_filter_and_surveys_are_told() -> None:
+    event = TrackingEvent
+    sentences, _ = told(
+        seen(0, 5.0, filtered=6.0, event=event.STARTED), seen(1, 9.0, filtered=6.1),
+        seen(2, 1.0, filtered=6.2, event=event.OUTLIER),
+        seen(3, math.nan, status=Status.NO_TEXTURE, filtered=6.3, event=event.PREDICTED),
+    )
+    assert "from 6.00 ± 0.10 m to 6.30 ± 0.10 m" in sentences[1]
+    assert "filtered over frames" in sentences[1]
+    assert "1 frame without a distance of its own has that of the frames around" in sentences[2]
+    assert "The filter rejected 1 of 3 frames." in sentences
+    sentences, _ = told(seen(0, 5.0, filtered=6.0, event=event.STARTED))
+    assert sentences[-1] == "The filter over frames rejected none of 1 estimate."
+    together = SurveyEstimate(frame_estimate().water, 30, 20.0, 1.6, 2.2)
+    sentences, _ = told(*(
+        seen(k, math.nan, status=Status.RANGE_SPREAD_TOO_SMALL, filtered=6.0,
+             event=event.SURVEYED, survey=together) for k in range(2)))
+    assert sentences[0].startswith("No frame of 2 shows the visibility distance by itself; taken "
+                                   "together, 2 have one")
+    assert sentences[0].endswith("over ranges from 1.6 to 2.2 m.")
+    assert sentences[-1].startswith("Filtered water of 2 frames is that of a survey: up to 30")
+
+
+def test_the_definition_is_that_of_the_code() -> None:
+    for contrast in (0.02, 0.05, 0.1):
+        found = re.search(r"= ([\d.]+)/β", definition(contrast))
+        assert found
+        assert float(found[1]) == pytest.approx(visibility_distance(1.0, contrast), abs=0.005)
+    assert "a contrast of 5 %" in definition(0.05)
+    assert "ln(1/C)/c = 3.0/c" in definition(0.05)
+
+
+def test_the_synopsis_comes_back_from_its_state() -> None:
+    for frames in ([seen(0, 4.0), seen(1, 8.0)], [seen(0, math.nan, status=Status.TOO_DARK)], []):
+        sentences, summary = told(*frames)
+        state = summary.state(Origin("bag", "of its files", "1.0", {}))
+        again = Summary.of_finished("bag", "out", state)
+        assert ["".join(map(str, parts)) for parts in verdict(again)] == sentences
+        assert isinstance(again.synopsis, Synopsis)
+
+
+@pytest.mark.parametrize("value, text", [
+    (0.0, "0"), (0.01234, "0.0123"), (9.999, "10.00"), (12.34, "12.3"), (1234.0, "1234"),
+    (math.inf, "inf"),
+])
+def test_numbers_have_no_exponents(value: float, text: str) -> None:
+    assert number(value) == text
+
+
+def test_a_value_has_the_digits_that_its_deviation_allows() -> None:
+    assert rounded(4.1312, 1.9) == "4.1 ± 1.9"
+    assert rounded(123.4, 25.0) == "123 ± 25"
+    assert rounded(6.1234, 0.012) == "6.123 ± 0.012"

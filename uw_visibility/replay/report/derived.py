@@ -1,0 +1,36 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Table of the field's quantities that are derived from the estimates."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from uw_visibility.replay.report.sentences import number, rounded
+from uw_visibility.replay.table import read_columns
+from uw_visibility.water.derived import QUANTITIES
+
+
+def derived_quantities(table: Path) -> list[dict[str, str]]:
+    """Return the field's quantities, derived from the filtered water where there is one."""
+    columns = read_columns(
+        table, [f"{prefix}{name}{end}" for prefix in ("", "filtered_") for name in QUANTITIES
+                for end in ("", "_stddev")])
+    rows = []
+    for name, quantity in QUANTITIES.items():
+        prefix = "filtered_" if np.isfinite(columns[f"filtered_{name}"]).any() else ""
+        values, stddev = columns[f"{prefix}{name}"], columns[f"{prefix}{name}_stddev"]
+        known = np.isfinite(values)
+        if known.any():
+            low, middle, high = np.percentile(values[known], [5.0, 50.0, 95.0])
+            spread = float(np.median(stddev[known]))
+            unit = quantity.unit.replace("m-1", "1/m")
+            rows.append({
+                "title": quantity.title, "median": f"{rounded(middle, spread)} {unit}",
+                "span": f"{number(low)} to {number(high)} {unit}",
+                "definition": quantity.definition, "caveat": quantity.caveat,
+                "source": quantity.source,
+            })
+    return rows

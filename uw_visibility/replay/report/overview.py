@@ -1,0 +1,94 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Overview that a report opens with: verdict, definition and the numbers in large."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.replay.report.sentences import Frames, definition, formula, number, verdict
+from uw_visibility.replay.results.summary import Summary
+
+MATCHED = ("matched_fraction", "matched_fraction_original")
+OVERVIEW_COLUMNS = ("mean_attenuation", "depth", *MATCHED)
+
+
+def overview(
+    columns: Mapping[str, NDArray[np.float64]], summary: Summary, shown: Collection[str]
+) -> dict[str, Any]:
+    """Return what a page opens with.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray, (n,) float64
+        Those of `OVERVIEW_COLUMNS`.
+    summary : Summary
+    shown : collection of str
+        Numbers of the frames with a picture on the page, which the sentences link to.
+
+    Returns
+    -------
+    dict
+        ``sentences``, each a list of parts with ``text`` and ``frame`` (empty without a
+        picture); ``definition``; ``formula``; ``numbers``, pairs of value and name.
+    """
+    contrast = contrast_of(summary)
+    return {
+        "sentences": [[_part(part, shown) for part in parts] for parts in verdict(summary)],
+        "definition": definition(contrast),
+        "formula": formula(contrast),
+        "numbers": _numbers(columns, summary, formula(contrast)),
+    }
+
+
+def contrast_of(summary: Summary) -> float:
+    """Return the contrast that a result's visibility distance is for."""
+    return float(summary.provenance["parameters"]["assessment.contrast"])
+
+
+def _part(part: str | Frames, shown: Collection[str]) -> dict[str, str]:
+    frame = str(part.frame) if isinstance(part, Frames) else ""
+    return {"text": str(part), "frame": frame if frame in shown else ""}
+
+
+def _numbers(
+    columns: Mapping[str, NDArray[np.float64]], summary: Summary, short: str
+) -> list[tuple[str, str]]:
+    numbers = [(str(summary.frames), "frames")]
+    synopsis = summary.synopsis
+    if synopsis is not None and synopsis.frames:
+        numbers.append((percent(synopsis.share), "of them show visibility by themselves"))
+    if synopsis is not None and synopsis.told:
+        numbers.append((
+            f"{number(synopsis.median)} m",
+            f"visibility distance, {short} of the clearest channel; median, "
+            f"{number(synopsis.low)} to {number(synopsis.high)} m in 90 % of the frames",
+        ))
+    for name, unit, title in (
+        ("mean_attenuation", "1/m", "mean attenuation α, beyond that of clear water"),
+        ("depth", "m", "depth by colour"),
+    ):
+        known = columns[name][np.isfinite(columns[name])]
+        if known.size:
+            low, middle, high = (number(v) for v in np.percentile(known, [5.0, 50.0, 95.0]))
+            numbers.append((
+                f"{middle} {unit}", f"{title}; median, {low} to {high} {unit} in 90 % of the frames"
+            ))
+    enhanced, original = (columns[name][np.isfinite(columns[name])] for name in MATCHED)
+    if original.size:
+        numbers.append((
+            percent(float(np.median(enhanced))),
+            f"matched, median; {percent(float(np.median(original)))} of the pairs as recorded",
+        ))
+    return numbers
+
+
+def percent(share: float) -> str:
+    """Return a share as a percentage; only all is 100 %, and only nothing 0 %."""
+    if 0.0 < share < 1.0:
+        share = min(max(share, 0.01), 0.99)
+    return f"{100.0 * share:.0f} %"

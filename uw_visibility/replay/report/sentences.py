@@ -1,0 +1,261 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Sentences that a result opens with: what was seen, how well, and why not better."""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+from typing import NamedTuple
+
+from uw_visibility.errors import printable
+from uw_visibility.replay.report.meaning import MEANINGS
+from uw_visibility.replay.results.refusals import DISTANCE, WHOLE_FRAME, Refusal
+from uw_visibility.replay.results.summary import TAKEN, Summary
+from uw_visibility.replay.results.synopsis import Extreme, Synopsis
+from uw_visibility.water.tracking import TrackingEvent
+
+# Reasons that are said in words; the table of refusals has all of them.
+MOST_REASONS = 3
+
+
+class Frames(NamedTuple):
+    """Frames that a sentence names, to be linked to the picture of one of them.
+
+    Attributes
+    ----------
+    text : str
+        Their numbers.
+    frame : int
+        The one to look at.
+    """
+
+    text: str
+    frame: int
+
+    def __str__(self) -> str:
+        return self.text
+
+
+Sentence = list[str | Frames]
+
+
+def verdict(summary: Summary) -> list[Sentence]:
+    """Say in sentences what a replay found, how far it may be trusted, and why not more.
+
+    Parameters
+    ----------
+    summary : Summary
+        With its synopsis.
+
+    Returns
+    -------
+    list of list of str or Frames
+        Parts of each sentence; nothing without a synopsis.
+    """
+    synopsis = summary.synopsis
+    if synopsis is None:
+        return []
+    if not synopsis.frames:
+        return [["There are no frames, so that nothing can be said of the water."]]
+    found = [_seen(synopsis)]
+    if synopsis.told:
+        found += [_distance(synopsis), _trust(synopsis)]
+    refused = _refused(summary, synopsis)
+    return [*found, *([refused] if refused else []), *_filtering(summary)]
+
+
+def definition(contrast: float) -> str:
+    """Say what visibility distance is, and what it is not."""
+    factor = Synopsis(0, 0, 0, 0, 0, False, contrast).factor
+    return (
+        "Visibility distance: how far off a white and a black patch side by side still differ by "
+        f"a contrast of {100.0 * contrast:g} % (Michelson), ln((1 + C)/(2C))/β = {factor:.3g}/β, "
+        "with C that contrast and β the attenuation of the clearest channel (Roser, Dunbabin and "
+        "Geiger 2014, eq. 12). It is not Koschmieder's distance of a black object before open "
+        f"water, ln(1/C)/c = {number(math.log(1.0 / contrast), 2)}/c (Duntley 1963), nor the 4.8/c "
+        "at which a diver loses a black disc (Davies-Colley 1988, "
+        "doi:10.4319/lo.1988.33.4_part_1.0616)."
+    )
+
+
+def formula(contrast: float) -> str:
+    """Return visibility distance as a short formula, such as ``2.35/β``."""
+    return f"{Synopsis(0, 0, 0, 0, 0, False, contrast).factor:.3g}/β"
+
+
+def time_span(start: int, end: int) -> str:
+    """Return two stamps, ns, in words; the day once where it is one."""
+    first, last = (datetime.fromtimestamp(stamp / 1e9, UTC) for stamp in (start, end))
+    again = "" if first.date() == last.date() else f"{last:%Y-%m-%d} "
+    return f"{first:%Y-%m-%d %H:%M:%S} to {again}{last:%H:%M:%S} UTC"
+
+
+def clock(stamp: int) -> str:
+    """Return a stamp, ns, as the time of the day (UTC)."""
+    return f"{datetime.fromtimestamp(stamp / 1e9, UTC):%H:%M:%S} UTC"
+
+
+def _seen(synopsis: Synopsis) -> Sentence:
+    when = f"from {time_span(synopsis.start, synopsis.end)}"
+    if not synopsis.told:
+        return [
+            f"Visibility could not be assessed in any of {_count(synopsis.frames)}, {when}."
+        ]
+    where = ""
+    if synopsis.ranges:
+        low, high = synopsis.ranges
+        where = f", over ranges from {number(low, 2)} to {number(high, 2)} m"
+    if not synopsis.assessed:
+        return [
+            f"No frame of {synopsis.frames} shows the visibility distance by itself; taken "
+            f"together, {synopsis.told} have one, {when}{where}."
+        ]
+    return [
+        f"Visibility was assessed in {_share(synopsis.assessed, synopsis.frames)}, {when}{where}."
+    ]
+
+
+def _distance(synopsis: Synopsis) -> Sentence:
+    low, high = synopsis.lowest, synopsis.highest
+    assert low is not None and high is not None
+    how = f"{synopsis.factor:.3g}/β of {_channels(synopsis)}"
+    how += ", filtered over frames" if synopsis.filtered else ""
+    if not synopsis.differs:
+        spread = synopsis.relative_stddev * synopsis.median
+        return [
+            f"It was {_value(synopsis.median, spread)} throughout ({how}): what differs between "
+            f"frames is within the standard deviations. Lowest, {number(low.value)} m, in ",
+            Frames(f"frame {low.frame}", low.frame), ".",
+        ]
+    return [
+        f"It was from {_value(low.value, low.stddev)} to {_value(high.value, high.stddev)}, "
+        f"median {number(synopsis.median)} m ({how}); worst in ", *_frames(low), ", best in ",
+        *_frames(high), ".",
+    ]
+
+
+def _trust(synopsis: Synopsis) -> Sentence:
+    text = (
+        f"How far to trust it: in the median frame to ± {_percent(synopsis.relative_stddev)} (one "
+        "standard deviation), which holds noise and what the scene leaves open, but no wrong "
+        "calibration or camera setting."
+    )
+    if synopsis.ranges and synopsis.median > synopsis.ranges[1]:
+        text += (
+            f" Nothing was seen beyond {number(synopsis.ranges[1], 2)} m: farther than that, it is "
+            "what the same water would let see."
+        )
+    if synopsis.filtered and synopsis.assessed and synopsis.told > synopsis.assessed:
+        bridged = synopsis.told - synopsis.assessed
+        text += f" {_count(bridged)} without a distance of {_its(bridged)} own {_has(bridged)} "
+        text += "that of the frames around."
+    return [text]
+
+
+def _refused(summary: Summary, synopsis: Synopsis) -> Sentence:
+    missing = synopsis.frames - synopsis.assessed
+    if not missing:
+        return []
+    reasons = sorted(
+        (r for r in summary.refusals.together()
+         if r.what == WHOLE_FRAME or DISTANCE in r.what.split(", ")),
+        key=lambda refusal: -refusal.count,
+    )
+    text = f"{_count(missing)} {'does' if missing == 1 else 'do'} not show it by "
+    text += "itself: " if missing == 1 else "themselves: "
+    if not synopsis.assessed:
+        text = "Why not: "
+    text += "; ".join(_reason(refusal) for refusal in reasons[:MOST_REASONS])
+    more = len(reasons) - MOST_REASONS
+    return [text + (f"; and {more} further reasons." if more > 0 else ".")]
+
+
+def _reason(refusal: Refusal) -> str:
+    """Say why, with what that means."""
+    meant = {str(status): text for status, text in MEANINGS.items()}.get(refusal.why, "")
+    text = f"{printable(refusal.why)} ({refusal.count})"
+    return f"{text}, that is: {meant[0].lower()}{meant[1:].rstrip('.')}" if meant else text
+
+
+def _filtering(summary: Summary) -> list[Sentence]:
+    found: list[Sentence] = []
+    taken = sum(summary.filtering[str(event)] for event in TAKEN)
+    if summary.rejections():
+        found.append([f"{_sentence(summary.rejections())}"])
+    elif taken and not summary.filtering[str(TrackingEvent.OUTLIER)]:
+        found.append([f"The filter over frames rejected none of {taken} "
+                      f"estimate{'s' if taken > 1 else ''}."])
+    elif not summary.filtering:
+        found.append(["Frames were not filtered: each stands by itself."])
+    if summary.surveyed():
+        found.append([_sentence(summary.surveyed())])
+    return found
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
+
+
+def _channels(synopsis: Synopsis) -> str:
+    """Name the channels that decide."""
+    counts = sorted(synopsis.channels.items(), key=lambda item: -item[1])
+    if not counts:
+        return "the clearest channel"
+    if len(counts) == 1:
+        return f"{counts[0][0]}, the clearest channel"
+    named = ", ".join(f"{name} in {_count(count)}" for name, count in counts)
+    return f"the clearest channel: {named}"
+
+
+def _frames(extreme: Extreme) -> Sentence:
+    parts: Sentence = []
+    several = len(extreme.runs) > 1 or extreme.runs[0][0] != extreme.runs[0][1]
+    for first, last in extreme.runs:
+        parts.append(", " if parts else "frames " if several else "frame ")
+        inside = first <= extreme.frame <= last
+        text = str(first) if first == last else f"{first}-{last}"
+        parts.append(Frames(text, extreme.frame if inside else first))
+    return parts
+
+
+def _value(value: float, stddev: float) -> str:
+    return f"{rounded(value, stddev)} m"
+
+
+def rounded(value: float, stddev: float) -> str:
+    """Return a value and its standard deviation, with the digits that this allows."""
+    spread = number(stddev, 2)
+    return f"{value:.{len(spread.partition('.')[2])}f} ± {spread}"
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number with so many digits that count, and without an exponent."""
+    if value == 0.0 or not math.isfinite(value):
+        return f"{value:g}"
+    decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0)
+    return f"{value:.{decimals}f}"
+
+
+def _share(part: int, whole: int) -> str:
+    """Return a part in words; one that is not all is not told as 100 %."""
+    if part == whole:
+        return f"all {whole} frames" if whole > 1 else "the only frame"
+    percent = min(max(100.0 * part / whole, 1.0), 99.0)
+    return f"{part} of {whole} frames ({percent:.0f} %)"
+
+
+def _count(count: int) -> str:
+    return "1 frame" if count == 1 else f"{count} frames"
+
+
+def _its(count: int) -> str:
+    return "its" if count == 1 else "their"
+
+
+def _has(count: int) -> str:
+    return "has" if count == 1 else "have"
+
+
+def _percent(share: float) -> str:
+    return f"{number(100.0 * share, 2)} %"

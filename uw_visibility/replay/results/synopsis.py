@@ -1,0 +1,223 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Synopsis of a replay: when and over which ranges the water was seen, and what it let see."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.replay.columns import CHANNELS
+from uw_visibility.replay.records import FrameEstimate, JoinedFrame
+
+# Distances that differ by more than this many standard deviations are told apart.
+SIGNIFICANT = 2.0
+# Runs of frames that are named; what is worst in more places is so nearly everywhere.
+MOST_RUNS = 3
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """Smallest or largest visibility distance of a recording.
+
+    Attributes
+    ----------
+    frame : int
+        Number of the frame that shows it.
+    value, stddev : float
+        m.
+    runs : list of list of int
+        First and last frame of each run of neighbours whose bound is within one standard
+        deviation of this one's; the longest runs.
+    """
+
+    frame: int
+    value: float
+    stddev: float
+    runs: list[list[int]]
+
+
+@dataclass(frozen=True)
+class Synopsis:
+    """What a recording says of visibility as a whole.
+
+    Attributes
+    ----------
+    frames : int
+        All of them.
+    start, end : int
+        First and last stamp, ns.
+    assessed : int
+        Frames that show a visibility distance by themselves.
+    told : int
+        Frames that have one: filtered over frames where `filtered`, else by themselves.
+    filtered : bool
+        Whether the distances below are the filtered ones.
+    contrast : float
+        The smallest that counts as visible: what visibility distance is for.
+    ranges : list of float
+        Nearest and farthest range that the estimates rest on, m; empty without any.
+    lowest, highest : Extreme or None
+        Smallest and largest distance for certain: those with the lowest upper and the
+        highest lower bound, of one standard deviation. A value that is hardly known is
+        neither.
+    median, low, high : float
+        Distance in the median frame, and 5 % and 95 % quantiles, m; NaN without any.
+    relative_stddev : float
+        Standard deviation over distance in the median frame.
+    channels : dict of str to int
+        Frames by the channel that decides, the clearest one.
+    """
+
+    frames: int
+    start: int
+    end: int
+    assessed: int
+    told: int
+    filtered: bool
+    contrast: float
+    ranges: list[float] = field(default_factory=list)
+    lowest: Extreme | None = None
+    highest: Extreme | None = None
+    median: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
+    relative_stddev: float = math.nan
+    channels: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def factor(self) -> float:
+        """Visibility distance times attenuation (eq. 12)."""
+        return math.log((1.0 + self.contrast) / (2.0 * self.contrast))
+
+    @property
+    def share(self) -> float:
+        """Share of the frames that show a distance by themselves."""
+        return self.assessed / self.frames if self.frames else 0.0
+
+    @property
+    def differs(self) -> bool:
+        """Whether the smallest and the largest distance can be told apart."""
+        low, high = self.lowest, self.highest
+        if low is None or high is None:
+            return False
+        return high.value - low.value > SIGNIFICANT * math.hypot(low.stddev, high.stddev)
+
+    def state(self) -> dict[str, Any]:
+        """Serialise for JSON, which has no NaN."""
+        return {
+            name: None if isinstance(value, float) and math.isnan(value) else value
+            for name, value in asdict(self).items()
+        }
+
+    @classmethod
+    def of_state(cls, state: Mapping[str, Any]) -> Synopsis:
+        """Restore from the output of `state`."""
+        found = dict(state)
+        for name in ("median", "low", "high", "relative_stddev"):
+            found[name] = math.nan if found[name] is None else float(found[name])
+        for name in ("lowest", "highest"):
+            found[name] = None if found[name] is None else Extreme(**found[name])
+        return cls(**found)
+
+
+class Findings:
+    """Collector of what a synopsis needs of each frame, 56 bytes a frame.
+
+    Parameters
+    ----------
+    contrast : float
+        Smallest contrast that counts as visible.
+    """
+
+    def __init__(self, contrast: float) -> None:
+        self._contrast = contrast
+        self._frames, self._stamps = array("q"), array("q")
+        self._own, self._filtered = (array("d"), array("d")), (array("d"), array("d"))
+        self._channels: Counter[str] = Counter()
+        self._ranges = (math.inf, -math.inf)
+
+    def count(self, joined: JoinedFrame) -> None:
+        """Take the next frame."""
+        record, filtered = joined.record, joined.filtered
+        self._frames.append(record.frame)
+        self._stamps.append(record.stamp)
+        own = math.nan, math.nan
+        if record.estimate is not None and math.isfinite(record.estimate.visibility.distance):
+            own = record.estimate.visibility.distance, record.estimate.visibility.distance_stddev
+            self._count_view(record.estimate)
+        of_filter = math.nan, math.nan
+        if filtered is not None:
+            of_filter = filtered.visibility.distance, filtered.visibility.distance_stddev
+            if filtered.survey is not None and math.isfinite(of_filter[0]):
+                self._extend(filtered.survey.range_min, filtered.survey.range_max)
+        for columns, pair in ((self._own, own), (self._filtered, of_filter)):
+            columns[0].append(pair[0])
+            columns[1].append(pair[1])
+
+    def synopsis(self) -> Synopsis:
+        """Return what the frames so far say."""
+        own, filtered = (
+            [np.array(column) for column in pair] for pair in (self._own, self._filtered)
+        )
+        of_filter = bool(np.isfinite(filtered[0]).any())
+        distance, stddev = filtered if of_filter else own
+        known = np.isfinite(distance) & np.isfinite(stddev)
+        counts: dict[str, Any] = {
+            "frames": len(self._frames),
+            "start": min(self._stamps, default=0), "end": max(self._stamps, default=0),
+            "assessed": int(np.isfinite(own[0]).sum()), "told": int(known.sum()),
+            "filtered": of_filter, "contrast": self._contrast,
+            "ranges": list(self._ranges) if self._ranges[0] <= self._ranges[1] else [],
+            "channels": dict(self._channels),
+        }
+        if not known.any():
+            return Synopsis(**counts)
+        low, middle, high = np.percentile(distance[known], [5.0, 50.0, 95.0])
+        numbers = np.array(self._frames)
+        return Synopsis(
+            **counts,
+            lowest=_extreme(numbers, distance, stddev, 1.0),
+            highest=_extreme(numbers, distance, stddev, -1.0),
+            median=float(middle), low=float(low), high=float(high),
+            relative_stddev=float(np.median(stddev[known] / distance[known])),
+        )
+
+    def _count_view(self, estimate: FrameEstimate) -> None:
+        water = estimate.water
+        self._channels[CHANNELS[int(np.nanargmin(water.attenuation))]] += 1
+        if water.envelope is not None and water.envelope.limits[1] > 0.0:
+            self._extend(*water.envelope.limits)
+
+    def _extend(self, low: float, high: float) -> None:
+        self._ranges = min(self._ranges[0], float(low)), max(self._ranges[1], float(high))
+
+
+def _extreme(
+    frames: NDArray[np.int64], distance: NDArray[np.float64], stddev: NDArray[np.float64],
+    sign: float,
+) -> Extreme:
+    """Return the smallest distance for certain (sign 1), or the largest one (sign -1)."""
+    place = int(np.nanargmin(sign * distance + stddev))
+    with np.errstate(invalid="ignore"):
+        alike = sign * distance + stddev <= sign * distance[place] + 2.0 * stddev[place]
+    return Extreme(
+        int(frames[place]), float(distance[place]), float(stddev[place]),
+        [[int(frames[first]), int(frames[last])] for first, last in _runs(alike, place)],
+    )
+
+
+def _runs(chosen: NDArray[np.bool_], place: int) -> Sequence[tuple[int, int]]:
+    """Return first and last of the longest runs, in order; the one with a place among them."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], chosen.astype(np.int8), [0]))))
+    runs = [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]
+    # That of the place first, then by length.
+    runs.sort(key=lambda run: (not run[0] <= place <= run[1], run[0] - run[1]))
+    return sorted(runs[:MOST_RUNS])
