@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.compute.threads import number_of_threads
+from uw_visibility.compute.threads import Workers, number_of_threads
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.lamps.cases import DEPTH, clear_water
 from uw_visibility.evaluation.lamps.ground import GroundCells
@@ -27,7 +27,8 @@ from uw_visibility.evaluation.readings import Reading, Truth, flat
 from uw_visibility.evaluation.survey_statistics import SurveyStatistics
 from uw_visibility.optics.transfer import to_linear
 from uw_visibility.pipeline.pipeline import Pipeline
-from uw_visibility.simulation.lamps import default_rig, lighting_parameters
+from uw_visibility.simulation.lamp_light import lamp_array, light_surfaces, scatter
+from uw_visibility.simulation.lamps import lighting_parameters
 from uw_visibility.water.filter import WaterFilter
 
 Map = NDArray[np.float32]
@@ -36,9 +37,11 @@ PICTURES = {
     "raw": "as recorded",
     "statistics": "statistics of the survey",
     "ours": "ours",
+    "oracle": "lamps, water, ranges known",
     "truth": "reflectance",
 }
-"""Pictures of a survey, by the names in tables; the last one is the truth."""
+"""Pictures of a survey, by the names in tables; the last one is the truth. The oracle takes
+every surface for facing the lamps, as the light model has it."""
 
 NEAREST = 0.7
 """Range in m that disparities are searched to."""
@@ -117,7 +120,7 @@ def run_survey(
     frames = run_all(
         render_survey_frame, range(plan.frames), (plan,), jobs, threads, progress)
     rows, ours = _process(plan, frames, progress)
-    images = {"ours": ours, **_peers(frames)}
+    images = {"ours": ours, "oracle": _oracle(plan, frames), **_peers(frames)}
     truth = images["truth"]
     scaled = {name: at_best_exposure(some, truth) for name, some in images.items()}
     ground = GroundCells.of(truth, [frame.cells for frame in frames])
@@ -138,7 +141,7 @@ def _process(
     """Let the pipeline and the filter see the frames in turn."""
     config = PipelineConfig.from_parameters({
         **plan.config.to_parameters(),
-        **lighting_parameters(default_rig(plan.lamps), daylight=False),
+        **lighting_parameters(plan.lighting.lamps, daylight=False),
         "stereo.max_disparity": int(CAMERA.focal_length * CAMERA.baseline / NEAREST),
     })
     truth = Truth.of_water(
@@ -171,6 +174,25 @@ def _peers(frames: Sequence[SurveyFrame]) -> dict[str, list[Map]]:
         "statistics": [statistics.correct(*pair) for pair in zip(raw, ranges, strict=True)],
         "truth": [frame.frame.radiance_left for frame in frames],
     }
+
+
+def _oracle(plan: SurveyPlan, frames: Sequence[SurveyFrame]) -> list[Map]:
+    """Invert the light model by the renderer's own integrals: what no estimate can beat."""
+    rays = CAMERA.rig.ray_directions((CAMERA.height, CAMERA.width))
+    lighting, workers = plan.lighting, Workers(1)
+    restored = []
+    for survey_frame in frames:
+        frame = survey_frame.frame
+        lamps, beta = lamp_array(frame.lamps, 0.0), frame.attenuation
+        white = np.ones_like(frame.radiance_left)
+        light = light_surfaces(rays, frame.range_left, white, None, lamps, beta, workers)
+        veil = scatter(
+            rays, frame.range_left, lamps, beta, beta * lighting.scattering_albedo,
+            lighting.phase_function, workers,
+        )
+        seen = to_linear(frame.left, "linear")
+        restored.append(np.maximum((seen - veil) / np.maximum(light, np.float32(1e-6)), 0.0))
+    return restored
 
 
 def at_best_exposure(images: Sequence[Map], truth: Sequence[Map]) -> list[Map]:

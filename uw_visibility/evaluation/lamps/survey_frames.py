@@ -70,6 +70,12 @@ class SurveyPlan:
                 "10000, or 0 for none"
             )
 
+    @property
+    def lighting(self) -> Lighting:
+        """What lights the ground."""
+        return Lighting(
+            default_rig(self.lamps), daylight=False, shaded=self.surfaces == "lambertian")
+
     def pose(self, index: int) -> Pose:
         """Return the camera's pose in a frame: to and fro along lines 0.4 m apart."""
         progress = LINES * index / self.frames
@@ -107,8 +113,7 @@ class SurveyFrame:
 
 def render_survey_frame(index: int, plan: SurveyPlan) -> SurveyFrame:
     """Render one frame of a survey; all have one exposure."""
-    scene, renderer, exposure = _prepared(
-        plan.seed, plan.lamps, plan.mean_attenuation, plan.surfaces)
+    scene, renderer, exposure = _prepared(plan.seed, plan.mean_attenuation, plan.lighting)
     pose = plan.pose(index)
     frame = renderer.render(
         scene, pose, Water(plan.mean_attenuation, DEPTH, exposure),
@@ -119,11 +124,10 @@ def render_survey_frame(index: int, plan: SurveyPlan) -> SurveyFrame:
 
 @lru_cache(maxsize=2)
 def _prepared(
-    seed: int, lamps: int, mean_attenuation: float, surfaces: str
+    seed: int, mean_attenuation: float, lighting: Lighting
 ) -> tuple[Scene, Renderer, float]:
     """Return ground, renderer, and the exposure that suits the lowest frame."""
     scene = reef(seed, length=LENGTH, view=12.0)
-    lighting = Lighting(default_rig(lamps), daylight=False, shaded=surfaces == "lambertian")
     renderer = Renderer(CAMERA, workers=Workers(1), lighting=lighting)
     water = Water(mean_attenuation, DEPTH)
     exposure = min(
