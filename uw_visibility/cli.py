@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import io
 import os
 import sys
@@ -13,6 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from uw_visibility import __version__
 from uw_visibility.commands import calibrate, demo, enhance, evaluate, replay, simulate, warmup
 from uw_visibility.errors import InputError, printable
 
@@ -48,7 +50,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if any("\0" in word for word in words):
             raise InputError("an argument holds a null character: leave it out")
-        arguments = make_parser().parse_args(_repeat_calibration(words))
+        parser = make_parser()
+        _complete(parser)
+        arguments = parser.parse_args(_repeat_calibration(words))
         arguments.func(arguments)
         sys.stdout.flush()
     except InputError as error:
@@ -86,12 +90,30 @@ def _take_any_text() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
+def _complete(parser: argparse.ArgumentParser) -> None:
+    """Answer the shell, where it asks what a word may become.
+
+    ``eval "$(register-python-argcomplete uw_visibility)"`` lets it ask.
+    """
+    if "_ARGCOMPLETE" not in os.environ:
+        return
+    try:
+        argcomplete = importlib.import_module("argcomplete")
+    except ImportError as error:
+        raise InputError(
+            "completion needs argcomplete: install the extra completion, "
+            "pip install 'uw_visibility[completion]'"
+        ) from error
+    argcomplete.autocomplete(parser)
+
+
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
     parser = _Parser(
         prog="uw_visibility",
         description="Underwater visibility, colour and stereo from a stereo camera.",
     )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in COMMANDS:
         command.add_parser(subparsers)

@@ -4,15 +4,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import pytest
 from bag_copies import FRAMES, Message, copy_bag, run
+from rosbags.typesys import Stores, get_typestore
 
 from uw_visibility.cli import main
 from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.inputs.options import ReplayOptions
+from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
 
 
 def test_the_list_shows_what_would_be_used(
@@ -154,6 +158,55 @@ def test_of_two_pairs_of_cameras_the_choice_is_said(
                capsys=capsys)
     assert "rather than" not in done.out
     assert "/aft/right/camera_info" in (tmp_path / "aft" / "report.html").read_text()
+
+
+@pytest.mark.parametrize("start, duration, frames", [
+    (0.0, math.inf, FRAMES), (1.0, math.inf, FRAMES - 2), (1.0, 1.2, 3), (0.0, 1.2, 3),
+])
+def test_totals_are_those_of_the_part(
+    start: float, duration: float, frames: int, transect: Path, tmp_path: Path
+) -> None:
+    """Where sensors ran long before the cameras did, too."""
+    early = 600.0
+
+    def with_early_sensor(messages: Iterator[Message]) -> Iterator[Message]:
+        ordered = list(messages)
+        topic, kind, message, time = next(m for m in ordered if m[0] == "/depth_sensor")
+        yield topic, kind, message, time - round(early * 1e9)
+        yield from ordered
+
+    bag = copy_bag(transect, tmp_path / "bag", edit=with_early_sensor)
+    shift = early if start or duration < math.inf else 0.0
+    options = ReplayOptions(start=start + shift, duration=duration)
+    with BagReader(bag) as reader:
+        stream = InputStream(reader, options)
+        assert stream.expected_frames == frames
+        assert sum(isinstance(event, RecordedFrame) for event in stream.events()) == frames
+
+
+def test_list_names_what_could_be_joined_and_what_has_to_be_rectified(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    types = get_typestore(Stores.ROS2_JAZZY).types
+
+    def edit(messages: Iterator[Message]) -> Iterator[Message]:
+        for topic, kind, message, time in messages:
+            yield topic.replace("image_rect", "image_raw"), kind, message, time
+            if topic == "/depth_sensor":
+                yield "/c", "std_msgs/msg/Float64", types["std_msgs/msg/Float64"](data=0.5), time
+                yield "/ctd", "sensor_msgs/msg/Temperature", types[
+                    "sensor_msgs/msg/Temperature"](message.header, 8.0, 0.0), time
+                yield "/way", "geometry_msgs/msg/PointStamped", types[
+                    "geometry_msgs/msg/PointStamped"](
+                        message.header, types["geometry_msgs/msg/Point"](1.0, 2.0, 3.0)), time
+
+    bag = copy_bag(transect, tmp_path / "bag", edit=edit)
+    assert main(["replay", str(bag), "--list"]) == 0
+    listed = capsys.readouterr().out
+    assert "/left/image_raw is raw by its name: add --rectify" in listed
+    joinable = listed.partition("could be joined with --join:")[2].split("\n")[1:-1]
+    assert joinable == ["  /c", "  /ctd", "  /way (.point.x, .point.y, .point.z)"]
+    assert "--geo" not in listed
 
 
 @pytest.mark.parametrize("options, said", [

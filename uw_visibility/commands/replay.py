@@ -18,7 +18,11 @@ from uw_visibility.commands.recording_options import (
 from uw_visibility.commands.terminal import say
 from uw_visibility.errors import InputError
 
+# Numbers of a topic that --list names.
+MOST_LISTED = 6
+
 if TYPE_CHECKING:
+    from uw_visibility.replay.bags.reader import BagReader
     from uw_visibility.replay.inputs.options import ReplayOptions
     from uw_visibility.replay.results.summary import Summary
 
@@ -204,7 +208,7 @@ def _list_all(bags: list[Path], options: ReplayOptions) -> None:
 
 def _list(bag: Path, options: ReplayOptions) -> None:
     from uw_visibility.replay.bags.reader import BagReader
-    from uw_visibility.replay.inputs.topics import find_topics
+    from uw_visibility.replay.inputs.topics import find_topics, is_raw
 
     with BagReader(bag) as reader:
         span = reader.span
@@ -232,6 +236,32 @@ def _list(bag: Path, options: ReplayOptions) -> None:
             say(f"  {name.replace('_', ' '):{width}}  {topic}")
         for note in used.notes:
             say(f"  {note}")
+        if not options.node.rectify and is_raw(used.left):
+            say(f"  {used.left} is raw by its name: add --rectify")
+        taken = {*used.images(), *used.infos(), used.depth}
+        _list_joinable(reader, [topic for topic in sorted(reader.channels) if topic not in taken])
+
+
+def _list_joinable(reader: BagReader, topics: list[str]) -> None:
+    """Name the topics that --geo and --join could take."""
+    from uw_visibility.replay.inputs.scalars import numbers_of
+    from uw_visibility.replay.inputs.topics import ODOMETRY, POSITION_TYPES
+
+    positions, scalars = [], []
+    for topic in topics:
+        kind = reader.channels[topic].type
+        if kind in POSITION_TYPES:
+            positions.append(f"{topic} --origin LAT LON" if kind == ODOMETRY else topic)
+        names = numbers_of(reader, topic)
+        more = f", and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+        if names:
+            scalars.append(
+                f"{topic} (.{', .'.join(names[:MOST_LISTED])}{more})" if len(names) > 1 else topic)
+    for title, found in (("--geo", positions), ("--join", scalars)):
+        if found:
+            say(f"could be joined with {title}:")
+        for each in found:
+            say(f"  {each}")
 
 
 def _tell_partial(targets: dict[Path, Path]) -> None:

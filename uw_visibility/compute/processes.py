@@ -9,8 +9,9 @@ of modules: a ``multiprocessing.py`` that lies in a downloaded recording would r
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
@@ -20,6 +21,27 @@ from uw_visibility.errors import InputError
 
 # https://docs.python.org/3/using/cmdline.html#envvar-PYTHONSAFEPATH
 SAFE_PATH = {"PYTHONSAFEPATH": "1"}
+
+
+class _Pool(ProcessPoolExecutor):
+    """Pool whose processes take no interruption, from their first moment on.
+
+    Ctrl-C reaches every process of a terminal. One that is still importing would answer with
+    a traceback; with the signal blocked it goes on until this process ends it.
+    """
+
+    def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
+        # Processes start as work comes in, and inherit the mask.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        try:
+            return super().submit(*arguments, **named)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def end(self) -> None:
+        """End the processes, whatever they are at."""
+        for process in list((self._processes or {}).values()):
+            process.terminate()
 
 
 @contextmanager
@@ -48,11 +70,15 @@ def process_pool(
     before = {name: os.environ.get(name) for name in SAFE_PATH}
     # Processes start as work comes in, so this holds until the end.
     os.environ.update(SAFE_PATH)
-    pool = ProcessPoolExecutor(
+    pool = _Pool(
         jobs, get_context("spawn"), initializer=initializer, initargs=arguments
     )
     try:
         yield pool
+    except KeyboardInterrupt:
+        # Compiling takes a minute, which nobody who interrupts wants to wait for.
+        pool.end()
+        raise
     except BrokenProcessPool as error:
         raise InputError(
             "a process that works on frames was ended from outside, as where memory is short: "

@@ -98,6 +98,7 @@ def calibrate_recordings(
         few frames or too little difference of depth between them.
     """
     options = _unprejudiced(options)
+    _check_spread(_sensed_depths(bags, options))
     series = CalibrationSeries()
     with FramePool(jobs, options.pipeline) as pool:
         for bag in bags:
@@ -105,14 +106,45 @@ def calibrate_recordings(
     found = calibrate(
         series.estimates, series.sensed, load_response(options.pipeline.camera.response)
     )
-    spread = found.depth_range[1] - found.depth_range[0]
-    if spread < LEAST_DEPTH_SPREAD:
+    _check_spread(found.depth_range)
+    return found, series
+
+
+def _sensed_depths(bags: Sequence[Path], options: ReplayOptions) -> tuple[float, float]:
+    """Return the least and the largest depth that sensors say, before any frame is worked on."""
+    low, high = math.inf, -math.inf
+    for bag in bags:
+        with BagReader(bag) as reader:
+            stream = InputStream(reader, options)
+            _check_sensor(bag, stream)
+            for sample in stream.sensor_samples():
+                low, high = min(low, sample.depth), max(high, sample.depth)
+    return low, high
+
+
+def _check_spread(depths: tuple[float, float]) -> None:
+    """Refuse depths that are too much alike; none at all are told of later.
+
+    Raises
+    ------
+    InputError
+        Naming by how much they differ.
+    """
+    spread = depths[1] - depths[0]
+    if 0.0 <= spread < LEAST_DEPTH_SPREAD:
         raise InputError(
             f"the depths differ by {spread:.2f} m only: calibrate over a dive whose depths differ "
             f"by {LEAST_DEPTH_SPREAD:g} m or more, since white and water cannot be told apart "
             "otherwise"
         )
-    return found, series
+
+
+def _check_sensor(bag: Path, stream: InputStream) -> None:
+    if stream.selection.depth is None:
+        raise InputError(
+            f"{bag} has no depth sensor: name its topic with --depth-sensor; --list of replay "
+            "shows what there is"
+        )
 
 
 def _unprejudiced(options: ReplayOptions) -> ReplayOptions:
@@ -130,11 +162,7 @@ def _add_recording(
 ) -> None:
     with BagReader(bag) as reader:
         stream = InputStream(reader, options)
-        if stream.selection.depth is None:
-            raise InputError(
-                f"{bag} has no depth sensor: name its topic with --depth-sensor; --list of replay "
-                "shows what there is"
-            )
+        _check_sensor(bag, stream)
         recording = Recording.of(reader, stream.selection, options, ())
         joiner = Joiner(stream.plausibility)
         progress = Progress(bag.name, stream.expected_frames)

@@ -14,6 +14,9 @@ PERIOD = 10.0
 class Progress:
     """Progress: frames done, rate, and time left.
 
+    The clock begins with the first frame that is done: before it, kernels are compiled or
+    loaded, which says nothing of the time that frames take.
+
     Parameters
     ----------
     name : str
@@ -31,16 +34,13 @@ class Progress:
         self._count = 0
         self._begin = self._told = time.monotonic()
         self._bar: Any = None
-        if self._stream.isatty():
-            from tqdm import tqdm
-
-            self._bar = tqdm(
-                desc=name, total=total, file=self._stream, unit="frame", dynamic_ncols=True
-            )
 
     def add(self) -> None:
         """Count a frame."""
         self._count += 1
+        if self._count == 1:
+            self._start()
+            return
         if self._bar is not None:
             self._bar.update()
             return
@@ -49,13 +49,24 @@ class Progress:
             self._told = now
             print(self._line(now - self._begin), file=self._stream, flush=True)
 
+    def _start(self) -> None:
+        self._begin = self._told = time.monotonic()
+        if self._stream.isatty():
+            from tqdm import tqdm
+
+            # What is there to begin with does not count for the rate.
+            self._bar = tqdm(
+                desc=self._name, total=self._total, file=self._stream, unit="frame",
+                dynamic_ncols=True, initial=1,
+            )
+
     def close(self) -> None:
         """End the bar."""
         if self._bar is not None:
             self._bar.close()
 
     def _line(self, elapsed: float) -> str:
-        rate = self._count / elapsed
+        rate = (self._count - 1) / elapsed
         line = f"{self._name}: {self._count}"
         if self._total is None or self._total < self._count:
             return f"{line} frames, {rate:.1f} frames/s"

@@ -143,8 +143,9 @@ class _Replay:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *details: object) -> None:
-        if kind is not None and issubclass(kind, InputError) and self.summary.frames == 0:
-            # Refused before the first frame: nothing is worth keeping.
+        early = kind is not None and issubclass(kind, (InputError, KeyboardInterrupt))
+        if early and self.summary.frames == 0:
+            # Refused or interrupted before the first frame: nothing is worth keeping.
             self._hash.stop()
             self._recorder.close({})
             self._folder.refuse_earlier()

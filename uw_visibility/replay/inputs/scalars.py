@@ -15,11 +15,14 @@ import numpy as np
 
 from uw_visibility.errors import InputError
 from uw_visibility.messages.images import stamp_to_nanoseconds
+from uw_visibility.replay.bags.reader import BagReader
 
 LONGEST_TOLERANCE = 3600.0
 _DEEPEST = 6
 # Fields that are no measurement.
 _NO_VALUES = ("header", "layout", "variance")
+# Messages whose numbers describe an image or a cloud.
+_LARGE = ("Image", "CompressedImage", "CameraInfo", "DisparityImage", "PointCloud2", "LaserScan")
 
 
 @dataclass(frozen=True)
@@ -170,6 +173,31 @@ class ScalarTrack:
             return math.nan
         share = (stamp - before[0]) / (after[0] - before[0])
         return before[1] + share * (after[1] - before[1])
+
+
+def numbers_of(reader: BagReader, topic: str) -> list[str]:
+    """Return the paths of the numbers in a topic's messages; none of what holds no few.
+
+    Parameters
+    ----------
+    reader : BagReader
+    topic : str
+        One of its topics.
+
+    Returns
+    -------
+    list of str
+        By its first message; empty where it cannot be read.
+    """
+    if reader.channels[topic].type.rpartition("/")[2] in _LARGE:
+        return []
+    message = next(reader.messages([topic]), None)
+    if message is None:
+        return []
+    try:
+        return [name for name, _ in _numbers(reader.deserialize(message), "")]
+    except InputError:
+        return []
 
 
 def _part(value: Any, part: str) -> Any:

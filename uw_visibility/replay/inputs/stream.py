@@ -125,12 +125,18 @@ class InputStream:
         """About how many frames will be processed, if the indexes tell."""
         counts = [self._reader.channels[t].count for t in self.selection.images()]
         span = self._reader.span
-        if None in counts or span is None:
+        known = [count for count in counts if count is not None]
+        if len(known) < len(counts) or span is None:
             return None
-        whole = (span[1] - span[0]) / 1e9
-        left = min(max(whole - self._options.start, 0.0), self._options.duration)
-        share = left / whole if whole > 0.0 else 1.0
-        return -(-round(min(c for c in counts if c is not None) * share) // self._options.every)
+        frames, (start, stop) = min(known), self._interval()
+        if start is not None and frames > 1:
+            # Cameras are often turned on later than the sensors.
+            first = next(self._reader.messages(self.selection.images()), None)
+            begin = span[0] if first is None else first.time
+            end = span[1] if stop is None else min(stop, span[1])
+            share = max(end - max(start, begin), 0) / max(span[1] - begin, 1)
+            frames = round((frames - 1) * min(share, 1.0)) + (share > 0.0)
+        return -(-frames // self._options.every)
 
     def events(self) -> Iterator[Event]:
         """Yield frames and sensor values as they become complete."""
@@ -149,6 +155,18 @@ class InputStream:
             else:
                 yield from self._sensor(message)
         yield from self._choose(self.synchronizer.finish())
+
+    def sensor_samples(self) -> Iterator[DepthSample]:
+        """Yield what the depth sensor says, without reading images; unusable messages not."""
+        if self.selection.depth is None:
+            return
+        for message in self._reader.messages([self.selection.depth], *self._interval()):
+            try:
+                yield read_depth(
+                    self._reader.deserialize(message), self.plausibility, message.time)
+            except InputError:
+                # Told when the frames are worked on.
+                continue
 
     def missing(self) -> list[str]:
         """Return how many messages of each image topic the index names but nobody could read."""

@@ -123,6 +123,11 @@ def find_topics(
     return Selection(left, right, infos[0], infos[1], depth, kind, position, notes)
 
 
+def is_raw(image: str) -> bool:
+    """Tell whether a topic's images are raw by its name, as image_raw."""
+    return "raw" in image.removesuffix("/compressed").rpartition("/")[2]
+
+
 def partner(topic: str) -> str | None:
     """Return the name of the right image's topic for the left one's, if it is one."""
     if not re.search("left", topic, re.IGNORECASE):
