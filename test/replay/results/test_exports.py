@@ -20,6 +20,7 @@ from bag_copies import FRAMES, Message, copy_bag, run
 from rosbags.typesys import Stores, get_typestore
 
 from uw_visibility.replay.columns import COLUMNS
+from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.results.data_dictionary import SUFFIX
 from uw_visibility.replay.results.netcdf import write_netcdf
 from uw_visibility.replay.table import TableWriter, read_rows
@@ -281,3 +282,17 @@ def test_a_table_of_this_kind_is_plain_csv(exported: Path) -> None:
     with (exported / "frames.csv").open(newline="") as file:
         widths = {len(row) for row in csv.reader(file)}
     assert len(widths) == 1
+
+
+def test_turbidity_follows_the_fit_to_a_sensor(transect: Path, tmp_path: Path) -> None:
+    LineFit("/turbidity.data", "beam_attenuation", 0.5, 8.0, 0.1, 0.4, -0.03, 0.2, 0.9, 0.15, 0.3,
+            40).write(tmp_path / "fit.json")
+    done = run(transect, tmp_path / "out", "--every", "5", "--turbidity", str(tmp_path / "fit.json"))
+    assert done.code == 0
+    for row in done.rows:
+        beam = float(row["beam_attenuation"])
+        assert float(row["turbidity"]) == pytest.approx(0.5 + 8.0 * beam)
+        assert float(row["turbidity_stddev"]) > 8.0 * float(row["beam_attenuation_stddev"])
+        assert row["filtered_turbidity"]
+    described = json.loads((tmp_path / "out" / f"frames.csv{SUFFIX}").read_text())
+    assert "FNU" in json.dumps(described)
