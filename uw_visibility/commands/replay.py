@@ -81,6 +81,11 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--match-original", action="store_true",
         help="match the images as recorded too, for comparison; costs about a third more time",
     )
+    add(
+        "--all-topics", action="store_true",
+        help="results.mcap holds all that the Foxglove layout shows: depth image, points, "
+        "diagnostics, and the left images and the depth sensor as recorded",
+    )
     add("--netcdf", action="store_true", help="write frames.nc (CF trajectory; extra: netcdf)")
     add("--parquet", action="store_true", help="write frames.parquet (extra: parquet)")
     add(
@@ -141,8 +146,13 @@ def _options(arguments: argparse.Namespace) -> ReplayOptions:
     from uw_visibility.replay.line_fit import LineFit
 
     options = read_recording_options(arguments)
+    node = options.node
+    if arguments.all_topics:
+        node = replace(node, publish_depth_image=True, publish_points=True)
     return replace(
         options,
+        node=node,
+        all_topics=arguments.all_topics,
         wanted=replace(options.wanted, position=arguments.geo),
         images=arguments.images,
         video=arguments.video,

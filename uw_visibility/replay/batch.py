@@ -120,7 +120,8 @@ def _finished(bag: Path, target: Path, options: ReplayOptions) -> Summary | None
     difference = origin.difference(state)
     if not difference and state.get("extras") != options.extras():
         difference = (
-            "was made with another choice of --images, --video, --geo, --netcdf, --parquet")
+            "was made with another choice of --images, --video, --geo, --netcdf, --parquet, "
+            "--all-topics")
     if difference:
         raise InputError(
             f"{target} exists already and {difference}: give another name, or --force to replace"

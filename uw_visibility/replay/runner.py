@@ -22,6 +22,7 @@ from uw_visibility.replay.progress import Progress
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.folder import ResultFolder
 from uw_visibility.replay.results.joining import Joiner
+from uw_visibility.replay.results.layout_topics import copied_topics
 from uw_visibility.replay.results.mcap import EarlierPart
 from uw_visibility.replay.results.netcdf import check_netcdf, write_netcdf
 from uw_visibility.replay.results.parquet import check_parquet, write_parquet
@@ -114,8 +115,10 @@ class _Replay:
         if folder.earlier is not None:
             alone, _ = split_topics(options.pipeline, options.node)
             self._earlier = EarlierPart(folder.earlier, alone)
+        self._copied = copied_topics(
+            selection, reader.channels, rectify=options.node.rectify) if options.all_topics else {}
         self._recorder = FrameRecorder(
-            folder.work, options, self._earlier.timings if self._earlier else {}
+            folder.work, options, self._earlier.timings if self._earlier else {}, self._copied
         )
         self._joiner = Joiner(
             stream.plausibility, selection.position is not None, options.origin, options.joins,
@@ -137,6 +140,9 @@ class _Replay:
                     self._write_rows(self._joiner.add(item))
         finally:
             progress.close()
+        if self._copied:
+            for message in self._reader.messages(self._copied, *self._stream.interval()):
+                self._recorder.copy(message, ros1=self._reader.ros1)
         self.summary.complete = True
 
     def __enter__(self) -> Self:

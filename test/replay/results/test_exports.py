@@ -7,6 +7,7 @@ from __future__ import annotations
 import csv
 import importlib.util
 import json
+import re
 import subprocess
 import sys
 import tracemalloc
@@ -16,9 +17,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bag_copies import FRAMES, Message, copy_bag, run
+from bag_copies import FRAMES, Message, copy_bag, copy_bag_ros1, run
 from rosbags.typesys import Stores, get_typestore
 
+from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.results.data_dictionary import SUFFIX
@@ -287,7 +289,8 @@ def test_a_table_of_this_kind_is_plain_csv(exported: Path) -> None:
 def test_turbidity_follows_the_fit_to_a_sensor(transect: Path, tmp_path: Path) -> None:
     LineFit("/turbidity.data", "beam_attenuation", 0.5, 8.0, 0.1, 0.4, -0.03, 0.2, 0.9, 0.15, 0.3,
             40).write(tmp_path / "fit.json")
-    done = run(transect, tmp_path / "out", "--every", "5", "--turbidity", str(tmp_path / "fit.json"))
+    fit = str(tmp_path / "fit.json")
+    done = run(transect, tmp_path / "out", "--every", "5", "--turbidity", fit)
     assert done.code == 0
     for row in done.rows:
         beam = float(row["beam_attenuation"])
@@ -296,3 +299,30 @@ def test_turbidity_follows_the_fit_to_a_sensor(transect: Path, tmp_path: Path) -
         assert row["filtered_turbidity"]
     described = json.loads((tmp_path / "out" / f"frames.csv{SUFFIX}").read_text())
     assert "FNU" in json.dumps(described)
+
+
+@pytest.mark.parametrize("ros1", [False, True])
+def test_all_topics_are_those_of_the_foxglove_layout(
+    transect: Path, tmp_path: Path, ros1: bool
+) -> None:
+    bag = copy_bag_ros1(transect, tmp_path / "old.bag") if ros1 else transect
+    layout = (Path(__file__).parents[3] / "foxglove" / "uw_visibility.json").read_text()
+    wanted = {
+        topic.partition(".")[0]
+        for topic in re.findall(r'"(?:\w*[tT]opic\w*|value)": "(/[^"]+)"', layout)
+    }
+    assert {"/left/image_rect", "/diagnostics", "/depth_sensor"} <= wanted
+    done = run(bag, tmp_path / "out", "--every", "3", "--duration", "2", "--all-topics")
+    assert done.code == 0
+    with BagReader(tmp_path / "out" / "results.mcap") as reader:
+        found: dict[str, list[Any]] = {}
+        for message in reader.messages():
+            found.setdefault(message.topic, []).append(reader.deserialize(message))
+    assert wanted <= set(found)
+    # Recorded inputs are all there, of frames that were left out too.
+    assert len(found["/left/image_rect"]) == 4
+    assert found["/left/image_rect"][1].header.stamp.nanosec == 500_000_000
+    first = found["/diagnostics"][0]
+    assert {status.name: status.message for status in first.status} | {
+        "uw_visibility: pipeline": "ok", "uw_visibility: water": "ok",
+    } == {status.name: status.message for status in first.status}

@@ -47,6 +47,8 @@ class ReplayOptions:
         Whether ``frames.geojson`` is written.
     netcdf, parquet : bool
         Whether ``frames.nc`` or ``frames.parquet`` is written.
+    all_topics : bool
+        Whether ``results.mcap`` holds all that the Foxglove layout shows.
     match_original : bool
         Whether the raw pair is matched too, for comparison.
     origin : tuple of float or None
@@ -72,6 +74,7 @@ class ReplayOptions:
     geo: bool = False
     netcdf: bool = False
     parquet: bool = False
+    all_topics: bool = False
     match_original: bool = False
     origin: tuple[float, float] | None = None
     joins: tuple[ScalarTopic, ...] = ()
@@ -123,7 +126,7 @@ class ReplayOptions:
         """Return the outputs beside the table and the messages, for JSON."""
         return {
             "images": self.images, "video": self.video, "geo": self.geo, "netcdf": self.netcdf,
-            "parquet": self.parquet,
+            "parquet": self.parquet, "all_topics": self.all_topics,
         }
 
     def with_threads(self, threads: int) -> ReplayOptions:

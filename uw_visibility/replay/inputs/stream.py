@@ -128,7 +128,7 @@ class InputStream:
         known = [count for count in counts if count is not None]
         if len(known) < len(counts) or span is None:
             return None
-        frames, (start, stop) = min(known), self._interval()
+        frames, (start, stop) = min(known), self.interval()
         if start is not None and frames > 1:
             # Cameras are often turned on later than the sensors.
             first = next(self._reader.messages(self.selection.images()), None)
@@ -140,7 +140,7 @@ class InputStream:
 
     def events(self) -> Iterator[Event]:
         """Yield frames and sensor values as they become complete."""
-        start, stop = self._interval()
+        start, stop = self.interval()
         self._take_calibration(start)
         images, infos = self.selection.images(), self.selection.infos()
         topics = {*images, *infos}
@@ -160,7 +160,7 @@ class InputStream:
         """Yield what the depth sensor says, without reading images; unusable messages not."""
         if self.selection.depth is None:
             return
-        for message in self._reader.messages([self.selection.depth], *self._interval()):
+        for message in self._reader.messages([self.selection.depth], *self.interval()):
             try:
                 yield read_depth(
                     self._reader.deserialize(message), self.plausibility, message.time)
@@ -219,7 +219,7 @@ class InputStream:
                 "is with --origin LAT LON"
             )
 
-    def _interval(self) -> tuple[int | None, int | None]:
+    def interval(self) -> tuple[int | None, int | None]:
         """Return the times between which messages are wanted, ns."""
         options = self._options
         if options.start == 0.0 and options.duration == np.inf:

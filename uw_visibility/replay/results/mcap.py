@@ -9,13 +9,20 @@ import math
 import shutil
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from uw_visibility.messages.comparisons import NIS_TOPICS, nis_messages
-from uw_visibility.replay.bags.reader import BagReader, UnreadableError
+from uw_visibility.replay.bags.reader import BagReader, Recorded, UnreadableError
+from uw_visibility.replay.bags.types import jazzy_types
 from uw_visibility.replay.bags.writer import BagWriter
 from uw_visibility.replay.frame_log import read_records
 from uw_visibility.replay.records import JoinedFrame
+from uw_visibility.replay.results.layout_topics import (
+    DIAGNOSTICS,
+    DIAGNOSTICS_TYPE,
+    diagnostics,
+)
 from uw_visibility.replay.table import read_rows
 from uw_visibility.replay.work import FrameAnswer
 
@@ -33,13 +40,41 @@ class ResultWriter:
         Type of message by topic, without those of the plausibility test.
     depth_frame : str
         Frame of the depths that it compares.
+    copied : mapping of str to tuple
+        By a recorded topic: the name and the type of its copy here.
+    with_diagnostics : bool
+        Whether each frame has its diagnostics.
     """
 
-    def __init__(self, folder: Path, topics: Mapping[str, str], depth_frame: str) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        topics: Mapping[str, str],
+        depth_frame: str,
+        copied: Mapping[str, tuple[str, str]] = MappingProxyType({}),
+        *,
+        with_diagnostics: bool = False,
+    ) -> None:
         self._folder = folder
         self._depth_frame = depth_frame
         absolute = {f"/{topic}": name for topic, name in (topics | NIS_TOPICS).items()}
+        absolute |= dict(copied.values())
+        if with_diagnostics:
+            absolute[DIAGNOSTICS] = DIAGNOSTICS_TYPE
+        self._copied, self._with_diagnostics = copied, with_diagnostics
         self._bag = BagWriter(folder / "results", absolute, in_place=True, compress=True)
+
+    def copy(self, message: Recorded, *, ros1: bool) -> None:
+        """Write a recorded message under the name that it has here."""
+        name, kind = self._copied[message.topic]
+        data = jazzy_types()[0].ros1_to_cdr(message.data, kind) if ros1 else message.data
+        self._bag.write_serialised(name, bytes(data), message.time)
+
+    def write_diagnostics(self, joined: JoinedFrame) -> None:
+        """Write what was assessed of a frame, where that is wanted."""
+        if self._with_diagnostics:
+            message = diagnostics(self._bag.make, joined)
+            self._bag.write(DIAGNOSTICS, message, joined.record.time)
 
     def write_messages(self, messages: list[tuple[str, bytes]], time: int) -> None:
         """Write serialised messages at a time (ns)."""

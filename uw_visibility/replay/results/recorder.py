@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from uw_visibility.messages.outputs import all_topics
+from uw_visibility.replay.bags.reader import Recorded
 from uw_visibility.replay.columns import COLUMNS, TURBIDITY
 from uw_visibility.replay.columns import joined as joined_column
 from uw_visibility.replay.filtering import FilterStage
@@ -36,6 +37,8 @@ class FrameRecorder:
         Parameters.
     earlier : mapping of str to dict
         Timings of the frames that an earlier part had worked on.
+    copied : mapping of str to tuple
+        See `ResultWriter`.
 
     Attributes
     ----------
@@ -48,7 +51,11 @@ class FrameRecorder:
     """
 
     def __init__(
-        self, folder: Path, options: ReplayOptions, earlier: Mapping[str, Row]
+        self,
+        folder: Path,
+        options: ReplayOptions,
+        earlier: Mapping[str, Row],
+        copied: Mapping[str, tuple[str, str]],
     ) -> None:
         self.resumed = 0
         self._folder = folder
@@ -64,7 +71,8 @@ class FrameRecorder:
         write_dictionary(folder / "frames.csv", self.columns)
         self._timings: TableWriter | None = None
         self._results = ResultWriter(
-            folder, all_topics(options.node), options.node.depth_frame
+            folder, all_topics(options.node), options.node.depth_frame, copied,
+            with_diagnostics=options.all_topics,
         )
         self._filter = FilterStage(options.pipeline, options.node)
         self._log = FrameLog(folder)
@@ -84,6 +92,11 @@ class FrameRecorder:
         """Write a row that is complete, and the comparison with the sensor in it."""
         self._table.write(row_of(joined, self.model, self._joins, self._turbidity))
         self._results.write_nis(joined)
+        self._results.write_diagnostics(joined)
+
+    def copy(self, message: Recorded, *, ros1: bool) -> None:
+        """Copy a recorded message to the results."""
+        self._results.copy(message, ros1=ros1)
 
     def close(self, provenance: Mapping[str, Any]) -> None:
         """Complete all files."""
