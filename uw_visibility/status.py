@@ -46,6 +46,10 @@ class Status(str, Enum):
     )
     NO_WATER_TYPE = "attenuation is that of no Jerlov type"
     WATER_TYPE_UNCERTAIN = "attenuation is too uncertain to tell a Jerlov type"
+    LIT_BY_LAMPS = "lit by lamps: set lighting.model (and lighting.positions)"
+    NO_DEPTH_BY_LAMPS = (
+        "lamps light the scene, which tells no depth (lighting.model; take the depth sensor's)"
+    )
     NEGATIVE_DISPARITIES = "negative disparities, are left and right swapped?"
 
     def __str__(self) -> str:

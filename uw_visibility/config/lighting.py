@@ -86,6 +86,15 @@ class LightingConfig:
         minimum=0.0, maximum=1e3, repeats=True,
     )
 
+    position_stddev: float = parameter(
+        0.02, "Standard deviation of the lamps' places, of each coordinate: goes into that of "
+        "the estimates.", unit="m", minimum=0.0, maximum=1.0,
+    )
+    direction_stddev: float = parameter(
+        2.0, "Standard deviation of the lamps' directions.", unit="degrees", minimum=0.0,
+        maximum=45.0,
+    )
+
     def __post_init__(self) -> None:
         # Of daylight alone nothing is asked, so that a node's parameters may be set one by one.
         if self.model != "daylight":

@@ -7,6 +7,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -151,7 +152,28 @@ class StereoRig:
         -------
         ndarray, (H, W, 3) float64
         """
-        x, y = self._pinhole(shape)
+        return self.rays_at(np.arange(shape[1]), np.arange(shape[0]))
+
+    def rays_at(
+        self, columns: NDArray[Any], rows: NDArray[Any], *, right: bool = False
+    ) -> NDArray[np.float64]:
+        """Unit direction of the rays through a grid of points: right, down, forward.
+
+        Parameters
+        ----------
+        columns, rows : ndarray, (X,), (Y,)
+            Points of the image, px.
+        right : bool
+            Whether of the right image.
+
+        Returns
+        -------
+        ndarray, (Y, X, 3) float64
+        """
+        centre = self.principal_point_right if right else None
+        cx, cy = centre or self.principal_point
+        x = (columns - cx) / self.focal_length
+        y = ((rows - cy) / (self.focal_length_y or self.focal_length))[:, np.newaxis]
         rays = np.stack(np.broadcast_arrays(x, y, 1.0), axis=2)
         return np.asarray(rays / np.sqrt(1.0 + x**2 + y**2)[..., np.newaxis])
 

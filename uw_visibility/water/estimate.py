@@ -11,7 +11,34 @@ from numpy.typing import NDArray
 
 from uw_visibility.status import Status
 from uw_visibility.water.fit import Fit
+from uw_visibility.water.lamp_cells import Cells
 from uw_visibility.water.observations import Envelopes
+
+
+@dataclass(frozen=True)
+class LampLight:
+    """Light of lamps and water, what images under lamps are restored with.
+
+    Attributes
+    ----------
+    attenuation : (3,) float64 ndarray
+        β, 1/m.
+    power : (3,) float64 ndarray
+        Irradiance of white at 1 m of a lamp of relative power 1, without water.
+    scattering : (3,) float64 ndarray
+        Irradiance of the light that the water scatters, over the tables'.
+    daylight, veil : (3,) float64 ndarray
+        Irradiance of white by daylight, and of the water at infinity; 0 without.
+    cells : Cells or None
+        What it was estimated from.
+    """
+
+    attenuation: NDArray[np.float64]
+    power: NDArray[np.float64]
+    scattering: NDArray[np.float64]
+    daylight: NDArray[np.float64]
+    veil: NDArray[np.float64]
+    cells: Cells | None = None
 
 
 @dataclass(frozen=True)
@@ -50,6 +77,8 @@ class WaterEstimate:
         ``"dark envelope"``, and ``"contrast"``. Empty with the paper's model.
     open_water : float
         Part of the image that is open water.
+    lamps : LampLight or None
+        Light of the lamps, where they light the scene.
     """
 
     status: Status
@@ -66,6 +95,7 @@ class WaterEstimate:
     cues: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(
         default_factory=dict)
     open_water: float = 0.0
+    lamps: LampLight | None = None
 
     @property
     def veil(self) -> NDArray[np.float64]:

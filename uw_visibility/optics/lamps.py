@@ -1,0 +1,302 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Light of lamps in water: what reaches a surface, and what the water scatters back.
+
+A lamp of power P at p lights the point X at r = |X − p|, seen at range d from the camera,
+so that (Jaffe 1990, doi:10.1109/48.50695, without forward scattering)
+
+    E = ρ P D + b P S
+    D = Σ g(θ) e^(−β (r + d)) / r²
+    S = Σ ∫₀ᵈ g(θ) p(ψ) e^(−β (r + s)) / r² ds
+
+over the lamps, with the beam g, the phase function p of the scattering angle ψ (Henyey and
+Greenstein 1941, doi:10.1086/144246), attenuation β and scattering b. Both are tabulated over
+direction, range and attenuation once for a rig, and interpolated: a frame costs no integral.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.config.lighting import ISOTROPIC, Lamp
+from uw_visibility.optics.light_model import transmission
+
+Array = NDArray[np.float64]
+Table = NDArray[np.float32]
+
+ASYMMETRY = 0.9
+"""Mean cosine of the scattering angle in sea water, of the phase function."""
+
+# Nodes over the image, over range (of equal ratio, m) and over attenuation, 1/m.
+COLUMNS, ROWS = 24, 18
+RANGES = np.geomspace(0.2, 25.0, 30)
+ATTENUATIONS = np.array([0.0, 0.05, 0.1, 0.2, 0.32, 0.48, 0.7, 1.0, 1.5, 2.2])
+# The attenuation of the reference, among them.
+REFERENCE = 3
+# Steps of the integral between two ranges, and before the first.
+SUBSTEPS, FIRST_STEPS = 6, 24
+# Nearer than this to a lamp its glass begins, m; and what counts as no light at all.
+LEAST_DISTANCE = 0.02
+DARKNESS = 1e-12
+
+
+class LampTables(NamedTuple):
+    """Direct and scattered light of a rig's lamps, by camera.
+
+    Attributes
+    ----------
+    columns, rows : (X,), (Y,) float64 ndarray
+        Pixels of the nodes, of equal distance.
+    log_direct, log_scattered : (K, 3, Y, X, R) float32 ndarray
+        Logarithms of D and S over attenuation, channel, row, column and range, at the nodes
+        `ATTENUATIONS` and `RANGES`; 1 is one lamp's relative power 1.
+    """
+
+    columns: Array
+    rows: Array
+    log_direct: Table
+    log_scattered: Table
+
+    def at(self, attenuation: Array) -> tuple[Table, Table]:
+        """Interpolate over attenuation: ln D and ln S, each (3, Y, X, R) float32.
+
+        Parameters
+        ----------
+        attenuation : (3,) float64 ndarray
+            β, 1/m.
+        """
+        beta = np.clip(np.nan_to_num(attenuation), ATTENUATIONS[0], ATTENUATIONS[-1])
+        low = np.clip(np.searchsorted(ATTENUATIONS, beta) - 1, 0, len(ATTENUATIONS) - 2)
+        step = ATTENUATIONS[low + 1] - ATTENUATIONS[low]
+        share = ((beta - ATTENUATIONS[low]) / step).astype(np.float32)[:, None, None, None]
+        channel = np.arange(3)
+
+        def mix(table: Table) -> Table:
+            return np.asarray(
+                (1 - share) * table[low, channel] + share * table[low + 1, channel])
+
+        return mix(self.log_direct), mix(self.log_scattered)
+
+    def place(self, column: Array, row: Array, distance: Array) -> tuple[Array, Array, Array]:
+        """Coordinates of points in units of the nodes: row, column, range; clipped."""
+        y = (row - self.rows[0]) / (self.rows[1] - self.rows[0])
+        x = (column - self.columns[0]) / (self.columns[1] - self.columns[0])
+        step = math.log(RANGES[1] / RANGES[0])
+        z = np.log(np.maximum(distance, RANGES[0]) / RANGES[0]) / step
+        return (
+            np.clip(y, 0, ROWS - 1.001), np.clip(x, 0, COLUMNS - 1.001),
+            np.clip(z, 0, len(RANGES) - 1.001))
+
+    def look_up(self, column: Array, row: Array, distance: Array) -> tuple[Array, Array]:
+        """ln D and ln S of points at all attenuations of the nodes, each (K, 3, N).
+
+        Parameters
+        ----------
+        column, row : (N,) float64 ndarray
+            Pixels.
+        distance : (N,) float64 ndarray
+            Range, m.
+        """
+        places = self.place(column, row, distance)
+        return trilinear(self.log_direct, *places), trilinear(self.log_scattered, *places)
+
+
+    def field(
+        self, attenuation: Array, power: Array, scattering: Array, daylight: Array, veil: Array,
+    ) -> LightField:
+        """Light of the lamps, and of daylight beside them, in water.
+
+        Parameters
+        ----------
+        attenuation : (3,) float64 ndarray
+            β, 1/m.
+        power, scattering : (3,) float64 ndarray
+            P: irradiance of white at 1 m of a lamp of relative power 1; what S is to be
+            multiplied by.
+        daylight, veil : (3,) float64 ndarray
+            W and B of daylight: irradiance of white, and of the water at infinity.
+
+        Returns
+        -------
+        LightField
+        """
+        log_direct, log_scattered = self.at(attenuation)
+        direct = np.exp(log_direct) * _of_channels(power)
+        scattered = np.exp(log_scattered) * _of_channels(scattering)
+        if np.any(daylight > 0):
+            left = transmission(attenuation[:, np.newaxis], RANGES)[:, np.newaxis, np.newaxis]
+            direct = direct + _of_channels(daylight) * left
+            scattered = scattered + _of_channels(veil) * (1.0 - left)
+        return LightField(
+            self.columns, self.rows, np.log(direct).astype(np.float32),
+            scattered.astype(np.float32))
+
+
+class LightField(NamedTuple):
+    """Direct and scattered light over an image and over range.
+
+    Attributes
+    ----------
+    columns, rows : (X,), (Y,) float64 ndarray
+        Pixels of the nodes.
+    log_direct : (3, Y, X, R) float32 ndarray
+        Logarithm of the irradiance of white, at `RANGES`.
+    scattered : (3, Y, X, R) float32 ndarray
+        Irradiance by the water in front of it.
+    """
+
+    columns: Array
+    rows: Array
+    log_direct: Table
+    scattered: Table
+
+
+def _of_channels(values: Array) -> Table:
+    return np.asarray(values, np.float32)[:, np.newaxis, np.newaxis, np.newaxis]
+
+
+def nodes_of(shape: tuple[int, int]) -> tuple[Array, Array]:
+    """Columns and rows of the nodes over an image of a height and width, px."""
+    return np.linspace(0.0, shape[1] - 1, COLUMNS), np.linspace(0.0, shape[0] - 1, ROWS)
+
+
+def tabulate(
+    rays: Array, columns: Array, rows: Array, lamps: Sequence[Lamp],
+    eye: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> LampTables:
+    """Tabulate the light of lamps for a camera.
+
+    Parameters
+    ----------
+    rays : (Y, X, 3) float64 ndarray
+        Unit directions of the nodes' lines of sight.
+    columns, rows : (X,), (Y,) float64 ndarray
+        Pixels of the nodes.
+    lamps : sequence of Lamp
+        In the left camera's frame, whose axes the camera's are.
+    eye : tuple of float
+        The camera's place in that frame, m.
+
+    Returns
+    -------
+    LampTables
+    """
+    shape = rays.shape[:2]
+    directions = rays.reshape(-1, 3)
+    distance, weight = _nodes()
+    size = (len(ATTENUATIONS), 3, len(directions), len(RANGES))
+    direct, scattered = np.full(size, DARKNESS), np.full(size, DARKNESS)
+    at = FIRST_STEPS + SUBSTEPS * np.arange(len(RANGES)) - 1
+    for lamp in lamps:
+        # The surface is at the end of a step, the water in its middle.
+        surface, lit, _ = _shine(directions, RANGES, lamp, eye)
+        r, power, forward = _shine(directions, distance, lamp, eye)
+        back = power * phase_function(forward) * weight
+        colour = np.array(lamp.colour)[:, np.newaxis, np.newaxis]
+        for k, beta in enumerate(ATTENUATIONS):
+            direct[k] += colour * (lit * np.exp(-beta * (surface + RANGES)))
+            summed = np.cumsum(back * np.exp(-beta * (r + distance)), axis=1)
+            scattered[k] += colour * summed[:, at]
+    return LampTables(
+        columns, rows,
+        *(np.log(table).astype(np.float32).reshape(*size[:2], *shape, len(RANGES))
+          for table in (direct, scattered)))
+
+
+def log_direct(rays: Array, lamps: Sequence[Lamp]) -> Table:
+    """Logarithm of D of the mean colour, at the reference attenuation, (Y, X, R) float32."""
+    total = np.zeros((rays.size // 3, len(RANGES)))
+    for lamp in lamps:
+        r, lit, _ = _shine(rays.reshape(-1, 3), RANGES, lamp, (0.0, 0.0, 0.0))
+        rate = ATTENUATIONS[REFERENCE]
+        total += np.mean(lamp.colour) * lit * np.exp(-rate * (r + RANGES))
+    return np.log(total + DARKNESS).astype(np.float32).reshape(*rays.shape[:2], len(RANGES))
+
+
+def _shine(
+    directions: Array, distance: Array, lamp: Lamp, eye: tuple[float, float, float]
+) -> tuple[Array, Array, Array]:
+    """Distance from a lamp, g/r², and the cosine of scattering to the camera, each (N, S)."""
+    away = directions[:, np.newaxis] * distance[:, np.newaxis] - (
+        np.array(lamp.position) - np.array(eye))
+    r = np.maximum(np.linalg.norm(away, axis=2), LEAST_DISTANCE)
+    power = beam(away @ np.array(lamp.direction) / r, lamp.beam_angle) / r**2
+    return r, power, np.einsum("nsk,nk->ns", away, -directions) / r
+
+
+def displaced(
+    lamps: Sequence[Lamp], position_stddev: float, direction_stddev: float
+) -> list[list[Lamp]]:
+    """Lamps each of which is off by a standard deviation along one axis, in turn.
+
+    Parameters
+    ----------
+    lamps : sequence of Lamp
+    position_stddev : float
+        Of each coordinate, m.
+    direction_stddev : float
+        Of the axis about each of two others, degrees.
+    """
+    moved = []
+    turn = math.radians(direction_stddev)
+    for i, lamp in enumerate(lamps):
+        axis = np.array(lamp.direction)
+        across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        across /= np.linalg.norm(across)
+        others = [
+            lamp._replace(position=_vector(np.array(lamp.position) + position_stddev * unit))
+            for unit in np.eye(3)
+        ] + [
+            lamp._replace(direction=_vector(math.cos(turn) * axis + math.sin(turn) * side))
+            for side in (across, np.cross(axis, across))
+        ]
+        moved += [[*lamps[:i], other, *lamps[i + 1:]] for other in others]
+    return moved
+
+
+def _vector(values: Array) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def beam(cosine: Array, angle: float) -> Array:
+    """Relative power g(θ) = exp(−ln 2 (2θ/angle)²) of a lamp, for cos θ."""
+    if angle >= ISOTROPIC:
+        return np.ones_like(cosine)
+    theta = np.arccos(np.clip(cosine, -1.0, 1.0))
+    return np.asarray(np.exp(-math.log(2.0) * (2.0 * theta / math.radians(angle)) ** 2))
+
+
+def phase_function(cosine: Array, asymmetry: float = ASYMMETRY) -> Array:
+    """Henyey-Greenstein phase function p(ψ), 1/sr, for cos ψ."""
+    g = asymmetry
+    return np.asarray(
+        (1 - g * g) / (4 * math.pi * (1 + g * g - 2 * g * cosine) ** 1.5))
+
+
+def _nodes() -> tuple[Array, Array]:
+    """Middles and lengths of the steps of the integral along a line of sight, m."""
+    ends = [np.linspace(0.0, RANGES[0], FIRST_STEPS + 1)]
+    ends += [
+        np.linspace(low, high, SUBSTEPS + 1)[1:]
+        for low, high in itertools.pairwise(RANGES)]
+    edges = np.concatenate(ends)
+    return 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+
+
+def trilinear(table: Any, y: Array, x: Array, z: Array) -> Array:
+    """Interpolate (K, 3, Y, X, R) at points, (K, 3, N)."""
+    j, i, k = y.astype(int), x.astype(int), z.astype(int)
+    fy, fx, fz = y - j, x - i, z - k
+    out = np.zeros((*table.shape[:2], len(y)))
+    for a in (0, 1):
+        for b in (0, 1):
+            for c in (0, 1):
+                share = (fy if a else 1 - fy) * (fx if b else 1 - fx) * (fz if c else 1 - fz)
+                out += share * table[:, :, j + a, i + b, k + c]
+    return out

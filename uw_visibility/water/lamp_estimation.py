@@ -1,0 +1,269 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Estimation of attenuation and scattering where lamps light the scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uw_visibility.config.lighting import LightingConfig
+from uw_visibility.config.schema import WaterConfig
+from uw_visibility.images.view import View
+from uw_visibility.optics.lamps import (
+    REFERENCE,
+    LampTables,
+    Table,
+    displaced,
+    log_direct,
+    nodes_of,
+    tabulate,
+    trilinear,
+)
+from uw_visibility.status import Status
+from uw_visibility.water.estimate import LampLight, WaterEstimate
+from uw_visibility.water.lamp_cells import Cells
+from uw_visibility.water.lamp_fit import FEWEST_CELLS, ContrastFit, fit_contrast, fit_light
+from uw_visibility.water.lamp_observations import LampObservations, observe
+from uw_visibility.water.priors import (
+    CHANNEL_TOLERANCE,
+    CHANNEL_TOLERANCE_MIN,
+    CLEAR_WATER_TOLERANCE,
+)
+from uw_visibility.water.validation import (
+    MAX_CLIPPED_FRACTION,
+    MAX_RELATIVE_STDDEV,
+    MAX_STDDEV,
+    refute_clearness,
+)
+
+Array = NDArray[np.float64]
+Rays = Callable[[Array, Array], Array]
+
+# What no image can tell, as a part of β: the scale of range, the transfer, a beam's form.
+MODEL_ERROR = 0.05
+# Deviation of β, 1/m, of a channel that is not seen.
+UNSEEN = 10.0
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """Tables for one size of image."""
+
+    tables: LampTables
+    moved: list[Table]
+
+
+class LampEstimator:
+    """Estimates the water's state under lamps; tables are made once for a size of image.
+
+    Parameters
+    ----------
+    config : WaterConfig
+    lighting : LightingConfig
+        With lamps.
+    clear_water_attenuation : (3,) array_like
+        κ of the camera, 1/m.
+    rays : callable
+        Unit directions, (Y, X, 3), through a grid of columns and rows, px.
+    """
+
+    def __init__(
+        self, config: WaterConfig, lighting: LightingConfig, clear_water_attenuation: ArrayLike,
+        rays: Rays,
+    ) -> None:
+        self._config = config
+        self._lighting = lighting
+        self._clear_water = np.array(clear_water_attenuation, dtype=np.float64)
+        self._rays = rays
+        self._prepared: dict[tuple[int, int], _Prepared] = {}
+
+    def tables(self, shape: tuple[int, int]) -> LampTables:
+        """Tables for images of a height and width, px."""
+        return self._prepare(shape).tables
+
+    def _prepare(self, shape: tuple[int, int]) -> _Prepared:
+        if shape not in self._prepared:
+            columns, rows = nodes_of(shape)
+            rays = self._rays(columns, rows)
+            lamps = list(self._lighting.lamps())
+            tables = tabulate(rays, columns, rows, lamps)
+            first = log_direct(rays, lamps)
+            moved = [
+                log_direct(rays, others) - first for others in displaced(
+                    lamps, self._lighting.position_stddev, self._lighting.direction_stddev)]
+            # Of one size at a time, as buffers are.
+            self._prepared = {shape: _Prepared(tables, moved)}
+        return self._prepared[shape]
+
+    def estimate_view(
+        self,
+        view: View,
+        range_map: NDArray[np.floating],
+        *,
+        start: WaterEstimate | None = None,
+        range_error: float = 0.0,
+        coarse: bool = False,
+    ) -> WaterEstimate:
+        """Estimate attenuation and scattering from a view.
+
+        Parameters
+        ----------
+        view : View
+            A grey one has no colour and is not assessable.
+        range_map : (H, W) ndarray of float
+            Range along the line of sight, m; NaN where unknown.
+        start, range_error, coarse
+            As of `WaterEstimator.estimate_view`; they change nothing here.
+
+        Returns
+        -------
+        WaterEstimate
+            `ambient_light` is what the water shows at infinity in the image's middle.
+        """
+        if view.colour is None:
+            return WaterEstimate.not_assessable(Status.NO_COLOUR)
+        prepared = self._prepare(view.shape)
+        tables = prepared.tables
+        seen = observe(
+            view.colour, np.asarray(range_map, np.float32), view.valid, tables,
+            tables.log_direct[REFERENCE].mean(axis=0), tables.log_scattered[REFERENCE].mean(axis=0))
+        reason = self._refuse(seen, view)
+        if reason is not Status.OK:
+            return WaterEstimate.not_assessable(reason)
+        cells = _cells(seen, prepared)
+        refused = [
+            Status.SATURATED if seen.saturated[c] > MAX_CLIPPED_FRACTION else Status.OK
+            for c in range(3)]
+        return self.estimate_cells(cells, refused)
+
+    def estimate_cells(
+        self, cells: Cells, refused: list[Status] | None = None
+    ) -> WaterEstimate:
+        """Estimate from cells, of one frame or of many.
+
+        Parameters
+        ----------
+        cells : Cells
+        refused : list of Status, optional
+            Why channels are not assessable; OK by default.
+        """
+        fit = fit_contrast(cells, self._lighting.model == "both")
+        status = list(refused or [Status.OK] * 3)
+        for c in range(3):
+            if status[c] is Status.OK and fit.cells[c] < FEWEST_CELLS:
+                status[c] = Status.TOO_DARK
+        seen = np.array([reason is Status.OK for reason in status])
+        if not seen.any():
+            return _with_cells(WaterEstimate.not_assessable(status[0]), cells)
+        beta, covariance = self._fuse(fit, seen)
+        deviation = np.sqrt(np.diag(covariance))
+        for c in np.flatnonzero(seen).tolist():
+            if deviation[c] > max(MAX_STDDEV, MAX_RELATIVE_STDDEV * beta[c]):
+                status[c] = Status.RANGE_SPREAD_TOO_SMALL
+        known = np.array([reason is Status.OK for reason in status])
+        clearer = refute_clearness(
+            np.where(known, beta, np.nan), covariance, self._clear_water)
+        if clearer is not Status.OK:
+            status = [clearer if reason is Status.OK else reason for reason in status]
+            known[:] = False
+        return self._assembled(cells, fit, np.where(known, beta, np.nan), covariance, status)
+
+    def _refuse(self, seen: LampObservations, view: View) -> Status:
+        """Validate a frame's observations: OK, or why no channel is assessable."""
+        assert view.colour is not None
+        if not view.colour.pixels.any():
+            return Status.TOO_DARK
+        if (seen.saturated > MAX_CLIPPED_FRACTION).all():
+            return Status.SATURATED
+        if (seen.zero > MAX_CLIPPED_FRACTION).all():
+            return Status.TOO_DARK
+        if len(seen.range) < FEWEST_CELLS:
+            return Status.TOO_FEW_OBSERVATIONS
+        return Status.OK
+
+    def _fuse(self, fit: ContrastFit, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Fuse β with what is known of water: channels alike, none clearer than clear water."""
+        clear = self._clear_water
+        beta = np.where(seen, fit.attenuation, 0.0)
+        covariance = np.where(np.outer(seen, seen), fit.covariance, 0.0)
+        covariance = np.nan_to_num(covariance) + np.diag(np.where(seen, 0.0, UNSEEN**2))
+        particles = max(float((beta - clear)[seen].mean()), 0.0)
+        tolerance = (CHANNEL_TOLERANCE_MIN + CHANNEL_TOLERANCE * particles) ** 2
+        for c in range(3):
+            row = np.full(3, -1.0 / 3.0)
+            row[c] += 1.0
+            beta, covariance = _update(
+                beta, covariance, row, float(row @ clear), tolerance)
+        for c in np.argsort(beta - clear):
+            if seen[c] and beta[c] < clear[c]:
+                beta, covariance = _update(
+                    beta, covariance, np.eye(3)[c], float(clear[c]),
+                    float((CLEAR_WATER_TOLERANCE * clear[c]) ** 2))
+        return beta, covariance + MODEL_ERROR**2 * np.outer(beta, beta)
+
+    def _assembled(
+        self, cells: Cells, fit: ContrastFit, beta: Array, covariance: Array,
+        status: list[Status],
+    ) -> WaterEstimate:
+        light = fit_light(cells, beta, fit.daylight)
+        known = np.isfinite(beta)
+        # The lamps' colours are known, so that their power is one number.
+        seen = known & (light.power > 0)
+        power = float(np.exp(np.log(light.power[seen]).mean())) if seen.any() else math.nan
+        veil = light.scattering * cells.far_scattered(beta) + light.veil
+        relative = np.hypot(light.scattering_stddev / np.maximum(light.scattering, 1e-12), 0.1)
+        joint = np.zeros((6, 6))
+        joint[0::2, 0::2] = covariance
+        joint[1::2, 1::2] = np.diag((np.minimum(relative, 10.0) * veil) ** 2)
+        joint[np.repeat(~known, 2)] = np.nan
+        joint[:, np.repeat(~known, 2)] = np.nan
+        return WaterEstimate(
+            status=next((reason for reason in status if reason is not Status.OK), Status.OK),
+            attenuation=beta,
+            ambient_light=np.where(known, np.maximum(veil, 1e-9), np.nan),
+            covariance=np.stack([joint[2 * c:2 * c + 2, 2 * c:2 * c + 2] for c in range(3)]),
+            iterations=fit.iterations,
+            bins=len(cells.range),
+            channel_status=(status[0], status[1], status[2]),
+            joint_covariance=joint,
+            light=np.where(known, power, np.nan),
+            light_stddev=np.where(known, light.power_stddev, np.nan),
+            cues={"contrast": (fit.attenuation, np.sqrt(np.diag(fit.covariance)))},
+            lamps=LampLight(
+                beta, np.where(known, power, np.nan), light.scattering,
+                fit.daylight * power, light.veil, cells),
+        )
+
+
+def _with_cells(estimate: WaterEstimate, cells: Cells) -> WaterEstimate:
+    unknown = np.full(3, np.nan)
+    return replace(
+        estimate, lamps=LampLight(unknown, unknown, unknown, unknown, unknown, cells))
+
+
+def _update(
+    mean: Array, covariance: Array, row: Array, value: float, variance: float
+) -> tuple[Array, Array]:
+    """Kalman's update by one number."""
+    gain = covariance @ row / (row @ covariance @ row + variance)
+    fresh = covariance - np.outer(gain, row @ covariance)
+    return mean + gain * (value - row @ mean), 0.5 * (fresh + fresh.T)
+
+
+def _cells(seen: LampObservations, prepared: _Prepared) -> Cells:
+    """Take the tables' light at the cells' places."""
+    tables = prepared.tables
+    direct, scattered = tables.look_up(seen.column, seen.row, seen.range)
+    reference, unit = direct[REFERENCE].mean(axis=0), scattered[REFERENCE].mean(axis=0)
+    places = tables.place(seen.column, seen.row, seen.range)
+    moved = np.array([trilinear(table[None, None], *places)[0, 0] for table in prepared.moved])
+    far = tables.log_scattered[:, :, len(tables.rows) // 2, len(tables.columns) // 2, -1]
+    return Cells(
+        seen.range, seen.count, seen.contrast, seen.noise, seen.mean, seen.dark, seen.bright,
+        direct - reference, scattered - reference, reference, unit - reference,
+        moved.reshape(-1, len(seen.range)), np.asarray(far, np.float64))

@@ -1,0 +1,308 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Contrast and envelopes of a lamp-lit image, over range and image column.
+
+Each pixel is divided by the direct light of the lamps at its place, D of a reference
+attenuation, so that what is left of range and direction is e^(−(β − β₀) (r + d)) and what
+the water scatters. Contrast is the second difference along the row, between points of
+equal distance on the scene: the veil adds the same to both sides, texture is compared at
+one scale, and ground that falls away from the camera is not foreshortened along the row.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.jit import njit
+from uw_visibility.images.noise import ROUNDING_VARIANCE
+from uw_visibility.images.view import ColourSamples
+from uw_visibility.optics.lamps import RANGES, LampTables, Table
+from uw_visibility.optics.transfer import linear_table
+
+# Cells: bins of range, of equal ratio, by columns of the image.
+RANGE_BINS, COLUMNS = 24, 4
+# Pixels read, and those that a cell needs.
+PIXELS_READ = 60_000
+FEWEST_PIXELS = 60
+# Ranges beyond these quantiles are mostly wrong matches.
+RANGE_QUANTILES = (0.005, 0.995)
+RANGE_SAMPLES = 4096
+# Distance of the compared points at the farthest range, as a part of the image's width, and
+# the largest one, near by; at least as many pixels as a camera's blur is wide.
+FAR_PART, NEAR_PART, LEAST_SEPARATION = 1 / 128, 1 / 12, 3
+# Light is the mean of squares, from their middle to their side as far as this part of that.
+BOX = 0.25
+# Range beside a pixel departs from a line by less than this part, and from its own by less
+# than the other.
+BEND, SLOPE = np.float32(0.04), np.float32(0.12)
+# Levels of E/D in which quantiles are found: so many per octave, from this part of the
+# frame's median up. Where hardly any direct light is left, E/D is large.
+LEVELS, PER_OCTAVE = 208, 8
+LOWEST = 2.0 ** -13
+DARK_QUANTILE, BRIGHT_QUANTILE = 0.02, 0.95
+
+
+@dataclass(frozen=True)
+class LampObservations:
+    """What the cells of a lamp-lit image show, in units of D or S of a reference attenuation.
+
+    Attributes
+    ----------
+    column, row, range : (N,) float64 ndarray
+        Mean place of each cell's pixels: px, px, m.
+    count : (N,) float64 ndarray
+        Pixels read in each.
+    contrast : (3, N) float64 ndarray
+        Root mean square of the second difference over D, noise taken off.
+    noise : (3, N) float64 ndarray
+        That of the noise alone.
+    mean, bright : (3, N) float64 ndarray
+        Mean and quantile of E/D.
+    dark : (3, N) float64 ndarray
+        Quantile of E/S, so that what is scattered differs little within a cell.
+    saturated, zero : (3,) float64 ndarray
+        Part of the pixels with a range that are saturated, or 0.
+    pixels : int
+        Pixels with a range that were read.
+    limits : tuple of float
+        Nearest and farthest range, m; twice 0 without any.
+    """
+
+    column: NDArray[np.float64]
+    row: NDArray[np.float64]
+    range: NDArray[np.float64]
+    count: NDArray[np.float64]
+    contrast: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    dark: NDArray[np.float64]
+    bright: NDArray[np.float64]
+    saturated: NDArray[np.float64]
+    zero: NDArray[np.float64]
+    pixels: int
+    limits: tuple[float, float]
+
+
+def observe(
+    samples: ColourSamples,
+    range_map: NDArray[np.float32],
+    valid: NDArray[np.bool_] | None,
+    tables: LampTables,
+    log_direct: Table,
+    log_scattered: Table,
+) -> LampObservations:
+    """Observe a lamp-lit image.
+
+    Parameters
+    ----------
+    samples : ColourSamples
+        The pixels, their transfer and noise.
+    range_map : (H, W) float32 ndarray
+        Of the camera's pixels, m; NaN where unknown.
+    valid : (H, W) bool ndarray or None
+        Pixels that show the scene.
+    tables : LampTables
+        Of the camera's pixels.
+    log_direct, log_scattered : (Y, X, R) float32 ndarray
+        ln D and ln S of the reference attenuation.
+
+    Returns
+    -------
+    LampObservations
+    """
+    ranges, valid = samples.reduce(range_map, valid)
+    ranges = np.ascontiguousarray(ranges)
+    mask = np.ones((1, 1), np.bool_) if valid is None else np.ascontiguousarray(valid)
+    limits = _range_limits(ranges, mask)
+    sums = np.zeros((RANGE_BINS * COLUMNS, 16))
+    levels = np.zeros((2, RANGE_BINS * COLUMNS, 3, LEVELS), np.int32)
+    clipped = np.zeros(7, np.int64)
+    irradiance = linear_table(samples.transfer, samples.pixels.dtype)
+    scale = samples.scale
+    # Coordinates of the nodes for a sample's middle.
+    shift = 0.5 * (scale - 1)
+    grid = np.array([
+        (shift - tables.rows[0]) / (tables.rows[1] - tables.rows[0]),
+        scale / (tables.rows[1] - tables.rows[0]),
+        (shift - tables.columns[0]) / (tables.columns[1] - tables.columns[0]),
+        scale / (tables.columns[1] - tables.columns[0]),
+        math.log(RANGES[0]), 1.0 / math.log(RANGES[1] / RANGES[0]),
+    ])
+    width = ranges.shape[1]
+    stride = max(1, round(math.sqrt(ranges.size / PIXELS_READ)))
+    median = np.array([
+        _median(samples, ranges, mask, irradiance, grid, table)
+        for table in (log_direct, log_scattered)])
+    if limits[1] > limits[0] > 0 and median.all():
+        _accumulate(
+            samples.pixels, ranges, mask, irradiance, limits[0], limits[1], grid, log_direct,
+            log_scattered, max(LEAST_SEPARATION, width * FAR_PART), width * NEAR_PART, stride,
+            1.0 / (LOWEST * median), samples.noise**2 + ROUNDING_VARIANCE,
+            ROUNDING_VARIANCE * np.exp(-2 * (math.pi * samples.noise) ** 2), sums, levels, clipped)
+    enough = sums[:, 15] >= FEWEST_PIXELS
+    sums, levels = sums[enough], levels[:, enough]
+    count = sums[:, 15:16]
+    variance = sums[:, 0:3] / count
+    # Rounding is alike over a square where no noise is added to it before.
+    # One square and half of two others.
+    noise = 1.5 * sums[:, 3:6] / count
+    contrast = np.sqrt(np.maximum(variance - noise, 0.0))
+    pixels = max(int(clipped[6]), 1)
+    place = sums[:, 9:12] / count
+    return LampObservations(
+        column=place[:, 0] * scale + shift, row=place[:, 1] * scale + shift,
+        range=np.exp(place[:, 2]), count=count[:, 0], contrast=contrast.T,
+        noise=np.sqrt(noise).T, mean=(sums[:, 6:9] / count).T,
+        dark=_quantile(levels[1], DARK_QUANTILE) * median[1],
+        bright=_quantile(levels[0], BRIGHT_QUANTILE) * median[0], saturated=clipped[:3] / pixels,
+        zero=clipped[3:6] / pixels, pixels=int(clipped[6]), limits=limits)
+
+
+def _median(
+    samples: ColourSamples, ranges: NDArray[np.float32], mask: NDArray[np.bool_],
+    irradiance: NDArray[np.float32], grid: NDArray[np.float64], table: Table,
+) -> float:
+    """Median of E/D over a few pixels, each in its brightest channel."""
+    stride = max(1, math.isqrt(ranges.size // RANGE_SAMPLES))
+    few = ranges[::stride, ::stride]
+    known = np.isfinite(few) & (few > 0)
+    if mask.size > 1:
+        known &= mask[::stride, ::stride]
+    if not known.any():
+        return 0.0
+    y, x = np.nonzero(known)
+    codes = samples.pixels[::stride, ::stride][known]
+    light = irradiance[codes].max(axis=1)
+    logarithm = np.array([
+        look_up(table, grid[0] + grid[1] * r * stride, grid[2] + grid[3] * c * stride,
+                (math.log(d) - grid[4]) * grid[5])
+        for r, c, d in zip(y[::4], x[::4], few[known][::4], strict=True)])
+    return float(np.median(light[::4] * np.exp(-logarithm)))
+
+
+def _range_limits(
+    ranges: NDArray[np.float32], mask: NDArray[np.bool_]
+) -> tuple[float, float]:
+    stride = max(1, math.isqrt(ranges.size // RANGE_SAMPLES))
+    few = ranges[::stride, ::stride]
+    known = np.isfinite(few) & (few > 0)
+    if mask.size > 1:
+        known &= mask[::stride, ::stride]
+    if not known.any():
+        return 0.0, 0.0
+    low, high = np.quantile(few[known], RANGE_QUANTILES)
+    return float(low), float(high) * (1 + 1e-6)
+
+
+def _quantile(levels: NDArray[np.int32], quantile: float) -> NDArray[np.float64]:
+    """Quantile of each cell and channel, (3, N), as part of the median."""
+    if len(levels) == 0:
+        return np.zeros((3, 0))
+    summed = np.cumsum(levels, axis=2)
+    wanted = quantile * summed[:, :, -1:]
+    at = np.argmax(summed >= wanted, axis=2)
+    below = np.take_along_axis(summed - levels, at[..., None], 2)[..., 0]
+    inside = np.maximum(np.take_along_axis(levels, at[..., None], 2)[..., 0], 1)
+    share = (wanted[..., 0] - below) / inside
+    return np.asarray(LOWEST * 2.0 ** ((at + share) / PER_OCTAVE)).T
+
+
+@njit(nogil=True, error_model="numpy")
+def look_up(table: Any, y: float, x: float, z: float) -> float:
+    """Interpolate a table (Y, X, R) at a place in units of its nodes, clipped to them."""
+    y = min(max(y, 0.0), table.shape[0] - 1.001)
+    x = min(max(x, 0.0), table.shape[1] - 1.001)
+    z = min(max(z, 0.0), table.shape[2] - 1.001)
+    j, i, k = int(y), int(x), int(z)
+    fy, fx, fz = y - j, x - i, z - k
+    near = (1 - fx) * table[j, i, k] + fx * table[j, i + 1, k]
+    near = (1 - fy) * near + fy * (
+        (1 - fx) * table[j + 1, i, k] + fx * table[j + 1, i + 1, k])
+    far = (1 - fx) * table[j, i, k + 1] + fx * table[j, i + 1, k + 1]
+    far = (1 - fy) * far + fy * (
+        (1 - fx) * table[j + 1, i, k + 1] + fx * table[j + 1, i + 1, k + 1])
+    return (1 - fz) * near + fz * far
+
+
+@njit(nogil=True, error_model="numpy")
+def _accumulate(
+    image: Any, ranges: Any, mask: Any, irradiance: Any, low: float, high: float, grid: Any,
+    table: Any, scattered: Any, far_separation: float, most: float, stride: int,
+    inverse_lowest: Any,
+    single: Any, common: Any, sums: Any, levels: Any, clipped: Any,
+) -> None:
+    """Sum squared differences, squared steps of a code, E/D, places and pixels of each cell."""
+    height, width = ranges.shape
+    masked = mask.size > 1
+    top = irradiance.size - 1
+    light = np.empty((3, 3), np.float32)
+    per_log = RANGE_BINS / math.log(high / low)
+    for y in range(stride // 2, height, stride):
+        for x in range(stride // 2, width, stride):
+            d = ranges[y, x]
+            if not (d >= low and d < high) or (masked and not mask[y, x]):
+                continue
+            clipped[6] += 1
+            full = False
+            for c in range(3):
+                code = image[y, x, c]
+                full |= code >= top
+                clipped[c] += code >= top
+                clipped[3 + c] += code == 0
+            distance = int(min(far_separation * high / d, most) + 0.5)
+            half = max(1, int(BOX * distance + 0.5))
+            if (full or x < distance + half or x + distance + half >= width
+                    or y < half or y + half >= height):
+                continue
+            left, right = ranges[y, x - distance], ranges[y, x + distance]
+            # Written so that unknown ranges fail.
+            if not (abs(left + right - 2 * d) < BEND * d and abs(left - right) < SLOPE * d):
+                continue
+            if masked and not (mask[y, x - distance] and mask[y, x + distance]):
+                continue
+            light[:] = 0.0
+            for k in range(3):
+                middle = x + (k - 1) * distance
+                for j in range(y - half, y + half + 1):
+                    for i in range(middle - half, middle + half + 1):
+                        for c in range(3):
+                            code = image[j, i, c]
+                            full |= code >= top
+                            light[k, c] += irradiance[code]
+            if full:
+                continue
+            area = (2 * half + 1) ** 2
+            log_d = math.log(d)
+            inverse = math.exp(-look_up(
+                table, grid[0] + grid[1] * y, grid[2] + grid[3] * x,
+                (log_d - grid[4]) * grid[5]))
+            cell = min(int((log_d - math.log(low)) * per_log), RANGE_BINS - 1) * COLUMNS
+            cell += x * COLUMNS // width
+            for c in range(3):
+                difference = inverse / area * (
+                    light[1, c] - 0.5 * (light[0, c] + light[2, c]))
+                sums[cell, c] += difference * difference
+                code = image[y, x, c]
+                step = inverse * (irradiance[min(code + 1, top)] - irradiance[code])
+                sums[cell, 3 + c] += step * step * (single[c] / area + common[c])
+                value = inverse / area * light[1, c]
+                sums[cell, 6 + c] += value
+                value *= inverse_lowest[0]
+                level = int(math.log2(value) * PER_OCTAVE) if value > 1.0 else 0
+                levels[0, cell, c, min(level, LEVELS - 1)] += 1
+            inverse = math.exp(-look_up(
+                scattered, grid[0] + grid[1] * y, grid[2] + grid[3] * x,
+                (log_d - grid[4]) * grid[5])) / area
+            for c in range(3):
+                value = inverse * light[1, c] * inverse_lowest[1]
+                level = int(math.log2(value) * PER_OCTAVE) if value > 1.0 else 0
+                levels[1, cell, c, min(level, LEVELS - 1)] += 1
+            sums[cell, 9] += x
+            sums[cell, 10] += y
+            sums[cell, 11] += log_d
+            sums[cell, 15] += 1
