@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
+from uw_visibility.enhancement import radiance_kernels as kernels
 from uw_visibility.enhancement.radiance import as_channels, irradiance_noise
 from uw_visibility.errors import InputError
 from uw_visibility.images.noise import noise_stddev
@@ -21,6 +22,10 @@ from uw_visibility.optics.transfer import encode_table, linear_table
 
 # However noisy an image is, a white patch of so little light is made white.
 _LEAST_GAIN = math.exp(0.5)
+# Logarithm of the least gain: of white four times as bright as the largest pixel value.
+_LOWEST = -math.log(4.0)
+# Steps of range, of equal length.
+_PLACES = 8192
 
 
 class LampRestorer:
@@ -91,8 +96,7 @@ class LampRestorer:
         known = np.isfinite(field.log_direct).all(axis=(1, 2, 3))
         known &= np.isfinite(field.scattered).all(axis=(1, 2, 3))
         grid = np.array([
-            field.rows[1] - field.rows[0], field.columns[1] - field.columns[0],
-            math.log(RANGES[0]), 1.0 / math.log(RANGES[1] / RANGES[0])], np.float32)
+            field.rows[1] - field.rows[0], field.columns[1] - field.columns[0]], np.float32)
         # Nodes of direct and scattered light side by side.
         light = np.ascontiguousarray(np.stack(
             (np.nan_to_num(field.log_direct), np.nan_to_num(field.scattered)), axis=-1
@@ -101,74 +105,98 @@ class LampRestorer:
         limited = np.empty(range_map.shape, np.bool_)
         self._workers.rows(
             _restore, planes.shape[0], planes, range_map, decode,
-            encode_table(self._transfer, image.dtype), light, grid, limits.astype(np.float32),
-            known, enhanced, limited)
+            encode_table(self._transfer, image.dtype), light, grid, _places(),
+            limits.astype(np.float32), known, enhanced, limited)
         return enhanced.reshape(image.shape), limited
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True)
+def _places() -> NDArray[np.float32]:
+    """Node of range, with its fraction, of each step of range up to the last one."""
+    middle = (np.arange(_PLACES) + 0.5) * RANGES[-1] / _PLACES
+    node = np.log(middle / RANGES[0]) / math.log(RANGES[1] / RANGES[0])
+    return np.asarray(np.clip(node, 0.0, len(RANGES) - 1.001), np.float32)
+
+
+@njit(nogil=True, error_model="numpy")
 def _restore(
     start: int, stop: int, image: Any, distance: Any, decode: Any, encode: Any, light: Any,
-    grid: Any, limits: Any, known: Any, enhanced: Any, limited: Any,
+    grid: Any, place_of: Any, limits: Any, known: Any, enhanced: Any, limited: Any,
 ) -> None:
-    """Restore a band of rows; `light` is (Y, 3, X, R, 2)."""
+    """Restore a band of rows, plane by plane as `radiance_kernels.restore` does.
+
+    `light` is (Y, 3, X, R, 2), `place_of` the node of each step of range.
+    """
     width = image.shape[1]
     last_row, last_column = light.shape[0] - 1, light.shape[2] - 1
-    last = np.float32(light.shape[3] - 1.001)
-    row = np.empty(light.shape[1:], np.float32)
-    # (R, 3, 2) of a column is read together.
-    here = np.empty((light.shape[2], light.shape[3], 3, 2), np.float32)
-    top = np.float32(encode.size - 1)
     zero, half, one = np.float32(0), np.float32(0.5), np.float32(1)
-    value = np.empty(3, np.float32)
-    kept = np.empty(3, np.float32)
+    lowest = np.float32(_LOWEST)
+    logs = np.log(limits) - lowest
+    p, middle = kernels.polynomial(np.float64(logs.max()), 1.0)
+    scale = np.float32(math.exp(_LOWEST))
+    per_metre = np.float32(place_of.size / RANGES[-1])
+    top = np.float32(encode.size - 1)
+    here = np.empty(light.shape[1:], np.float32)
+    column = np.empty(width, np.int32)
+    across = np.empty(width, np.float32)
+    node = np.empty(width, np.int32)
+    along = np.empty(width, np.float32)
+    gain = np.empty(width, np.float32)
+    value = np.empty((3, width), np.float32)
+    kept = np.empty((3, width), np.float32)
+    for x in range(width):
+        place = min(np.float32(x) / grid[1], np.float32(last_column - 0.001))
+        column[x] = np.int32(place)
+        across[x] = place - np.float32(column[x])
     for y in range(start, stop):
         place = min(np.float32(y) / grid[0], np.float32(last_row - 0.001))
         j = int(place)
         share = np.float32(place - j)
-        row[:] = (one - share) * light[j] + share * light[j + 1]
-        for c in range(3):
-            for x in range(light.shape[2]):
-                for k in range(light.shape[3]):
-                    here[x, k, c, 0] = row[c, x, k, 0]
-                    here[x, k, c, 1] = row[c, x, k, 1]
+        here[:] = (one - share) * light[j] + share * light[j + 1]
         for x in range(width):
-            d = distance[y, x]
-            unknown = not (d > zero and d < np.float32(1e6))
-            z = last if unknown else (np.log(d) - grid[2]) * grid[3]
-            z = min(max(z, zero), last)
-            k = int(z)
-            fz = np.float32(z - k)
-            across = min(np.float32(x) / grid[1], np.float32(last_column - 0.001))
-            i = int(across)
-            fx = np.float32(across - i)
-            a, b = (one - fx) * (one - fz), fx * (one - fz)
-            e, f = (one - fx) * fz, fx * fz
-            full = False
-            total, mean, best = np.float32(1e-6), zero, zero
+            at = distance[y, x] * per_metre
+            # Written so that NaN fails it.
+            inside = at >= zero and at < np.float32(place_of.size)
+            place = place_of[np.int32(at) if inside else place_of.size - 1]
+            node[x] = np.int32(place)
+            along[x] = place - np.float32(node[x])
+            limited[y, x] = not inside
+        for c in range(3):
+            if not known[c]:
+                kept[c] = 0
+                value[c] = 0
+                continue
+            plane = here[c]
+            for x in range(width):
+                i, k, fx, fz = column[x], node[x], across[x], along[x]
+                a, b = (one - fx) * (one - fz), fx * (one - fz)
+                e, f = (one - fx) * fz, fx * fz
+                gain[x] = -(a * plane[i, k, 0] + b * plane[i + 1, k, 0]
+                            + e * plane[i, k + 1, 0] + f * plane[i + 1, k + 1, 0])
+                value[c, x] = decode[image[y, x, c]] - (
+                    a * plane[i, k, 1] + b * plane[i + 1, k, 1]
+                    + e * plane[i, k + 1, 1] + f * plane[i + 1, k + 1, 1])
+            for x in range(width):
+                excess = gain[x] - (logs[c] + lowest)
+                excess = excess if excess > zero else zero
+                kept[c, x] = one / (one + excess + half * excess * excess)
+                t = gain[x] - lowest
+                t = t if t > zero else zero
+                gain[x] = t if t < logs[c] else logs[c]
+            kernels.exponential(p, middle, gain)
+            for x in range(width):
+                value[c, x] *= scale * gain[x]
+        for x in range(width):
+            total = kept[0, x] + kept[1, x] + kept[2, x] + np.float32(1e-6)
+            mean = (kept[0, x] * value[0, x] + kept[1, x] * value[1, x]
+                    + kept[2, x] * value[2, x]) / total
+            best = max(kept[0, x], max(kept[1, x], kept[2, x]))
             for c in range(3):
-                if not known[c]:
-                    continue
-                direct = (
-                    a * here[i, k, c, 0] + b * here[i + 1, k, c, 0]
-                    + e * here[i, k + 1, c, 0] + f * here[i + 1, k + 1, c, 0])
-                scattered = (
-                    a * here[i, k, c, 1] + b * here[i + 1, k, c, 1]
-                    + e * here[i, k + 1, c, 1] + f * here[i + 1, k + 1, c, 1])
-                gain = np.exp(min(-direct, np.float32(60)))
-                ratio = limits[c] / gain
-                kept[c] = min(ratio, one)
-                full |= ratio < one
-                value[c] = (decode[image[y, x, c]] - scattered) * min(gain, limits[c])
-                total += kept[c]
-                mean += value[c]
-                best = max(best, kept[c])
-            mean = mean / total
-            limited[y, x] = full or unknown
-            for c in range(3):
-                if known[c]:
-                    radiance = value[c] + (best - kept[c]) * mean
-                    radiance = min(max(radiance, zero), one)
-                    enhanced[y, x, c] = encode[int(radiance * top + half)]
-                else:
-                    enhanced[y, x, c] = image[y, x, c]
+                limited[y, x] |= known[c] and kept[c, x] < one
+                radiance = value[c, x] + (best - kept[c, x]) * mean
+                radiance = radiance if radiance > zero else zero
+                radiance = radiance if radiance < one else one
+                value[c, x] = radiance * top + half
+        for c in range(3):
+            for x in range(width):
+                enhanced[y, x, c] = (
+                    encode[np.uint32(value[c, x])] if known[c] else image[y, x, c])

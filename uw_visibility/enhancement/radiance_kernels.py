@@ -54,7 +54,7 @@ def _kept(distance: Any, attenuation: Any, limit: Any, out: Any) -> None:
 
 
 @njit(nogil=True, error_model="numpy")
-def _exponential(p: Any, middle: Any, row: Any) -> None:
+def exponential(p: Any, middle: Any, row: Any) -> None:
     """Replace each thickness in a row by its exponential."""
     p0, p1, p2, p3, p4, p5, p6 = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
     for x in range(row.size):
@@ -97,7 +97,7 @@ def restore(
         mean[:] = 0
         for c in range(count):
             _thickness(distance[y], attenuation[c], limits[c], row)
-            _exponential(p, middle, row)
+            exponential(p, middle, row)
             _kept(distance[y], attenuation[c], limits[c], kept[c])
             plane = deviation[c]
             inverse = one / light[c]

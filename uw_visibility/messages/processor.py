@@ -16,6 +16,7 @@ from uw_visibility.messages.outputs import Source, each_message, enhanced_sides
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.filter import FilteredWater
 
 
@@ -58,12 +59,17 @@ class FrameWork:
         *,
         match_original: bool = False,
         confidence: bool = False,
+        known_light: LampLight | None = None,
     ) -> FrameResult:
-        """Run the pipeline on the frame; for the parameters see `FrameProcessor.process`."""
+        """Run the pipeline on the frame; for the parameters see `FrameProcessor.process`.
+
+        `known_light` is that of the frames before, see `Pipeline.process`.
+        """
         pair = self._pair
         return self._pipeline.process(
             pair.left, pair.right, valid=pair.valid, match_original=match_original,
             enhance=enhanced_sides(topics), confidence=confidence, colour=pair.chroma,
+            known_light=known_light,
         )
 
     def messages(

@@ -33,6 +33,7 @@ from uw_visibility.stereo.search_range import disparity_limits
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.estimation import WaterEstimator
 from uw_visibility.water.foreground import foreground_mask
+from uw_visibility.water.lamp_estimation import LampEstimator
 
 # Images are halved as long as their small copy keeps this width, px,
 _LEAST_WIDTH = 300
@@ -103,7 +104,7 @@ class FirstStep:
         shape: tuple[int, int],
         rig: StereoRig,
         config: PipelineConfig,
-        estimator: WaterEstimator,
+        estimator: WaterEstimator | LampEstimator,
         workers: Workers,
     ) -> None:
         self._pyramid = Pyramid(_reduction_factor(shape, config), workers)

@@ -24,7 +24,8 @@ from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.optics.light_model import scene_light_of
 from uw_visibility.pipeline.enhancement import ChannelWater, ImageEnhancement
 from uw_visibility.pipeline.first_step import CoarseEstimate, FirstStep
-from uw_visibility.pipeline.result import FrameResult, StereoResult
+from uw_visibility.pipeline.lamps import LampEnhancement, make_estimator
+from uw_visibility.pipeline.result import EnhancedImages, FrameResult, StereoResult
 from uw_visibility.pipeline.second_step import ImprovedDisparity, SecondStep
 from uw_visibility.pipeline.timing import StageClock
 from uw_visibility.pipeline.warm_up import warm_up_pair, warm_up_scene
@@ -33,7 +34,7 @@ from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.search_range import disparity_limits
 from uw_visibility.water.assessment import Assessor
-from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.estimation import WaterEstimator
 
 SIDES = ("left", "right")
@@ -72,13 +73,13 @@ class Pipeline:
         self.config = config or PipelineConfig()
         self._workers = workers or Workers(self.config.threads)
         self._assessor = Assessor.from_config(self.config)
-        self._estimator = WaterEstimator(
-            self.config.water, self._assessor.clear_water_attenuation,
-            self.config.camera.transfer, self._assessor.daylight,
-        )
+        self._estimator = make_estimator(self.config, self._assessor, rig)
         centres = rig.principal_point, rig.principal_point_right or rig.principal_point
         self._flat_field = FlatFieldCorrection(self.config.camera, centres, self._workers)
         self._enhancement = ImageEnhancement(rig, self.config, self._workers)
+        self._by_lamps = (
+            None if self.config.lighting.model == "daylight"
+            else LampEnhancement(rig, self.config, self._workers))
         self._steps: tuple[FirstStep, SecondStep] | None = None
         self._shape: tuple[int, int] | None = None
         self._lock = threading.Lock()
@@ -93,6 +94,7 @@ class Pipeline:
         enhance: Collection[str] = SIDES,
         confidence: bool = True,
         colour: ChromaImage | None = None,
+        known_light: LampLight | None = None,
     ) -> FrameResult:
         """Assess and enhance one rectified pair.
 
@@ -113,6 +115,10 @@ class Pipeline:
         colour : ChromaImage, optional
             Colour of the left image as its codec left it, which the water is then read
             from: of a JPEG or a mosaic, see `uw_visibility.images.chroma`.
+        known_light : LampLight, optional
+            Light of lamps and water over the frames before (`FilteredWater.lamps`), which
+            images under lamps are restored with, so that ground keeps its colour from frame
+            to frame; by default that of this frame.
 
         Returns
         -------
@@ -138,10 +144,8 @@ class Pipeline:
                 lambda: self._estimate(coarse, improved, measured, clock),
             )
             with clock("image enhancement 2"):
-                images, filled_range = self._enhancement.run(
-                    views, improved.disparity, filled,
-                    self._shown_water(water, coarse, measured), coarse.right_gain, enhance,
-                )
+                images, filled_range = self._enhance(
+                    views, improved, filled, water, coarse, measured, enhance, known_light)
             with clock("assessment"):
                 visibility = self._assessor.assess(water)
             low, high = disparity_limits(self.config.stereo, left.shape[1])
@@ -285,6 +289,24 @@ class Pipeline:
                 range_error=self.rig.range_error(),
             )
 
+    def _enhance(
+        self,
+        views: StereoViews,
+        improved: ImprovedDisparity,
+        filled: DisparityMap,
+        water: WaterEstimate,
+        coarse: CoarseEstimate,
+        measured: RangeMap,
+        sides: Collection[str],
+        known: LampLight | None,
+    ) -> tuple[EnhancedImages, RangeMap]:
+        if self._by_lamps is not None:
+            return self._by_lamps.run(
+                views, filled, known or water.lamps, coarse.right_gain, sides)
+        return self._enhancement.run(
+            views, improved.disparity, filled, self._shown_water(water, coarse, measured),
+            coarse.right_gain, sides)
+
     def _shown_water(
         self, water: WaterEstimate, coarse: CoarseEstimate, measured: RangeMap
     ) -> ChannelWater:
@@ -308,6 +330,7 @@ class Pipeline:
                 np.where(missing, coarse.water.ambient_light, water.ambient_light),
                 np.where(missing, scene_light_of(coarse.water), scene_light_of(water)),
             )
+        assert isinstance(self._estimator, WaterEstimator)
         found = self._estimator.estimate_grey_view(
             coarse.view, measured, range_error=self.rig.range_error(),
         )

@@ -13,6 +13,7 @@ from uw_visibility.messages.estimates import ESTIMATES, Estimate
 from uw_visibility.messages.outputs import FILTERED, all_topics
 from uw_visibility.replay.bags.types import jazzy_types
 from uw_visibility.replay.records import FrameEstimate
+from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.filter import FilteredWater, WaterFilter
 
 
@@ -38,6 +39,11 @@ class FilterStage:
         self._node = node
         self._store, self._make = jazzy_types()
         self._filter = WaterFilter(pipeline)
+
+    @property
+    def lamps(self) -> LampLight | None:
+        """Light of the lamps over the frames so far; see `WaterFilter.lamps`."""
+        return self._filter.lamps
 
     def add(
         self, estimate: FrameEstimate

@@ -24,7 +24,8 @@ from uw_visibility.replay.records import FrameEstimate, FrameRecord
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Visibility
-from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.estimate import LampLight, WaterEstimate
+from uw_visibility.water.lamp_cells import Cells
 from uw_visibility.water.observations import Envelopes
 
 NAME = "frames.jsonl"
@@ -34,12 +35,14 @@ _LONGEST_LINE = 1 << 22
 _DTYPES = ("<f8", "<i8")
 _CLASSES: dict[str, type[Any]] = {
     kind.__name__: kind for kind in (
-        FrameRecord, FrameEstimate, WaterEstimate, Envelopes, Visibility, StereoRig, ImageHeader
+        FrameRecord, FrameEstimate, WaterEstimate, LampLight, Cells, Envelopes, Visibility,
+        StereoRig, ImageHeader,
     )
 }
 _SHAPES = {
     "attenuation": (3,), "ambient_light": (3,), "covariance": (3, 2, 2),
     "joint_covariance": (6, 6), "light": (3,), "light_stddev": (3,),
+    "power": (3,), "scattering": (3,), "daylight": (3,), "veil": (3,),
 }
 
 

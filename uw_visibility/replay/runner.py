@@ -131,7 +131,8 @@ class _Replay:
         """Replay the recording to its end."""
         progress = Progress(self._reader.path.name, self._stream.expected_frames)
         try:
-            for item in pool.answers(self._tasks(self._stream.events())):
+            for item in pool.answers(
+                    self._tasks(self._stream.events(), in_turn=pool.jobs == 1)):
                 if isinstance(item, FrameAnswer):
                     filtered = self._recorder.write_frame(item)
                     self._write_rows(self._joiner.add_frame(item.record, filtered))
@@ -172,8 +173,11 @@ class _Replay:
         else:
             self._folder.forget_earlier()
 
-    def _tasks(self, events: Iterable[Event]) -> Iterator[Any]:
-        """Yield tasks for frames, what an earlier part has of them, and sensor values."""
+    def _tasks(self, events: Iterable[Event], in_turn: bool) -> Iterator[Any]:
+        """Yield tasks for frames, what an earlier part has of them, and sensor values.
+
+        Frames that are worked on in turn are restored with the light of those before.
+        """
         alone, _ = split_topics(self._options.pipeline, self._options.node)
         recording = Recording.of(self._reader, self._stream.selection, self._options, alone)
         known = self._earlier.answers() if self._earlier is not None else iter(())
@@ -186,7 +190,8 @@ class _Replay:
                 raise InputError(
                     f"{self._folder.earlier} is not of these frames: --force begins anew"
                 )
-            yield FrameTask(recording, event) if earlier is None else earlier
+            light = self._recorder.lamps if in_turn else None
+            yield FrameTask(recording, event, light) if earlier is None else earlier
 
     def _write_rows(self, frames: Iterator[JoinedFrame]) -> None:
         for joined in frames:

@@ -31,6 +31,7 @@ from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.records import FrameEstimate, FrameRecord
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.search_range import disparity_limits
+from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.filter import FilteredWater, WaterFilter
 
 # Kernels are compiled once per type of pixel, not per size or rig.
@@ -98,10 +99,11 @@ class Recording:
 
 @dataclass(frozen=True)
 class FrameTask:
-    """Task: a frame to work on."""
+    """Task: a frame to work on, with the light of lamps over the frames before, where known."""
 
     recording: Recording
     frame: RecordedFrame
+    known_light: LampLight | None = None
 
 
 @dataclass(frozen=True)
@@ -138,12 +140,14 @@ class RecordingProcessor:
         self._processor = FrameProcessor(make, recording.node.rectify)
         self._types_by_topic = all_topics(recording.node)
 
-    def answer(self, frame: RecordedFrame) -> FrameAnswer:
+    def answer(
+        self, frame: RecordedFrame, known_light: LampLight | None = None
+    ) -> FrameAnswer:
         """Process a task; whatever goes wrong costs this frame alone."""
         record = FrameRecord(frame.number, frame.stamp, frame.right_stamp, frame.time)
         try:
             work = self._begin(frame)
-            result = self._assess(work)
+            result = self._assess(work, known_light=known_light)
             messages = [
                 (topic, bytes(self._types.serialize_cdr(message, self._types_by_topic[topic])))
                 for topic, message in self._messages(work, result)
@@ -162,7 +166,7 @@ class RecordingProcessor:
     ) -> tuple[FrameResult, FilteredWater | None, dict[str, Any]]:
         """Process the next frame; returns result, filtered estimate and messages by topic."""
         work = self._begin(frame)
-        result = self._assess(work, confidence=True)
+        result = self._assess(work, confidence=True, known_light=water_filter.lamps)
         filtered = water_filter.update(result.water, work.header.seconds, work.rig)
         return result, filtered, dict(self._messages(work, result, filtered))
 
@@ -173,10 +177,12 @@ class RecordingProcessor:
         ))
         return self._processor.begin(messages, self._recording.pipeline)
 
-    def _assess(self, work: FrameWork, confidence: bool = False) -> FrameResult:
+    def _assess(
+        self, work: FrameWork, confidence: bool = False, known_light: LampLight | None = None
+    ) -> FrameResult:
         return work.assess(
             self._recording.topics, match_original=self._recording.match_original,
-            confidence=confidence,
+            confidence=confidence, known_light=known_light,
         )
 
     def _messages(
@@ -196,7 +202,7 @@ def answer(task: FrameTask) -> FrameAnswer:
         while len(_processors) > 1:
             del _processors[next(iter(_processors))]
         _processors[key] = RecordingProcessor(task.recording)
-    return _processors[key].answer(task.frame)
+    return _processors[key].answer(task.frame, task.known_light)
 
 
 def warm_up(config: PipelineConfig) -> None:

@@ -277,7 +277,8 @@ class NodeCore:
         work = self._read(frame, settings)
         read = time.perf_counter()
         topics = self._wanted_topics()
-        result = work.assess(topics)
+        light = None if self._filter is None else self._filter.lamps
+        result = work.assess(topics, known_light=light)
         if not self._wanted():
             return
         assessed = time.perf_counter()

@@ -66,6 +66,8 @@ class Assessor:
         Gives κ (eq. 10).
     white_reference : (3,) array_like
         The camera's R, G, B of white at the surface; the scale is free.
+    by_daylight : bool
+        Whether daylight alone lights the scene, so that its colour tells the depth.
 
     Attributes
     ----------
@@ -80,7 +82,9 @@ class Assessor:
         config: AssessmentConfig,
         response: CameraResponse,
         white_reference: ArrayLike = (1.0, 1.0, 1.0),
+        by_daylight: bool = True,
     ) -> None:
+        self._by_daylight = by_daylight
         self._config = config
         self.clear_water_attenuation = clear_water_attenuation(response)
         self._depth = DepthModel(config.water_type, response, white_reference, config.max_depth)
@@ -96,7 +100,9 @@ class Assessor:
             If the camera's spectral response cannot be loaded.
         """
         camera = config.camera
-        return cls(config.assessment, load_response(camera.response), camera.white_reference)
+        return cls(
+            config.assessment, load_response(camera.response), camera.white_reference,
+            config.lighting.model == "daylight")
 
     def assess(self, estimate: WaterEstimate) -> Visibility:
         """Assess visibility and depth, with standard deviations by propagation.
@@ -123,7 +129,9 @@ class Assessor:
                 status, distance, distance_stddev = _first(
                     status, Status.RANGE_SPREAD_TOO_SMALL), math.nan, math.nan
         depth_status, depth = estimate.status, (math.nan, math.nan, math.nan)
-        if estimate.status is Status.OK:
+        if not self._by_daylight:
+            depth_status = Status.NO_DEPTH_BY_LAMPS
+        elif estimate.status is Status.OK:
             depth_status, depth = self._assess_depth(estimate, covariance)
             largest = MAX_RELATIVE_STDDEV * self._config.max_depth
             if depth_status is Status.OK and not depth[1] <= largest:

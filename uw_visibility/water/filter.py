@@ -13,8 +13,10 @@ import numpy as np
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.water.assessment import Assessor, Visibility
-from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.estimation import WaterEstimator
+from uw_visibility.water.lamp_estimation import CellEstimator
+from uw_visibility.water.lamp_survey import LampSurvey
 from uw_visibility.water.survey import Survey, SurveyEstimate
 from uw_visibility.water.tracking import TrackingEvent, WaterTracker
 
@@ -67,9 +69,7 @@ class WaterFilter:
         self.config = config
         self._assessor = Assessor.from_config(config)
         self._tracker = WaterTracker(config.tracking)
-        self._survey = Survey(config.survey, WaterEstimator(
-            config.water, self._assessor.clear_water_attenuation, config.camera.transfer,
-            self._assessor.daylight))
+        self._survey = _make_survey(config, self._assessor)
         self._rig: object = None
 
     def update(
@@ -104,7 +104,7 @@ class WaterFilter:
         filtered = self._tracker.update(water, stamp)
         event = self._tracker.event
         assert event is not None
-        survey = self._surveyed(water, stamp, event)
+        survey = self._surveyed(water, filtered, stamp, event)
         if survey is not None:
             filtered, event = survey.water, TrackingEvent.SURVEYED
         return FilteredWater(
@@ -112,19 +112,48 @@ class WaterFilter:
             self._tracker.rejected, self._tracker.rejected_in_a_row, survey,
         )
 
+    @property
+    def lamps(self) -> LampLight | None:
+        """Light of the lamps over the frames so far; None without, or by daylight."""
+        return self._survey.light() if isinstance(self._survey, LampSurvey) else None
+
     def _surveyed(
-        self, water: WaterEstimate, stamp: float, event: TrackingEvent
+        self, water: WaterEstimate, filtered: WaterEstimate, stamp: float, event: TrackingEvent
     ) -> SurveyEstimate | None:
         """Add a frame to the survey; return its estimate where the filter has none."""
         if not self.config.survey.enabled:
             return None
-        self._survey.add(water.envelope, stamp)
+        if isinstance(self._survey, LampSurvey):
+            self._survey.add(water, stamp)
+        else:
+            self._survey.add(water.envelope, stamp)
+        if isinstance(self._survey, LampSurvey):
+            return self._surveyed_under_lamps(filtered)
         if event is not TrackingEvent.NOT_ASSESSABLE:
             return None
         survey = self._survey.estimate()
         return survey if np.isfinite(survey.water.attenuation).any() else None
 
+    def _surveyed_under_lamps(self, filtered: WaterEstimate) -> SurveyEstimate | None:
+        """Return the survey's estimate where it is surer than the filter's."""
+        survey = self._survey.estimate()
+        known = np.isfinite(survey.water.attenuation)
+        if survey.frames < self.config.survey.min_frames or not known.any():
+            return None
+        surer = survey.water.attenuation_stddev < np.where(
+            np.isfinite(filtered.attenuation), filtered.attenuation_stddev, np.inf)
+        return survey if surer[known].all() else None
+
     def reset(self) -> None:
         """Reset the filter: earlier frames do not count."""
         self._tracker.reset()
         self._survey.reset()
+
+
+def _make_survey(config: PipelineConfig, assessor: Assessor) -> Survey | LampSurvey:
+    if config.lighting.model != "daylight":
+        return LampSurvey(
+            config.survey, CellEstimator(config.lighting, assessor.clear_water_attenuation))
+    return Survey(config.survey, WaterEstimator(
+        config.water, assessor.clear_water_attenuation, config.camera.transfer,
+        assessor.daylight))

@@ -50,6 +50,18 @@ class Cells:
     moved: Array
     log_far: Array
 
+    def __post_init__(self) -> None:
+        """Refuse arrays that do not fit one another."""
+        size = self.range.shape
+        of_channels = (self.contrast, self.noise, self.mean, self.dark, self.bright)
+        of_nodes = (self.log_direct, self.log_scattered)
+        fits = len(size) == 1 and all(part.shape == (3, *size) for part in of_channels)
+        fits &= all(part.shape == (len(ATTENUATIONS), 3, *size) for part in of_nodes)
+        fits &= self.count.shape == self.log_reference.shape == self.log_unit.shape == size
+        fits &= self.moved.shape[1:] == size and self.log_far.shape == (len(ATTENUATIONS), 3)
+        if not fits:
+            raise ValueError("cells of frames under lamps do not fit one another")
+
     def direct(self, beta: float, channel: int) -> tuple[Array, Array]:
         """ln D over the reference's, and the path L = −d ln D / dβ, m; each (N,)."""
         low, share, step = _between(beta)

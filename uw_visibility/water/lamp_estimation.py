@@ -58,88 +58,22 @@ class _Prepared:
     moved: list[Table]
 
 
-class LampEstimator:
-    """Estimates the water's state under lamps; tables are made once for a size of image.
+class CellEstimator:
+    """Estimates the water's state from cells, of one frame or many.
 
     Parameters
     ----------
-    config : WaterConfig
     lighting : LightingConfig
         With lamps.
     clear_water_attenuation : (3,) array_like
         κ of the camera, 1/m.
-    rays : callable
-        Unit directions, (Y, X, 3), through a grid of columns and rows, px.
     """
 
     def __init__(
-        self, config: WaterConfig, lighting: LightingConfig, clear_water_attenuation: ArrayLike,
-        rays: Rays,
+        self, lighting: LightingConfig, clear_water_attenuation: ArrayLike
     ) -> None:
-        self._config = config
         self._lighting = lighting
         self._clear_water = np.array(clear_water_attenuation, dtype=np.float64)
-        self._rays = rays
-        self._prepared: dict[tuple[int, int], _Prepared] = {}
-
-    def tables(self, shape: tuple[int, int]) -> LampTables:
-        """Tables for images of a height and width, px."""
-        return self._prepare(shape).tables
-
-    def _prepare(self, shape: tuple[int, int]) -> _Prepared:
-        if shape not in self._prepared:
-            columns, rows = nodes_of(shape)
-            rays = self._rays(columns, rows)
-            lamps = list(self._lighting.lamps())
-            tables = tabulate(rays, columns, rows, lamps)
-            first = log_direct(rays, lamps)
-            moved = [
-                log_direct(rays, others) - first for others in displaced(
-                    lamps, self._lighting.position_stddev, self._lighting.direction_stddev)]
-            # Of one size at a time, as buffers are.
-            self._prepared = {shape: _Prepared(tables, moved)}
-        return self._prepared[shape]
-
-    def estimate_view(
-        self,
-        view: View,
-        range_map: NDArray[np.floating],
-        *,
-        start: WaterEstimate | None = None,
-        range_error: float = 0.0,
-        coarse: bool = False,
-    ) -> WaterEstimate:
-        """Estimate attenuation and scattering from a view.
-
-        Parameters
-        ----------
-        view : View
-            A grey one has no colour and is not assessable.
-        range_map : (H, W) ndarray of float
-            Range along the line of sight, m; NaN where unknown.
-        start, range_error, coarse
-            As of `WaterEstimator.estimate_view`; they change nothing here.
-
-        Returns
-        -------
-        WaterEstimate
-            `ambient_light` is what the water shows at infinity in the image's middle.
-        """
-        if view.colour is None:
-            return WaterEstimate.not_assessable(Status.NO_COLOUR)
-        prepared = self._prepare(view.shape)
-        tables = prepared.tables
-        seen = observe(
-            view.colour, np.asarray(range_map, np.float32), view.valid, tables,
-            tables.log_direct[REFERENCE].mean(axis=0), tables.log_scattered[REFERENCE].mean(axis=0))
-        reason = self._refuse(seen, view)
-        if reason is not Status.OK:
-            return WaterEstimate.not_assessable(reason)
-        cells = _cells(seen, prepared)
-        refused = [
-            Status.SATURATED if seen.saturated[c] > MAX_CLIPPED_FRACTION else Status.OK
-            for c in range(3)]
-        return self.estimate_cells(cells, refused)
 
     def estimate_cells(
         self, cells: Cells, refused: list[Status] | None = None
@@ -172,19 +106,6 @@ class LampEstimator:
             status = [clearer if reason is Status.OK else reason for reason in status]
             known[:] = False
         return self._assembled(cells, fit, np.where(known, beta, np.nan), covariance, status)
-
-    def _refuse(self, seen: LampObservations, view: View) -> Status:
-        """Validate a frame's observations: OK, or why no channel is assessable."""
-        assert view.colour is not None
-        if not view.colour.pixels.any():
-            return Status.TOO_DARK
-        if (seen.saturated > MAX_CLIPPED_FRACTION).all():
-            return Status.SATURATED
-        if (seen.zero > MAX_CLIPPED_FRACTION).all():
-            return Status.TOO_DARK
-        if len(seen.range) < FEWEST_CELLS:
-            return Status.TOO_FEW_OBSERVATIONS
-        return Status.OK
 
     def _fuse(self, fit: ContrastFit, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Fuse β with what is known of water: channels alike, none clearer than clear water."""
@@ -238,6 +159,112 @@ class LampEstimator:
                 beta, np.where(known, power, np.nan), light.scattering,
                 fit.daylight * power, light.veil, cells),
         )
+
+
+class LampEstimator(CellEstimator):
+    """Estimates the water's state under lamps; tables are made once for a size of image.
+
+    Parameters
+    ----------
+    config : WaterConfig
+    lighting : LightingConfig
+        With lamps.
+    clear_water_attenuation : (3,) array_like
+        κ of the camera, 1/m.
+    rays : callable
+        Unit directions, (Y, X, 3), through a grid of columns and rows, px.
+    """
+
+    def __init__(
+        self, config: WaterConfig, lighting: LightingConfig, clear_water_attenuation: ArrayLike,
+        rays: Rays,
+    ) -> None:
+        super().__init__(lighting, clear_water_attenuation)
+        self._config = config
+        self._rays = rays
+        self._prepared: dict[tuple[int, int], _Prepared] = {}
+
+    def tables(self, shape: tuple[int, int]) -> LampTables:
+        """Tables for images of a height and width, px."""
+        return self._prepare(shape).tables
+
+    def _prepare(self, shape: tuple[int, int]) -> _Prepared:
+        if shape not in self._prepared:
+            columns, rows = nodes_of(shape)
+            rays = self._rays(columns, rows)
+            lamps = list(self._lighting.lamps())
+            tables = tabulate(rays, columns, rows, lamps)
+            first = log_direct(rays, lamps)
+            moved = [
+                log_direct(rays, others) - first for others in displaced(
+                    lamps, self._lighting.position_stddev, self._lighting.direction_stddev)]
+            # Of one size at a time, as buffers are.
+            self._prepared = {shape: _Prepared(tables, moved)}
+        return self._prepared[shape]
+
+    def estimate_view(
+        self,
+        view: View,
+        range_map: NDArray[np.floating],
+        *,
+        start: WaterEstimate | None = None,
+        range_error: float = 0.0,
+        coarse: bool = False,
+    ) -> WaterEstimate:
+        """Estimate attenuation and scattering from a view.
+
+        Parameters
+        ----------
+        view : View
+            A grey one has no colour and is not assessable.
+        range_map : (H, W) ndarray of float
+            Range along the line of sight, m; NaN where unknown.
+        start, range_error
+            As of `WaterEstimator.estimate_view`; they change nothing here.
+        coarse : bool
+            Whether ranges are interpolated between points: nothing is estimated.
+
+        Returns
+        -------
+        WaterEstimate
+            `ambient_light` is what the water shows at infinity in the image's middle.
+        """
+        if view.colour is None:
+            return WaterEstimate.not_assessable(Status.NO_COLOUR)
+        if coarse:
+            # Step 2 matches the pair as it is, so that nothing would be gained by it.
+            return WaterEstimate.not_assessable(Status.LEFT_TO_STEP_2)
+        prepared = self._prepare(view.shape)
+        tables = prepared.tables
+        seen = observe(
+            view.colour, np.asarray(range_map, np.float32), view.valid, tables,
+            tables.log_direct[REFERENCE].mean(axis=0), tables.log_scattered[REFERENCE].mean(axis=0))
+        reason = self._refuse(seen, view)
+        if reason is not Status.OK:
+            return WaterEstimate.not_assessable(reason)
+        cells = _cells(seen, prepared)
+        refused = [
+            Status.SATURATED if seen.saturated[c] > MAX_CLIPPED_FRACTION else Status.OK
+            for c in range(3)]
+        low, high = seen.limits
+        if high < self._config.min_range_ratio * low:
+            # Many such frames may tell together what one does not.
+            refused = [Status.RANGE_SPREAD_TOO_SMALL] * 3
+        return self.estimate_cells(cells, refused)
+
+    @staticmethod
+    def _refuse(seen: LampObservations, view: View) -> Status:
+        """Validate a frame's observations: OK, or why no channel is assessable."""
+        assert view.colour is not None
+        if not view.colour.pixels.any():
+            return Status.TOO_DARK
+        if (seen.saturated > MAX_CLIPPED_FRACTION).all():
+            return Status.SATURATED
+        if (seen.zero > MAX_CLIPPED_FRACTION).all():
+            return Status.TOO_DARK
+        if len(seen.range) == 0:
+            return Status.TOO_FEW_OBSERVATIONS
+        return Status.OK
 
 
 def _with_cells(estimate: WaterEstimate, cells: Cells) -> WaterEstimate:

@@ -208,7 +208,7 @@ def fit_light(cells: Cells, attenuation: Array, daylight: Array) -> LightFit:
             continue
         number = np.sqrt(np.minimum(cells.count, MOST_PIXELS))
         white, added = 0.0, np.zeros(len(direct))
-        for _ in range(3):
+        for _ in range(2):
             white = _weighted_quantile(
                 ((bright - added) / direct)[clear], number[clear], BRIGHT_CELLS) / BRIGHT_RADIANCE
             amount, error = _fit_dark(

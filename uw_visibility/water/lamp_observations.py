@@ -27,15 +27,18 @@ from uw_visibility.optics.transfer import linear_table
 # Cells: bins of range, of equal ratio, by columns of the image.
 RANGE_BINS, COLUMNS = 24, 4
 # Pixels read, and those that a cell needs.
-PIXELS_READ = 60_000
+PIXELS_READ = 40_000
 FEWEST_PIXELS = 60
 # Ranges beyond these quantiles are mostly wrong matches.
 RANGE_QUANTILES = (0.005, 0.995)
 RANGE_SAMPLES = 4096
-# Distance of the compared points at the farthest range, as a part of the image's width, and
-# the largest one, near by; at least as many pixels as a camera's blur is wide.
-FAR_PART, NEAR_PART, LEAST_SEPARATION = 1 / 128, 1 / 12, 3
-# Light is the mean of squares, from their middle to their side as far as this part of that.
+# Distance of the compared points as a part of the image's width, at a range, m, and the
+# largest one, near by; at least as many pixels as a camera's blur is wide. The same in all
+# frames, so that many of them may be taken together.
+FAR_PART, FAR_RANGE, NEAR_PART, LEAST_SEPARATION = 1 / 128, 12.0, 1 / 10, 3
+# Farthest over nearest bin at least.
+LEAST_RATIO = 1.5
+# Light is the mean of nine pixels, as far from one another as this part of that.
 BOX = 0.25
 # Range beside a pixel departs from a line by less than this part, and from its own by less
 # than the other.
@@ -138,10 +141,10 @@ def observe(
     median = np.array([
         _median(samples, ranges, mask, irradiance, grid, table)
         for table in (log_direct, log_scattered)])
-    if limits[1] > limits[0] > 0 and median.all():
+    if limits[0] > 0 and median.all():
         _accumulate(
             samples.pixels, ranges, mask, irradiance, limits[0], limits[1], grid, log_direct,
-            log_scattered, max(LEAST_SEPARATION, width * FAR_PART), width * NEAR_PART, stride,
+            log_scattered, width * FAR_PART * FAR_RANGE, width * NEAR_PART, stride,
             1.0 / (LOWEST * median), samples.noise**2 + ROUNDING_VARIANCE,
             ROUNDING_VARIANCE * np.exp(-2 * (math.pi * samples.noise) ** 2), sums, levels, clipped)
     enough = sums[:, 15] >= FEWEST_PIXELS
@@ -232,7 +235,7 @@ def look_up(table: Any, y: float, x: float, z: float) -> float:
 @njit(nogil=True, error_model="numpy")
 def _accumulate(
     image: Any, ranges: Any, mask: Any, irradiance: Any, low: float, high: float, grid: Any,
-    table: Any, scattered: Any, far_separation: float, most: float, stride: int,
+    table: Any, scattered: Any, separation: float, most: float, stride: int,
     inverse_lowest: Any,
     single: Any, common: Any, sums: Any, levels: Any, clipped: Any,
 ) -> None:
@@ -241,7 +244,7 @@ def _accumulate(
     masked = mask.size > 1
     top = irradiance.size - 1
     light = np.empty((3, 3), np.float32)
-    per_log = RANGE_BINS / math.log(high / low)
+    per_log = RANGE_BINS / math.log(max(high / low, LEAST_RATIO))
     for y in range(stride // 2, height, stride):
         for x in range(stride // 2, width, stride):
             d = ranges[y, x]
@@ -254,7 +257,7 @@ def _accumulate(
                 full |= code >= top
                 clipped[c] += code >= top
                 clipped[3 + c] += code == 0
-            distance = int(min(far_separation * high / d, most) + 0.5)
+            distance = int(max(min(separation / d, most), LEAST_SEPARATION) + 0.5)
             half = max(1, int(BOX * distance + 0.5))
             if (full or x < distance + half or x + distance + half >= width
                     or y < half or y + half >= height):
@@ -268,15 +271,14 @@ def _accumulate(
             light[:] = 0.0
             for k in range(3):
                 middle = x + (k - 1) * distance
-                for j in range(y - half, y + half + 1):
-                    for i in range(middle - half, middle + half + 1):
+                for j in (y - half, y, y + half):
+                    for i in (middle - half, middle, middle + half):
                         for c in range(3):
                             code = image[j, i, c]
                             full |= code >= top
                             light[k, c] += irradiance[code]
             if full:
                 continue
-            area = (2 * half + 1) ** 2
             log_d = math.log(d)
             inverse = math.exp(-look_up(
                 table, grid[0] + grid[1] * y, grid[2] + grid[3] * x,
@@ -284,20 +286,20 @@ def _accumulate(
             cell = min(int((log_d - math.log(low)) * per_log), RANGE_BINS - 1) * COLUMNS
             cell += x * COLUMNS // width
             for c in range(3):
-                difference = inverse / area * (
+                difference = inverse / 9.0 * (
                     light[1, c] - 0.5 * (light[0, c] + light[2, c]))
                 sums[cell, c] += difference * difference
                 code = image[y, x, c]
                 step = inverse * (irradiance[min(code + 1, top)] - irradiance[code])
-                sums[cell, 3 + c] += step * step * (single[c] / area + common[c])
-                value = inverse / area * light[1, c]
+                sums[cell, 3 + c] += step * step * (single[c] / 9.0 + common[c])
+                value = inverse / 9.0 * light[1, c]
                 sums[cell, 6 + c] += value
                 value *= inverse_lowest[0]
                 level = int(math.log2(value) * PER_OCTAVE) if value > 1.0 else 0
                 levels[0, cell, c, min(level, LEVELS - 1)] += 1
             inverse = math.exp(-look_up(
                 scattered, grid[0] + grid[1] * y, grid[2] + grid[3] * x,
-                (log_d - grid[4]) * grid[5])) / area
+                (log_d - grid[4]) * grid[5])) / 9.0
             for c in range(3):
                 value = inverse * light[1, c] * inverse_lowest[1]
                 level = int(math.log2(value) * PER_OCTAVE) if value > 1.0 else 0

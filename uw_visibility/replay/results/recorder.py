@@ -21,6 +21,7 @@ from uw_visibility.replay.results.mcap import ResultWriter
 from uw_visibility.replay.table import TableWriter, row_of
 from uw_visibility.replay.work import FrameAnswer
 from uw_visibility.water.derived import DerivedModel
+from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.filter import FilteredWater
 
 Row = dict[str, str]
@@ -76,6 +77,11 @@ class FrameRecorder:
         )
         self._filter = FilterStage(options.pipeline, options.node)
         self._log = FrameLog(folder)
+
+    @property
+    def lamps(self) -> LampLight | None:
+        """Light of the lamps over the frames so far; see `WaterFilter.lamps`."""
+        return self._filter.lamps
 
     def write_frame(self, answer: FrameAnswer) -> FilteredWater | None:
         """Write the messages of a frame, filtered ones too; returns the filtered estimate."""

@@ -1,0 +1,79 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Radiance recovery under lamps: even light, whatever the place, and bounded gain."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from lamp_scene import CLEAR_WATER, RIG, SIZE, parameters, render
+from numpy.typing import NDArray
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import EnhancementConfig, PipelineConfig
+from uw_visibility.enhancement.lamp_radiance import LampRestorer
+from uw_visibility.errors import InputError
+from uw_visibility.optics.lamps import LightField, nodes_of, tabulate
+
+ALPHA = 0.15
+SHOWN = render(ALPHA, noise=0.0)
+
+
+def field_of(scale: float, scattering: float) -> LightField:
+    lamps = list(PipelineConfig.from_parameters(parameters()).lighting.lamps())
+    columns, rows = nodes_of(SIZE)
+    tables = tabulate(RIG.rays_at(columns, rows), columns, rows, lamps)
+    none = np.zeros(3)
+    return tables.field(
+        CLEAR_WATER + ALPHA, np.full(3, scale), np.full(3, scattering), none, none)
+
+
+def restored(image: NDArray[Any], ranges: NDArray[np.float32], **config: float) -> Any:
+    scale = float(SHOWN.direct.max() / render(ALPHA, noise=0.0, exposure=1.0).direct.max())
+    field = field_of(scale, np.pi * 0.7 * ALPHA * scale)
+    limits = EnhancementConfig(**{"max_gain": 1000.0, "max_noise": 10.0} | config)
+    restorer = LampRestorer(limits, "linear", Workers(1))
+    return restorer.restore(image, ranges, field, np.full(3, 0.5))
+
+
+def test_reflectance_comes_back_wherever_it_is_and_however_far() -> None:
+    image, limited = restored(SHOWN.image, SHOWN.range)
+    clear = ~limited & (SHOWN.range < 6.0)
+    assert clear.mean() > 0.4
+    error = image[clear] / 65535 - SHOWN.reflectance[clear]
+    assert np.abs(error).max() < 0.06
+    assert np.sqrt(np.mean(error**2)) < 0.015
+
+
+def test_gain_is_limited_by_noise_and_what_is_dark_fades_without_colour() -> None:
+    image, limited = restored(SHOWN.image, SHOWN.range, max_gain=8.0)
+    open_water, beyond = restored(
+        np.full((*SIZE, 3), 40, np.uint16), np.full(SIZE, np.inf, np.float32), max_noise=0.05)
+    assert limited[0].all()
+    assert not limited[-20:, 90:110].any()
+    # Less gain than is needed: darker than it is, but no brighter.
+    darker = image[limited] / 65535 - SHOWN.reflectance[limited]
+    assert darker.max() < 0.06
+    assert beyond.all()
+    assert open_water.max() < 0.1 * 65535
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_unknown_channels_stay_and_others_do_not(kind: Any) -> None:
+    image = (SHOWN.image // (257 if kind is np.uint8 else 1)).astype(kind)
+    field = field_of(1.0, 0.0)
+    log_direct = field.log_direct.copy()
+    log_direct[0] = np.nan
+    restorer = LampRestorer(EnhancementConfig(), "linear", Workers(1))
+    out, _ = restorer.restore(image, SHOWN.range, field._replace(log_direct=log_direct))
+    assert out.dtype == kind
+    np.testing.assert_array_equal(out[..., 0], image[..., 0])
+    assert (out[..., 1] != image[..., 1]).any()
+
+
+def test_a_grey_image_is_refused() -> None:
+    restorer = LampRestorer(EnhancementConfig(), "linear", Workers(1))
+    with pytest.raises(InputError, match="three channels"):
+        restorer.restore(SHOWN.image[..., 0], SHOWN.range, field_of(1.0, 0.0))

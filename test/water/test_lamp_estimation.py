@@ -1,0 +1,104 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Attenuation and scattering under lamps, against a quadrature of its own."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pytest
+from lamp_scene import (
+    CLEAR_WATER,
+    LAMPS,
+    RIG,
+    SIZE,
+    LampScene,
+    parameters,
+    render,
+)
+
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.images.view import View
+from uw_visibility.status import Status
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.lamp_estimation import LampEstimator
+
+
+def estimator(**changed: Any) -> LampEstimator:
+    config = PipelineConfig.from_parameters(parameters() | changed)
+    return LampEstimator(config.water, config.lighting, CLEAR_WATER, RIG.rays_at)
+
+
+@lru_cache
+def scene(alpha: float, seed: int = 0, daylight: float = 0.0) -> LampScene:
+    return render(alpha, seed=seed, daylight=daylight)
+
+
+def estimate(shown: LampScene, **changed: Any) -> WaterEstimate:
+    return estimator(**changed).estimate_view(View.of(shown.image), shown.range)
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.15, 0.3])
+def test_attenuation_is_that_of_the_water_within_sigma(alpha: float) -> None:
+    shown = scene(alpha)
+    found = estimate(shown)
+    assert found.status is Status.OK
+    error = found.attenuation - shown.attenuation
+    assert (np.abs(error) < 3 * found.attenuation_stddev).all()
+    clearest = int(np.argmin(shown.attenuation))
+    assert abs(error[clearest]) < max(0.2 * shown.attenuation[clearest], 0.025)
+    assert (found.attenuation_stddev < 0.4 * shown.attenuation).all()
+
+
+@pytest.mark.parametrize("alpha", [0.15, 0.3])
+def test_scattered_and_direct_light_are_those_of_the_quadrature(alpha: float) -> None:
+    shown = scene(alpha)
+    reader = estimator()
+    light = reader.estimate_view(View.of(shown.image), shown.range).lamps
+    assert light is not None
+    field = reader.tables(SIZE).field(
+        light.attenuation, light.power, light.scattering, light.daylight, light.veil)
+    rows, columns = (np.round(each).astype(int) for each in (field.rows, field.columns))
+    # Far along every node's ray nothing but water is seen.
+    far = render(alpha, seed=0, distance=np.full(SIZE, 24.9), exposure=1.0).scattered
+    scale = (shown.scattered / render(alpha, seed=0, exposure=1.0).scattered)[0, 0, 0]
+    ratio = field.scattered[..., -1].transpose(1, 2, 0) / (scale * far[np.ix_(rows, columns)])
+    assert np.quantile(np.abs(ratio - 1), 0.9) < 0.15
+
+
+def test_lamps_that_are_elsewhere_are_in_sigma() -> None:
+    shown = scene(0.15)
+    off = [(np.add(place, (0.05, -0.03, 0.05)), axis, beam) for place, axis, beam in LAMPS]
+    moved = parameters([(tuple(map(float, place)), axis, beam) for place, axis, beam in off])
+    wide = estimate(shown, **moved, **{"lighting.position_stddev": 0.05})
+    assert (np.abs(wide.attenuation - shown.attenuation) < 3 * wide.attenuation_stddev).all()
+    sure = estimate(shown, **{
+        "lighting.position_stddev": 0.0, "lighting.direction_stddev": 0.0})
+    assert (sure.attenuation_stddev < wide.attenuation_stddev).all()
+
+
+def test_daylight_beside_the_lamps_is_told_apart() -> None:
+    shown = scene(0.15, daylight=0.05)
+    found = estimate(shown, **{"lighting.model": "both"})
+    assert found.status is Status.OK
+    assert (np.abs(found.attenuation - shown.attenuation) < 3 * found.attenuation_stddev).all()
+
+
+def test_one_range_alone_tells_nothing() -> None:
+    flat = render(0.15, distance=np.full(SIZE, 2.0))
+    found = estimate(flat)
+    assert not np.isfinite(found.attenuation).any()
+    assert found.status is Status.RANGE_SPREAD_TOO_SMALL
+
+
+def test_darkness_and_glare_are_refused() -> None:
+    shown = scene(0.15)
+    for image, reason in (
+        (np.zeros_like(shown.image), Status.TOO_DARK),
+        (np.full_like(shown.image, 65535), Status.SATURATED),
+        (shown.image[..., 0], Status.NO_COLOUR),
+    ):
+        found = estimator().estimate_view(View.of(np.ascontiguousarray(image)), shown.range)
+        assert found.status is reason

@@ -1,0 +1,46 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""A survey under lamps: frames at one altitude each, which tell together what one does not."""
+
+from __future__ import annotations
+
+import numpy as np
+from lamp_scene import (
+    CLEAR_WATER,
+    LAMPS,
+    RIG,
+    SIZE,
+    parameters,
+    render,
+)
+
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.images.view import View
+from uw_visibility.status import Status
+from uw_visibility.water.filter import WaterFilter
+from uw_visibility.water.lamp_estimation import LampEstimator
+from uw_visibility.water.tracking import TrackingEvent
+
+
+def test_frames_of_one_range_each_tell_attenuation_together() -> None:
+    config = PipelineConfig.from_parameters(
+        parameters() | {"survey.min_frames": 10, "tracking.exposure_change": 0.0})
+    reader = LampEstimator(config.water, config.lighting, CLEAR_WATER, RIG.rays_at)
+    water_filter = WaterFilter(config)
+    filtered = None
+    exposure = 0.05
+    for number, altitude in enumerate(np.linspace(1.5, 2.6, 12)):
+        shown = render(
+            0.2, seed=3, distance=np.full(SIZE, altitude), exposure=exposure, shift=0.7 * number,
+            lamps=LAMPS)
+        found = reader.estimate_view(View.of(shown.image), shown.range)
+        assert found.status is Status.RANGE_SPREAD_TOO_SMALL
+        filtered = water_filter.update(found, float(number))
+    assert filtered is not None
+    assert filtered.event is TrackingEvent.SURVEYED
+    error = filtered.water.attenuation - shown.attenuation
+    assert (np.abs(error) < 0.15 * shown.attenuation).all(), error
+    assert (np.abs(error) < 3 * filtered.water.attenuation_stddev).all()
+    light = water_filter.lamps
+    assert light is not None
+    np.testing.assert_array_equal(light.attenuation, filtered.water.attenuation)

@@ -1,0 +1,129 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Estimator and restored images where lamps light the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.enhancement.lamp_radiance import LampRestorer
+from uw_visibility.images.arrays import DisparityMap, Image, Mask, PerChannel, RangeMap
+from uw_visibility.images.view import StereoViews, View
+from uw_visibility.optics.lamps import LampTables, nodes_of, tabulate
+from uw_visibility.pipeline.result import EnhancedImages
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.stereo.views import in_right_view
+from uw_visibility.water.assessment import Assessor
+from uw_visibility.water.estimate import LampLight
+from uw_visibility.water.estimation import WaterEstimator
+from uw_visibility.water.lamp_estimation import LampEstimator
+
+_NOT_WANTED: Image = np.empty((0, 0), np.uint8)
+
+
+def make_estimator(
+    config: PipelineConfig, assessor: Assessor, rig: StereoRig
+) -> WaterEstimator | LampEstimator:
+    """Make the estimator for what lights the scene (`lighting.model`)."""
+    if config.lighting.model == "daylight":
+        return WaterEstimator(
+            config.water, assessor.clear_water_attenuation, config.camera.transfer,
+            assessor.daylight)
+    return LampEstimator(
+        config.water, config.lighting, assessor.clear_water_attenuation, rig.rays_at)
+
+
+class LampEnhancement:
+    """Restoration of both views under lamps.
+
+    Parameters
+    ----------
+    rig : StereoRig
+        Geometry of the pair.
+    config : PipelineConfig
+        Parameters, with lamps.
+    workers : Workers
+        Threads.
+    """
+
+    def __init__(self, rig: StereoRig, config: PipelineConfig, workers: Workers) -> None:
+        self._rig = rig
+        self._lamps = list(config.lighting.lamps())
+        self._workers = workers
+        self._restorer = LampRestorer(config.enhancement, config.camera.transfer, workers)
+        self._tables: dict[tuple[tuple[int, int], bool], LampTables] = {}
+
+    def tables(self, shape: tuple[int, int], right: bool) -> LampTables:
+        """Tables of the left or right camera for images of a height and width, px."""
+        if (shape, right) not in self._tables:
+            columns, rows = nodes_of(shape)
+            eye = (self._rig.baseline if right else 0.0, 0.0, 0.0)
+            # Of one size at a time, as buffers are.
+            self._tables = {key: t for key, t in self._tables.items() if key[0] == shape}
+            self._tables[shape, right] = tabulate(
+                self._rig.rays_at(columns, rows, right=right), columns, rows, self._lamps, eye)
+        return self._tables[shape, right]
+
+    def run(
+        self,
+        views: StereoViews,
+        filled: DisparityMap,
+        light: LampLight | None,
+        right_gain: PerChannel,
+        sides: Collection[str],
+    ) -> tuple[EnhancedImages, RangeMap]:
+        """Restore the images that are wanted.
+
+        Parameters
+        ----------
+        views : StereoViews
+            The pair.
+        filled : ndarray
+            ``(H, W)`` float32, disparity of the left view without holes, px.
+        light : LampLight or None
+            Light of lamps and water; without it the images stay as they are.
+        right_gain : ndarray
+            ``(C,)`` float64, irradiance in the right image over that in the left.
+        sides : collection of str
+            "left", "right".
+
+        Returns
+        -------
+        images : EnhancedImages
+        range_map : ndarray
+            ``(H, W)`` float32, m, of `filled`; infinite where that lies at or beyond infinity.
+        """
+        range_map = self._range(filled)
+        left, limited = _NOT_WANTED, _NOT_WANTED.astype(bool)
+        right = _NOT_WANTED
+        power = None if light is None else light.power
+        if "left" in sides:
+            left, limited = self._restore(views.left, range_map, light, False)
+        if "right" in sides:
+            if light is not None and views.right.colour is not None:
+                light = replace(
+                    light, power=light.power * right_gain,
+                    scattering=light.scattering * right_gain,
+                    daylight=light.daylight * right_gain, veil=light.veil * right_gain)
+            seen = self._range(in_right_view(filled, self._workers))
+            right, _ = self._restore(views.right, seen, light, True)
+        return EnhancedImages(left, right, limited, power), range_map
+
+    def _restore(
+        self, view: View, range_map: RangeMap, light: LampLight | None, right: bool
+    ) -> tuple[Image, Mask]:
+        if light is None or view.colour is None or not np.isfinite(light.attenuation).any():
+            return view.pixels.copy(), np.zeros(view.shape, np.bool_)
+        field = self.tables(view.shape, right).field(
+            light.attenuation, light.power, light.scattering, light.daylight, light.veil)
+        return self._restorer.restore(view.pixels, range_map, field, view.noise)
+
+    def _range(self, disparity: DisparityMap) -> RangeMap:
+        range_map = self._rig.range_from_disparity(disparity)
+        range_map[np.isnan(range_map) & np.isfinite(disparity)] = np.inf
+        return range_map
