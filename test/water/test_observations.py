@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from uw_visibility.images.view import View
-from uw_visibility.water.histogram import PIXELS_READ_WHOLE
+from uw_visibility.water import observations
+from uw_visibility.water.histogram import PIXELS_READ_WHOLE, accumulate
 from uw_visibility.water.levels import levels
 from uw_visibility.water.observations import observe as observe_samples
 
@@ -201,3 +202,20 @@ def test_large_images_are_read_in_part():
     part = observe(
         image[(stride - 1) // 2::stride].copy(), distance[::stride].copy(), None, **SETTINGS)
     np.testing.assert_allclose(seen.dark, part.dark, atol=0.01)
+
+
+def test_noisy_images_compile_nothing_more(monkeypatch):
+    """A kernel is compiled apart for arrays that can be written to, in flight."""
+    seen = []
+
+    def record(image, *arguments):
+        seen.append(image.flags.writeable)
+        return accumulate(image, *arguments)
+
+    monkeypatch.setattr(observations, "accumulate", record)
+    distance = view()[1]
+    noise = np.random.default_rng(3).normal(0.0, 12.0, (*distance.shape, 3))
+    for shown in (np.full(noise.shape, 100, np.uint8), (100 + noise).astype(np.uint8)):
+        shown.flags.writeable = False
+        observe(shown, distance, None, **ROBUST)
+    assert seen == [False, False]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.images.pair import read_only
 from uw_visibility.images.view import ColourSamples
 from uw_visibility.water.histogram import CELL_BITS, CELLS, accumulate, take_quantiles
 from uw_visibility.water.levels import LEVELS_16_BIT, LEVELS_OF_MEANS, levels
@@ -168,7 +169,8 @@ def observe(
     worst = noise.max() / code_8_bit
     filtered = not plain and worst > NOISY[0]
     if filtered:
-        image = cv2.medianBlur(image, MEDIAN_SIZE)
+        # Read-only as all images are, or the kernel would be compiled once more, in flight.
+        image = read_only(cv2.medianBlur(image, MEDIAN_SIZE))
         left = MEDIAN_NOISE_GAIN * left
         dark_quantile = max(
             dark_quantile, float(np.interp(worst, NOISY, (dark_quantile, NOISY_DARK_QUANTILE))))
