@@ -45,8 +45,9 @@ PLAIN_DARK = (0.01, 0.5)
 DARK = (0.0002, 5.0)
 COARSE_DARK = (0.002, 20.0)
 BRIGHT_QUANTILE = 0.99
-# What ambient light is off by where the paper's model holds, as a part of it: where water
-# is thick, the fit knows of noise alone.
+# What attenuation and ambient light are off by where the paper's model holds, as a part of
+# them: where water is thick, the fit knows of noise alone.
+ATTENUATION_ERROR = 0.02
 AMBIENT_ERROR = 0.01
 
 
@@ -205,7 +206,8 @@ class WaterEstimator:
                 fit, self._clear_water, ambient_min, self._daylight,
                 self._config.daylight_tolerance)
             covariance = fit.covariance.copy()
-            covariance[1::2, 1::2] += np.diag((AMBIENT_ERROR * fit.parameters[:, 1]) ** 2)
+            error = np.array((ATTENUATION_ERROR, AMBIENT_ERROR)) * fit.parameters
+            covariance += np.diag(error.ravel() ** 2)
             fit = replace(fit, covariance=covariance)
         # Of few channels, those that were refused do not count.
         attenuation = np.where(
