@@ -10,6 +10,7 @@
 #   make soak          the node for half an hour on good and bad pairs: see soak.json
 #   make bench         speed against OpenCV's StereoSGBM, and noise: see bench.json
 #   make test-oldest   the tests with the versions of Ubuntu 24.04 (needs Python 3.12)
+#   make browser       pages in a headless browser, with axe-core (needs npm, and Chromium)
 #   make docs          the site: docs/_build/html/index.html; warnings are errors
 #   make package       dist/: source distribution and wheel, installed without ROS and run
 #   make parameters    write config/uw_visibility.yaml anew from the schema
@@ -40,7 +41,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 ISOLATED = ROS_DOMAIN_ID=$$(( $$$$ % 100 + 1 ))
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test quick soak fuzz lint bench test-oldest docs package parameters clean
+.PHONY: help venv demo test quick soak fuzz lint bench test-oldest docs browser package parameters clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -90,6 +91,12 @@ docs: $(VENV_DOCS)/.installed
 	$(VENV_DOCS)/bin/sphinx-build -W --keep-going -q -b html -d docs/_build/doctrees docs docs/_build/html
 	$(VENV_DOCS)/bin/python tools/check_site docs/_build/html
 
+# Of playwright's own browser none is needed where there is a Chromium.
+browser: venv
+	$(VENV)/bin/pip install -q playwright
+	npm install --silent --no-save --no-package-lock axe-core
+	$(VENV)/bin/python -m pytest -q test/replay/report/test_browser.py
+
 package: venv
 	tools/check_package $(VENV)/bin/python
 
@@ -97,6 +104,6 @@ parameters: venv
 	$(VENV)/bin/python -m uw_visibility.config.parameter_file config/uw_visibility.yaml
 
 clean:
-	rm -rf $(VENV) $(VENV_OLDEST) $(VENV_DOCS) build install log dist demo bench.json soak.json *.egg-info
+	rm -rf $(VENV) $(VENV_OLDEST) $(VENV_DOCS) build install log dist demo bench.json soak.json *.egg-info node_modules
 	rm -rf .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache .benchmarks
 	find uw_visibility test benchmarks -name __pycache__ -prune -exec rm -rf {} +

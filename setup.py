@@ -40,7 +40,7 @@ setup(
     package_data={
         NAME: ["py.typed"],
         f"{NAME}.data": ["*.csv", "*.txt"],
-        f"{NAME}.replay.report": ["templates/*.html"],
+        f"{NAME}.replay.report": ["templates/*"],
         f"{NAME}.ros.transport": ["*.xml"],
     },
     data_files=[

@@ -50,7 +50,7 @@ def plain_report(monkeypatch: pytest.MonkeyPatch) -> None:
     it, and test_report draws it.
     """
     monkeypatch.setattr(
-        "uw_visibility.replay.report.report.draw_series", lambda columns: "<p>-</p>"
+        "uw_visibility.replay.report.report.draw_series", lambda columns: []
     )
 
 

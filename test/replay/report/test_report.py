@@ -22,7 +22,7 @@ from uw_visibility.replay import progress
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.report.figures import MOST_POINTS, NEEDED, draw_series
 from uw_visibility.replay.report.meaning import MEANINGS, REMEDIES, meaning
-from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_track
+from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_track, round_length
 from uw_visibility.replay.table import read_rows
 from uw_visibility.simulation.bag import write_transect
 from uw_visibility.simulation.camera import StereoCamera
@@ -61,17 +61,29 @@ def test_the_page_needs_no_network(replayed: Path) -> None:
     assert "svg" in page.tags
 
 
-def test_pictures_show_raw_enhanced_and_disparity(replayed: Path) -> None:
-    pictures = [a for a in Page(replayed / "report.html").addresses if "image/png" in a]
-    assert 4 <= len(pictures) <= FRAMES
-    for address in pictures:
-        data = np.frombuffer(base64.b64decode(address.partition(",")[2]), np.uint8)
+def views(text: str) -> dict[int, dict[str, NDArray[np.float64]]]:
+    """Images of a page, by frame and what they show."""
+    found: dict[int, dict[str, NDArray[np.float64]]] = {}
+    for number, what, address in re.findall(
+        r'<img alt="Frame (\d+): ([^"]*)"[^>]*base64,([^"]*)"', text
+    ):
+        data = np.frombuffer(base64.b64decode(address), np.uint8)
         image = cv2.imdecode(data, cv2.IMREAD_COLOR)
-        assert image.shape == (120, 480, 3)
-        raw, enhanced, disparity = np.split(image.astype(float), 3, axis=1)
+        found.setdefault(int(number), {})[what] = image.astype(float)
+    return found
+
+
+def test_pictures_show_raw_enhanced_and_disparity(replayed: Path) -> None:
+    shown = views(Page(replayed / "report.html").text)
+    assert 4 <= len(shown) <= FRAMES
+    for images in shown.values():
+        assert list(images) == [
+            "left image as recorded", "left image without the water", "disparity"]
+        raw, enhanced, disparity = images.values()
+        assert raw.shape == enhanced.shape == disparity.shape == (120, 160, 3)
         # Water takes contrast, and the enhanced image has it back.
         assert enhanced.std() > raw.std()
-        assert disparity.std(axis=2).mean() > 30.0
+        assert disparity.std(axis=2).mean() > 20.0
 
 
 def test_colours_mean_the_same_disparity_in_all_pictures(replayed: Path) -> None:
@@ -80,10 +92,9 @@ def test_colours_mean_the_same_disparity_in_all_pictures(replayed: Path) -> None
         messages = [reader.deserialize(m) for m in reader.messages(["/disparity"])]
     text = Page(replayed / "report.html").text
     colours: dict[int, list[NDArray[np.float64]]] = {}
-    for number, address in re.findall(r'alt="frame (\d+):[^>]*base64,([^"]*)"', text):
-        data = np.frombuffer(base64.b64decode(address), np.uint8)
-        drawn = cv2.imdecode(data, cv2.IMREAD_COLOR)[:, 320:].astype(float)
-        tenths = (10.0 * messages[int(number)].image.data.view(np.float32)).round().astype(int)
+    for number, images in views(text).items():
+        drawn = images["disparity"]
+        tenths = (10.0 * messages[number].image.data.view(np.float32)).round().astype(int)
         tenths = tenths.reshape(120, 160)
         for value in np.unique(tenths[tenths > 0]):
             colours.setdefault(value, []).append(drawn[tenths == value].mean(axis=0))
@@ -143,8 +154,8 @@ def test_water_too_turbid_to_see_in_is_said_to_be_so(
     assert {row["visibility_distance"] for row in done.rows} == {""}
     assert opening.startswith("Visibility could not be assessed in any of 2 frames, from 2023-1")
     assert "Why not: too few" in opening
-    assert "<b>0 %</b><span>of them show visibility by themselves</span>" in text
-    assert "100 %" not in text[:text.index("Over time")]
+    assert "<dt>of 2 frames show visibility by themselves</dt><dd>0 %</dd>" in text
+    assert "100 %" not in text[:text.index("<figure")]
     assert done.out.startswith(f"{tmp_path / 'turbid'}: Visibility could not be assessed in any of")
     again = run(tmp_path / "turbid", tmp_path / "out", "--resume", capsys=capsys)
     assert again.out.startswith(done.out.partition("\n")[0])
@@ -237,9 +248,13 @@ def test_frames_that_are_all_unusable_are_exit_code_1_with_the_reason(
 def test_the_series_is_drawn_whatever_is_known(count: int) -> None:
     columns = {name: np.full(count, np.nan) for name in NEEDED}
     columns["stamp"] = 1.7e9 + np.arange(count)
-    assert draw_series(columns).startswith("<img" if count > MOST_POINTS else "<svg")
-    columns = {name: np.linspace(1.0, 2.0, count) for name in NEEDED}
     drawn = draw_series(columns)
+    assert [each.title.partition(" ")[0] for each in drawn] == ["Visibility", "Mean", "Depth"]
+    assert all("not assessable</text>" in each.drawing for each in drawn)
+    columns |= {name: np.linspace(1.0, 2.0, count) for name in NEEDED if name != "stamp"}
+    drawn = draw_series(columns)
+    assert len(drawn) == 4
+    assert "not assessable" not in "".join(each.drawing for each in drawn)
     # The same result has the same page.
     assert count > 1 or drawn == draw_series(columns)
 
@@ -263,21 +278,55 @@ def test_progress_is_a_line_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -
 
 def test_the_track_is_drawn_where_there_are_positions(replayed: Path) -> None:
     columns = {name: np.full(5, np.nan) for name in TRACK_COLUMNS}
-    assert draw_track(columns) == ""
-    assert "<h2>Track</h2>" not in Page(replayed / "report.html").text
+    assert draw_track(columns) == []
+    assert 'id="map"' not in Page(replayed / "report.html").text
     # Some frames were not assessed, and one has no position; one stands still.
     columns["visibility_distance"] = np.array([5.0, np.nan, 7.0, 8.0, 9.0])
     columns["x"] = columns["y"] = np.array([0.0, 1.0, 2.0, np.nan, 3.0])
-    assert "x [m]" in draw_track(columns)
+    (drawn,) = draw_track(columns)
+    assert "x [m]" in drawn and ">N</text>" not in drawn
     columns["longitude"], columns["latitude"] = np.full(5, 10.5), np.full(5, 60.0)
-    assert "longitude [°]" in draw_track(columns)
+    assert "longitude [°]" in draw_track(columns)[0]
+    columns["latitude"] = 60.0 + np.arange(5) * 1e-3
+    columns["longitude"] = 10.5 + np.arange(5) * 1e-3
+    columns["mean_attenuation"] = np.full(5, 0.2)
+    visibility, attenuation = draw_track(columns)
+    assert "visibility distance [m]" in visibility
+    assert "mean attenuation α [1/m]" in attenuation
+    for word in ("start", "end", "N", r"\d+ m"):
+        assert len(re.findall(f">{word}</text>", visibility)) == 2
 
 
 def test_no_axis_goes_above_the_surface() -> None:
     columns = {name: np.full(9, np.nan) for name in NEEDED}
     columns["stamp"] = 1.7e9 + np.arange(9)
     columns["depth"], columns["depth_stddev"] = np.full(9, 1.3), np.full(9, 2.0)
-    drawn = draw_series(columns)
-    # Text is drawn as curves; what it says stands beside it.
-    assert "<!-- 3 -->" in drawn
-    assert "<!-- −1 -->" not in drawn
+    drawn = draw_series(columns)[2].drawing
+    assert ">3</text>" in drawn
+    assert ">−1</text>" not in drawn
+
+
+def test_a_figure_shows_clock_time_and_values_to_point_at() -> None:
+    columns = {name: np.full(9, np.nan) for name in NEEDED}
+    columns["stamp"], columns["frame"] = 1.7e9 + 60.0 * np.arange(9), np.arange(9.0)
+    columns["visibility_distance"] = np.linspace(5.0, 9.0, 9)
+    columns["visibility_distance_stddev"] = np.full(9, 0.5)
+    columns["filtered_visibility_distance"] = np.full(9, 7.0)
+    columns["filtered_visibility_distance_stddev"] = np.full(9, 0.25)
+    drawn = draw_series(columns)[0].drawing
+    for text in (">time (UTC)<", ">22:15<", ">2023-11-14<", ">filtered, ± 1 σ<"):
+        assert text in drawn
+    shown = "frame 2, 22:15:20 UTC; by itself 6.00 ± 0.50 m; filtered 7.00 ± 0.25 m"
+    assert f"<title>{shown}</title>" in drawn
+    assert "frames by themselves: 9 of 9 known, from 5.00 to 9.00 m, median 7.00" in drawn
+    # Nothing that two drawings of a page would both be called.
+    names = re.findall(r'\bid="([^"]*)"', "".join(each.drawing for each in draw_series(columns)))
+    assert len(names) == len(set(names))
+    used = re.findall(r'(?:href="|url\()#([^")]*)', drawn)
+    assert used
+    assert set(used) <= set(names)
+
+
+@pytest.mark.parametrize("longest, length", [(3.2, 2.0), (5.0, 5.0), (0.99, 0.5), (1e4, 1e4)])
+def test_a_scale_bar_has_a_round_length(longest: float, length: float) -> None:
+    assert round_length(longest) == pytest.approx(length)

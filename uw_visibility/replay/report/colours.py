@@ -1,6 +1,9 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Colour scale of disparity, the same in all pictures of a recording."""
+"""Colour scale of disparity, the same in all pictures of a recording.
+
+Viridis: it rises in lightness, so that who is colour-blind, and a grey print, tell far from near.
+"""
 
 from __future__ import annotations
 
@@ -76,5 +79,5 @@ def _disparities(message: Any) -> NDArray[np.float32]:
 
 
 def _colours(share: NDArray[Any]) -> NDArray[np.uint8]:
-    coloured = cv2.applyColorMap((255.0 * share).astype(np.uint8), cv2.COLORMAP_TURBO)
+    coloured = cv2.applyColorMap((255.0 * share).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
     return np.asarray(cv2.cvtColor(coloured, cv2.COLOR_BGR2RGB), np.uint8)

@@ -1,42 +1,79 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of estimates over time, embedded in a page."""
+"""Figures of estimates over time: each frame, filtered over frames, and the depth sensor."""
 
 from __future__ import annotations
 
 import base64
-import re
 from collections.abc import Mapping
-from io import BytesIO
-from typing import Any
+from typing import Any, NamedTuple
 
-import matplotlib
+import matplotlib.dates
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from uw_visibility.replay.report.palette import ESTIMATE, FILTERED, RULE, SENSOR
+from uw_visibility.replay.report.sentences import number, rounded
+from uw_visibility.replay.report.svg import Spot, draw
+
 Columns = Mapping[str, NDArray[np.float64]]
 
-ESTIMATE, FILTERED, SENSOR = "#0072b2", "#1b1f24", "#d55e00"
-# More points than this make a vector drawing larger than pixels.
-MOST_POINTS = 4000
+HEIGHT = 2.3
+# Of more frames, so many neighbours are drawn as one that there are no more points.
+MOST_POINTS = 1500
+# Frames that can be pointed at.
+MOST_SPOTS = 300
 # What lies below is drawn here: how small a difference is says nothing.
 LEAST_NIS = 1e-3
+# Gaps in the estimates that are no longer than this times the usual step are none.
+LONGEST_STEP = 3.0
+# Of ticks that are years, months, days, hours, minutes and seconds apart.
+CLOCK = ["%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M", "%H:%M:%S.%f"]
+DAY = ["", "", "%Y", "%Y-%m-%d", "%Y-%m-%d", "%Y-%m-%d"]
+
+
+class Quantity(NamedTuple):
+    """What is drawn over time.
+
+    Attributes
+    ----------
+    name, title, short, unit : str
+    """
+
+    name: str
+    title: str
+    short: str
+    unit: str
+
 
 QUANTITIES = (
-    ("mean_attenuation", "mean attenuation α [1/m]"),
-    ("visibility_distance", "visibility distance [m]"),
-    ("depth", "depth [m]"),
+    Quantity("visibility_distance", "Visibility distance", "visibility", "m"),
+    Quantity("mean_attenuation", "Mean attenuation α, beyond that of clear sea water", "α", "1/m"),
+    Quantity("depth", "Depth by the colour of daylight", "depth", "m"),
 )
 NEEDED = (
-    "stamp", "mean_attenuation", "mean_attenuation_stddev", "visibility_distance",
-    "visibility_distance_stddev", "depth", "depth_stddev", "sensor_depth", "nis",
-    *(f"filtered_{name}" for name, _ in QUANTITIES),
+    "frame", "stamp", "sensor_depth", "nis",
+    *(f"{prefix}{quantity.name}{end}" for quantity in QUANTITIES
+      for prefix in ("", "filtered_") for end in ("", "_stddev")),
 )
 
 
-def draw_series(columns: Columns) -> str:
+class Series(NamedTuple):
+    """Figure of one quantity.
+
+    Attributes
+    ----------
+    title : str
+    drawing : Markup
+    """
+
+    title: str
+    drawing: Markup
+
+
+def draw_series(columns: Columns) -> list[Series]:
     """Draw the estimates over time.
 
     Parameters
@@ -46,126 +83,205 @@ def draw_series(columns: Columns) -> str:
 
     Returns
     -------
-    str
-        A piece of HTML: SVG, or for very long recordings an embedded PNG.
+    list of Series
+        One for each quantity; nothing without frames.
     """
-    time = columns["stamp"] - np.nanmin(columns["stamp"]) if len(columns["stamp"]) else np.empty(0)
-    scale, unit = _unit(float(time.max(initial=0.0)))
-    time = time / scale
-    with_nis = bool(np.isfinite(columns["nis"]).any())
-    rows = len(QUANTITIES) + with_nis
-    figure = Figure(figsize=(10.8, 2.4 * rows + 0.4), layout="constrained")
-    grid = figure.subplots(rows, 1, sharex=True)
-    for axes, (name, label) in zip(grid, QUANTITIES, strict=False):
-        _draw_quantity(axes, time, columns, name)
-        axes.set_ylabel(label)
-    _legend(grid[0])
-    if np.isfinite(columns["sensor_depth"]).any():
-        (line,) = grid[2].plot(
-            time, columns["sensor_depth"], color=SENSOR, linewidth=1.4, label="depth sensor"
-        )
-        _legend(grid[2], [line])
-    grid[2].invert_yaxis()
-    if with_nis:
-        _draw_nis(grid[3], time, columns["nis"])
-    for axes in grid:
-        axes.grid(alpha=0.3)
-    grid[-1].set_xlabel(f"time [{unit}]")
-    return draw(figure, len(time) <= MOST_POINTS, "estimates over time")
+    if not len(columns["stamp"]):
+        return []
+    thinned = thin({name: columns[name] for name in NEEDED}, MOST_POINTS)
+    time = clock_time(thinned["stamp"])
+    found = [
+        Series(quantity.title, draw(
+            f"series-{quantity.name.replace('_', '-')}", f"{quantity.title} over time",
+            _described(columns, quantity), HEIGHT,
+            lambda figure, narrow, quantity=quantity: _paint(  # type: ignore[misc]
+                figure, narrow, time, thinned, quantity),
+        ))
+        for quantity in QUANTITIES
+    ]
+    if np.isfinite(columns["nis"]).any():
+        beyond = int((columns["nis"] > 3.841).sum())
+        found.append(Series("Depth sensor against the estimate, ν²/S", draw(
+            "series-nis", "Normalised innovation squared of the depth sensor over time",
+            f"{beyond} of {int(np.isfinite(columns['nis']).sum())} values beyond 95 % of χ².",
+            HEIGHT, lambda figure, narrow: _paint_nis(figure, time, thinned["nis"]),
+        )))
+    return found
 
 
-def _draw_quantity(axes: Any, time: NDArray[np.float64], columns: Columns, name: str) -> None:
+def thin(columns: Columns, most: int) -> dict[str, NDArray[np.float64]]:
+    """Take neighbouring frames together where there are more than so many: medians."""
+    count = len(columns["stamp"])
+    together = -(-count // most)
+    if together <= 1:
+        return dict(columns)
+    found = {}
+    for name, values in columns.items():
+        padded = np.full(-(-count // together) * together, np.nan)
+        padded[:count] = values
+        groups = np.sort(padded.reshape(-1, together), axis=1)
+        known = np.isfinite(groups).sum(axis=1)
+        middle = groups[np.arange(len(groups)), np.maximum(known - 1, 0) // 2]
+        found[name] = np.where(known > 0, middle, np.nan)
+    return found
+
+
+def clock_time(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return stamps, s, as matplotlib's days (UTC)."""
+    return np.asarray(stamps / 86400.0, np.float64)
+
+
+def clock_axis(axes: Any, narrow: bool) -> None:
+    """Let an axis show the time of the day (UTC), with the day once."""
+    locator = matplotlib.dates.AutoDateLocator(minticks=3, maxticks=4 if narrow else 9, tz="UTC")
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(matplotlib.dates.ConciseDateFormatter(
+        locator, tz="UTC", formats=CLOCK, zero_formats=CLOCK, offset_formats=DAY))
+    axes.set_xlabel("time (UTC)")
+
+
+def _paint(
+    figure: Figure, narrow: bool, time: NDArray[np.float64], columns: Columns, quantity: Quantity
+) -> list[Spot]:
+    axes: Any = figure.subplots()
+    name = quantity.name
     value, stddev = columns[name], columns[f"{name}_stddev"]
-    marker = "." if len(time) <= 400 else ""
-    axes.fill_between(
-        time, value - stddev, value + stddev, color=ESTIMATE, alpha=0.25, linewidth=0.0,
-        label="± 1 σ",
-    )
-    # A value between two gaps has no line and no band to be seen by.
-    alone = np.isfinite(value) & ~_has_neighbour(value)
-    axes.plot(time, value, color=ESTIMATE, linewidth=1.2, marker=marker, label="estimate")
+    filtered, band = columns[f"filtered_{name}"], columns[f"filtered_{name}_stddev"]
     axes.errorbar(
-        time[alone], value[alone], stddev[alone], fmt=".", color=ESTIMATE, elinewidth=1.0,
+        time, value, stddev, fmt="o", markersize=2.6, color=ESTIMATE, elinewidth=0.7, alpha=0.75,
+        linewidth=0.0, label="a frame by itself, ± 1 σ", zorder=2,
     )
-    filtered = columns[f"filtered_{name}"]
     if np.isfinite(filtered).any():
-        axes.plot(time, filtered, color=FILTERED, linewidth=1.4, label="filtered over frames")
-    axes.set_ylim(*_limits(value, stddev, columns["sensor_depth"] if name == "depth" else None))
-    if not np.isfinite(value).any():
+        x, middle, spread = _with_gaps(time, filtered, band)
+        axes.fill_between(
+            x, middle - spread, middle + spread, color=FILTERED, alpha=0.25, linewidth=0.0, zorder=1
+        )
+        axes.plot(x, middle, color=FILTERED, linewidth=1.6, label="filtered, ± 1 σ", zorder=3)
+    sensor = columns["sensor_depth"] if name == "depth" else None
+    if sensor is not None and np.isfinite(sensor).any():
+        axes.plot(time, sensor, color=SENSOR, linewidth=1.6, linestyle="--", label="depth sensor",
+                  zorder=4)
+    axes.set_ylim(*_limits(value, stddev, filtered, sensor))
+    if name == "depth":
+        axes.invert_yaxis()
+    if not (np.isfinite(value).any() or np.isfinite(filtered).any()):
         axes.text(0.5, 0.5, "not assessable", transform=axes.transAxes, ha="center", va="center")
+    _finish(axes, time, narrow, f"{quantity.short} [{quantity.unit}]")
+    return _spots(axes, time, columns, quantity)
 
 
-def _legend(axes: Any, lines: list[Any] | None = None) -> None:
-    """Put a legend above the axes, where it covers nothing."""
-    chosen = {} if lines is None else {"handles": lines}
-    axes.legend(
-        loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4, fontsize="small", frameon=False,
-        **chosen,
+def _paint_nis(figure: Figure, time: NDArray[np.float64], nis: NDArray[np.float64]) -> list[Spot]:
+    axes: Any = figure.subplots()
+    axes.semilogy(time, np.maximum(nis, LEAST_NIS), "o", markersize=2.6, color=ESTIMATE,
+                  label="ν²/S")
+    axes.axhline(3.841, color=FILTERED, linewidth=1.2, linestyle="--", label="95 % of χ²")
+    axes.set_ylim(LEAST_NIS / 2.0, max(20.0, 2.0 * float(np.nanmax(nis))))
+    _finish(axes, time, figure.get_figwidth() < 6.0, "ν²/S")
+    return []
+
+
+def _finish(axes: Any, time: NDArray[np.float64], narrow: bool, label: str) -> None:
+    low, high = float(np.min(time)), float(np.max(time))
+    margin = 0.02 * (high - low) or 1.0 / 86400.0
+    axes.set_xlim(low - margin, high + margin)
+    axes.set_ylabel(label)
+    axes.grid(color=RULE, linewidth=0.6)
+    axes.set_axisbelow(True)
+    clock_axis(axes, narrow)
+    # Above the axes, where it covers nothing.
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, fontsize="small",
+            frameon=False, columnspacing=1.0, handletextpad=0.4, borderaxespad=0.2,
+        )
+
+
+def _with_gaps(
+    time: NDArray[np.float64], value: NDArray[np.float64], stddev: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Break a line where frames are missing, not only where values are."""
+    steps = np.diff(time)
+    usual = float(np.median(steps)) if steps.size else 0.0
+    holes = np.flatnonzero((steps > LONGEST_STEP * usual) | (steps < 0.0)) + 1
+    return tuple(  # type: ignore[return-value]
+        np.insert(column, holes, fill)
+        for column, fill in ((time, time[holes - 1]), (value, np.nan), (stddev, np.nan))
     )
 
 
-def _draw_nis(axes: Any, time: NDArray[np.float64], nis: NDArray[np.float64]) -> None:
-    axes.semilogy(time, np.maximum(nis, LEAST_NIS), ".", color=ESTIMATE, label="ν²/S")
-    axes.axhline(3.841, color=SENSOR, linewidth=1.0, label="95 % of χ²")
-    axes.set_ylim(LEAST_NIS / 2.0, max(20.0, 2.0 * float(np.nanmax(nis))))
-    axes.set_ylabel("NIS of the sensor")
-    _legend(axes)
+def _spots(
+    axes: Any, time: NDArray[np.float64], columns: Columns, quantity: Quantity
+) -> list[Spot]:
+    """Return a strip around each frame, of many frames around some."""
+    spaced = np.linspace(0, len(time) - 1, min(len(time), MOST_SPOTS))
+    chosen = np.unique(spaced.round().astype(int))
+    at = time[chosen]
+    if np.any(np.diff(at) <= 0.0):
+        return []
+    low, high = axes.get_xlim()
+    edges = np.concatenate(([low], (at[1:] + at[:-1]) / 2.0, [high]))
+    return [
+        Spot(axes, float(left), float(right), _spot_text(columns, int(index), quantity))
+        for left, right, index in zip(edges, edges[1:], chosen, strict=False)
+    ]
 
 
-def _has_neighbour(value: NDArray[np.float64]) -> NDArray[np.bool_]:
-    known = np.isfinite(value)
-    beside = np.zeros(len(value), bool)
-    beside[1:] |= known[:-1]
-    beside[:-1] |= known[1:]
-    return beside
+def _spot_text(columns: Columns, index: int, quantity: Quantity) -> str:
+    moment = matplotlib.dates.num2date(columns["stamp"][index] / 86400.0)
+    parts = [f"frame {columns['frame'][index]:.0f}, {moment:%H:%M:%S} UTC"]
+    for prefix, title in (("", "by itself"), ("filtered_", "filtered")):
+        value = float(columns[f"{prefix}{quantity.name}"][index])
+        spread = float(columns[f"{prefix}{quantity.name}_stddev"][index])
+        if np.isfinite(value):
+            text = rounded(value, spread) if np.isfinite(spread) else number(value)
+            parts.append(f"{title} {text} {quantity.unit}")
+    if len(parts) == 1:
+        parts.append("not assessable")
+    sensor = float(columns["sensor_depth"][index])
+    if quantity.name == "depth" and np.isfinite(sensor):
+        parts.append(f"sensor {number(sensor)} m")
+    return "; ".join(parts)
+
+
+def _described(columns: Columns, quantity: Quantity) -> str:
+    """Say in words what a figure shows."""
+    parts = []
+    for prefix, title in (("", "frames by themselves"), ("filtered_", "filtered over frames")):
+        values = columns[f"{prefix}{quantity.name}"]
+        known = values[np.isfinite(values)]
+        if known.size:
+            low, middle, high = (number(float(v)) for v in np.percentile(known, (0, 50, 100)))
+            parts.append(
+                f"{title}: {known.size} of {len(values)} known, from {low} to {high} "
+                f"{quantity.unit}, median {middle}"
+            )
+    return "; ".join(parts) or "not assessable in any frame"
 
 
 def _limits(
-    value: NDArray[np.float64], stddev: NDArray[np.float64], other: NDArray[np.float64] | None
+    value: NDArray[np.float64], stddev: NDArray[np.float64], *others: NDArray[np.float64] | None
 ) -> tuple[float, float]:
     """Return limits for an axis that a few wild values do not set."""
     known = np.isfinite(value)
-    if not known.any():
+    lows, highs = [], []
+    if known.any():
+        spread = np.nan_to_num(stddev[known])
+        # The band of a value that is hardly known at all is cut off.
+        spread = np.minimum(spread, 3.0 * float(np.median(spread)))
+        lows.append(float(np.percentile(value[known] - spread, 2.0)))
+        highs.append(float(np.percentile(value[known] + spread, 98.0)))
+    for other in others:
+        if other is not None and np.isfinite(other).any():
+            lows.append(float(np.nanmin(other)))
+            highs.append(float(np.nanmax(other)))
+    if not lows:
         return 0.0, 1.0
-    spread = np.nan_to_num(stddev[known])
-    # The band of a value that is hardly known at all is cut off.
-    spread = np.minimum(spread, 3.0 * float(np.median(spread)))
-    low = float(np.percentile(value[known] - spread, 2.0))
-    high = float(np.percentile(value[known] + spread, 98.0))
-    if other is not None and np.isfinite(other).any():
-        low, high = min(low, float(np.nanmin(other))), max(high, float(np.nanmax(other)))
+    low, high = min(lows), max(highs)
+    least = float(np.min(value[known])) if known.any() else low
     margin = 0.08 * (high - low) + 1e-3
     low, high = low - margin, high + margin
     # No water is clearer than clear, and no camera above the surface: a band may reach there.
-    return (max(low, 0.0) if np.min(value[known]) >= 0.0 else low), high
-
-
-def _unit(duration: float) -> tuple[float, str]:
-    if duration > 3 * 3600.0:
-        return 3600.0, "h"
-    return (60.0, "min") if duration > 300.0 else (1.0, "s")
-
-
-def draw(figure: Figure, vector: bool, title: str) -> str:
-    """Return a figure as a piece of HTML: as SVG, or else as an embedded PNG."""
-    return _svg(figure) if vector else _png(figure, title)
-
-
-def _svg(figure: Figure) -> str:
-    # A fixed salt and no date: the same result has the same page.
-    with matplotlib.rc_context({"svg.hashsalt": "uw_visibility"}):
-        stream = BytesIO()
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    text = stream.getvalue().decode("utf-8")
-    # What it says of itself is of no use inside a page.
-    return re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg"):], flags=re.DOTALL)
-
-
-def _png(figure: Figure, title: str) -> str:
-    FigureCanvasAgg(figure)
-    stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=110)
-    return f'<img alt="{title}" src="{data_uri(stream.getvalue())}">'
+    return (max(low, 0.0) if least >= 0.0 else low), high
 
 
 def data_uri(png: bytes) -> str:

@@ -44,6 +44,13 @@ class Picture(NamedTuple):
     enhanced: NDArray[np.uint8]
     disparity: NDArray[np.uint8]
 
+    def parts(self) -> dict[str, NDArray[np.uint8]]:
+        """Return the three by what they show."""
+        return {
+            "left image as recorded": self.raw, "left image without the water": self.enhanced,
+            "disparity": self.disparity,
+        }
+
     def side_by_side(self) -> NDArray[np.uint8]:
         """Return the three in a row."""
         height = self.enhanced.shape[0]
@@ -190,11 +197,11 @@ def _fit(image: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA))
 
 
-def preview(image: NDArray[np.uint8], width: int) -> bytes:
-    """Return an image as PNG, at most so wide."""
+def preview(image: NDArray[np.uint8], width: int) -> tuple[bytes, tuple[int, int]]:
+    """Return an image as PNG, at most so wide, with its height and width."""
     if image.shape[1] > width:
         image = _fit(image, width)
     _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    return bytes(content.tobytes())
+    return bytes(content.tobytes()), (image.shape[0], image.shape[1])
 
 

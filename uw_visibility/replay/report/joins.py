@@ -4,17 +4,27 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from uw_visibility.replay.inputs.scalars import ScalarTopic
 from uw_visibility.replay.line_fit import FEWEST, LineFit, fit_line
-from uw_visibility.replay.report.figures import ESTIMATE, MOST_POINTS, SENSOR, Columns, draw
+from uw_visibility.replay.report.figures import (
+    MOST_POINTS,
+    Columns,
+    clock_axis,
+    clock_time,
+    thin,
+)
+from uw_visibility.replay.report.palette import ESTIMATE, FILTERED, RULE
+from uw_visibility.replay.report.svg import Spot, draw
 from uw_visibility.replay.table import read_columns
 
 AGAINST = "beam_attenuation"
@@ -66,31 +76,43 @@ def _sentence(fit: LineFit | None, both: int, values: NDArray[np.float64]) -> st
     )
 
 
-def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> str:
-    x, y = columns[AGAINST], columns[name]
-    known = np.isfinite(x) & np.isfinite(y)
-    x, x_stddev, y = x[known], columns[f"{AGAINST}_stddev"][known], y[known]
-    time = columns["stamp"][known] - columns["stamp"][0]
-    figure = Figure(figsize=(10.8, 3.8), layout="constrained")
-    scatter, residuals = figure.subplots(1, 2)
-    scatter.errorbar(
-        x, y, xerr=x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6, label="frames")
-    scatter.set(xlabel="beam attenuation, green [1/m]", ylabel=title)
-    residuals.set(xlabel="time [s]", ylabel=f"{title} less the fit")
-    if fit is None:
-        residuals.text(0.5, 0.5, "no fit", transform=residuals.transAxes, ha="center")
-    else:
-        line = np.linspace(fit.low, fit.high, 50)
-        value, stddev = np.transpose([fit.predict(each, 0.0) for each in line])
-        scatter.plot(line, value, color=SENSOR, linewidth=1.4, label="fit")
-        scatter.fill_between(
-            line, value - stddev, value + stddev, color=SENSOR, alpha=0.2, linewidth=0.0,
-            label="± 1 σ")
-        residuals.errorbar(
-            time, y - fit.intercept - fit.slope * x, fit.slope * x_stddev, fmt=".",
-            color=ESTIMATE, elinewidth=0.6, alpha=0.6)
-        residuals.axhline(0.0, color=SENSOR, linewidth=1.0)
-    scatter.legend(fontsize="small", frameon=False)
-    for axes in (scatter, residuals):
-        axes.grid(alpha=0.3)
-    return draw(figure, len(x) <= MOST_POINTS, f"{title} against beam attenuation")
+def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Markup:
+    both = np.isfinite(columns[AGAINST]) & np.isfinite(columns[name])
+    chosen = thin({key: values[both] for key, values in columns.items()}, MOST_POINTS)
+    x, x_stddev, y = chosen[AGAINST], chosen[f"{AGAINST}_stddev"], chosen[name]
+
+    def paint(figure: Figure, narrow: bool) -> list[Spot]:
+        scatter, residuals = figure.subplots(*((2, 1) if narrow else (1, 2)))
+        scatter.errorbar(
+            x, y, xerr=x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6,
+            label="frames")
+        scatter.set(xlabel="beam attenuation, green [1/m]", ylabel=title)
+        residuals.set_ylabel(f"{title} less the fit")
+        if fit is None:
+            residuals.text(0.5, 0.5, "no fit", transform=residuals.transAxes, ha="center")
+        else:
+            _draw_fit(scatter, fit)
+            residuals.errorbar(
+                clock_time(chosen["stamp"]), y - fit.intercept - fit.slope * x,
+                fit.slope * x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6)
+            residuals.axhline(0.0, color=FILTERED, linewidth=1.0)
+        clock_axis(residuals, narrow=True)
+        scatter.legend(fontsize="small", frameon=False)
+        for axes in (scatter, residuals):
+            axes.grid(color=RULE, linewidth=0.6)
+        return []
+
+    return draw(
+        f"join-{re.sub('[^a-z0-9]+', '-', name.lower())}", f"{title} against beam attenuation",
+        "No fit." if fit is None else f"Slope {fit.slope:.3g}, intercept {fit.intercept:.3g}.",
+        3.4, paint, 6.0,
+    )
+
+
+def _draw_fit(axes: Any, fit: LineFit) -> None:
+    line = np.linspace(fit.low, fit.high, 50)
+    value, stddev = np.transpose([fit.predict(each, 0.0) for each in line])
+    axes.plot(line, value, color=FILTERED, linewidth=1.4, label="fit")
+    axes.fill_between(
+        line, value - stddev, value + stddev, color=FILTERED, alpha=0.2, linewidth=0.0,
+        label="± 1 σ")

@@ -58,10 +58,11 @@ def _part(part: str | Frames, shown: Collection[str]) -> dict[str, str]:
 def _numbers(
     columns: Mapping[str, NDArray[np.float64]], summary: Summary, short: str
 ) -> list[tuple[str, str]]:
-    numbers = [(str(summary.frames), "frames")]
+    numbers: list[tuple[str, str]] = []
     synopsis = summary.synopsis
     if synopsis is not None and synopsis.frames:
-        numbers.append((percent(synopsis.share), "of them show visibility by themselves"))
+        count = f"{synopsis.frames} frame{'s' if synopsis.frames > 1 else ''}"
+        numbers.append((percent(synopsis.share), f"of {count} show visibility by themselves"))
     if synopsis is not None and synopsis.told:
         numbers.append((
             f"{number(synopsis.median)} m",

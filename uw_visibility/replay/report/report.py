@@ -9,13 +9,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jinja2
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
 from uw_visibility.config.parameters import flatten
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
-from uw_visibility.errors import LONGEST_MESSAGE, printable
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.report.captions import caption
@@ -25,6 +24,7 @@ from uw_visibility.replay.report.figures import NEEDED, data_uri, draw_series
 from uw_visibility.replay.report.gallery import pictures, preview
 from uw_visibility.replay.report.meaning import meaning
 from uw_visibility.replay.report.overview import OVERVIEW_COLUMNS, contrast_of, overview
+from uw_visibility.replay.report.page import write_page
 from uw_visibility.replay.report.sentences import Frames, formula, verdict
 from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_track
 from uw_visibility.replay.results.refusals import OTHER_CHANNELS, STATUS_COLUMNS, WHOLE_FRAME
@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from uw_visibility.replay.results.summary import Summary
 
 EVENLY_SPACED = 5
-PICTURE_WIDTH = 1200
+# Of each of a frame's three images, px.
+VIEW_WIDTH = 400
 TOPIC_TITLES = {"depth": "depth sensor", "left_info": "left camera_info",
                 "right_info": "right camera_info"}
 
@@ -64,31 +65,28 @@ def write_report(
     joins : sequence of mapping
         Sections of the joined topics, of `fit_joins`.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("uw_visibility.replay.report"), autoescape=True,
-        trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined, finalize=_shown,
-    )
     columns = read_columns(
         folder / "frames.csv", [*dict.fromkeys((*NEEDED, *TRACK_COLUMNS, *OVERVIEW_COLUMNS))]
     )
     contrast = contrast_of(summary)
-    shown = [
+    shown: list[dict[str, Any]] = [
         {
             "frame": picture.row["frame"],
-            "source": Markup(data_uri(preview(picture.side_by_side(), PICTURE_WIDTH))),
+            "views": [_view(what, image) for what, image in picture.parts().items()],
             "caption": caption(picture.row, formula(contrast)),
         }
         for picture in pictures(
             folder, reader, selection, scale, _representative(folder, summary)
         )
     ]
-    text = environment.get_template("report.html").render(
+    write_page(
+        folder / "report.html", "report.html",
         **overview(columns, summary, [picture["frame"] for picture in shown]),
         title=f"Visibility: {Path(summary.bag).name}",
         summary=summary,
         problems=summary.damage,
-        series=draw_series(columns) if summary.frames else "<p>There are no frames.</p>",
-        track=draw_track(columns),
+        series=draw_series(columns),
+        maps=draw_track(columns),
         derived=derived_quantities(folder / "frames.csv"),
         joins=joins,
         pictures=shown,
@@ -101,13 +99,12 @@ def write_report(
         source=_source(summary),
         parameters=_parameters(summary),
     )
-    (folder / "report.html").write_text(text, encoding="utf-8")
 
 
-def _shown(value: Any) -> Any:
-    """Value as it is shown: text from outside without control characters."""
-    own = isinstance(value, Markup) or not isinstance(value, str)
-    return value if own else printable(value, LONGEST_MESSAGE)
+def _view(what: str, image: NDArray[np.uint8]) -> dict[str, Any]:
+    """Return an image for the page."""
+    png, (height, width) = preview(image, VIEW_WIDTH)
+    return {"what": what, "source": Markup(data_uri(png)), "width": width, "height": height}
 
 
 def _representative(folder: Path, summary: Summary) -> set[str]:

@@ -1,23 +1,46 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Map of a replay: track of the camera in the colour of visibility distance."""
+"""Map of one replay or of several: tracks of the camera in the colour of what it saw."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from uw_visibility.replay.report.figures import MOST_POINTS, Columns, draw
+from uw_visibility.replay.inputs.positions import EARTH_RADIUS
+from uw_visibility.replay.report.figures import MOST_POINTS, Columns, thin
+from uw_visibility.replay.report.palette import HOLLOW, INK, RULE
+from uw_visibility.replay.report.sentences import number
+from uw_visibility.replay.report.svg import NARROW, WIDE, Spot, draw
 
-TRACK_COLUMNS = ("longitude", "latitude", "x", "y", "visibility_distance")
-WIDTH, LARGEST_HEIGHT = 10.8, 7.0
+COLOURED = {
+    "visibility_distance": "visibility distance [m]",
+    "mean_attenuation": "mean attenuation α [1/m]",
+}
+TRACK_COLUMNS = ("stamp", "longitude", "latitude", "x", "y", *COLOURED)
+LARGEST_HEIGHT = 6.0
+# More tracks than this have no room for their names.
+MOST_NAMES = 12
+METRES_PER_DEGREE = math.radians(EARTH_RADIUS)
 
 
-def draw_track(columns: Columns) -> str:
-    """Draw the positions of frames, in the colour of their visibility distance.
+class _Track(NamedTuple):
+    """Known positions of a recording, and what was seen there."""
+
+    name: str
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    seen: NDArray[np.float64]
+
+
+def draw_track(columns: Columns) -> list[Markup]:
+    """Draw the positions of a replay's frames.
 
     Parameters
     ----------
@@ -26,44 +49,138 @@ def draw_track(columns: Columns) -> str:
 
     Returns
     -------
-    str
-        A piece of HTML; empty where no frame has a position.
+    list of Markup
+        As `draw_tracks`.
     """
-    x, y, labels = columns["longitude"], columns["latitude"], ("longitude [°]", "latitude [°]")
-    stretch = 1.0
-    if np.isfinite(x).any():
-        stretch = 1.0 / math.cos(math.radians(float(np.nanmean(y))))
-    else:
-        x, y, labels = columns["x"], columns["y"], ("x [m]", "y [m]")
+    return draw_tracks({"": columns})
+
+
+def draw_tracks(recordings: Mapping[str, Columns]) -> list[Markup]:
+    """Draw the positions of frames, in the colours of visibility and of attenuation.
+
+    Parameters
+    ----------
+    recordings : mapping of str to Columns
+        Columns `TRACK_COLUMNS` of each, by its name.
+
+    Returns
+    -------
+    list of Markup
+        A map for each quantity that is known somewhere, one without any where none is; empty
+        where no frame has a position. Recordings with longitude and latitude are drawn
+        alone where there are both kinds.
+    """
+    geographic = any(np.isfinite(c["longitude"]).any() for c in recordings.values())
+    names = ("longitude", "latitude") if geographic else ("x", "y")
+    known = [
+        name for name in COLOURED
+        if any(np.isfinite(columns[name]).any() for columns in recordings.values())
+    ]
+    maps = []
+    for quantity in known or ["visibility_distance"]:
+        tracks = [
+            track for name, columns in recordings.items()
+            if (track := _track(name, columns, names, quantity)).x.size
+        ]
+        if tracks:
+            maps.append(_draw(tracks, quantity, geographic))
+    return maps
+
+
+def _track(name: str, columns: Columns, names: tuple[str, str], quantity: str) -> _Track:
+    columns = thin({column: columns[column] for column in TRACK_COLUMNS}, MOST_POINTS)
+    x, y = (columns[axis] for axis in names)
     known = np.isfinite(x) & np.isfinite(y)
-    if not known.any():
-        return ""
-    figure = Figure(figsize=(WIDTH, _height(x[known], stretch * y[known])), layout="constrained")
-    axes = figure.subplots()
-    axes.plot(x[known], y[known], color="#8c959f", linewidth=0.8, zorder=1)
-    _scatter(figure, axes, x[known], y[known], columns["visibility_distance"][known])
-    axes.set_aspect(stretch, adjustable="datalim")
-    axes.ticklabel_format(useOffset=False)
-    axes.locator_params(axis="x", nbins=6)
-    axes.set(xlabel=labels[0], ylabel=labels[1])
-    axes.grid(alpha=0.3)
-    return draw(figure, len(x) <= MOST_POINTS, "track")
+    return _Track(name, x[known], y[known], columns[quantity][known])
 
 
-def _scatter(figure: Figure, axes: Any, x: Any, y: Any, distance: Any) -> None:
-    seen = np.isfinite(distance)
-    axes.scatter(
-        x[~seen], y[~seen], s=28, facecolors="none", edgecolors="#57606a", linewidths=0.9, zorder=2
+def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
+    x, y = (np.concatenate([getattr(track, axis) for track in tracks]) for axis in "xy")
+    metres = (METRES_PER_DEGREE * math.cos(math.radians(float(np.mean(y)))), METRES_PER_DEGREE
+              ) if geographic else (1.0, 1.0)
+    extent = float(np.ptp(x)) * metres[0], float(np.ptp(y)) * metres[1]
+    values = np.concatenate([track.seen for track in tracks])
+    limits = (float(np.nanmin(values)), float(np.nanmax(values))) if np.isfinite(
+        values).any() else (0.0, 1.0)
+    label = COLOURED[quantity]
+
+    def paint(figure: Figure, narrow: bool) -> list[Spot]:
+        axes: Any = figure.subplots()
+        points = None
+        for track in tracks:
+            points = _paint_track(axes, track, limits, len(tracks) <= MOST_NAMES) or points
+        if points is not None:
+            figure.colorbar(
+                points, ax=axes, label=label, pad=0.02, shrink=0.9, aspect=30,
+                location="bottom" if narrow else "right")
+        axes.set_aspect(metres[1] / metres[0], adjustable="datalim")
+        axes.margins(0.12)
+        axes.ticklabel_format(useOffset=False, style="plain")
+        axes.locator_params(nbins=2 if narrow else 4)
+        axes.set(xlabel="longitude [°]" if geographic else "x [m]",
+                 ylabel="latitude [°]" if geographic else "y [m]")
+        axes.grid(color=RULE, linewidth=0.6)
+        axes.set_axisbelow(True)
+        figure.draw_without_rendering()
+        _scale_bar(axes, metres[0])
+        if geographic:
+            _north(axes)
+        return []
+
+    what = label.partition(" [")[0]
+    return draw(
+        f"map-{quantity.replace('_', '-')}", f"Map of {what}",
+        f"{len(tracks)} track{'s' if len(tracks) > 1 else ''} over {number(extent[0], 2)} m by "
+        f"{number(extent[1], 2)} m; {what} from {number(limits[0])} to {number(limits[1])}.",
+        _height(*extent, WIDE), paint, _height(*extent, NARROW) + 0.8,
     )
+
+
+def _paint_track(axes: Any, track: _Track, limits: tuple[float, float], named: bool) -> Any:
+    """Draw a track; returns what has colours, if anything has."""
+    axes.plot(track.x, track.y, color=HOLLOW, linewidth=0.8, zorder=1)
+    seen = np.isfinite(track.seen)
+    axes.scatter(track.x[~seen], track.y[~seen], s=22, facecolors="none", edgecolors=HOLLOW,
+                 linewidths=0.9, zorder=2)
+    points = None
     if seen.any():
         points = axes.scatter(
-            x[seen], y[seen], s=28, c=distance[seen], cmap="viridis", zorder=3
-        )
-        figure.colorbar(points, ax=axes, label="visibility distance [m]", pad=0.01)
+            track.x[seen], track.y[seen], s=22, c=track.seen[seen], cmap="viridis", zorder=3,
+            edgecolors=HOLLOW, linewidths=0.3, vmin=limits[0], vmax=limits[1])
+    for place, marker, text in ((0, "^", "start"), (-1, "s", "end")):
+        axes.plot(track.x[place], track.y[place], marker=marker, markersize=9, zorder=4,
+                  markerfacecolor="none", markeredgecolor=INK, linewidth=0.0)
+        label = f"{track.name} {text}".strip() if named and place == 0 else text
+        if named or not track.name:
+            axes.annotate(label, (track.x[place], track.y[place]), xytext=(7, 5),
+                          textcoords="offset points", fontsize="small", zorder=5)
+    return points
 
 
-def _height(x: Any, y: Any) -> float:
-    """Return a height in inches for the track's shape."""
-    wide, high = float(np.ptp(x)), float(np.ptp(y))
+def _scale_bar(axes: Any, metres: float) -> None:
+    """Draw a bar of a round length below to the left; a unit of x is so many metres."""
+    low, high = axes.get_xlim()
+    length = round_length(0.3 * (high - low) * metres)
+    share = length / metres / (high - low)
+    axes.plot((0.04, 0.04 + share), (0.05, 0.05), transform=axes.transAxes, color=INK,
+              linewidth=2.5, solid_capstyle="butt", zorder=6)
+    text = f"{length / 1000:g} km" if length >= 1000.0 else f"{length:g} m"
+    axes.text(0.04, 0.07, text, transform=axes.transAxes, fontsize="small", zorder=6)
+
+
+def round_length(longest: float) -> float:
+    """Return the longest of 1, 2 and 5 times a power of ten that is no longer than this."""
+    power = 10.0 ** math.floor(math.log10(longest))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest * (1.0 + 1e-9))
+
+
+def _north(axes: Any) -> None:
+    axes.annotate(
+        "N", xy=(0.965, 0.97), xytext=(0.965, 0.83), xycoords="axes fraction", ha="center",
+        va="center", arrowprops={"arrowstyle": "-|>", "color": INK}, zorder=6)
+
+
+def _height(wide: float, high: float, width: float) -> float:
+    """Return a height in inches for what is to be shown, m."""
     shape = high / wide if wide > 0.0 else 1.0
-    return min(max(WIDTH * shape + 1.0, 3.0), LARGEST_HEIGHT)
+    return min(max(0.85 * width * shape + 0.8, 2.8), min(LARGEST_HEIGHT, 1.1 * width))

@@ -1,0 +1,145 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Pages in a browser: readable at every width, in light, dark and print, for everyone."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+playwright = pytest.importorskip(
+    "playwright.sync_api", reason="needs playwright and axe-core: make browser")
+
+ROOT = Path(__file__).parents[3]
+AXE = Path(os.environ.get("AXE_CORE", ROOT / "node_modules/axe-core/axe.min.js"))
+WIDTHS = (390, 768, 1280)
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+# What is printed of A4, px of CSS.
+PRINTED = (695, 1017)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    with playwright.sync_playwright() as run:
+        try:
+            # A container's root has no sandbox.
+            opened = run.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        except playwright.Error as error:
+            pytest.skip(f"no browser: {str(error).splitlines()[0]}")
+        yield opened
+        opened.close()
+
+
+@pytest.fixture(scope="module", params=["report"])
+def page_file(request: pytest.FixtureRequest) -> Path:
+    return Path(request.getfixturevalue("replayed")) / "report.html"
+
+
+def show(browser: Any, path: Path, width: int, scheme: str = "light", height: int = 900) -> Any:
+    """Open a page; it asks for nothing, and nothing fails in it."""
+    context = browser.new_context(
+        viewport={"width": width, "height": height}, color_scheme=scheme)
+    page = context.new_page()
+    page.on("console", lambda message: pytest.fail(message.text))
+    page.on("request", lambda request: request.url.startswith(("file:", "data:")) or pytest.fail(
+        request.url))
+    page.goto(path.as_uri())
+    return page
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", WIDTHS)
+def test_axe_finds_nothing_serious(
+    browser: Any, page_file: Path, width: int, scheme: str
+) -> None:
+    if not AXE.is_file():
+        pytest.skip("needs axe-core: make browser")
+    page = show(browser, page_file, width, scheme)
+    page.evaluate(AXE.read_text(encoding="utf-8"))
+    found = page.evaluate("axe.run()")
+    assert len(found["passes"]) > 20
+    serious = [
+        (rule["impact"], rule["id"], rule["nodes"][0]["html"]) for rule in found["violations"]
+        if rule["impact"] not in ("minor",)
+    ]
+    assert serious == []
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_nothing_is_cut_off_and_letters_are_large_enough(
+    browser: Any, page_file: Path, width: int
+) -> None:
+    page = show(browser, page_file, width)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    shown = page.eval_on_selector_all(
+        "svg.plot", "all => all.map(one => one.getBoundingClientRect().width).filter(w => w > 0)")
+    assert shown
+    assert min(shown) > 0.85 * min(width, 1000)
+    heights = page.eval_on_selector_all(
+        "svg.plot text", "all => all.map(t => t.getBoundingClientRect().height).filter(h => h > 0)")
+    assert min(heights) >= 9.0
+
+
+def test_dark_is_dark_figures_too(browser: Any, page_file: Path) -> None:
+    def colour(page: Any, selector: str, name: str) -> int:
+        text = page.eval_on_selector(selector, f"one => getComputedStyle(one).{name}")
+        return sum(int(part) for part in text[text.index("(") + 1:-1].split(",")[:3])
+
+    light, dark = (show(browser, page_file, 1280, scheme) for scheme in ("light", "dark"))
+    for page, behind, ink in ((light, 765, 200), (dark, 100, 500)):
+        background = colour(page, "body", "backgroundColor")
+        text = colour(page, "svg.plot.wide text", "fill")
+        assert (background == 765 and text < ink) if behind == 765 else (
+            background < behind and text > ink)
+
+
+def test_all_is_reached_by_keys(browser: Any, page_file: Path) -> None:
+    page = show(browser, page_file, 390)
+    wanted = page.eval_on_selector_all("a, summary, .scroll", "all => all.length")
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.className") == "skip"
+    assert page.evaluate("document.activeElement.getBoundingClientRect().left") >= 0.0
+    reached = 1
+    for _ in range(2 * wanted):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement === document.body"):
+            break
+        reached += 1
+    hidden = page.eval_on_selector_all("details:not([open]) .scroll", "all => all.length")
+    assert reached == wanted - hidden
+
+
+def test_headings_are_in_order_and_pictures_have_names(browser: Any, page_file: Path) -> None:
+    page = show(browser, page_file, 1280)
+    levels = page.eval_on_selector_all("h1, h2, h3", "all => all.map(h => +h.tagName[1])")
+    assert levels[0] == 1 and levels.count(1) == 1
+    assert all(after <= before + 1 for before, after in itertools.pairwise(levels))
+    assert page.eval_on_selector_all("th:not([scope])", "all => all.length") == 0
+    assert page.eval_on_selector_all("figure", "all => all.length") > 3
+    assert page.eval_on_selector_all(
+        "figure:not(:has(figcaption)), img:not([alt]), svg.plot:not([role=img])",
+        "all => all.length") == 0
+
+
+def test_the_first_printed_page_is_full_and_pictures_keep_their_captions(
+    browser: Any, page_file: Path
+) -> None:
+    page = show(browser, page_file, PRINTED[0], height=PRINTED[1])
+    page.emulate_media(media="print")
+    # The first figure that does not fit on the page goes to the next one, with its heading.
+    tops = page.eval_on_selector_all("figure", "all => all.map(one => { "
+                                     "const box = one.getBoundingClientRect(); "
+                                     "return [box.top, box.bottom]; })")
+    first = next((top for top, bottom in tops if bottom > PRINTED[1]), PRINTED[1])
+    assert first > 0.6 * PRINTED[1]
+    assert max(bottom - top for top, bottom in tops) < 0.5 * PRINTED[1]
+    assert set(page.eval_on_selector_all(
+        "figure", "all => all.map(one => getComputedStyle(one).breakInside)")) == {"avoid"}
+    assert page.eval_on_selector(".plot.wide", "one => one.getBoundingClientRect().width") > 600
