@@ -61,7 +61,7 @@ def test_the_summary_counts_the_frames(tables: Path) -> None:
         assert sum(summary["lamps"][k][name]["cases"] for k in ("2", "4")) == 4
     assert len(rows_of(tables / "survey.csv")) == summary["survey"]["frames"] == 8
     assert set(summary["survey"]["variation"]) == {
-        "raw", "statistics", "ours", "oracle", "truth"}
+        "raw", "statistics", "online", "ours", "oracle", "truth"}
     assert summary["survey"]["colour_difference"]["truth"] == 0.0
     difference = summary["survey"]["colour_difference"]
     # Who knows lamps, water and ranges is not far from the truth.

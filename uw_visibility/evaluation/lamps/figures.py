@@ -98,8 +98,8 @@ def draw_survey(path: Path, survey: SurveyResult) -> None:
         The survey.
     """
     columns, rows = len(PICTURES), len(survey.shown)
-    figure = Figure(figsize=(2.9 * columns, 2.4 * rows + 3.0), layout="constrained")
-    upper, lower = figure.subfigures(2, 1, height_ratios=(2.4 * rows + 0.6, 2.4))
+    figure = Figure(figsize=(2.6 * columns, 2.1 * rows + 3.0), layout="constrained")
+    upper, lower = figure.subfigures(2, 1, height_ratios=(2.1 * rows + 0.6, 2.4))
     grid = upper.subplots(rows, columns, squeeze=False)
     for k, pictures in enumerate(survey.shown):
         for axes, (name, title) in zip(grid[k], PICTURES.items(), strict=True):
@@ -130,7 +130,9 @@ def draw_survey(path: Path, survey: SurveyResult) -> None:
     axes.set_ylabel("β [1/m], ± 1 σ")
     axes.plot([], [], ".", color=INPUT, label="each frame alone")
     axes.plot([], [], "--", color=INPUT, label="truth")
-    axes.legend(frameon=False, ncols=5, fontsize=8)
+    lower.legend(
+        *axes.get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False,
+        fontsize=8)
     axes.grid(alpha=0.25)
     save(figure, path)
 

@@ -27,6 +27,8 @@ from uw_visibility.evaluation.readings import Reading, Truth, flat
 from uw_visibility.evaluation.survey_statistics import SurveyStatistics
 from uw_visibility.optics.transfer import to_linear
 from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.simulation.frame import RenderedFrame
 from uw_visibility.simulation.lamp_light import lamp_array, light_surfaces, scatter
 from uw_visibility.simulation.lamps import lighting_parameters
 from uw_visibility.water.filter import WaterFilter
@@ -36,7 +38,8 @@ Map = NDArray[np.float32]
 PICTURES = {
     "raw": "as recorded",
     "statistics": "statistics of the survey",
-    "ours": "ours",
+    "online": "ours, by frames before",
+    "ours": "ours, by all frames",
     "oracle": "lamps, water, ranges known",
     "truth": "reflectance",
 }
@@ -120,7 +123,7 @@ def run_survey(
     frames = run_all(
         render_survey_frame, range(plan.frames), (plan,), jobs, threads, progress)
     rows, ours = _process(plan, frames, progress)
-    images = {"ours": ours, "oracle": _oracle(plan, frames), **_peers(frames)}
+    images = {**ours, "oracle": _oracle(plan, frames), **_peers(frames)}
     truth = images["truth"]
     scaled = {name: at_best_exposure(some, truth) for name, some in images.items()}
     ground = GroundCells.of(truth, [frame.cells for frame in frames])
@@ -137,8 +140,8 @@ def run_survey(
 
 def _process(
     plan: SurveyPlan, frames: Sequence[SurveyFrame], progress: Progress
-) -> tuple[list[SurveyRow], list[Map]]:
-    """Let the pipeline and the filter see the frames in turn."""
+) -> tuple[list[SurveyRow], dict[str, list[Map]]]:
+    """Let the pipeline and the filter see the frames in turn, then restore them once more."""
     config = PipelineConfig.from_parameters({
         **plan.config.to_parameters(),
         **lighting_parameters(plan.lighting.lamps, daylight=False),
@@ -150,17 +153,25 @@ def _process(
     )
     pipeline, water_filter = Pipeline(CAMERA.rig, config), WaterFilter(config)
     rows: list[SurveyRow] = []
-    restored: list[Map] = []
+    restored: dict[str, list[Map]] = {"online": [], "ours": []}
+
+    def see(frame: RenderedFrame, name: str) -> FrameResult:
+        result = pipeline.process(
+            frame.left, frame.right, enhance=("left",), known_light=water_filter.lamps)
+        restored[name].append(to_linear(result.left_enhanced, config.camera.transfer))
+        return result
+
     for index, survey_frame in progress(iter(enumerate(frames)), len(frames)):
-        frame = survey_frame.frame
-        result = pipeline.process(frame.left, frame.right)
+        result = see(survey_frame.frame, "online")
         single = Reading.of(result.water, result.visibility)
         filtered = water_filter.update(result.water, float(index))
         pooled = single
         if filtered is not None:
             pooled = Reading.of(filtered.water, filtered.visibility)
         rows.append(SurveyRow(truth, single, pooled))
-        restored.append(to_linear(result.left_enhanced, config.camera.transfer))
+    # As for a mosaic: with the light of all frames, as the statistical method has it too.
+    for _, survey_frame in progress(iter(enumerate(frames)), len(frames)):
+        see(survey_frame.frame, "ours")
     return rows, restored
 
 
