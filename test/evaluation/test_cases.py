@@ -84,5 +84,6 @@ def test_its_row_is_empty_where_nothing_was_assessed(refused, tmp_path):
 
 def test_its_figures_are_drawn_nevertheless(refused, tmp_path):
     names = {path.name for path in write_figures(tmp_path, refused)}
-    assert names == {"fig3_wall.png", "fig6.png", "fig7.png", "fig9.png", "reliability.png"}
+    assert names == {
+        "fig3_wall.png", "fig5.png", "fig6.png", "fig7.png", "fig9.png", "reliability.png"}
     assert {path.name for path in tmp_path.iterdir()} == names

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.cli import main
@@ -23,6 +24,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.evaluation.baselines import semi_global_matching
 from uw_visibility.evaluation.degrade import load_scene
 from uw_visibility.evaluation.experiments import Plan
+from uw_visibility.evaluation.figures.style import save
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.simulation.camera import Sensor
@@ -183,7 +185,9 @@ def test_the_transect_has_a_row_for_each_frame(run):
 
 
 def test_every_figure_is_drawn(run):
-    names = {"fig3_reef.png", "fig6.png", "fig7.png", "fig9.png", "fig10.png", "reliability.png"}
+    names = {
+        "fig3_reef.png", "fig5.png", "fig6.png", "fig7.png", "fig7_pictures.png", "fig9.png",
+        "fig10.png", "reliability.png"}
     assert {path.name for path in run.folder.glob("*.png")} == names
     for name in names:
         image = cv2.imread(str(run.folder / name))
@@ -201,6 +205,28 @@ def test_two_processes_give_the_same_result(run, scene_folder, tmp_path):
     for name in TABLES:
         assert (folder / name).read_bytes() == (run.folder / name).read_bytes(), name
     assert done.stdout.replace(str(folder), "") == run.printed.replace(str(run.folder), "")
+
+
+def test_times_stand_beside_the_papers(run):
+    rows = {row["step"]: row for row in run.rows("table1.csv")}
+    assert float(rows["total"]["paper_mean_ms"]) == 2565.5
+    steps = [float(row["mean_ms"]) for name, row in rows.items() if name != "total"]
+    assert min(steps) > 0.0
+    assert float(rows["total"]["mean_ms"]) > max(steps)
+    papers = [float(row["paper_mean_ms"]) for name, row in rows.items() if name != "total"]
+    assert sum(papers) == pytest.approx(2565.5)
+
+
+@pytest.mark.parametrize("file_format, begins", [("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_figures_for_print_are_the_same_each_time(tmp_path, file_format, begins):
+    contents = []
+    for name in ("one", "two"):
+        figure = Figure(figsize=(3.0, 2.0))
+        figure.subplots().plot([0.0, 1.0], [1.0, 0.0])
+        save(figure, tmp_path / f"{name}.{file_format}")
+        contents.append((tmp_path / f"{name}.{file_format}").read_bytes())
+    assert contents[0] == contents[1]
+    assert contents[0].startswith(begins)
 
 
 @pytest.mark.parametrize("values", [{"attenuations": ()}, {"depths": (-1.0,)},

@@ -53,9 +53,12 @@ written to DIR:
   transect.csv      a row for each frame of the transect
   evaluation.json   all of these, the settings, and the summary
   fig3_SCENE.png    pixels over range, envelopes and fitted curves (Fig. 3)
+  table1.csv        computation times of the steps, ours and the paper's (Table I)
+  fig5.png          disparities of the pair under water and improved ones (Fig. 5)
   fig6.png          attenuation, unmatched and correct disparities over turbidity (Fig. 6),
                     and these with noise
-  fig7.png          attenuation and colour difference over depth (Fig. 7)
+  fig7.png          attenuation and colour difference over depth (Fig. 7), and
+                    fig7_pictures.png the images
   fig9.png          histogram equalisation, CLAHE, ours, oracle (Fig. 9)
   fig10.png         attenuation, visibility distance and depth of the transect (Fig. 10)
 
@@ -130,6 +133,14 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         help="change of the transect's light by waves, 0 .. 1 (%(default)s)",
     )
     add(
+        "--paper", action="store_true",
+        help="the grid of section III: α 0 to 0.3 1/m by 0.05, z 0 to 5 m; four times the waters",
+    )
+    add(
+        "--format", choices=("png", "pdf", "svg"), default="png",
+        help="of the figures: png, or pdf or svg for print (%(default)s)",
+    )
+    add(
         "--quick", action="store_true",
         help="a small grid (α 0 and 0.2 1/m, z 2 m, noise of 2 codes) and a short, small transect",
     )
@@ -202,7 +213,7 @@ def _run_experiments(arguments: argparse.Namespace) -> None:
     summary = summarise(evaluation)
     with gathered(arguments.output, last=RESULT, clear=arguments.force) as folder:
         write_tables(folder, evaluation, summary)
-        write_figures(folder, evaluation)
+        write_figures(folder, evaluation, arguments.format)
     print(as_text(summary))
     say("")
     say(f"tables and figures: {arguments.output}")
@@ -289,7 +300,13 @@ def _lamp_plan(arguments: argparse.Namespace) -> LampPlan:
 
 
 def _plan(arguments: argparse.Namespace) -> Plan:
-    from uw_visibility.evaluation.experiments import ATTENUATIONS, DEPTHS, Plan
+    from uw_visibility.evaluation.experiments import (
+        ATTENUATIONS,
+        DEPTHS,
+        PAPER_ATTENUATIONS,
+        PAPER_DEPTHS,
+        Plan,
+    )
     from uw_visibility.evaluation.scenes import find_scenes
     from uw_visibility.evaluation.transects import TransectPlan
 
@@ -302,11 +319,15 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         size = QUICK_SIZE if quick else (640, 480)
         transect = TransectPlan(frames, *size, arguments.marine_snow, arguments.caustics)
         transect.transect()
+    if quick and arguments.paper:
+        raise InputError("--paper and --quick are two grids: give one of them")
+    attenuations, depths = (
+        (PAPER_ATTENUATIONS, PAPER_DEPTHS) if arguments.paper else (ATTENUATIONS, DEPTHS))
     return Plan(
         scenes=find_scenes(arguments.datasets),
         attenuations=tuple(
-            arguments.attenuation or (QUICK_ATTENUATIONS if quick else ATTENUATIONS)),
-        depths=tuple(arguments.depth or (QUICK_DEPTHS if quick else DEPTHS)),
+            arguments.attenuation or (QUICK_ATTENUATIONS if quick else attenuations)),
+        depths=tuple(arguments.depth or (QUICK_DEPTHS if quick else depths)),
         transect=transect,
         # Veil and light are one in the paper's experiments.
         config=_read_config(arguments.params_file, {"water.veil": "paper"}),

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -70,6 +71,9 @@ IMAGES = {
 """Images that are held against the scene in air, by their names in tables."""
 
 
+THUMBNAIL_WIDTH = 240
+
+
 @dataclass(frozen=True)
 class Case:
     """A scene and the water to put it in.
@@ -93,11 +97,12 @@ class Case:
     depth: float
     pictures: bool = False
     noise: str = "0"
+    thumbnails: bool = False
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """Images and envelopes of a case, for figures 3 and 9.
+    """Images and envelopes of a case, for figures 3, 5 and 9.
 
     Attributes
     ----------
@@ -109,12 +114,15 @@ class Pictures:
         True range, m; NaN where unknown.
     envelope : Envelopes or None
         What the estimate of step 2 rests on.
+    disparities : dict of str to ndarray
+        Ours, of the pair as it is and improved, px; absent where the pair was refused.
     """
 
     radiance: Image
     images: dict[str, Image]
     range: Map
     envelope: Envelopes | None
+    disparities: dict[str, Map]
 
 
 @dataclass(frozen=True)
@@ -151,6 +159,10 @@ class CaseResult:
         Noise of the sensor.
     reliability : Reliability or None
         Of our confidence; None where the pair was refused.
+    thumbnails : dict of str to ndarray
+        Small images under water and enhanced, where the case asked for them.
+    timing_ms : dict of str to float
+        Durations of the pipeline's stages; empty where the pair was refused.
     """
 
     scene: str
@@ -166,6 +178,8 @@ class CaseResult:
     edges: list[EdgeErrors] = field(default_factory=list)
     noise: str = "0"
     reliability: Reliability | None = None
+    thumbnails: dict[str, Image] = field(default_factory=dict)
+    timing_ms: dict[str, float] = field(default_factory=dict)
 
     def row(self) -> dict[str, Any]:
         """Return the case as a row of a table."""
@@ -256,7 +270,12 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         pictures=None if not case.pictures else Pictures(
             scene.left, {name: images[name] for name in IMAGES if name in images},
             bench.exact_range, None if result is None else result.water.envelope,
+            {name: found for name in ("ours_raw", "ours")
+             if (found := disparities.get(name)) is not None},
         ),
+        thumbnails={} if not case.thumbnails else {
+            name: _thumbnail(images[name]) for name in ("degraded", "final") if name in images},
+        timing_ms={} if result is None else dict(result.timing_ms),
         edges=[] if result is None or not case.pictures else edge_errors(
             scene, left, right, result, bench.rig, bench.config),
         noise=case.noise,
@@ -320,6 +339,12 @@ class _Bench:
 @lru_cache(maxsize=1)
 def _bench(source: SceneSource, config: PipelineConfig) -> _Bench:
     return _Bench(source.load(), config)
+
+
+def _thumbnail(image: Image) -> Image:
+    height, width = image.shape[:2]
+    size = (THUMBNAIL_WIDTH, round(THUMBNAIL_WIDTH * height / width))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
 def _process(

@@ -26,6 +26,9 @@ from uw_visibility.simulation.camera import NOISELESS
 
 ATTENUATIONS = (0.0, 0.1, 0.2, 0.3)
 DEPTHS = (1.0, 2.0, 5.0)
+# What section III and its figures show.
+PAPER_ATTENUATIONS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3)
+PAPER_DEPTHS = (0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
 # Figures 3, 7 and 9 show the water that is nearest to these: the paper's Fig. 7 has
 # a mean attenuation of 0.2 1/m, its Fig. 6 a depth of 2 m.
 SHOWN_ATTENUATION = 0.2
@@ -90,7 +93,10 @@ class Plan:
     def cases(self) -> list[Case]:
         """Return the grid, scene by scene."""
         return [
-            Case(scene, attenuation, depth, (attenuation, depth) == self.shown)
+            Case(
+                scene, attenuation, depth, (attenuation, depth) == self.shown,
+                thumbnails=attenuation == self.shown[0],
+            )
             for scene in self.scenes for attenuation in self.attenuations for depth in self.depths
         ]
 

@@ -15,6 +15,7 @@ from typing import Any
 from uw_visibility.evaluation.experiments import Evaluation
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.summary import Summary, columns_of
+from uw_visibility.evaluation.timing_table import timing_rows
 
 
 def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None:
@@ -49,6 +50,10 @@ def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None
     ):
         if rows:
             (folder / f"{name}.csv").write_text(as_csv(rows), encoding="utf-8")
+    # In a file of their own: times differ from run to run, nothing else does.
+    timings = timing_rows([case.timing_ms for case in evaluation.cases if case.timing_ms])
+    if timings:
+        (folder / "table1.csv").write_text(as_csv(timings), encoding="utf-8")
     plan = evaluation.plan
     report = {
         "settings": {

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Fig. 9 of the paper: histogram methods against ours, as pictures."""
+"""Pictures of the paper's figures: disparities (5), over depth (7), by method (9)."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from uw_visibility.evaluation.cases import IMAGES, CaseResult
+from uw_visibility.evaluation.cases import IMAGES, MATCHES, CaseResult
 from uw_visibility.evaluation.figures.style import save
 
 SHOWN = ("degraded", "histogram", "clahe", "final", "oracle")
 WIDTH = 2.9
+COLOURS = colormaps["turbo"].with_extremes(bad="black")
 
 
 def draw_pictures(path: Path, cases: Sequence[CaseResult]) -> None:
@@ -55,4 +57,77 @@ def draw_pictures(path: Path, cases: Sequence[CaseResult]) -> None:
         f"Enhancement at α = {truth.mean_attenuation:.3g} 1/m, z = {truth.depth:g} m "
         "(as Fig. 9 of the paper)"
     )
+    save(figure, path)
+
+
+def draw_disparities(path: Path, cases: Sequence[CaseResult]) -> None:
+    """Draw Fig. 5: under water, disparities of that pair, improved ones, enhanced image.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    cases : sequence of CaseResult
+        With pictures; one row each.
+    """
+    shapes = [case.pictures.radiance.shape for case in cases if case.pictures is not None]
+    heights = [WIDTH * shape[0] / shape[1] + 0.3 for shape in shapes]
+    figure = Figure(figsize=(WIDTH * 4, sum(heights) + 0.7), layout="constrained")
+    grid = figure.subplots(len(cases), 4, squeeze=False, gridspec_kw={"height_ratios": heights})
+    for row, case in zip(grid, cases, strict=True):
+        if case.pictures is None:
+            continue
+        row[0].imshow(case.pictures.images["degraded"])
+        row[0].set_title(f"{case.scene} under water", fontsize=9)
+        found = case.pictures.disparities
+        known = found["ours"][np.isfinite(found["ours"])] if found else np.empty(0)
+        limits = np.percentile(known, [1.0, 99.0]) if known.size else (0.0, 1.0)
+        for axes, name in zip(row[1:3], ("ours_raw", "ours"), strict=True):
+            if name in found:
+                axes.imshow(found[name], cmap=COLOURS, vmin=limits[0], vmax=limits[1])
+                axes.set_title(
+                    f"{MATCHES[name]}\n{case.matched[name]:.0%} matched, "
+                    f"{case.correct[name]:.0%} correct", fontsize=9)
+            else:
+                axes.set_title(f"{MATCHES[name]}\npair refused", fontsize=9)
+        if "final" in case.pictures.images:
+            row[3].imshow(case.pictures.images["final"])
+        row[3].set_title(IMAGES["final"], fontsize=9)
+    for axes in grid.flat:
+        axes.set_axis_off()
+    figure.suptitle("Disparities and enhancement (as Fig. 5 of the paper); black is not matched")
+    save(figure, path)
+
+
+def draw_over_depth(path: Path, cases: Sequence[CaseResult]) -> None:
+    """Draw the pictures of Fig. 7: under water and enhanced, over depth.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    cases : sequence of CaseResult
+        With thumbnails.
+    """
+    scenes: dict[str, list[CaseResult]] = {}
+    for case in cases:
+        scenes.setdefault(case.scene, []).append(case)
+    columns = max(len(of_scene) for of_scene in scenes.values())
+    figure = Figure(figsize=(2.5 * columns, 4.2 * len(scenes) + 0.6), layout="constrained")
+    grid = figure.subplots(2 * len(scenes), columns, squeeze=False)
+    for axes in grid.flat:
+        axes.set_axis_off()
+    for number, of_scene in enumerate(scenes.values()):
+        for column, case in enumerate(of_scene):
+            for line, name in enumerate(("degraded", "final")):
+                axes = grid[2 * number + line, column]
+                if name in case.thumbnails:
+                    axes.imshow(case.thumbnails[name])
+                where = f"{case.scene}, z = {case.truth.depth:g} m\n" if line == 0 else ""
+                axes.set_title(
+                    f"{where}{IMAGES[name]}\nΔE*ab = {case.colour_difference[name]:.1f}",
+                    fontsize=8)
+    figure.suptitle(
+        f"Increasing depth at α = {cases[0].truth.mean_attenuation:.3g} 1/m "
+        "(as the pictures of Fig. 7 of the paper)")
     save(figure, path)

@@ -7,6 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -68,7 +69,16 @@ IMAGE_STYLES = {
 TRUTH_STYLE = {"label": "truth", "color": "black", "linewidth": 1.2, "linestyle": "--"}
 
 
+FORMATS = ("png", "pdf", "svg")
+
+# The same result has the same file.
+_UNDATED = {
+    ".pdf": {"CreationDate": None, "Producer": None}, ".svg": {"Date": None}, ".png": {},
+}
+
+
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG."""
+    """Write a figure as its name's ending says, one of `FORMATS`."""
     FigureCanvasAgg(figure)
-    figure.savefig(path, dpi=DPI)
+    with rc_context({"svg.hashsalt": "uw_visibility"}):
+        figure.savefig(path, dpi=DPI, metadata=_UNDATED[path.suffix])

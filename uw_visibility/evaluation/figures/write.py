@@ -9,13 +9,16 @@ from pathlib import Path
 from uw_visibility.evaluation.experiments import Evaluation
 from uw_visibility.evaluation.figures.bins import draw_bins
 from uw_visibility.evaluation.figures.grid import draw_over_attenuation, draw_over_depth
-from uw_visibility.evaluation.figures.pictures import draw_pictures
+from uw_visibility.evaluation.figures.pictures import draw_disparities, draw_pictures
+from uw_visibility.evaluation.figures.pictures import draw_over_depth as draw_pictures_over_depth
 from uw_visibility.evaluation.figures.reliability import draw_reliability
 from uw_visibility.evaluation.figures.transect import draw_transect
 
 
-def write_figures(folder: Path, evaluation: Evaluation) -> list[Path]:
-    """Write ``fig3_<scene>.png``, 6, 7, 9 and 10, and ``reliability.png``.
+def write_figures(
+    folder: Path, evaluation: Evaluation, file_format: str = "png"
+) -> list[Path]:
+    """Write ``fig3_<scene>.png``, 5, 6, 7, 9 and 10, and ``reliability.png``.
 
     Parameters
     ----------
@@ -23,6 +26,8 @@ def write_figures(folder: Path, evaluation: Evaluation) -> list[Path]:
         Where to.
     evaluation : Evaluation
         Everything measured; figures without data are left out.
+    file_format : str
+        ``"png"``, or ``"pdf"`` or ``"svg"`` for print.
 
     Returns
     -------
@@ -32,7 +37,7 @@ def write_figures(folder: Path, evaluation: Evaluation) -> list[Path]:
     written: list[Path] = []
 
     def file(name: str) -> Path:
-        written.append(folder / f"{name}.png")
+        written.append(folder / f"{name}.{file_format}")
         return written[-1]
 
     shown = [case for case in evaluation.cases if case.pictures is not None]
@@ -40,7 +45,11 @@ def write_figures(folder: Path, evaluation: Evaluation) -> list[Path]:
         draw_bins(file(f"fig3_{case.scene}"), case)
     if evaluation.cases:
         draw_over_attenuation(file("fig6"), evaluation)
+        draw_disparities(file("fig5"), shown)
         draw_over_depth(file("fig7"), evaluation)
+        deeper = [case for case in evaluation.cases if case.thumbnails]
+        if deeper:
+            draw_pictures_over_depth(file("fig7_pictures"), deeper)
         draw_pictures(file("fig9"), shown)
         draw_reliability(file("reliability"), evaluation.reliability())
     if evaluation.transect:
