@@ -30,6 +30,7 @@ from uw_visibility.water.position import compare_halves
 from uw_visibility.water.priors import Daylight, fuse
 from uw_visibility.water.validation import (
     least_ambient_light,
+    lit_by_lamps,
     refuse_channel,
     refuse_frame,
     refute_clearness,
@@ -186,6 +187,8 @@ class WaterEstimator:
         reason = refuse_frame(envelope, fewest_pixels, self._config.min_range_ratio)
         if reason is not Status.OK:
             return WaterEstimate.not_assessable(reason, envelope)
+        if lit_by_lamps(envelope):
+            return WaterEstimate.not_assessable(Status.LIT_BY_LAMPS, envelope)
         if envelope.grey:
             return WaterEstimate.not_assessable(Status.NO_COLOUR, envelope)
         status = [refuse_channel(envelope, channel) for channel in range(3)]

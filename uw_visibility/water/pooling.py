@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.water.observations import Envelopes
+from uw_visibility.water.validation import LAMP_SLOPE
 
 # Range bins over all frames; a bin needs so many observations.
 BINS = 32
@@ -28,6 +29,8 @@ DARK_QUANTILE = 0.05
 BRIGHT_QUANTILE = 0.9
 # A change between older and newer frames beyond so many standard deviations is the water's.
 CHANGE_LIMIT = 5.0
+# Farthest over nearest frame from which on it shows whether lamps light the ground.
+LAMP_RATIO = 1.25
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,17 @@ def pool(frames: Sequence[FrameEnvelopes]) -> Envelopes:
         limits=(float(low), float(high)),
         range_error=float(share @ [e.range_error for e in envelopes]),
     )
+
+
+def levels_fall_as_by_lamps(frames: Sequence[FrameEnvelopes]) -> bool:
+    """Tell whether frames from farther away are darker, as lamps make them, in every channel."""
+    distance = np.array([float(np.exp(np.log(f.envelope.range).mean())) for f in frames])
+    x = np.log(distance) - np.log(distance).mean()
+    if distance.max() < LAMP_RATIO * distance.min():
+        return False
+    levels = np.log([f.level for f in frames])
+    slopes = x @ (levels - levels.mean(axis=0)) / max(float(x @ x), 1e-12)
+    return bool((slopes < LAMP_SLOPE).all())
 
 
 def mean_of_known(values: NDArray[np.float64]) -> float:

@@ -36,6 +36,7 @@ from uw_visibility.water.pooling import (
     FrameEnvelopes,
     attenuation_change,
     contrast_decay,
+    levels_fall_as_by_lamps,
     mean_of_known,
     median_level,
     pool,
@@ -161,6 +162,8 @@ class Survey:
         return survey, median_level(frames)
 
     def _water(self, frames: Sequence[FrameEnvelopes]) -> WaterEstimate:
+        if levels_fall_as_by_lamps(frames):
+            return WaterEstimate.not_assessable(Status.LIT_BY_LAMPS)
         observed = pool(frames)
         whole = self._estimator.estimate_envelope(observed)
         if not np.isfinite(whole.attenuation).any():

@@ -30,6 +30,50 @@ MIN_OPTICAL_THICKNESS = 4.0
 # Standard deviations beyond which an attenuation below clear water's is refuted.
 CLEARER = 3.0
 
+# By lamps the brightest patches fall with range as 1/d² and faster, in every channel, down to
+# a small part of what they are near by; by daylight they end in the veil. Night and day are
+# apart by a wide margin: -1.0 and steeper, -0.4 and less steep (rendered reefs, FLSea).
+LAMP_SLOPE, LAMP_SLOPE_ERROR = -0.75, 2.0
+LAMP_FALL, LAMP_DARKNESS = 0.45, 0.35
+
+
+def lit_by_lamps(envelope: Envelopes) -> bool:
+    """Tell whether the bright envelope falls with range as by lamps, in every channel.
+
+    Parameters
+    ----------
+    envelope : Envelopes
+        Of one frame.
+    """
+    near, far = near_bins(envelope), slice(-near_bins(envelope).stop, None)
+    for channel in range(3):
+        bright = envelope.bright[channel]
+        known = bright > 0
+        if known.sum() < MIN_BINS or not (known[near].any() and known[far].any()):
+            return False
+        slope, error = _logarithmic_slope(
+            envelope.range[known], bright[known], np.sqrt(envelope.count[known]))
+        first = float(np.median(bright[near][known[near]]))
+        last = float(np.median(bright[far][known[far]]))
+        dark = float(np.nanmedian(envelope.dark[channel, far]))
+        falls = slope + LAMP_SLOPE_ERROR * error < LAMP_SLOPE
+        if not (falls and last < LAMP_FALL * first and dark < LAMP_DARKNESS * first):
+            return False
+    return True
+
+
+def _logarithmic_slope(
+    distance: NDArray[np.float64], values: NDArray[np.float64], weight: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Slope of ln value over ln distance, and its standard deviation."""
+    weight = weight / weight.sum()
+    x, y = np.log(distance), np.log(values)
+    x, y = x - weight @ x, y - weight @ y
+    spread = max(float(weight @ x**2), 1e-12)
+    slope = float((weight * x) @ y) / spread
+    residual = float(weight @ (y - slope * x) ** 2)
+    return slope, float(np.sqrt(residual / spread * (weight @ weight)))
+
 
 def refuse_frame(envelope: Envelopes, min_pixels: int, min_range_ratio: float) -> Status:
     """Validate a frame's observations: OK, or why no channel is assessable.

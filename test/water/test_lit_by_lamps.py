@@ -1,0 +1,39 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Lamps that the parameters do not tell of are found, and daylight is not taken for them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from lamp_scene import CLEAR_WATER, ground, render, texture
+
+from uw_visibility.config.schema import WaterConfig
+from uw_visibility.optics.light_model import attenuate
+from uw_visibility.status import Status
+from uw_visibility.water.estimation import WaterEstimator
+
+
+def estimator() -> WaterEstimator:
+    return WaterEstimator(WaterConfig(), CLEAR_WATER)
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.15, 0.3])
+def test_a_night_frame_says_what_to_set(alpha: float) -> None:
+    shown = render(alpha, seed=1)
+    found = estimator().estimate(shown.image, shown.range, range_error=0.0)
+    assert found.status is Status.LIT_BY_LAMPS
+    assert "set lighting.model" in str(found.status)
+    assert not np.isfinite(found.attenuation).any()
+
+
+@pytest.mark.parametrize("veil", [0.2, 0.5, 1.0])
+@pytest.mark.parametrize("alpha", [0.02, 0.3])
+def test_daylight_is_not_taken_for_lamps(alpha: float, veil: float) -> None:
+    distance = ground().astype(np.float32)
+    for seed in range(3):
+        image = attenuate(
+            texture(seed, distance), distance, CLEAR_WATER + alpha, np.full(3, 0.8 * veil),
+            np.full(3, 0.8))
+        found = estimator().estimate(image, distance, range_error=0.0)
+        assert found.status is not Status.LIT_BY_LAMPS
