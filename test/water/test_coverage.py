@@ -182,6 +182,22 @@ class TestPhysicalSense:
                 (uneven.attenuation_stddev > 1.5 * even.attenuation_stddev).all())
         assert told >= 9
 
+    def test_a_plume_that_is_not_refused_widens_the_deviation(self):
+        """By a twentieth 1/m in the right half."""
+        columns = np.linspace(-1.0, 1.0, SHAPE[1])
+        wider = []
+        for seed in self.SEEDS:
+            one = draw(seed)
+            left = np.exp(-0.05 * one.range * (columns > 0))[..., np.newaxis]
+            image = np.round(one.image * left + 255 * one.veil * (1.0 - left)).astype(np.uint8)
+            even, uneven = (estimate(i, one.range) for i in (one.image, image))
+            if uneven.status is Status.OK:
+                wider.append((uneven.attenuation_stddev / even.attenuation_stddev).min())
+                error = uneven.attenuation - one.attenuation - 0.025
+                assert (np.abs(error) < 3.0 * uneven.attenuation_stddev).all()
+        assert len(wider) >= 3
+        assert np.median(wider) > 1.15
+
     def test_open_water_is_the_veil_and_a_wall_is_not(self):
         one = draw(3, 0.4, open_water=True)
         found = estimate(one.image, one.range)
