@@ -117,7 +117,8 @@ class LampEnhancement:
     def _restore(
         self, view: View, range_map: RangeMap, light: LampLight | None, right: bool
     ) -> tuple[Image, Mask]:
-        if light is None or view.colour is None or not np.isfinite(light.attenuation).any():
+        # One channel restored beside others that are not would be a cast of its colour.
+        if light is None or view.colour is None or not np.isfinite(light.attenuation).all():
             return view.pixels.copy(), np.zeros(view.shape, np.bool_)
         field = self.tables(view.shape, right).field(
             light.attenuation, light.power, light.scattering, light.daylight, light.veil)
