@@ -89,10 +89,10 @@ def topics() -> Iterator[str]:
 def statuses() -> Iterator[str]:
     """Yield a table of all reasons why something is not assessed, with what to do."""
     rows = [
-        (f"`{status.name}`", str(status), MEANINGS[status], REMEDIES[status])
+        (f"{status} (`{status.name}`)", MEANINGS[status], REMEDIES[status])
         for status in Status if status is not Status.OK
     ]
-    yield from _table(("Name", "As shown", "Meaning", "What to do"), rows)
+    yield from _table(("As shown", "Meaning", "What to do"), rows)
 
 
 def verdicts() -> Iterator[str]:
