@@ -30,6 +30,10 @@ MEANINGS = {
     "single water explains.",
     Status.NO_WATER_TYPE: "No Jerlov type attenuates the three channels in these proportions.",
     Status.WATER_TYPE_UNCERTAIN: "Several Jerlov types fit the attenuation about equally well.",
+    Status.LIT_BY_LAMPS: "The light falls off with its distance to the camera, as the light of "
+    "lamps does, and nobody told of lamps.",
+    Status.LEFT_TO_STEP_2: "The first step leaves the water under lamps to the second.",
+    Status.NO_DEPTH_BY_LAMPS: "Depth is read from daylight's colour, and lamps light the scene.",
     Status.NEGATIVE_DISPARITIES: "Left and right images are exchanged.",
 }
 
@@ -58,6 +62,10 @@ REMEDIES = {
     Status.CUES_DISAGREE: "Check camera.transfer and the calibration; turn lamps off.",
     Status.NO_WATER_TYPE: "Take the attenuation itself; check camera.response.",
     Status.WATER_TYPE_UNCERTAIN: "Take the attenuation itself, or more frames together.",
+    Status.LIT_BY_LAMPS: "Set lighting.model to lamps, or to both beside daylight, and "
+    "lighting.positions to where they are.",
+    Status.LEFT_TO_STEP_2: "Nothing: look at the result of the second step.",
+    Status.NO_DEPTH_BY_LAMPS: "Take the depth sensor's; by day turn lamps off.",
     Status.NEGATIVE_DISPARITIES: "Exchange the topics, files or camera_info of left and right.",
 }
 
