@@ -44,6 +44,10 @@ class Status(str, Enum):
         "cues disagree: envelope and contrast decay at different rates "
         "(check camera.transfer, calibration, lamps)"
     )
+    STEPS_DISAGREE = (
+        "ranges before and after dense matching tell different water "
+        "(check calibration and stereo.max_disparity)"
+    )
     NO_WATER_TYPE = "attenuation is that of no Jerlov type"
     WATER_TYPE_UNCERTAIN = "attenuation is too uncertain to tell a Jerlov type"
     LIT_BY_LAMPS = "lit by lamps: set lighting.model (and lighting.positions)"

@@ -36,6 +36,7 @@ from uw_visibility.stereo.search_range import disparity_limits
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.estimation import WaterEstimator
+from uw_visibility.water.validation import compare_steps
 
 SIDES = ("left", "right")
 
@@ -284,10 +285,11 @@ class Pipeline:
         with clock("visibility estimation 2"):
             if improved.support_points < FEWEST_SUPPORT_POINTS:
                 return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
-            return self._estimator.estimate_view(
+            water = self._estimator.estimate_view(
                 coarse.view, measured, start=coarse.water,
                 range_error=self.rig.range_error(),
             )
+            return compare_steps(coarse.water, water)
 
     def _enhance(
         self,

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.optics.light_model import transmission, veil_thickness
 from uw_visibility.status import Status
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.fit import ATTENUATION_BOUNDS, Fit
 from uw_visibility.water.observations import Envelopes
 
@@ -29,6 +30,9 @@ MIN_NEAR_RADIANCE = 0.25
 MIN_OPTICAL_THICKNESS = 4.0
 # Standard deviations beyond which an attenuation below clear water's is refuted.
 CLEARER = 3.0
+# Standard deviations, and part of attenuation, by which two steps' estimates contradict each
+# other. They share most of the image, and so most of their errors.
+STEPS_APART, STEPS_APART_PART = 3.0, 0.25
 
 # By lamps the brightest patches fall with range as 1/d² and faster, in every channel, down to
 # a small part of what they are near by; by daylight they end in the veil. Night and day are
@@ -152,6 +156,30 @@ def refute_clearness(
     # Mean attenuation by particles, α < 0 (eq. 9).
     together = missing[known].sum() > CLEARER * np.sqrt(covariance[np.ix_(known, known)].sum())
     return Status.CLEARER_THAN_CLEAR_WATER if (beyond.any() or together) else Status.OK
+
+
+def compare_steps(first: WaterEstimate, second: WaterEstimate) -> WaterEstimate:
+    """Refuse the second step's estimate where the first one's contradicts it.
+
+    Both read the same pixels, but with ranges of a mesh and of dense disparities.
+
+    Parameters
+    ----------
+    first, second : WaterEstimate
+
+    Returns
+    -------
+    WaterEstimate
+        The second one; not assessable where any channel that both know is apart.
+    """
+    apart = np.abs(second.attenuation - first.attenuation)
+    deviation = np.hypot(first.attenuation_stddev, second.attenuation_stddev)
+    # Comparisons with NaN are false.
+    contradicted = (apart > STEPS_APART * deviation) & (
+        apart > STEPS_APART_PART * second.attenuation)
+    if not contradicted.any():
+        return second
+    return WaterEstimate.not_assessable(Status.STEPS_DISAGREE, second.envelope)
 
 
 def least_ambient_light(envelope: Envelopes, channel: int) -> float:

@@ -28,6 +28,8 @@ MEANINGS = {
     "setting or the calibration is wrong.",
     Status.CUES_DISAGREE: "Contrast and darkness fade with range at different rates, which no "
     "single water explains.",
+    Status.STEPS_DISAGREE: "The coarse mesh of step 1 and the dense disparities of step 2 give "
+    "different attenuations, so that one of them has wrong ranges.",
     Status.NO_WATER_TYPE: "No Jerlov type attenuates the three channels in these proportions.",
     Status.WATER_TYPE_UNCERTAIN: "Several Jerlov types fit the attenuation about equally well.",
     Status.LIT_BY_LAMPS: "The light falls off with its distance to the camera, as the light of "
@@ -60,6 +62,8 @@ REMEDIES = {
     Status.CLEARER_THAN_CLEAR_WATER: "Check camera.transfer, camera.response, the white balance, "
     "and that the rig was calibrated under water.",
     Status.CUES_DISAGREE: "Check camera.transfer and the calibration; turn lamps off.",
+    Status.STEPS_DISAGREE: "Check the calibration and stereo.max_disparity; look at the "
+    "disparity for repeated patterns.",
     Status.NO_WATER_TYPE: "Take the attenuation itself; check camera.response.",
     Status.WATER_TYPE_UNCERTAIN: "Take the attenuation itself, or more frames together.",
     Status.LIT_BY_LAMPS: "Set lighting.model to lamps, or to both beside daylight, and "
