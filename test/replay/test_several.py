@@ -34,7 +34,7 @@ def test_several_bags_have_a_folder_each(transect: Path, tmp_path: Path) -> None
     other = copy_bag(transect, tmp_path / "other")
     command = ["replay", str(transect), str(other), "-o", str(tmp_path / "day"), "--jobs", "1"]
     assert main([*command, "--every", "3"]) == 0
-    assert {p.name for p in (tmp_path / "day").iterdir()} == {"transect", "other"}
+    assert {p.name for p in (tmp_path / "day").iterdir() if p.is_dir()} == {"transect", "other"}
     assert (tmp_path / "day" / "other" / "report.html").is_file()
     assert main(["replay", str(other), str(other), "-o", str(tmp_path / "twice")]) == 2
 
@@ -80,7 +80,7 @@ def test_of_several_bags_one_that_cannot_be_used_holds_up_no_other(
     assert printed.err.count("no pair of images") == 2
     assert "transect: Visibility was assessed in all 2 frames, " in printed.out
     assert "2024" not in printed.out
-    assert {p.name for p in (tmp_path / "day").iterdir()} == {"transect"}
+    assert {p.name for p in (tmp_path / "day").iterdir() if p.is_dir()} == {"transect"}
 
 
 def test_what_is_listed_of_several_bags_does_not_end_at_an_unreadable_one(

@@ -34,7 +34,8 @@ files, or a .bag of ROS 1. The stereo pair is found by type and name: left and r
 in the names, camera_info beside the images."""
 
 EPILOG = """\
-written to DIR (with several bags: to DIR/NAME for each):
+written to DIR (with several bags: to DIR/NAME for each, and to DIR over all of them:
+index.html, frames.csv and what else was asked for, with a column for the recording):
   results.mcap     the node's topics; stamps as recorded, logged when the left image was
   frames.csv       one row a frame: estimates with standard deviations, sensor, statuses;
                    frames.csv-metadata.json has units and definitions (CSV on the Web)
@@ -128,13 +129,21 @@ def run(arguments: argparse.Namespace) -> None:
             _list_all(arguments.bags, options)
             return
         targets = _targets(arguments.bags, arguments.output)
+        from uw_visibility.replay.day import check_day, write_day
+
+        if len(targets) > 1:
+            check_day(arguments.output)
         try:
             summaries = _replay(arguments, options, targets)
         except KeyboardInterrupt:
             _tell_partial(targets)
             raise
+        if len(targets) > 1:
+            write_day(arguments.output, summaries, options)
     for summary in summaries:
         _tell(summary)
+    if len(targets) > 1:
+        say(f"{arguments.output}: index.html and frames.csv are over all recordings")
     if any(summary.frames == summary.failed for summary in summaries):
         raise SystemExit(1)
 

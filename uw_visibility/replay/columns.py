@@ -202,6 +202,11 @@ TURBIDITY = {
 """Columns that a fit to a turbidity sensor adds."""
 
 
+TRANSECT = "transect"
+TRANSECT_COLUMN = Column("text", "recording that the frame is of", description="Name of its folder")
+"""Column that tables of several recordings begin with."""
+
+
 def joined(title: str) -> Column:
     """Return the column of a joined topic."""
     return Column("number", f"{title}, at the frame's stamp", "", "In the unit of the recording")

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import matplotlib.dates
@@ -73,13 +73,16 @@ class Series(NamedTuple):
     drawing: Markup
 
 
-def draw_series(columns: Columns) -> list[Series]:
+def draw_series(columns: Columns, recordings: Sequence[str] = ()) -> list[Series]:
     """Draw the estimates over time.
 
     Parameters
     ----------
     columns : mapping of str to ndarray, (n,) float64
-        Those of `NEEDED`; NaN for what is not known.
+        Those of `NEEDED`; NaN for what is not known. With `recordings`, ``recording`` too:
+        the place there of each frame's.
+    recordings : sequence of str
+        Names, where the frames are of several.
 
     Returns
     -------
@@ -88,14 +91,15 @@ def draw_series(columns: Columns) -> list[Series]:
     """
     if not len(columns["stamp"]):
         return []
-    thinned = thin({name: columns[name] for name in NEEDED}, MOST_POINTS)
+    needed = (*NEEDED, "recording") if recordings else NEEDED
+    thinned = thin({name: columns[name] for name in needed}, MOST_POINTS)
     time = clock_time(thinned["stamp"])
     found = [
         Series(quantity.title, draw(
             f"series-{quantity.name.replace('_', '-')}", f"{quantity.title} over time",
             _described(columns, quantity), HEIGHT,
             lambda figure, narrow, quantity=quantity: _paint(  # type: ignore[misc]
-                figure, narrow, time, thinned, quantity),
+                figure, narrow, time, thinned, quantity, recordings),
         ))
         for quantity in QUANTITIES
     ]
@@ -133,7 +137,8 @@ def clock_time(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def clock_axis(axes: Any, narrow: bool) -> None:
     """Let an axis show the time of the day (UTC), with the day once."""
-    locator = matplotlib.dates.AutoDateLocator(minticks=3, maxticks=4 if narrow else 9, tz="UTC")
+    locator = matplotlib.dates.AutoDateLocator(
+        minticks=2, maxticks=5 if narrow else 9, tz="UTC")
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(matplotlib.dates.ConciseDateFormatter(
         locator, tz="UTC", formats=CLOCK, zero_formats=CLOCK, offset_formats=DAY))
@@ -141,7 +146,8 @@ def clock_axis(axes: Any, narrow: bool) -> None:
 
 
 def _paint(
-    figure: Figure, narrow: bool, time: NDArray[np.float64], columns: Columns, quantity: Quantity
+    figure: Figure, narrow: bool, time: NDArray[np.float64], columns: Columns,
+    quantity: Quantity, recordings: Sequence[str],
 ) -> list[Spot]:
     axes: Any = figure.subplots()
     name = quantity.name
@@ -159,7 +165,8 @@ def _paint(
         axes.plot(x, middle, color=FILTERED, linewidth=1.6, label="filtered, ± 1 σ", zorder=3)
     sensor = columns["sensor_depth"] if name == "depth" else None
     if sensor is not None and np.isfinite(sensor).any():
-        axes.plot(time, sensor, color=SENSOR, linewidth=1.6, linestyle="--", label="depth sensor",
+        x, depth, _ = _with_gaps(time, sensor, sensor)
+        axes.plot(x, depth, color=SENSOR, linewidth=1.6, linestyle="--", label="depth sensor",
                   zorder=4)
     axes.set_ylim(*_limits(value, stddev, filtered, sensor))
     if name == "depth":
@@ -167,7 +174,7 @@ def _paint(
     if not (np.isfinite(value).any() or np.isfinite(filtered).any()):
         axes.text(0.5, 0.5, "not assessable", transform=axes.transAxes, ha="center", va="center")
     _finish(axes, time, narrow, f"{quantity.short} [{quantity.unit}]")
-    return _spots(axes, time, columns, quantity)
+    return _spots(axes, time, columns, quantity, recordings)
 
 
 def _paint_nis(figure: Figure, time: NDArray[np.float64], nis: NDArray[np.float64]) -> list[Spot]:
@@ -210,7 +217,8 @@ def _with_gaps(
 
 
 def _spots(
-    axes: Any, time: NDArray[np.float64], columns: Columns, quantity: Quantity
+    axes: Any, time: NDArray[np.float64], columns: Columns, quantity: Quantity,
+    recordings: Sequence[str],
 ) -> list[Spot]:
     """Return a strip around each frame, of many frames around some."""
     spaced = np.linspace(0, len(time) - 1, min(len(time), MOST_SPOTS))
@@ -221,14 +229,18 @@ def _spots(
     low, high = axes.get_xlim()
     edges = np.concatenate(([low], (at[1:] + at[:-1]) / 2.0, [high]))
     return [
-        Spot(axes, float(left), float(right), _spot_text(columns, int(index), quantity))
+        Spot(axes, float(left), float(right), _spot_text(
+            columns, int(index), quantity, recordings))
         for left, right, index in zip(edges, edges[1:], chosen, strict=False)
     ]
 
 
-def _spot_text(columns: Columns, index: int, quantity: Quantity) -> str:
+def _spot_text(
+    columns: Columns, index: int, quantity: Quantity, recordings: Sequence[str]
+) -> str:
     moment = matplotlib.dates.num2date(columns["stamp"][index] / 86400.0)
-    parts = [f"frame {columns['frame'][index]:.0f}, {moment:%H:%M:%S} UTC"]
+    name = f"{recordings[int(columns['recording'][index])]}, " if recordings else ""
+    parts = [f"{name}frame {columns['frame'][index]:.0f}, {moment:%H:%M:%S} UTC"]
     for prefix, title in (("", "by itself"), ("filtered_", "filtered")):
         value = float(columns[f"{prefix}{quantity.name}"][index])
         spread = float(columns[f"{prefix}{quantity.name}_stddev"][index])

@@ -33,7 +33,7 @@ def overview(
     Returns
     -------
     dict
-        ``sentences``, each a list of parts with ``text`` and ``frame`` (empty without a
+        ``sentences``, each a list of parts with ``text`` and ``href`` (empty without a
         picture); ``definition``; ``formula``; ``numbers``, pairs of value and name.
     """
     contrast = contrast_of(summary)
@@ -52,7 +52,7 @@ def contrast_of(summary: Summary) -> float:
 
 def _part(part: str | Frames, shown: Collection[str]) -> dict[str, str]:
     frame = str(part.frame) if isinstance(part, Frames) else ""
-    return {"text": str(part), "frame": frame if frame in shown else ""}
+    return {"text": str(part), "href": f"#frame-{frame}" if frame in shown else ""}
 
 
 def _numbers(

@@ -100,7 +100,8 @@ def _seen(synopsis: Synopsis) -> Sentence:
     when = f"from {time_span(synopsis.start, synopsis.end)}"
     if not synopsis.told:
         return [
-            f"Visibility could not be assessed in any of {_count(synopsis.frames)}, {when}."
+            f"Visibility could not be assessed in any of {amount(synopsis.frames, 'frame')}, "
+            f"{when}."
         ]
     where = ""
     if synopsis.ranges:
@@ -112,7 +113,7 @@ def _seen(synopsis: Synopsis) -> Sentence:
             f"together, {synopsis.told} have one, {when}{where}."
         ]
     return [
-        f"Visibility was assessed in {_share(synopsis.assessed, synopsis.frames)}, {when}{where}."
+        f"Visibility was assessed in {share(synopsis.assessed, synopsis.frames)}, {when}{where}."
     ]
 
 
@@ -137,8 +138,8 @@ def _distance(synopsis: Synopsis) -> Sentence:
 
 def _trust(synopsis: Synopsis) -> Sentence:
     text = (
-        f"How far to trust it: in the median frame to ± {_percent(synopsis.relative_stddev)} (one "
-        "standard deviation), which holds noise and what the scene leaves open, but no wrong "
+        f"How far to trust it: in the median frame to ± {percentage(synopsis.relative_stddev)} "
+        "(one standard deviation), which holds noise and what the scene leaves open, but no wrong "
         "calibration or camera setting."
     )
     if synopsis.ranges and synopsis.median > synopsis.ranges[1]:
@@ -148,8 +149,9 @@ def _trust(synopsis: Synopsis) -> Sentence:
         )
     if synopsis.filtered and synopsis.assessed and synopsis.told > synopsis.assessed:
         bridged = synopsis.told - synopsis.assessed
-        text += f" {_count(bridged)} without a distance of {_its(bridged)} own {_has(bridged)} "
-        text += "that of the frames around."
+        own = "its own has" if bridged == 1 else "their own have"
+        text += f" {amount(bridged, 'frame')} without a distance of {own} that of the frames "
+        text += "around."
     return [text]
 
 
@@ -162,7 +164,7 @@ def _refused(summary: Summary, synopsis: Synopsis) -> Sentence:
          if r.what == WHOLE_FRAME or DISTANCE in r.what.split(", ")),
         key=lambda refusal: -refusal.count,
     )
-    text = f"{_count(missing)} {'does' if missing == 1 else 'do'} not show it by "
+    text = f"{amount(missing, 'frame')} {'does' if missing == 1 else 'do'} not show it by "
     text += "itself: " if missing == 1 else "themselves: "
     if not synopsis.assessed:
         text = "Why not: "
@@ -204,7 +206,7 @@ def _channels(synopsis: Synopsis) -> str:
         return "the clearest channel"
     if len(counts) == 1:
         return f"{counts[0][0]}, the clearest channel"
-    named = ", ".join(f"{name} in {_count(count)}" for name, count in counts)
+    named = ", ".join(f"{name} in {amount(count, 'frame')}" for name, count in counts)
     return f"the clearest channel: {named}"
 
 
@@ -237,7 +239,7 @@ def number(value: float, digits: int = 3) -> str:
     return f"{value:.{decimals}f}"
 
 
-def _share(part: int, whole: int) -> str:
+def share(part: int, whole: int) -> str:
     """Return a part in words; one that is not all is not told as 100 %."""
     if part == whole:
         return f"all {whole} frames" if whole > 1 else "the only frame"
@@ -245,17 +247,11 @@ def _share(part: int, whole: int) -> str:
     return f"{part} of {whole} frames ({percent:.0f} %)"
 
 
-def _count(count: int) -> str:
-    return "1 frame" if count == 1 else f"{count} frames"
+def amount(count: int, thing: str) -> str:
+    """Return how many of a thing there are."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
 
 
-def _its(count: int) -> str:
-    return "its" if count == 1 else "their"
-
-
-def _has(count: int) -> str:
-    return "has" if count == 1 else "have"
-
-
-def _percent(share: float) -> str:
-    return f"{number(100.0 * share, 2)} %"
+def percentage(part: float) -> str:
+    """Return a part as a percentage."""
+    return f"{number(100.0 * part, 2)} %"

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.replay.columns import Column
+from uw_visibility.replay.columns import TRANSECT, Column
 
 SUFFIX = "-metadata.json"
 """Where CSV on the Web looks for the dictionary of a table: behind its name."""
@@ -39,7 +39,7 @@ def write_dictionary(table: Path, columns: Mapping[str, Column]) -> None:
         "dialect": {"header": True, "encoding": "utf-8"},
         "tableSchema": {
             "columns": [_described(name, column) for name, column in columns.items()],
-            "primaryKey": "frame",
+            "primaryKey": [TRANSECT, "frame"] if TRANSECT in columns else "frame",
         },
     }
     text = json.dumps(content, indent=1, ensure_ascii=False)

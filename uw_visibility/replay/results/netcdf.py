@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import importlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
-from uw_visibility.replay.columns import CHANNELS, Column
+from uw_visibility.replay.columns import CHANNELS, TRANSECT, Column
 from uw_visibility.replay.results.slices import ROWS, slices
 
 CONVENTIONS = "CF-1.11"
-DIMENSION = "obs"
+DIMENSION, TRAJECTORY = "obs", "trajectory"
 COORDINATES = ("datetime", "longitude", "latitude", "sensor_depth")
 """Columns that say when and where."""
 _UNKNOWN = np.int8(-1)
@@ -45,6 +45,7 @@ def write_netcdf(
     columns: Mapping[str, Column],
     attributes: Mapping[str, Any],
     wavelengths: NDArray[np.float64],
+    transects: Sequence[str] = (),
 ) -> None:
     """Write a table as a CF trajectory, in slices.
 
@@ -60,6 +61,9 @@ def write_netcdf(
         Global attributes; what is no text is written as JSON.
     wavelengths : (3,) float64 ndarray
         Effective wavelengths of the channels, nm.
+    transects : sequence of str
+        Names in the column `TRANSECT`, of a table of several recordings: an indexed ragged
+        array (chapter H.4.4).
 
     Raises
     ------
@@ -75,17 +79,23 @@ def write_netcdf(
     written = 0
     for number, part in enumerate(slices(table, columns)):
         values = {_name(name): _values(part[name], column) for name, column in columns.items()}
+        if transects:
+            place = {name: number for number, name in enumerate(transects)}
+            values[TRANSECT] = np.array([place[name] for name in part[TRANSECT]], np.int32)
         if number == 0:
             # Its dimension has no end: xarray makes the file, and the rest is added to it.
             xarray.Dataset(
                 {
                     _name(name): (DIMENSION, values[_name(name)], _attributes(name, columns))
                     for name in columns
-                } | _scalars(wavelengths, str(attributes["bag"])),
+                } | _scalars(wavelengths, transects or str(attributes["bag"])),
                 attrs=_global(attributes),
             ).to_netcdf(
                 path, engine="netcdf4", format="NETCDF4", unlimited_dims=[DIMENSION],
-                encoding={_name(name): _encoding(column) for name, column in columns.items()}
+                encoding={
+                    _name(name): _encoding(column) for name, column in columns.items()
+                    if name != TRANSECT
+                }
                 | {f"wavelength_{channel}": {"_FillValue": None} for channel in CHANNELS},
             )
         else:
@@ -122,6 +132,8 @@ def _values(values: NDArray, column: Column) -> NDArray:
 def _attributes(name: str, columns: Mapping[str, Column]) -> dict[str, Any]:
     column = columns[name]
     found: dict[str, Any] = {"long_name": column.title}
+    if name == TRANSECT:
+        return found | {"instance_dimension": TRAJECTORY}
     if column.standard_name:
         found["standard_name"] = column.standard_name
     if column.description:
@@ -165,10 +177,13 @@ def _encoding(column: Column) -> dict[str, Any]:
     return found | {"dtype": str}
 
 
-def _scalars(wavelengths: NDArray[np.float64], identity: str) -> dict[str, Any]:
-    """Variables without a dimension: name of the trajectory, wavelengths of the channels."""
+def _scalars(wavelengths: NDArray[np.float64], identity: str | Sequence[str]) -> dict[str, Any]:
+    """Variables beside the observations: name of each trajectory, wavelengths of the channels."""
+    several = not isinstance(identity, str)
     found: dict[str, Any] = {
-        "trajectory": ((), identity, {"cf_role": "trajectory_id", "long_name": "recording"}),
+        "trajectory": (
+            TRAJECTORY if several else (), identity,
+            {"cf_role": "trajectory_id", "long_name": "recording"}),
     }
     for channel, wavelength in zip(CHANNELS, wavelengths, strict=True):
         found[f"wavelength_{channel}"] = ((), float(wavelength), {

@@ -10,7 +10,7 @@ from typing import Any
 
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.replay.bags.reader import Recorded
-from uw_visibility.replay.columns import COLUMNS, TURBIDITY
+from uw_visibility.replay.columns import COLUMNS, TURBIDITY, Column
 from uw_visibility.replay.columns import joined as joined_column
 from uw_visibility.replay.filtering import FilterStage
 from uw_visibility.replay.frame_log import FrameLog
@@ -25,6 +25,14 @@ from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.filter import FilteredWater
 
 Row = dict[str, str]
+
+
+def columns_of(options: ReplayOptions) -> dict[str, Column]:
+    """Return the columns of the table that a replay writes."""
+    return {
+        **COLUMNS, **(TURBIDITY if options.turbidity else {}),
+        **{join.column: joined_column(str(join)) for join in options.joins},
+    }
 
 
 class FrameRecorder:
@@ -63,10 +71,7 @@ class FrameRecorder:
         self._earlier = earlier
         self._joins = [join.column for join in options.joins]
         self._turbidity = options.turbidity
-        self.columns = {
-            **COLUMNS, **(TURBIDITY if options.turbidity else {}),
-            **{join.column: joined_column(str(join)) for join in options.joins},
-        }
+        self.columns = columns_of(options)
         self.model = DerivedModel.from_config(options.pipeline)
         self._table = TableWriter(folder / "frames.csv", tuple(self.columns))
         write_dictionary(folder / "frames.csv", self.columns)

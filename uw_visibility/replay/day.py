@@ -1,0 +1,146 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Results of several recordings as one: merged table and its formats, and a page over all."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from uw_visibility.errors import InputError
+from uw_visibility.replay.columns import TRANSECT, TRANSECT_COLUMN
+from uw_visibility.replay.inputs.options import ReplayOptions
+from uw_visibility.replay.inputs.positions import write_geojson
+from uw_visibility.replay.results.data_dictionary import SUFFIX, write_dictionary
+from uw_visibility.replay.results.folder import MARK, read_state
+from uw_visibility.replay.results.netcdf import write_netcdf
+from uw_visibility.replay.results.parquet import write_parquet
+from uw_visibility.replay.results.recorder import columns_of
+from uw_visibility.replay.results.summary import Summary
+from uw_visibility.replay.table import TableWriter, read_rows
+from uw_visibility.water.derived import DerivedModel
+
+DAY_MARK = "transects.json"
+"""Every folder of several results has this file."""
+
+PRODUCTS = ("index.html", "frames.csv", f"frames.csv{SUFFIX}", "frames.geojson", "frames.nc",
+            "frames.parquet")
+
+
+def check_day(folder: Path) -> None:
+    """Refuse a folder in which what is written over all would replace something else.
+
+    Raises
+    ------
+    InputError
+        Naming the file.
+    """
+    if (folder / MARK).is_file():
+        raise InputError(
+            f"{folder} is the result of one recording: give another name for those of several")
+    if (folder / DAY_MARK).is_file():
+        return
+    for name in PRODUCTS:
+        if (folder / name).exists():
+            raise InputError(
+                f"{folder / name} exists already and is of no replay: give another name")
+
+
+def write_day(folder: Path, summaries: Sequence[Summary], options: ReplayOptions) -> int:
+    """Write over all results of several recordings: page, table, NetCDF, Parquet, GeoJSON.
+
+    Parameters
+    ----------
+    folder : Path
+        That has the folders of the results.
+    summaries : sequence of Summary
+        Of all recordings, those that failed too.
+    options : ReplayOptions
+        What all were replayed with.
+
+    Returns
+    -------
+    int
+        Number of recordings in it; nothing is written for none.
+
+    Raises
+    ------
+    InputError
+        If a table is damaged, or the folder cannot be written.
+    """
+    from uw_visibility.replay.report.day import write_index
+
+    results = sorted(
+        (s for s in summaries if not s.error and s.complete and s.synopsis is not None),
+        key=lambda s: s.synopsis.start if s.synopsis is not None else 0,
+    )
+    if not results:
+        return 0
+    try:
+        # Aside first, so that an interruption leaves what was there before.
+        with tempfile.TemporaryDirectory(prefix=".writing-", dir=folder) as aside:
+            work = Path(aside)
+            _write_table(work, results, options)
+            write_index(work / "index.html", folder.resolve().name, results, [
+                summary for summary in summaries if summary not in results])
+            _write_mark(work / DAY_MARK, summaries)
+            for written in sorted(work.iterdir()):
+                written.replace(folder / written.name)
+    except OSError as error:
+        raise InputError(f"cannot write {folder}: {error.strerror or error}") from error
+    return len(results)
+
+
+def _write_table(work: Path, results: Sequence[Summary], options: ReplayOptions) -> None:
+    columns = {TRANSECT: TRANSECT_COLUMN, **columns_of(options)}
+    table = work / "frames.csv"
+    writer = TableWriter(table, tuple(columns))
+    for summary in results:
+        for row in read_rows(Path(summary.output) / "frames.csv"):
+            writer.write({TRANSECT: name_of(summary), **row})
+    writer.close()
+    write_dictionary(table, columns)
+    if options.geo:
+        write_geojson(
+            work / "frames.geojson", read_rows(table),
+            [TRANSECT, *(join.column for join in options.joins)])
+    attributes = _provenance(results)
+    if options.netcdf:
+        wavelengths = DerivedModel.from_config(options.pipeline).effective_wavelengths
+        write_netcdf(
+            work / "frames.nc", table, columns, attributes, wavelengths,
+            [name_of(summary) for summary in results])
+    if options.parquet:
+        write_parquet(work / "frames.parquet", table, columns, attributes)
+
+
+def _provenance(results: Sequence[Summary]) -> dict[str, Any]:
+    """Return that of all results, which were made alike."""
+    states = {name_of(summary): read_state(Path(summary.output)) for summary in results}
+    first = next(iter(states.values()))
+    return {
+        "version": first["version"], "parameters": first["parameters"],
+        "bag": ", ".join(str(state["bag"]) for state in states.values()),
+        "input_sha256": {name: state["input_sha256"] for name, state in states.items()},
+        "complete": True,
+    }
+
+
+def _write_mark(path: Path, summaries: Sequence[Summary]) -> None:
+    content: list[Mapping[str, Any]] = [
+        {
+            "transect": name_of(summary), "bag": summary.bag, "error": summary.error,
+            "synopsis": None if summary.synopsis is None else summary.synopsis.state(),
+        }
+        for summary in summaries
+    ]
+    text = json.dumps({"transects": content}, indent=1, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def name_of(summary: Summary) -> str:
+    """Return the name of a recording among several: that of its folder."""
+    return Path(summary.output).name
