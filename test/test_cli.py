@@ -1,15 +1,13 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The command itself: version, completion, interruption."""
+"""The command itself: version and completion."""
 
 from __future__ import annotations
 
 import importlib.util
 import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -44,28 +42,3 @@ def test_the_shell_completes_commands_and_options(tmp_path: Path) -> None:
     assert (tmp_path / "words").read_text().split() == ["replay"]
     completed("uw_visibility replay --join", tmp_path)
     assert (tmp_path / "words").read_text().split() == ["--join", "--join-tolerance"]
-
-
-@pytest.mark.node
-def test_an_interruption_at_the_start_of_jobs_is_one_sentence(tmp_path: Path) -> None:
-    """Ctrl-C reaches every process of the terminal, those that are still importing too."""
-    pytest.importorskip("rosbags")
-    bag = tmp_path / "bag"
-    size = ["--width", "160", "--height", "120", "--frames", "9"]
-    assert main(["simulate", "-o", str(bag), *size]) == 0
-    command = [*RUN, "replay", str(bag), "-o", str(tmp_path / "out"), "--jobs", "2"]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        start_new_session=True,
-    )
-    time.sleep(1.5)
-    os.killpg(process.pid, signal.SIGINT)
-    told = process.communicate(timeout=60)[1]
-    if process.returncode == -signal.SIGINT:
-        pytest.skip("Python itself was still starting")
-    assert process.returncode == 130
-    sentences = told.splitlines()
-    assert sentences[-1] == "uw_visibility: interrupted"
-    # Once there are frames, a second one says how to go on.
-    assert len(sentences) == 1 or "--resume goes on from it" in sentences[0]
-    assert len(sentences) <= 2

@@ -36,7 +36,8 @@ OPTIONS = {
         "--rectify": 0, "--params-file": 1, "--calibration": 1, "--left": 1, "--right": 1,
         "--left-info": 1, "--right-info": 1, "--depth-sensor": 1, "--start": 1, "--duration": 1,
         "--every": 1, "--list": 0, "--force": 0, "--resume": 0, "--images": 1, "--geo": 1,
-        "--origin": 2, "--match-original": 0, "-o": 1,
+        "--origin": 2, "--match-original": 0, "--join": 1, "--join-tolerance": 1,
+        "--turbidity": 1, "--netcdf": 0, "--parquet": 0, "--all-topics": 0, "-o": 1,
     },
     "calibrate": {
         "--rectify": 0, "--params-file": 1, "--left": 1, "--depth-sensor": 1, "--start": 1,
@@ -56,8 +57,8 @@ OPTIONS = {
     "warmup": {}, "demo": {}, "no-such-command": {},
 }
 SIZES = ("--width", "--height")
-PATHS = ("--calibration", "--params-file", "-o")
-TOPICS = ("--left", "--right", "--left-info", "--right-info", "--depth-sensor", "--geo")
+PATHS = ("--calibration", "--params-file", "--turbidity", "-o")
+TOPICS = ("--left", "--right", "--left-info", "--right-info", "--depth-sensor", "--geo", "--join")
 
 
 class Cases:

@@ -5,8 +5,13 @@
 from __future__ import annotations
 
 import math
+import os
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from time import sleep
 
 import cv2
 import pytest
@@ -230,6 +235,31 @@ def test_options_that_cannot_be_used_are_one_sentence(
     (line,) = done.err.splitlines()
     assert said in line
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.node
+def test_an_interruption_at_the_start_of_jobs_is_one_sentence(
+    transect: Path, tmp_path: Path
+) -> None:
+    """Ctrl-C reaches every process of the terminal, those that are still importing too."""
+    command = "import sys; from uw_visibility.cli import main; sys.exit(main())"
+    options = ["replay", str(transect), "-o", str(tmp_path / "out"), "--jobs", "2"]
+    process = subprocess.Popen(
+        [sys.executable, "-c", command, *options], stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )
+    # Long enough for this one's own imports, too short for those that it starts.
+    sleep(1.5)
+    os.killpg(process.pid, signal.SIGINT)
+    told = process.communicate(timeout=60)[1]
+    if process.returncode == -signal.SIGINT:
+        pytest.skip("Python itself was still starting")
+    assert process.returncode == 130
+    sentences = told.splitlines()
+    assert sentences[-1] == "uw_visibility: interrupted"
+    # Once there are frames, a second one says how to go on.
+    assert len(sentences) == 1 or "--resume goes on from it" in sentences[0]
+    assert len(sentences) <= 2
 
 
 def test_without_output_nothing_is_replayed(

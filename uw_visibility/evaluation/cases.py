@@ -25,6 +25,7 @@ from uw_visibility.evaluation import baselines, metrics
 from uw_visibility.evaluation.degrade import Scene, fill_from_background
 from uw_visibility.evaluation.depth_edges import EdgeErrors, edge_errors
 from uw_visibility.evaluation.first_step import first_enhancement
+from uw_visibility.evaluation.methods import of_kind, titles
 from uw_visibility.evaluation.noise_axis import sensor_of
 from uw_visibility.evaluation.oracle_matching import match_with_truth
 from uw_visibility.evaluation.readings import Reading, Truth, flat
@@ -41,33 +42,33 @@ from uw_visibility.water.observations import Envelopes
 Image = NDArray[np.uint8]
 Map = NDArray[np.float32]
 
-READINGS = {
+READINGS = titles("estimator", {
     "step1": "ours after step 1, ranges of the pipeline",
     "pipeline": "ours, ranges of the pipeline",
     "exact": "ours, exact ranges",
     "paper_pipeline": "plain method, ranges of the pipeline",
     "paper_exact": "plain method, exact ranges",
-}
+})
 """Estimates of the water, by their names in tables; the plain method is the paper's own fit."""
 
-MATCHES = {
+MATCHES = titles("matcher", {
     "sgbm": "SGBM, raw pair",
     "clahe_sgbm": "SGBM after CLAHE",
     "oracle_sgbm": "SGBM after the oracle",
     "ours_raw": "ours, raw pair",
     "ours": "ours, enhanced pair",
     "oracle_ours": "ours, true water and ranges",
-}
+})
 """Disparity maps, by their names in tables."""
 
-IMAGES = {
+IMAGES = titles("restorer", {
     "degraded": "degraded input",
     "histogram": "histogram equalisation",
     "clahe": "CLAHE",
     "step1": "ours after step 1",
     "final": "ours after step 2",
     "oracle": "oracle",
-}
+})
 """Images that are held against the scene in air, by their names in tables."""
 
 
@@ -230,10 +231,15 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
     if result is not None:
         images["step1"] = first_enhancement(left, right, bench.pipeline)
         images["final"] = result.left_enhanced
+    ranges = np.full(left.shape[:2], np.nan, np.float32) if result is None else result.range
+    for name, own in of_kind("restorer").items():
+        images[name] = own.image(left, ranges, dtype=np.uint8)
     disparities = _peer_matches(left, right, images["oracle"], oracle_right, bench.disparities)
     if result is not None:
         disparities["ours_raw"] = result.stereo.original
         disparities["ours"] = result.disparity
+    for name, own in of_kind("matcher").items():
+        disparities[name] = own.image(left, right, bench.disparities - 1, dtype=np.float32)
     disparities["oracle_ours"] = match_with_truth(
         left, right, fill_from_background(scene.disparity_left), truth, bench.rig, bench.config)
     readings = bench.read(left, bench.exact_range, result, refusal)
@@ -330,6 +336,9 @@ class _Bench:
                 # Which takes every range as exact.
                 self._estimators["paper"].estimate(left, found, range_error=0.0)
             )
+        for name, own in of_kind("estimator").items():
+            found = exact_range if result is None else result.range
+            readings[name] = self._reading(own.run(left, found, self.config.camera.transfer))
         return {name: readings[name] for name in READINGS}
 
     def _reading(self, estimate: WaterEstimate) -> Reading:

@@ -10,14 +10,21 @@ from typing import Any
 
 from uw_visibility.evaluation.cases import IMAGES, MATCHES, READINGS
 from uw_visibility.evaluation.depth_edges import DISTANCE, MAPS
+from uw_visibility.evaluation.methods import of_kind
 from uw_visibility.evaluation.noise_axis import title_of
 from uw_visibility.evaluation.summary import TURBID, Summary
 
 # Places that are listed of one reason; evaluation.json has them all.
 PLACES_SHOWN = 4
 TRANSECT = {"pipeline": "", "tracked": ", filtered", "exact": ", exact ranges"}
-SHORT_MATCHES = ("SGBM", "CLAHE+", "oracle+", "ours raw", "ours", "true w.")
-SHORT_IMAGES = ("input", "hist.", "CLAHE", "step 1", "final", "oracle")
+SHORT_MATCHES = (
+    "SGBM", "CLAHE+", "oracle+", "ours raw", "ours", "true w.",
+    *(name[:8] for name in of_kind("matcher")),
+)
+SHORT_IMAGES = (
+    "input", "hist.", "CLAHE", "step 1", "final", "oracle",
+    *(name[:6] for name in of_kind("restorer")),
+)
 
 
 def as_text(summary: Summary) -> str:

@@ -66,6 +66,22 @@ IMAGE_STYLES = {
         ("oracle", ORACLE, "D", ":"),
     )
 }
+# Methods of one's own: greens, which no other has, by line and marker.
+OWN, OWN_LINES = "#009e73", (("<", "-"), (">", "--"), ("1", "-."), ("2", ":"))
+
+
+def _add_own(styles: dict[str, Style], names: dict[str, str]) -> None:
+    own = [name for name in names if name not in styles]
+    for number, name in enumerate(own):
+        marker, line = OWN_LINES[number % len(OWN_LINES)]
+        styles[name] = _style(names[name], OWN, marker, line)
+
+
+for _styles, _names in (
+    (READING_STYLES, READINGS), (MATCH_STYLES, MATCHES), (IMAGE_STYLES, IMAGES),
+):
+    _add_own(_styles, _names)
+
 TRUTH_STYLE = {"label": "truth", "color": "black", "linewidth": 1.2, "linestyle": "--"}
 
 
