@@ -90,7 +90,8 @@ def _check_target(path: Path | None, force: bool) -> None:
         return
     if path.is_dir() or (path.exists() and not force):
         raise InputError(f"{path} exists already: give another name, or --force to replace")
-    if not path.resolve().parent.is_dir():
+    # Not resolved: a link that leads to itself raises.
+    if not path.absolute().parent.is_dir():
         raise InputError(f"cannot write {path}: its folder is missing")
 
 

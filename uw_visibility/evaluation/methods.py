@@ -59,7 +59,7 @@ class Method(NamedTuple):
         InputError
             If what it returns is not of the left image's size, which comes first.
         """
-        found = np.asarray(self.run(*arguments), dtype)
+        found: NDArray[Any] = np.asarray(self.run(*arguments), dtype)
         expected = arguments[0].shape if self.kind == "restorer" else arguments[0].shape[:2]
         if found.shape != expected:
             raise InputError(
