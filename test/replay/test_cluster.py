@@ -1,27 +1,138 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings on a Dask cluster: the same results as without it."""
+"""Recordings on a Dask cluster: the same results as without it, and as with a lost worker."""
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import pytest
+from bag_copies import copy_bag
 
 from uw_visibility.cli import main
+from uw_visibility.replay import cluster as replay_cluster
+from uw_visibility.replay.cluster import ClusterProgress
+from uw_visibility.replay.frame_log import NAME
 
 distributed = pytest.importorskip("distributed", reason="the extra distributed is not installed")
 
 
-def test_a_cluster_makes_the_same_results(transect: Path, replayed: Path, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    """Two workers, each a process, as on two machines with one folder."""
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None,
-    ) as cluster:
-        address = cluster.scheduler_address
-        out = tmp_path / "out"
-        assert main(["replay", str(transect), "-o", str(out), "--scheduler", address]) == 0
-        assert (out / "frames.csv").read_bytes() == (replayed / "frames.csv").read_bytes()
-        assert main(["replay", str(transect), "-o", str(out), "--scheduler", address]) == 2
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
+    ) as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def alone(
+    transect: Path, dive: Path, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, bytes]:
+    """What one process writes of two recordings."""
+    out = tmp_path_factory.mktemp("alone") / "day"
+    assert main(["replay", str(transect), str(dive), "-o", str(out), "--jobs", "1"]) == 0
+    return written(out)
+
+
+def written(out: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(out)): path.read_bytes()
+        for path in sorted(out.rglob("frames.csv"))
+    }
+
+
+def test_a_cluster_makes_the_same_results(
+    transect: Path, dive: Path, alone: dict[str, bytes], cluster: Any, tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "day"
+    command = ["replay", str(transect), str(dive), "-o", str(out), "--scheduler",
+               cluster.scheduler_address]
+    assert main(command) == 0
+    assert written(out) == alone
+    assert len(alone) == 3
+    assert (out / "index.html").is_file()
+    assert "2 of 2 recordings, 18 of 18 frames" in capfd.readouterr().err
+    # What is there is not replaced, and not made again.
+    assert main(command) == 2
+    assert main([*command, "--resume"]) == 0
+    assert "12 of them from before" in capfd.readouterr().out
+
+
+def test_what_lost_workers_left_is_gone_on_with(
+    transect: Path, dive: Path, alone: dict[str, bytes], cluster: Any, tmp_path: Path
+) -> None:
+    out, killed = tmp_path / "day", []
+
+    def kill() -> None:
+        """End the workers by force once one of them is within a recording."""
+        with distributed.Client(cluster.scheduler_address) as client:
+            processes = client.run(os.getpid)
+            for _ in range(3000):
+                if any(path.stat().st_size for path in out.rglob(f"*.partial/{NAME}")):
+                    break
+                time.sleep(0.01)
+            for process in processes.values():
+                os.kill(process, signal.SIGKILL)
+                killed.append(process)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    command = ["replay", str(transect), str(dive), "-o", str(out), "--scheduler",
+               cluster.scheduler_address]
+    assert main(command) == 0
+    killer.join()
+    assert len(killed) == 2
+    assert written(out) == alone
+    assert not list(out.glob("*.partial*"))
+
+
+def test_a_partial_result_from_before_is_not_gone_on_from_unasked(
+    transect: Path, dive: Path, cluster: Any, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "day"
+    (out / "transect.partial").mkdir(parents=True)
+    with pytest.raises(SystemExit):
+        main(["replay", str(transect), str(dive), "-o", str(out), "--scheduler",
+              cluster.scheduler_address])
+    assert "transect.partial is a partial result: --resume goes on" in capsys.readouterr().err
+    assert (out / "dive" / "frames.csv").is_file()
+
+
+def test_workers_of_another_version_are_refused(
+    transect: Path, tmp_path: Path, cluster: Any, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(replay_cluster, "__version__", "0.0.1")
+    bag = copy_bag(transect, tmp_path / "bag")
+    assert main(["replay", str(bag), "-o", str(tmp_path / "out"), "--scheduler",
+                 cluster.scheduler_address]) == 2
+    assert "and here is 0.0.1: install one version" in capsys.readouterr().err
+
+
+def test_progress_counts_over_all_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, stream = [100.0], StringIO()
+    monkeypatch.setattr(replay_cluster.time, "monotonic", lambda: now[0])
+    progress = ClusterProgress(2, stream)
+    # A worker was lost after 90 frames, and another one begins again.
+    for bag, frames, total in (("a", 1, 100), ("a", 90, 100), ("b", 10, None), ("a", 20, 100)):
+        progress.told((0.0, {"bag": bag, "frames": frames, "total": total}))
+        now[0] += 6.0
+    progress.told((0.0, {"bag": "b", "frames": 50, "total": 60}))
+    progress.finished()
+    assert stream.getvalue().splitlines() == [
+        "0 of 2 recordings, 100 frames, 8.3 frames/s", "0 of 2 recordings, 70 of 160 frames, "
+        "2.9 frames/s", "1 of 2 recordings, 70 of 160 frames, 2.9 frames/s"]
 
 
 def test_a_scheduler_that_is_not_there_is_named(

@@ -11,6 +11,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.replay.bags.layout import find_files
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.pool import FramePool
+from uw_visibility.replay.progress import MakeCounter, Progress
 from uw_visibility.replay.report.sentences import verdict
 from uw_visibility.replay.results.folder import MARK, check_target, read_state
 from uw_visibility.replay.results.provenance import Origin
@@ -25,6 +26,7 @@ def replay_bags(
     jobs: int = 1,
     force: bool = False,
     resume: bool = False,
+    counter: MakeCounter = Progress,
 ) -> list[Summary]:
     """Replay recordings into folders.
 
@@ -39,6 +41,8 @@ def replay_bags(
     force, resume : bool
         Whether existing results are replaced, or partial ones gone on from and
         complete ones left as they are.
+    counter : callable
+        Makes what counts a recording's frames.
 
     Returns
     -------
@@ -64,7 +68,7 @@ def replay_bags(
         for bag, target in targets.items():
             try:
                 outcomes.append(finished[bag] or replay_bag(
-                    bag, target, options, pool, force=force, resume=resume
+                    bag, target, options, pool, force=force, resume=resume, counter=counter,
                 ))
             except InputError as error:
                 outcomes.append(error)

@@ -6,9 +6,24 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import Any, TextIO
+from collections.abc import Callable
+from typing import Any, Protocol, TextIO
 
 PERIOD = 10.0
+
+
+class Counter(Protocol):
+    """What is told of each frame that is done."""
+
+    def add(self) -> None:
+        """Count a frame."""
+
+    def close(self) -> None:
+        """End the counting."""
+
+
+MakeCounter = Callable[[str, int | None], Counter]
+"""Makes the counter of a recording, of its name and of its frames, where their number is known."""
 
 
 class Progress:

@@ -18,7 +18,7 @@ from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.positions import write_geojson
 from uw_visibility.replay.inputs.stream import Event, InputStream, RecordedFrame
 from uw_visibility.replay.pool import FramePool
-from uw_visibility.replay.progress import Progress
+from uw_visibility.replay.progress import MakeCounter, Progress
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.folder import ResultFolder
 from uw_visibility.replay.results.joining import Joiner
@@ -42,6 +42,7 @@ def replay_bag(
     *,
     force: bool = False,
     resume: bool = False,
+    counter: MakeCounter = Progress,
 ) -> Summary:
     """Replay a recording into a folder.
 
@@ -57,6 +58,8 @@ def replay_bag(
         Where frames are worked on.
     force, resume : bool
         Whether an existing result is replaced, or a partial one gone on from.
+    counter : callable
+        Makes what counts the frames.
 
     Returns
     -------
@@ -79,7 +82,7 @@ def replay_bag(
         try:
             replay = _Replay(reader, stream, options, folder)
             with replay:
-                replay.run(pool)
+                replay.run(pool, counter)
         except OSError as error:
             raise InputError(
                 f"cannot write {folder.work}: {error.strerror or error}; with more room "
@@ -127,9 +130,9 @@ class _Replay:
         self._findings = Findings(options.pipeline.assessment.contrast)
         folder.write_state(self._state())
 
-    def run(self, pool: FramePool) -> None:
+    def run(self, pool: FramePool, counter: MakeCounter) -> None:
         """Replay the recording to its end."""
-        progress = Progress(self._reader.path.name, self._stream.expected_frames)
+        progress = counter(self._reader.path.name, self._stream.expected_frames)
         try:
             for item in pool.answers(
                     self._tasks(self._stream.events(), in_turn=pool.jobs == 1)):
