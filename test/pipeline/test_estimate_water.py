@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
+import lamp_scene
 import numpy as np
 import pytest
 
-from uw_visibility import StereoRig, estimate_water
+from uw_visibility import PipelineConfig, StereoRig, estimate_water
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.status import Status
@@ -55,3 +56,16 @@ def test_names_what_does_not_fit(rendered):
         estimate_water(left, disparity[:-1], rig)
     with pytest.raises(InputError, match="disparity_stddev"):
         estimate_water(left, disparity, rig, disparity_stddev=-1.0)
+
+
+def test_under_lamps_ranges_of_ones_own_tell_attenuation_but_no_depth():
+    shown = lamp_scene.render(0.15)
+    config = PipelineConfig.from_parameters(lamp_scene.parameters())
+    disparity = lamp_scene.RIG.disparity_from_range(shown.range)
+    found = estimate_water(shown.image, disparity, lamp_scene.RIG, config)
+    assert found.status is Status.OK
+    error = found.water.attenuation - shown.attenuation
+    assert (np.abs(error) < 3 * found.water.attenuation_stddev).all()
+    assert np.isfinite(found.visibility.distance)
+    assert found.visibility.depth_status is Status.NO_DEPTH_BY_LAMPS
+    assert not np.isfinite(found.visibility.depth)

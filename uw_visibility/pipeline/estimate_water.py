@@ -15,13 +15,15 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.pair import read_only
+from uw_visibility.images.view import View
 from uw_visibility.images.vignetting import FlatFieldCorrection
+from uw_visibility.pipeline.lamps import make_estimator
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import DISPARITY_STDDEV, StereoRig
 from uw_visibility.water.assessment import Assessor, Visibility
 from uw_visibility.water.derived import DerivedModel, DerivedQuantities
 from uw_visibility.water.estimate import WaterEstimate
-from uw_visibility.water.estimation import WaterEstimator
+from uw_visibility.water.estimation import check_arrays
 
 
 @dataclass(frozen=True)
@@ -122,12 +124,11 @@ def estimate_water(
     if illumination.needed:
         image, _ = illumination.correct(image, image)
     assessor = Assessor.from_config(config)
-    estimator = WaterEstimator(
-        config.water, assessor.clear_water_attenuation, camera.transfer, assessor.daylight)
     range_map = rig.range_from_disparity(disparity.astype(np.float32))
-    water = estimator.estimate(
-        image, range_map, valid,
-        range_error=rig.range_error(disparity_stddev),
+    check_arrays(image, range_map, valid)
+    water = make_estimator(config, assessor, rig).estimate_view(
+        View.of(image[..., 0] if image.shape[2:] == (1,) else image, camera.transfer, valid),
+        range_map, range_error=rig.range_error(disparity_stddev),
     )
     return WaterResult(
         water.status, water, assessor.assess(water),

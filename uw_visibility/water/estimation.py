@@ -355,7 +355,7 @@ class WaterEstimator:
         range_map: NDArray[np.floating],
         valid: NDArray[np.bool_] | None,
     ) -> View:
-        _check(image, range_map, valid)
+        check_arrays(image, range_map, valid)
         image = image[..., 0] if image.shape[2:] == (1,) else image
         codes, transfer = _codes(image, self._transfer)
         return View.of(codes, transfer, valid)
@@ -389,7 +389,7 @@ class WaterEstimator:
     def _fewest_pixels(self, samples: ColourSamples) -> int:
         return int(samples.count(self._config.min_bin_pixels))
 
-def _check(
+def check_arrays(
     image: NDArray[Any], range_map: NDArray[np.floating], valid: NDArray[np.bool_] | None
 ) -> None:
     if image.dtype not in (np.uint8, np.uint16, np.float32):
