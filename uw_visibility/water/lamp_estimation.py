@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 Rays = Callable[[Array, Array], Array]
 
 # What no image can tell, as a part of β: the scale of range, the transfer, a beam's form.
-MODEL_ERROR = 0.05
+MODEL_ERROR = 0.07
 # Deviation of β, 1/m, of a channel that is not seen.
 UNSEEN = 10.0
 

@@ -42,7 +42,7 @@ FEWEST_CELLS, ABOVE_NOISE = 6, 2.0
 NEIGHBOURS = 4.0
 # What a scene's texture changes over range, as the logarithm of contrast per one standard
 # deviation of the path of light: common to the channels, and of each alone.
-SCENE_DEVIATION, CHANNEL_DEVIATION = 0.07, 0.015
+SCENE_DEVIATION, CHANNEL_DEVIATION = 0.085, 0.015
 # Radiance of the brightest patches.
 BRIGHT_RADIANCE = 0.9
 
