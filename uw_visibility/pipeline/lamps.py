@@ -69,6 +69,13 @@ class LampEnhancement:
                 self._rig.rays_at(columns, rows, right=right), columns, rows, self._lamps, eye)
         return self._tables[shape, right]
 
+    def warm_up(self, image: Image) -> None:
+        """Compile what is not compiled yet, for colour images of a type."""
+        view = View.of(image)
+        one, none = np.ones(3), np.zeros(3)
+        light = LampLight(0.2 * one, one, 0.1 * one, none, none)
+        self._restore(view, np.full(view.shape, 2.0, np.float32), light, False)
+
     def run(
         self,
         views: StereoViews,

@@ -217,6 +217,8 @@ class Pipeline:
             image, ranges = warm_up_scene(left)
             view = View.of(check_pair(image, right)[0], self.config.camera.transfer)
             self._estimator.estimate_view(view, ranges, range_error=1e-3)
+            if self._by_lamps is not None:
+                self._by_lamps.warm_up(view.pixels)
         if compressed:
             # Imported here, since images without loss need none of it.
             from uw_visibility.images.jpeg import warm_up_chroma

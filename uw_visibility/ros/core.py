@@ -277,13 +277,12 @@ class NodeCore:
         work = self._read(frame, settings)
         read = time.perf_counter()
         topics = self._wanted_topics()
-        light = None if self._filter is None else self._filter.lamps
-        result = work.assess(topics, known_light=light)
+        if self._filter is None or self._filter.config != settings.pipeline:
+            self._filter = WaterFilter(settings.pipeline)
+        result = work.assess(topics, known_light=self._filter.lamps)
         if not self._wanted():
             return
         assessed = time.perf_counter()
-        if self._filter is None or self._filter.config != settings.pipeline:
-            self._filter = WaterFilter(settings.pipeline)
         filtered = self._filter.update(result.water, work.header.seconds, work.rig)
         for topic, message in work.messages(result, settings.node, topics, filtered):
             self._publishers[topic].publish(message)

@@ -1,0 +1,81 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The pipeline under lamps: pairs are matched, restored evenly, held over frames."""
+
+from __future__ import annotations
+
+import lamp_scene
+import numpy as np
+import pytest
+
+from uw_visibility import Pipeline, PipelineConfig
+from uw_visibility.compute.jit import counts
+from uw_visibility.simulation.camera import Pose, StereoCamera
+from uw_visibility.simulation.frame import RenderedFrame, Renderer
+from uw_visibility.simulation.lamps import Lighting, default_rig, lighting_parameters
+from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.water import Water
+from uw_visibility.status import Status
+from uw_visibility.water.filter import WaterFilter
+
+CAMERA = StereoCamera(320, 240, 300.0, 0.12)
+LAMPS = default_rig(2)
+
+
+@pytest.fixture(scope="module")
+def night() -> RenderedFrame:
+    """Return a reef by night, rendered by the simulator."""
+    renderer = Renderer(CAMERA, lighting=Lighting(LAMPS, daylight=False, shaded=False))
+    pose = Pose((0.0, 0.0, 1.5), tilt=np.radians(25.0))
+    return renderer.render(reef(3, length=0.0), pose, Water(0.15, 40.0), seed=3)
+
+
+@pytest.fixture(scope="module")
+def pipeline() -> Pipeline:
+    return Pipeline(CAMERA.rig, PipelineConfig.from_parameters(
+        lighting_parameters(LAMPS, daylight=False)))
+
+
+def test_a_night_is_assessed_and_restored(night: RenderedFrame, pipeline: Pipeline) -> None:
+    result = pipeline.process(night.left, night.right)
+    assert result.status is Status.OK
+    error = result.water.attenuation - night.attenuation
+    assert (np.abs(error) < 3 * result.water.attenuation_stddev).all()
+    assert result.visibility.depth_status is Status.NO_DEPTH_BY_LAMPS
+    seen = np.isfinite(result.disparity) & ~result.images.limited & (night.range_left < 5.0)
+    assert seen.mean() > 0.2
+    truth = night.radiance_left[seen]
+    # The light falls over the picture; restored, places differ by what is there alone.
+    raw, restored = (
+        np.corrcoef(image[seen][:, 2].astype(float), truth[:, 2])[0, 1]
+        for image in (night.left, result.left_enhanced))
+    assert 1.0 - restored < 0.3 * (1.0 - raw)
+
+
+def test_light_that_is_known_is_held(night: RenderedFrame, pipeline: Pipeline) -> None:
+    result = pipeline.process(night.left, night.right, enhance=("left",))
+    water_filter = WaterFilter(pipeline.config)
+    assert water_filter.lamps is None
+    water_filter.update(result.water, 0.0, CAMERA.rig)
+    light = water_filter.lamps
+    assert light is not None
+    # Half of the exposure: by itself the frame would be restored as bright as before.
+    dark = [(image // 2).astype(np.uint8) for image in (night.left, night.right)]
+    own = pipeline.process(*dark, enhance=("left",)).left_enhanced.mean()
+    held = pipeline.process(*dark, enhance=("left",), known_light=light).left_enhanced.mean()
+    assert held < 0.7 * own
+
+
+def test_by_daylights_model_a_night_says_what_to_set(night: RenderedFrame) -> None:
+    result = Pipeline(CAMERA.rig).process(night.left, night.right)
+    assert result.status is Status.LIT_BY_LAMPS
+    np.testing.assert_array_equal(result.left_enhanced, night.left)
+
+
+def test_warm_up_compiles_all_that_lamps_need(night: RenderedFrame) -> None:
+    config = PipelineConfig.from_parameters(lamp_scene.parameters())
+    pipeline = Pipeline(CAMERA.rig, config)
+    pipeline.warm_up(night.left.shape[:2])
+    before = counts.compiled + counts.loaded
+    pipeline.process(night.left, night.right)
+    assert counts.compiled + counts.loaded == before
