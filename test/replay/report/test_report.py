@@ -197,7 +197,9 @@ def test_a_refused_distance_or_depth_is_told_though_the_water_was_assessed(
         ("plausibility of the depth sensor", unbounded),
     ):
         assert f"not assessable: {what}: {why} (2), frames 0-3\n" in done.out
-        row = rf"<td>{what}</td><td>{why}</td>\s*<td class=.n.>2</td><td>0-3</td>"
+        row = (
+            rf'row">{what}</th><td data-label="Why">{why}</td>\s*'
+            r'<td class="n" data-label="Frames">2</td><td data-label="Which">0-3</td>')
         assert re.search(row, text)
         assert [r["count"] for r in state["not_assessable"] if r["what"] == what] == [2]
 

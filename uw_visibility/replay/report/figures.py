@@ -22,9 +22,12 @@ Columns = Mapping[str, NDArray[np.float64]]
 
 HEIGHT = 2.3
 # Of more frames, so many neighbours are drawn as one that there are no more points.
-MOST_POINTS = 1500
+MOST_POINTS = 600
 # Frames that can be pointed at.
 MOST_SPOTS = 300
+# Room around the axes, in: left, right, below and above. The same for all, so that their
+# times stand above one another.
+MARGINS = (0.68, 0.1, 0.5, 0.28)
 # What lies below is drawn here: how small a difference is says nothing.
 LEAST_NIS = 1e-3
 # Gaps in the estimates that are no longer than this times the usual step are none.
@@ -188,6 +191,10 @@ def _paint_nis(figure: Figure, time: NDArray[np.float64], nis: NDArray[np.float6
 
 
 def _finish(axes: Any, time: NDArray[np.float64], narrow: bool, label: str) -> None:
+    width, height = axes.figure.get_size_inches()
+    left, right, below, above = MARGINS
+    axes.figure.subplots_adjust(
+        left / width, below / height, 1.0 - right / width, 1.0 - above / height)
     low, high = float(np.min(time)), float(np.max(time))
     margin = 0.02 * (high - low) or 1.0 / 86400.0
     axes.set_xlim(low - margin, high + margin)

@@ -24,7 +24,7 @@ from uw_visibility.replay.report.figures import (
     thin,
 )
 from uw_visibility.replay.report.palette import ESTIMATE, FILTERED, RULE
-from uw_visibility.replay.report.svg import Spot, draw
+from uw_visibility.replay.report.svg import Spot, draw, fit_layout
 from uw_visibility.replay.table import read_columns
 
 AGAINST = "beam_attenuation"
@@ -82,6 +82,7 @@ def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Marku
     x, x_stddev, y = chosen[AGAINST], chosen[f"{AGAINST}_stddev"], chosen[name]
 
     def paint(figure: Figure, narrow: bool) -> list[Spot]:
+        fit_layout(figure)
         scatter, residuals = figure.subplots(*((2, 1) if narrow else (1, 2)))
         scatter.errorbar(
             x, y, xerr=x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6,

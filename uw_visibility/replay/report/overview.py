@@ -10,11 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.replay.report.sentences import Frames, definition, formula, number, verdict
+from uw_visibility.replay.report.sentences import (
+    Frames,
+    definition,
+    formula,
+    number,
+    rounded,
+    verdict,
+)
 from uw_visibility.replay.results.summary import Summary
 
 MATCHED = ("matched_fraction", "matched_fraction_original")
-OVERVIEW_COLUMNS = ("mean_attenuation", "depth", *MATCHED)
+OVERVIEW_COLUMNS = (
+    "mean_attenuation", "mean_attenuation_stddev", "depth", "depth_stddev", *MATCHED)
 
 
 def overview(
@@ -65,7 +73,7 @@ def _numbers(
         numbers.append((percent(synopsis.share), f"of {count} show visibility by themselves"))
     if synopsis is not None and synopsis.told:
         numbers.append((
-            f"{number(synopsis.median)} m",
+            f"{rounded(synopsis.median, synopsis.relative_stddev * synopsis.median)} m",
             f"visibility distance, {short} of the clearest channel; median, "
             f"{number(synopsis.low)} to {number(synopsis.high)} m in 90 % of the frames",
         ))
@@ -75,9 +83,11 @@ def _numbers(
     ):
         known = columns[name][np.isfinite(columns[name])]
         if known.size:
-            low, middle, high = (number(v) for v in np.percentile(known, [5.0, 50.0, 95.0]))
+            low, middle, high = (float(v) for v in np.percentile(known, [5.0, 50.0, 95.0]))
+            spread = float(np.nanmedian(columns[f"{name}_stddev"]))
             numbers.append((
-                f"{middle} {unit}", f"{title}; median, {low} to {high} {unit} in 90 % of the frames"
+                f"{rounded(middle, spread)} {unit}",
+                f"{title}; median, {number(low)} to {number(high)} {unit} in 90 % of the frames",
             ))
     enhanced, original = (columns[name][np.isfinite(columns[name])] for name in MATCHED)
     if original.size:

@@ -176,7 +176,11 @@ def _refused(summary: Summary, synopsis: Synopsis) -> Sentence:
 def _reason(refusal: Refusal) -> str:
     """Say why, with what that means."""
     meant = {str(status): text for status, text in MEANINGS.items()}.get(refusal.why, "")
-    text = f"{printable(refusal.why)} ({refusal.count})"
+    why = printable(refusal.why)
+    if meant:
+        # What is to be checked is said in the table.
+        why = why.partition(" (")[0]
+    text = f"{why} ({refusal.count})"
     return f"{text}, that is: {meant[0].lower()}{meant[1:].rstrip('.')}" if meant else text
 
 

@@ -83,11 +83,12 @@ def _draw(
 ) -> Markup:
     # A fixed salt and no date: the same result has the same page.
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
-        figure = Figure(figsize=size, layout="constrained")
-        spots = paint(figure, narrow)
+        figure = Figure(figsize=size)
+        spots = list(paint(figure, narrow))
         stream = StringIO()
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-        over = _over(figure, list(spots))
+        # Where one touches, nothing is pointed at.
+        over = "" if narrow else _over(figure, spots)
     text = stream.getvalue()
     start = text.index(">", text.index("<svg")) + 1
     body = re.sub(r"<metadata>.*?</metadata>", "", text[start:], flags=re.DOTALL)
@@ -102,6 +103,11 @@ def _draw(
         f'aria-labelledby="{name}-title {name}-desc"><title id="{name}-title">{escape(title)}'
         f'</title><desc id="{name}-desc">{escape(description)}</desc>{themed(body)}'
     )
+
+
+def fit_layout(figure: Figure) -> None:
+    """Let matplotlib find room for all labels, which takes as long as to draw a figure."""
+    figure.set_layout_engine("constrained")
 
 
 def _over(figure: Figure, spots: Sequence[Spot]) -> str:

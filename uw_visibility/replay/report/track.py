@@ -17,7 +17,7 @@ from uw_visibility.replay.inputs.positions import EARTH_RADIUS
 from uw_visibility.replay.report.figures import MOST_POINTS, Columns, thin
 from uw_visibility.replay.report.palette import HOLLOW, INK, RULE
 from uw_visibility.replay.report.sentences import number
-from uw_visibility.replay.report.svg import NARROW, WIDE, Spot, draw
+from uw_visibility.replay.report.svg import NARROW, WIDE, Spot, draw, fit_layout
 
 COLOURED = {
     "visibility_distance": "visibility distance [m]",
@@ -105,6 +105,7 @@ def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
     label = COLOURED[quantity]
 
     def paint(figure: Figure, narrow: bool) -> list[Spot]:
+        fit_layout(figure)
         axes: Any = figure.subplots()
         points = None
         for track in tracks:
