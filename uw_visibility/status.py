@@ -44,6 +44,10 @@ class Status(str, Enum):
         "cues disagree: envelope and contrast decay at different rates "
         "(check camera.transfer, calibration, lamps)"
     )
+    NOT_ONE_WATER = (
+        "dark patches over range follow no single water and veil "
+        "(check camera.vignetting, camera.transfer; a layer, or a veil that is brighter above?)"
+    )
     STEPS_DISAGREE = (
         "ranges before and after dense matching tell different water "
         "(check calibration and stereo.max_disparity)"

@@ -253,6 +253,27 @@ class TestPhysicalSense:
         # A single veil leaves them three tenths too small.
         assert abs(np.median(errors)) < 0.1
 
+    def test_a_veil_that_changes_much_is_refused_without_open_water(self):
+        """Five times as bright above, where far things are, as below."""
+        statuses = []
+        for seed in self.SEEDS:
+            rng = np.random.default_rng(seed)
+            rows = np.linspace(0.0, 1.0, SHAPE[0], dtype=np.float32)[:, np.newaxis]
+            ranges = np.broadcast_to(2.0 + 6.0 * (1.0 - rows), SHAPE).copy()
+            grey = cv2.resize(rng.random((SHAPE[0] // 3, SHAPE[1] // 3)), SHAPE[::-1])
+            rho = 0.9 * (grey[..., np.newaxis] - grey.min()) ** 2
+            left = np.exp(-(KAPPA + 0.3) * ranges[..., np.newaxis])
+            for change in (0.0, 1.4):
+                veil = (1.0 + change * (0.5 - rows))[..., np.newaxis]
+                codes = 255.0 * 0.5 * (rho * left + veil * (1.0 - left))
+                codes += rng.normal(0.0, 0.5, codes.shape)
+                image = np.clip(np.round(codes), 0, 255).astype(np.uint8)
+                statuses.append((change, estimate(image, ranges).status))
+        assert {status for change, status in statuses if not change} == {Status.OK}
+        refused = [status for change, status in statuses if change]
+        assert Status.OK not in refused
+        assert refused.count(Status.NOT_ONE_WATER) >= 6
+
     def test_brighter_light_than_veil_is_told_apart(self):
         one = draw(5, 0.3, open_water=True)
         found = estimate(one.image, one.range)

@@ -127,13 +127,16 @@ def loss(r: float, scale: Any, c: int, i: int) -> tuple[float, float]:
 
 
 @njit(nogil=True)
-def deviance(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -> float:
-    """Minus twice the logarithm of the bins' likelihood, as if they were independent.
+def deviance(
+    p: Any, distance: Any, dark: Any, known: Any, scale: Any
+) -> tuple[float, float]:
+    """Minus twice the logarithm of the bins' likelihood, and the residuals' part a bin.
 
-    The loss alone is no likelihood: it leaves bins far off at no cost. Here they
-    follow Cauchy's law above the curve, and Student's of three degrees below it.
+    As if bins were independent. The loss alone is no likelihood: it leaves bins far off at
+    no cost. Here they follow Cauchy's law above the curve, and Student's of three degrees
+    below it.
     """
-    total = 0.0
+    residuals, widths, bins = 0.0, 0.0, 0
     for c in range(3):
         for i in range(distance.shape[1]):
             if not known[c, i]:
@@ -142,12 +145,13 @@ def deviance(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -> float:
             below = scale[BELOW, c, i]
             r = residual(p, distance, dark, scale, c, i)
             if r < 0:
-                total += 4.0 * np.log1p((r / below) ** 2 / 3.0)
+                residuals += 4.0 * np.log1p((r / below) ** 2 / 3.0)
             else:
-                total += 2.0 * np.log1p((r / above) ** 2)
+                residuals += 2.0 * np.log1p((r / above) ** 2)
             # Areas below Cauchy's half, and Student's.
-            total += 2.0 * np.log(0.5 * np.pi * above + 1.36 * below)
-    return total
+            widths += 2.0 * np.log(0.5 * np.pi * above + 1.36 * below)
+            bins += 1
+    return residuals + widths, residuals / max(bins, 1)
 
 
 @njit(nogil=True)

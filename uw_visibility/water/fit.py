@@ -37,6 +37,8 @@ class Fit:
     cost : float
         Minus twice the logarithm of the bins' likelihood, but for a constant and as if they
         were independent; 0 for the plain fit.
+    misfit : float
+        The part of it that grows with the residuals, a bin's mean; 0 for the plain fit.
     """
 
     parameters: NDArray[np.float64]
@@ -44,6 +46,7 @@ class Fit:
     iterations: int
     converged: bool
     cost: float = 0.0
+    misfit: float = 0.0
 
 
 def fit_plain(

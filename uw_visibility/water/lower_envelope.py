@@ -96,7 +96,7 @@ def fit_lower_envelope(
     if ambient_max is not None:
         upper[1::2] = np.maximum(ambient_max, ambient_min)
     known = active[:, np.newaxis] & np.isfinite(dark)
-    values, covariance, iterations, converged, cost = _minimise(
+    values, covariance, iterations, converged, cost, misfit = _minimise(
         np.where(known, distance, 1.0),
         np.where(known, dark, 0.0),
         np.where(known, deviation, 1.0),
@@ -112,14 +112,15 @@ def fit_lower_envelope(
     )
     parameters = np.where(active[:, np.newaxis], values.reshape(3, 2), np.nan)
     return Fit(
-        parameters, blank(covariance, active), int(iterations), bool(converged), float(cost))
+        parameters, blank(covariance, active), int(iterations), bool(converged), float(cost),
+        float(misfit))
 
 
 @njit(nogil=True)
 def _minimise(
     distance: Any, dark: Any, deviation: Any, known: Any, active: Any, start: Any, lower: Any,
     upper: Any, clear_water: Any, range_error: float, bright: Any, light: Any,
-) -> tuple[Any, Any, int, bool, float]:
+) -> tuple[Any, Any, int, bool, float, float]:
     """Damped Gauss-Newton within bounds; scales follow the parameters at first."""
     p = start.copy()
     scale = np.empty((SCALES, 3, dark.shape[1]))
@@ -159,10 +160,10 @@ def _minimise(
                 break
             damping *= 10.0
     set_scales(p, distance, dark, deviation, known, range_error, EXPECTED_DARKNESS, light, scale)
-    cost = deviance(p, distance, dark, known, scale)
+    cost, misfit = deviance(p, distance, dark, known, scale)
     covariance = _covariance(
         p, distance, dark, known, active, clear_water, lower, bright, light, scale)
-    return p, covariance, iterations, converged, cost
+    return p, covariance, iterations, converged, cost, misfit
 
 
 @njit(nogil=True)

@@ -51,6 +51,9 @@ MISTAKEN_AREA = 0.006
 MODEL_ERROR = 0.09
 # The decay of contrast and a fit that are farther apart than this contradict each other.
 CONTRADICTION = 3.0
+# Residuals of the dark envelope, a bin's mean, from which on no single water explains them:
+# scenes in one water leave 0.4 to 5.0, since their darkest patches are not all black.
+MISFIT = 5.5
 # Likelihoods have longer tails than a normal law (Cauchy's scale, in deviations).
 TAIL = 2.0
 # What bins say together is worth so many times less than as if neighbours alone were alike:
@@ -86,6 +89,8 @@ class VeilFit:
         Distance of the cues from each other, in standard deviations.
     likelihood : float
         Logarithm of the dark envelope's likelihood for the ratio that fits it best.
+    misfit : float
+        Residuals of the veil that leaves the smallest; see `Fit`.
     """
 
     fit: Fit
@@ -94,6 +99,7 @@ class VeilFit:
     cues: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
     disagreement: float
     likelihood: float
+    misfit: float
 
 
 def fit_free_veil(
@@ -145,6 +151,7 @@ def fit_free_veil(
         return None
     weights = np.exp(np.array(logarithms) - max(logarithms))
     weights /= weights.sum()
+    misfit = min(component.misfit for component in components)
     alone = _mixture(components, weights)
     name = "open water" if open_water is not None else "dark envelope"
     cues[name] = _attenuation(alone)
@@ -157,7 +164,8 @@ def fit_free_veil(
     mixed = _mixture(components, weights)
     light, deviation = _light(components, weights, envelope)
     return VeilFit(
-        _with_model_error(mixed), light, deviation, cues, disagreement, likelihood)
+        _with_model_error(mixed), light, deviation, cues, disagreement, likelihood,
+        misfit)
 
 
 def envelope_likelihood(

@@ -28,6 +28,8 @@ MEANINGS = {
     "setting or the calibration is wrong.",
     Status.CUES_DISAGREE: "Contrast and darkness fade with range at different rates, which no "
     "single water explains.",
+    Status.NOT_ONE_WATER: "Dark patches lighten with range otherwise than any single water and "
+    "veil would make them: a layer, vignetting, or a veil that changes over the image.",
     Status.STEPS_DISAGREE: "The coarse mesh of step 1 and the dense disparities of step 2 give "
     "different attenuations, so that one of them has wrong ranges.",
     Status.NO_WATER_TYPE: "No Jerlov type attenuates the three channels in these proportions.",
@@ -62,6 +64,8 @@ REMEDIES = {
     Status.CLEARER_THAN_CLEAR_WATER: "Check camera.transfer, camera.response, the white balance, "
     "and that the rig was calibrated under water.",
     Status.CUES_DISAGREE: "Check camera.transfer and the calibration; turn lamps off.",
+    Status.NOT_ONE_WATER: "Set camera.vignetting or camera.flat_field, check camera.transfer; let "
+    "some open water be in view, which shows how the veil changes.",
     Status.STEPS_DISAGREE: "Check the calibration and stereo.max_disparity; look at the "
     "disparity for repeated patterns.",
     Status.NO_WATER_TYPE: "Take the attenuation itself; check camera.response.",
