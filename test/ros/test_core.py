@@ -59,7 +59,7 @@ class Processor:
     def begin(self, frame: Any, pipeline: Any) -> Any:
         return self
 
-    def assess(self, topics: Any) -> Any:
+    def assess(self, topics: Any, *, known_light: Any = None) -> Any:
         self.asked.append(set(topics))
         if self.failure is not None:
             raise self.failure
