@@ -35,11 +35,15 @@ def test_the_list_shows_what_would_be_used(
     assert "/depth_sensor" in used
 
 
-def test_several_bags_have_a_folder_each(transect: Path, tmp_path: Path) -> None:
+def test_several_bags_have_a_folder_each(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     other = copy_bag(transect, tmp_path / "other")
     command = ["replay", str(transect), str(other), "-o", str(tmp_path / "day"), "--jobs", "1"]
     assert main([*command, "--every", "3"]) == 0
     assert {p.name for p in (tmp_path / "day").iterdir() if p.is_dir()} == {"transect", "other"}
+    # What the distances are is said, and once is enough.
+    assert capsys.readouterr().out.count("Visibility distance: how far off a white") == 1
     assert (tmp_path / "day" / "other" / "report.html").is_file()
     assert main(["replay", str(other), str(other), "-o", str(tmp_path / "twice")]) == 2
 

@@ -40,7 +40,7 @@ index.html, frames.csv and what else was asked for, with a column for the record
   frames.csv       one row a frame: estimates with standard deviations, sensor, statuses;
                    frames.csv-metadata.json has units and definitions (CSV on the Web)
   timings.csv      duration of each stage, ms
-  report.html      time series, pictures, what was not assessable and why
+  report.html      verdict, time series, pictures, what was not assessable and why
   replay.json      counts, parameters, hash of the input
   images/, video.mp4, frames.geojson, frames.nc, frames.parquet   on request
 
@@ -142,6 +142,7 @@ def run(arguments: argparse.Namespace) -> None:
             write_day(arguments.output, summaries, options)
     for summary in summaries:
         _tell(summary)
+    _tell_definition(summaries)
     if len(targets) > 1:
         say(f"{arguments.output}: index.html and frames.csv are over all recordings")
     if any(summary.frames == summary.failed for summary in summaries):
@@ -295,17 +296,24 @@ def _tell_partial(targets: dict[Path, Path]) -> None:
         say(f"{partial} has {frames} frames: --resume goes on from it", error=True)
 
 
+def _tell_definition(summaries: list[Summary]) -> None:
+    """Say once what the distances are."""
+    from uw_visibility.replay.report.sentences import definition
+
+    told = [s.synopsis for s in summaries if s.synopsis is not None and s.synopsis.told]
+    if told:
+        say(definition(told[0].contrast))
+
+
 def _tell(summary: Summary) -> None:
     from uw_visibility.replay.results.refusals import WHOLE_FRAME
 
     if summary.error:
         say(f"uw_visibility: {summary.error}", error=True)
         return
-    from uw_visibility.replay.report.sentences import definition, verdict
+    from uw_visibility.replay.report.sentences import verdict
 
     sentences = ["".join(map(str, parts)) for parts in verdict(summary)]
-    if summary.synopsis is not None and summary.synopsis.told:
-        sentences.append(definition(summary.synopsis.contrast))
     for place, sentence in enumerate(sentences):
         say(f"  {sentence}" if place else f"{summary.bag}: {sentence}")
     rate = summary.frames / summary.seconds if summary.seconds else 0.0
