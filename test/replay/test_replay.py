@@ -7,6 +7,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -272,12 +273,13 @@ def test_pictures_video_and_map_on_request(transect: Path, tmp_path: Path) -> No
     assert picture.shape == (120, 480, 3)
     raw = list(frames_of(transect))[3].left.data.reshape(120, 160, 3)
     np.testing.assert_array_equal(picture[:, :160, ::-1], raw)
-    address = (out / "report.html").read_text().partition("frame 0:")[2].partition("base64,")[2]
-    reported = base64.b64decode(address.partition('"')[0])
+    page = (out / "report.html").read_text()
+    reported = [
+        cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR)
+        for data in re.findall(r'alt="Frame 0: [^>]*base64,([^"]*)"', page)
+    ]
     np.testing.assert_array_equal(
-        cv2.imread(str(out / "images" / "frame_000000.png")),
-        cv2.imdecode(np.frombuffer(reported, np.uint8), cv2.IMREAD_COLOR),
-    )
+        cv2.imread(str(out / "images" / "frame_000000.png")), np.hstack(reported))
     video = cv2.VideoCapture(str(out / "video.mp4"))
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == FRAMES
     assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(2.0)
