@@ -226,7 +226,8 @@ def test_messages_open_with_the_library_of_mcap(exported: Path) -> None:
 
 def test_report_shows_derived_quantities_and_joined_topics(exported: Path) -> None:
     text = (exported / "report.html").read_text()
-    for word in ("black-disc visibility", "Secchi depth", "/ctd.temperature",
+    for word in ("black-disc visibility", "Secchi depth", "nearest Jerlov type", "likelihood 0.",
+                 "/ctd.temperature",
                  "which needs 8 different ones"):
         assert word in text
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from uw_visibility.replay.report.sentences import number, rounded
-from uw_visibility.replay.table import read_columns
+from uw_visibility.replay.table import read_columns, read_rows
 from uw_visibility.water.derived import QUANTITIES
 
 
@@ -33,4 +33,28 @@ def derived_quantities(table: Path) -> list[dict[str, str]]:
                 "definition": quantity.definition, "caveat": quantity.caveat,
                 "source": quantity.source,
             })
-    return rows
+    return rows + _water_type(table)
+
+
+def _water_type(table: Path) -> list[dict[str, str]]:
+    """Return the Jerlov type that most frames are nearest to, with its likelihood in those."""
+    likelihoods: dict[str, dict[str, list[float]]] = {"": {}, "filtered_": {}}
+    for row in read_rows(table):
+        for prefix, by_type in likelihoods.items():
+            name, share = row[f"{prefix}water_type"], row[f"{prefix}water_type_likelihood"]
+            if name:
+                by_type.setdefault(name, []).append(float(share))
+    by_type = likelihoods["filtered_"] or likelihoods[""]
+    if not by_type:
+        return []
+    most = max(by_type, key=lambda name: len(by_type[name]))
+    others = [f"{name} ({len(found)})" for name, found in sorted(by_type.items())]
+    return [{
+        "title": "nearest Jerlov type",
+        "median": f"{most}, likelihood {np.median(by_type[most]):.2f}",
+        "span": f"frames: {', '.join(others)}",
+        "definition": "Water type whose beam attenuation, as this camera sees it, is the likeliest",
+        "caveat": "Types are defined by Kd; particles shift them by a type or more.",
+        "source": "Williamson and Hollins 2022, doi:10.1364/AO.470464; Solonenko and Mobley 2015, "
+        "doi:10.1364/AO.54.005392",
+    }]
