@@ -34,15 +34,16 @@ CLEARER = 3.0
 # other. They share most of the image, and so most of their errors.
 STEPS_APART, STEPS_APART_PART = 3.0, 0.25
 
-# By lamps the brightest patches fall with range as 1/d² and faster, in every channel, down to
-# a small part of what they are near by; by daylight they end in the veil. Night and day are
-# apart by a wide margin: -1.0 and steeper, -0.4 and less steep (rendered reefs, FLSea).
-LAMP_SLOPE, LAMP_SLOPE_ERROR = -0.75, 2.0
-LAMP_FALL, LAMP_DARKNESS = 0.45, 0.35
+# By lamps the brightest patches fall with range, in turbid water as 1/d and in clear water
+# faster than 1/d², to a small part of what they are near by; by daylight they end in the veil.
+# In most channels, since what lamps light of turbid water evens out the red. FLSea's frames
+# fall as d^(-0.5) and less, rendered days hardly.
+LAMP_SLOPE, LAMP_SLOPE_ERROR = -0.8, 2.0
+LAMP_FALL, LAMP_DARKNESS = 0.55, 0.45
 
 
 def lit_by_lamps(envelope: Envelopes) -> bool:
-    """Tell whether the bright envelope falls with range as by lamps, in every channel.
+    """Tell whether the bright envelope falls with range as by lamps, in most channels.
 
     Parameters
     ----------
@@ -50,6 +51,7 @@ def lit_by_lamps(envelope: Envelopes) -> bool:
         Of one frame.
     """
     near, far = near_bins(envelope), slice(-near_bins(envelope).stop, None)
+    shown = np.empty((3, 4))
     for channel in range(3):
         bright = envelope.bright[channel]
         known = bright > 0
@@ -60,10 +62,11 @@ def lit_by_lamps(envelope: Envelopes) -> bool:
         first = float(np.median(bright[near][known[near]]))
         last = float(np.median(bright[far][known[far]]))
         dark = float(np.nanmedian(envelope.dark[channel, far]))
-        falls = slope + LAMP_SLOPE_ERROR * error < LAMP_SLOPE
-        if not (falls and last < LAMP_FALL * first and dark < LAMP_DARKNESS * first):
-            return False
-    return True
+        shown[channel] = slope, slope + LAMP_SLOPE_ERROR * error, last / first, dark / first
+    _, slope, fall, darkness = np.median(shown, axis=0)
+    return bool(
+        shown[:, 0].max() < 0 and slope < LAMP_SLOPE
+        and fall < LAMP_FALL and darkness < LAMP_DARKNESS)
 
 
 def _logarithmic_slope(
