@@ -22,7 +22,12 @@ from uw_visibility.replay import progress
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.report.figures import MOST_POINTS, NEEDED, draw_series
 from uw_visibility.replay.report.meaning import MEANINGS, REMEDIES, meaning
-from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_track, round_length
+from uw_visibility.replay.report.track import (
+    TRACK_COLUMNS,
+    draw_track,
+    draw_tracks,
+    round_length,
+)
 from uw_visibility.replay.table import read_rows
 from uw_visibility.simulation.bag import write_transect
 from uw_visibility.simulation.camera import StereoCamera
@@ -332,3 +337,15 @@ def test_a_figure_shows_clock_time_and_values_to_point_at() -> None:
 @pytest.mark.parametrize("longest, length", [(3.2, 2.0), (5.0, 5.0), (0.99, 0.5), (1e4, 1e4)])
 def test_a_scale_bar_has_a_round_length(longest: float, length: float) -> None:
     assert round_length(longest) == pytest.approx(length)
+
+
+def test_a_recording_may_be_called_anything() -> None:
+    columns = {name: np.arange(3.0) for name in TRACK_COLUMNS}
+    name = "<b> $x_{ \x1b[31m"
+    drawn = draw_tracks({name: columns, "other": columns})[0]
+    assert "&lt;b&gt; $x_{ " in drawn
+    assert "\x1b" not in drawn
+    series = {column: np.arange(3.0) for column in NEEDED} | {"recording": np.zeros(3)}
+    drawn = draw_series(series, [name])[0].drawing
+    assert "<title>&lt;b&gt; $x_{ " in drawn
+    assert "\x1b" not in drawn

@@ -100,6 +100,7 @@ def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Marku
         clock_axis(residuals, narrow=True)
         scatter.legend(fontsize="small", frameon=False)
         for axes in (scatter, residuals):
+            axes.yaxis.label.set_parse_math(False)
             axes.grid(color=RULE, linewidth=0.6)
         return []
 

@@ -13,6 +13,7 @@ import matplotlib
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
+from uw_visibility.errors import printable
 from uw_visibility.replay.report.palette import INK, themed
 
 # Inches; the narrow drawing is for a telephone, with the same size of letters.
@@ -126,6 +127,6 @@ def _over(figure: Figure, spots: Sequence[Spot]) -> str:
             parts.append(
                 f'<rect x="{left * width:.1f}" y="{(1.0 - box.y1) * height:.1f}" '
                 f'width="{(right - left) * width:.1f}" height="{box.height * height:.1f}">'
-                f"<title>{escape(spot.text)}</title></rect>"
+                f"<title>{escape(printable(spot.text))}</title></rect>"
             )
     return f'<g class="over">{"".join(parts)}</g>' if parts else ""

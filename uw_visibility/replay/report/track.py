@@ -13,6 +13,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from uw_visibility.errors import printable
 from uw_visibility.replay.inputs.positions import EARTH_RADIUS
 from uw_visibility.replay.report.figures import MOST_POINTS, Columns, thin
 from uw_visibility.replay.report.palette import HOLLOW, INK, RULE
@@ -153,8 +154,10 @@ def _paint_track(axes: Any, track: _Track, limits: tuple[float, float], named: b
                   markerfacecolor="none", markeredgecolor=INK, linewidth=0.0)
         label = f"{track.name} {text}".strip() if named and place == 0 else text
         if named or not track.name:
-            axes.annotate(label, (track.x[place], track.y[place]), xytext=(7, 5),
-                          textcoords="offset points", fontsize="small", zorder=5)
+            # A folder may be called anything: a dollar begins no formula.
+            axes.annotate(
+                printable(label), (track.x[place], track.y[place]), xytext=(7, 5),
+                textcoords="offset points", fontsize="small", zorder=5, parse_math=False)
     return points
 
 
