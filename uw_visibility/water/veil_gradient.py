@@ -25,7 +25,7 @@ SHORT = 0.03
 # Bounds of the veil over that of open water.
 LEAST, MOST = 0.5, 1.6
 # A gradient that changes the veil of the dark patches by less than this part is none.
-NEGLIGIBLE = 0.03
+NEGLIGIBLE = 0.1
 # How far a gradient may be off, as a part of it, where it is continued beyond open water.
 UNCERTAIN = 0.3
 
