@@ -211,25 +211,6 @@ class TestPhysicalSense:
         distance[:96], distance[:80, :120] = 5.0, np.nan
         assert estimate(image, distance).open_water == 0.0
 
-    @pytest.mark.parametrize(("particles", "wall", "seen"), [(0.5, False, 1), (0.05, True, 0)])
-    def test_a_scene_may_fade_into_open_water_and_ends_at_a_wall(self, particles, wall, seen):
-        """Matched up to where nothing is left of it, and as smooth as the water beyond."""
-        rng = np.random.default_rng(0)
-        rows = np.linspace(0.0, 1.0, SHAPE[0])[:, np.newaxis] * np.ones((1, SHAPE[1]))
-        ranges = (2.0 / np.maximum(rows - 0.2, 0.1)).astype(np.float32)
-        grey = cv2.resize(rng.random((SHAPE[0] // 3, SHAPE[1] // 3)), SHAPE[::-1])
-        rho = 0.9 * (grey[..., np.newaxis] - grey.min()) ** 2
-        if wall:
-            rho[rows < 0.55] = 0.6
-        beta = KAPPA + particles
-        left = np.exp(-beta * ranges[..., np.newaxis])
-        if not wall:
-            left[rows < 0.3] = 0.0
-        codes = 255.0 * (0.8 * rho * left + 0.6 * (1.0 - left)) + rng.normal(0, 0.4, rho.shape)
-        ranges[rows < 0.3] = np.nan
-        found = estimate(np.clip(np.round(codes), 0, 255).astype(np.uint8), ranges)
-        assert (found.open_water > 0.1) == seen
-
     def test_a_veil_that_is_brighter_above_is_told_by_open_water(self):
         """Far things are seen above near ones, before a brighter veil."""
         errors = []

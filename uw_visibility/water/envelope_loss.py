@@ -33,12 +33,12 @@ LIMIT_BELOW = 5.0
 # and at one standard deviation, in parts of how far bins differ.
 EXPECTED_DARKNESS = 0.2
 DARKNESS_DEVIATION = 0.2
-DARKNESS_DEVIATION_MIN = 0.008
+DARKNESS_DEVIATION_MIN = 0.015
 # ... and so much more where the light on the scene is brighter than the veil, up to this.
-BRIGHTEST_LIGHT = 2.75
+BRIGHTEST_LIGHT = 4.0
 # ... and in parts of what the brightest patch is short of a bright one.
 BRIGHT_RADIANCE = 0.8
-DULLNESS_DEVIATION = 0.2
+DULLNESS_DEVIATION = 0.3
 # Bins show darkness where direct light is so many times the noise.
 INFORMATIVE = 5.0
 UNKNOWN_DARKNESS = 0.3
@@ -205,5 +205,5 @@ def darkness_deviation(typical: float, brightest: float, light: float) -> float:
     dullness = min(max(BRIGHT_RADIANCE - brightest, 0.0), 1.0)
     # A veil that is dimmer than the light leaves more of what is not black to be seen, and
     # says less of what is.
-    least = DARKNESS_DEVIATION_MIN * min(max(light, 1.0), BRIGHTEST_LIGHT) ** 2
+    least = DARKNESS_DEVIATION_MIN * min(max(light, 1.0), BRIGHTEST_LIGHT)
     return least + DARKNESS_DEVIATION * shown + DULLNESS_DEVIATION * dullness
