@@ -35,6 +35,10 @@ class _Pool(ProcessPoolExecutor):
         before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
             return super().submit(*arguments, **named)
+        except OSError as error:
+            # A process could not be started: the pool is just being closed, since another one
+            # was ended, or there is no room for more.
+            raise BrokenProcessPool(str(error)) from error
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
@@ -80,6 +84,8 @@ def process_pool(
         pool.end()
         raise
     except BrokenProcessPool as error:
+        # One that was only being started when another was ended would be waited for.
+        pool.end()
         raise InputError(
             "a process that works on frames was ended from outside, as where memory is short: "
             "give fewer with --jobs"
