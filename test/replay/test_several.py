@@ -252,8 +252,10 @@ def test_an_interruption_at_the_start_of_jobs_is_one_sentence(
         [sys.executable, "-c", command, *options], stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, text=True, start_new_session=True,
     )
-    # Long enough for this one's own imports, too short for those that it starts.
-    sleep(1.5)
+    # Those that it starts are importing then.
+    started = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    while process.poll() is None and not started.read_text().split():
+        sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
     told = process.communicate(timeout=60)[1]
     if process.returncode == -signal.SIGINT:
