@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""`uw_visibility calibrate`: white reference and water type from recorded bags."""
+"""`uw_visibility calibrate`: white reference and water type, or lamps, from recorded bags."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from uw_visibility.commands import calibrate_lighting
 from uw_visibility.commands.recording_options import (
     add_recording_options,
     jobs,
@@ -26,13 +27,17 @@ if TYPE_CHECKING:
 DESCRIPTION = """\
 Find what the depth estimate needs to know of camera and water: the camera's white
 (camera.white_reference) and the type of the water (assessment.water_type), from
-recordings with a depth sensor, over depths that differ by a metre at least."""
+recordings with a depth sensor, over depths that differ by a metre at least.
+
+With --lighting, find the vehicle's lamps instead: places, axes and beams (lighting.*),
+from recordings by night over ground that is seen from many distances, slowly, so that
+frames overlap; see docs/lamps.md."""
 
 EPILOG = """\
 written to YAML (without -o: to standard output): the parameters of --params-file, if
 one is given, with those found; for --params-file of all commands and of the node.
 With several BAGs all are taken together: one camera, its white balance fixed, in
-water of one type.
+water of one type. With --lighting and -o a picture is written beside, as .png.
 
 exit code: 0 done, 2 unusable input or options, 1 nothing could be read, or a failure
 inside"""
@@ -44,7 +49,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the sub-command `calibrate`."""
     parser = subparsers.add_parser(
         "calibrate",
-        help="white reference and water type from bags with a depth sensor",
+        help="white reference and water type, or lamps, from bags",
         description=DESCRIPTION,
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -52,6 +57,13 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     add_recording_options(parser)
     parser.add_argument("-o", "--output", metavar="YAML", type=Path, help="file to write")
     parser.add_argument("--force", action="store_true", help="replace an existing file")
+    parser.add_argument(
+        "--lighting", action="store_true", help="find the vehicle's lamps instead")
+    parser.add_argument(
+        "--lamps", metavar="N", type=int,
+        help="with --lighting: 1, 2 or 4 lamps in unknown places (default: those of --params-file "
+        "are where the search begins)",
+    )
     parser.set_defaults(func=run)
 
 
@@ -65,10 +77,15 @@ def run(arguments: argparse.Namespace) -> None:
     SystemExit
         With code 1 where nothing of a recording could be read.
     """
+    _check_target(arguments.output, arguments.force)
+    if arguments.lighting:
+        calibrate_lighting.run(arguments)
+        return
+    if arguments.lamps is not None:
+        raise InputError("--lamps is for --lighting: give both, or neither")
     with reading("calibrate"):
         from uw_visibility.replay.calibration import calibrate_recordings
 
-        _check_target(arguments.output, arguments.force)
         options = read_recording_options(arguments).with_threads(1)
         found, series = calibrate_recordings(arguments.bags, options, jobs=jobs(arguments))
     text = _parameter_file(arguments, found)

@@ -1,0 +1,200 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Calibration of lamps from recordings."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.lighting import Lamp, LightingConfig
+from uw_visibility.errors import InputError
+from uw_visibility.images.vignetting import FlatFieldCorrection
+from uw_visibility.messages.frames import FrameReader, StereoFrame, StereoPair
+from uw_visibility.optics.transfer import linear_table
+from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.replay.bags.decoder import Decoder
+from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.bags.storage import Recorded
+from uw_visibility.replay.inputs.options import ReplayOptions
+from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
+from uw_visibility.replay.progress import Progress
+from uw_visibility.water.lamp_calibration import LampCalibration, calibrate_lamps
+from uw_visibility.water.lamp_sightings import Sightings, observe_points
+
+# Points tracked at a time, how far one may come back from its own place, px, and the tracker's.
+MOST_POINTS, RETURN = 250, 0.5
+FLOW: dict[str, Any] = {"winSize": (15, 15), "maxLevel": 4}
+# Numbers of tracks kept apart for each recording.
+TRACKS = 1 << 32
+# Places to start from where none are told, m, beside, above and below the middle of the cameras.
+ASIDE, ALONG = 0.45, (-0.3, 0.0, 0.3)
+
+
+def calibrate_lighting(
+    bags: Sequence[Path], options: ReplayOptions, lamps: int | None = None
+) -> tuple[LampCalibration, int, list[str]]:
+    """Find a vehicle's lamps from recordings of ground at many ranges.
+
+    Parameters
+    ----------
+    bags : sequence of Path
+        Recordings with the same lamps, exposure and water.
+    options : ReplayOptions
+        Parameters, with the lamps to start from, topics, and the part to use.
+    lamps : int, optional
+        How many there are, where the parameters name none: 1, 2 or 4.
+
+    Returns
+    -------
+    LampCalibration
+    int
+        Frames used.
+    list of str
+        What of the recordings could not be read.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be used, or tells too little.
+    """
+    lighting = options.pipeline.lighting
+    if lamps is None and lighting.model != "lamps":
+        raise InputError(
+            "--lighting needs to know how many lamps there are: give --lamps N, or their places "
+            "about as they are with lighting.model: lamps in --params-file")
+    guesses = [list(lighting.lamps())] if lamps is None else rigs(lamps)
+    told = lighting if lamps is None else _config(guesses[0])
+    # Under lamps, what is known of them changes no range.
+    options = replace(options, pipeline=replace(options.pipeline, lighting=told))
+    frames: list[Sightings] = []
+    damage: list[str] = []
+    reasons: Counter[str] = Counter()
+    for index, bag in enumerate(bags):
+        with BagReader(bag) as reader:
+            frames += _sightings(reader, bag, options, reasons, index * TRACKS)
+            damage += reader.damage
+    if not frames:
+        reason = "; ".join(name for name, _ in reasons.most_common(1)) or "there is none"
+        raise InputError(f"no stereo frame could be used to calibrate lamps: {reason}")
+    return calibrate_lamps(frames, guesses), len(frames), damage
+
+
+def rigs(count: int) -> list[list[Lamp]]:
+    """Return symmetric rigs of 1, 2 or 4 lamps to start from."""
+    aside = {
+        1: [[(0.0, -ASIDE)], [(0.0, ASIDE)], [(-ASIDE, 0.0)], [(ASIDE, 0.0)]],
+        2: [[(-ASIDE, y), (ASIDE, y)] for y in ALONG] + [[(0.0, -ASIDE), (0.0, ASIDE)]],
+        4: [[(x, y) for y in (-ASIDE, ASIDE) for x in (-ASIDE, ASIDE)]],
+    }
+    if count not in aside:
+        raise InputError(
+            f"--lamps is {count}: give 1, 2 or 4, or the places of others in --params-file")
+    return [
+        [Lamp((x, y, 0.0), (0.0, 0.0, 1.0), 90.0, (1.0, 1.0, 1.0)) for x, y in places]
+        for places in aside[count]]
+
+
+def _config(lamps: Sequence[Lamp]) -> LightingConfig:
+    return LightingConfig(
+        model="lamps", positions=tuple(v for lamp in lamps for v in lamp.position))
+
+
+def _sightings(
+    reader: BagReader, bag: Path, options: ReplayOptions, reasons: Counter[str], first: int
+) -> Iterator[Sightings]:
+    """Yield the points of each frame that can be used; count why others cannot."""
+    stream = InputStream(reader, options)
+    used = [reader.channels[t] for t in (*stream.selection.images(), *stream.selection.infos())]
+    decoder = Decoder({channel.type: channel for channel in used}, reader.ros1)
+    pairs = FrameReader(options.node.rectify)
+    pipeline: Pipeline | None = None
+    observer = _Observer(first)
+    expected = stream.expected_frames
+    progress = Progress(bag.name, expected)
+    try:
+        for event in stream.events():
+            if not isinstance(event, RecordedFrame):
+                continue
+            progress.add()
+            try:
+                pair = pairs.read(StereoFrame(*(
+                    decoder.decode(m) if isinstance(m, Recorded) else m
+                    for m in (event.left, event.right, event.left_info, event.right_info))))
+                if pipeline is None or pipeline.rig != pair.rig:
+                    pipeline = Pipeline(pair.rig, options.pipeline)
+                yield observer.observe(pair, pipeline)
+            except InputError as error:
+                reasons[str(error)] += 1
+    finally:
+        progress.close()
+
+
+class _Observer:
+    """Tracks points of the ground from frame to frame (Lucas and Kanade 1981), with their light."""
+
+    def __init__(self, first: int) -> None:
+        self.next = first
+        self._before: NDArray[np.uint8] | None = None
+        self._points = np.zeros((0, 2), np.float32)
+        self._tracks = np.zeros(0, np.int64)
+
+    def observe(self, pair: StereoPair, pipeline: Pipeline) -> Sightings:
+        if pair.left.ndim != 3:
+            raise InputError("lamps are calibrated from images in colour: these are grey")
+        result = pipeline.process(
+            pair.left, pair.right, valid=pair.valid, enhance=(), confidence=False,
+            colour=pair.chroma)
+        left, camera = pair.left, pipeline.config.camera
+        saturated = (left == np.iinfo(left.dtype).max).any(axis=2)
+        centres = (
+            pair.rig.principal_point, pair.rig.principal_point_right or pair.rig.principal_point)
+        flat = FlatFieldCorrection(camera, centres, Workers(1))
+        if flat.needed:
+            left, _ = flat.correct(left, pair.right)
+        irradiance = linear_table(camera.transfer, left.dtype)[left]
+        self._follow(_evened(irradiance))
+        ranges = result.range
+        if pair.valid is not None:
+            ranges = np.where(pair.valid, ranges, np.float32(np.nan))
+        return observe_points(
+            irradiance, saturated, ranges, pair.rig.ray_directions(ranges.shape),
+            self._points.astype(np.float64), self._tracks)
+
+    def _follow(self, image: NDArray[np.uint8]) -> None:
+        """Follow the points into the next image, and begin tracks where there are none."""
+        if self._before is not None and self._before.shape == image.shape and len(self._points):
+            points = self._points.reshape(-1, 1, 2)
+            there, seen, _ = cv2.calcOpticalFlowPyrLK(self._before, image, points, None, **FLOW)
+            back, seen_back, _ = cv2.calcOpticalFlowPyrLK(image, self._before, there, None, **FLOW)
+            away = np.linalg.norm((back - points)[:, 0], axis=1)
+            kept = (seen[:, 0] & seen_back[:, 0]).astype(bool) & (away < RETURN)
+            self._points, self._tracks = there[kept, 0], self._tracks[kept]
+        elif self._before is not None:
+            self._points, self._tracks = self._points[:0], self._tracks[:0]
+        free = np.full(image.shape, 255, np.uint8)
+        apart = max(6, image.shape[1] // 32)
+        for x, y in self._points:
+            cv2.circle(free, (round(float(x)), round(float(y))), apart, 0, -1)
+        fresh = cv2.goodFeaturesToTrack(image, MOST_POINTS, 0.02, apart, mask=free)
+        if fresh is not None:
+            self._points = np.concatenate([self._points, fresh.reshape(-1, 2)])
+            numbers = np.arange(self.next, self.next + len(fresh), dtype=np.int64)
+            self._tracks = np.concatenate([self._tracks, numbers])
+            self.next += len(fresh)
+        self._before = image
+
+
+def _evened(irradiance: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Local contrast of the green channel's logarithm, which light of lamps leaves as it is."""
+    logarithm = np.log(irradiance[..., 1] + np.float32(2.0 / 255))
+    away = logarithm - cv2.GaussianBlur(logarithm, (0, 0), irradiance.shape[1] / 20)
+    return np.asarray(np.clip(128 + 80 * away, 0, 255).astype(np.uint8))
