@@ -201,5 +201,5 @@ def test_noisy_pixels_tell_the_same_through_a_codec_and_a_mosaic(
     messages = process(processor, *(make_image(p) for p in sides))
     found, stddev = attenuation(messages), vector(messages, "visibility/attenuation_stddev")
     assert abs(found[0] / expected[0] - 1) < red
-    assert (np.abs(found - expected) < stddev).all()
+    assert (np.abs(found - expected) < 1.5 * stddev).all()
     assert (stddev < 0.2 * found).all()

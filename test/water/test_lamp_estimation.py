@@ -7,6 +7,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from lamp_scene import (
@@ -102,3 +103,18 @@ def test_darkness_and_glare_are_refused() -> None:
     ):
         found = estimator().estimate_view(View.of(np.ascontiguousarray(image)), shown.range)
         assert found.status is reason
+
+
+def test_what_seems_clearer_than_clear_water_is_not_sure_to_be_clear() -> None:
+    """A filter over frames believes whoever is sure."""
+    shown = scene(0.05)
+    even = cv2.GaussianBlur(shown.image, (0, 0), 6.0).astype(np.float64)
+    # Texture that grows with range hides how it fades.
+    growth = np.clip(shown.range / np.median(shown.range), 0.3, 2.0)[..., np.newaxis] ** 1.5
+    most = np.iinfo(shown.image.dtype).max - 1
+    image = np.clip(np.round(even + growth * (shown.image - even)), 0, most)
+    found = estimator().estimate_view(View.of(image.astype(shown.image.dtype)), shown.range)
+    seen, stddev = found.cues["contrast"]
+    assert (seen < CLEAR_WATER).all()
+    assert found.attenuation == pytest.approx(CLEAR_WATER, rel=0.1)
+    assert (found.attenuation_stddev > 0.3 * stddev).all()

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import erfcx
 
 from uw_visibility.config.lighting import LightingConfig
 from uw_visibility.config.schema import WaterConfig
@@ -122,9 +123,8 @@ class CellEstimator:
                 beta, covariance, row, float(row @ clear), tolerance)
         for c in np.argsort(beta - clear):
             if seen[c] and beta[c] < clear[c]:
-                beta, covariance = _update(
-                    beta, covariance, np.eye(3)[c], float(clear[c]),
-                    float((CLEAR_WATER_TOLERANCE * clear[c]) ** 2))
+                beta, covariance = _raised(
+                    beta, covariance, c, float(clear[c]), CLEAR_WATER_TOLERANCE * float(clear[c]))
         return beta, covariance + MODEL_ERROR**2 * np.outer(beta, beta)
 
     def _assembled(
@@ -280,6 +280,23 @@ def _update(
     gain = covariance @ row / (row @ covariance @ row + variance)
     fresh = covariance - np.outer(gain, row @ covariance)
     return mean + gain * (value - row @ mean), 0.5 * (fresh + fresh.T)
+
+
+def _raised(
+    mean: Array, covariance: Array, c: int, least: float, tolerance: float
+) -> tuple[Array, Array]:
+    """Raise one number of a Gaussian to a least value, which is known to a tolerance.
+
+    The number is above that value, not at it: its variance is that of the normal distribution
+    truncated there, and others follow as far as they vary with it.
+    """
+    stddev = math.sqrt(covariance[c, c] + tolerance**2)
+    below = (least - mean[c]) / stddev
+    # Inverse Mills ratio φ(a) / (1 − Φ(a)).
+    ratio = math.sqrt(2.0 / math.pi) / erfcx(below / math.sqrt(2.0))
+    gain = covariance[:, c] / stddev
+    fresh = covariance - ratio * (ratio - below) * np.outer(gain, gain)
+    return mean + below * gain, 0.5 * (fresh + fresh.T)
 
 
 def _cells(seen: LampObservations, prepared: _Prepared) -> Cells:
