@@ -46,6 +46,8 @@ BEND, SLOPE = np.float32(0.04), np.float32(0.12)
 # Levels of E/D in which quantiles are found: so many per octave, from this part of the
 # frame's median up. Where hardly any direct light is left, E/D is large.
 LEVELS, PER_OCTAVE = 208, 8
+# The same by a factor of e: the oldest numba knows no logarithm to the base 2.
+PER_E_FOLD = PER_OCTAVE / math.log(2.0)
 LOWEST = 2.0 ** -13
 DARK_QUANTILE, BRIGHT_QUANTILE = 0.02, 0.95
 
@@ -295,14 +297,14 @@ def _accumulate(
                 value = inverse / 9.0 * light[1, c]
                 sums[cell, 6 + c] += value
                 value *= inverse_lowest[0]
-                level = int(math.log2(value) * PER_OCTAVE) if value > 1.0 else 0
+                level = int(math.log(value) * PER_E_FOLD) if value > 1.0 else 0
                 levels[0, cell, c, min(level, LEVELS - 1)] += 1
             inverse = math.exp(-look_up(
                 scattered, grid[0] + grid[1] * y, grid[2] + grid[3] * x,
                 (log_d - grid[4]) * grid[5])) / 9.0
             for c in range(3):
                 value = inverse * light[1, c] * inverse_lowest[1]
-                level = int(math.log2(value) * PER_OCTAVE) if value > 1.0 else 0
+                level = int(math.log(value) * PER_E_FOLD) if value > 1.0 else 0
                 levels[1, cell, c, min(level, LEVELS - 1)] += 1
             sums[cell, 9] += x
             sums[cell, 10] += y
