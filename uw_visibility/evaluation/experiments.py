@@ -10,15 +10,14 @@ coefficient of 0 - 0.3 1/m" (section III), and a transect like those of section 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
-from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.cases import Case, CaseResult, evaluate_case
 from uw_visibility.evaluation.noise_axis import sensor_of
-from uw_visibility.evaluation.parallel import Progress, run_all
+from uw_visibility.evaluation.parallel import Progress, run_cases
 from uw_visibility.evaluation.reliability import Reliability
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.transects import TransectPlan, TransectRow, evaluate_transect
@@ -165,9 +164,7 @@ def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: it
     work: list[TransectPlan | Case] = [] if plan.transect is None else [plan.transect]
     cases, noisy = plan.cases(), plan.noisy_cases()
     work += [*cases, *noisy]
-    threads = max(1, number_of_threads(0) // jobs)
-    config = replace(plan.config, threads=threads)
-    ordered = run_all(_evaluate, work, (config,), jobs, threads, progress)
+    ordered = run_cases(_evaluate, work, plan.config, jobs, progress)
     transect = ordered.pop(0) if plan.transect is not None else []
     return Evaluation(plan, ordered[:len(cases)], transect, ordered[len(cases):])
 

@@ -6,11 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed
+from dataclasses import replace
 from typing import Any
 
 import cv2
 
 from uw_visibility.compute.processes import process_pool
+from uw_visibility.compute.threads import number_of_threads
+from uw_visibility.config.schema import PipelineConfig
 
 Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 """Takes an iterator over what is done and its length, and yields from it."""
@@ -21,7 +24,6 @@ def run_all(
     pieces: Sequence[Any],
     arguments: tuple[Any, ...],
     jobs: int,
-    threads: int,
     progress: Progress,
 ) -> list[Any]:
     """Apply a function to pieces of work.
@@ -36,8 +38,6 @@ def run_all(
         What each call takes beside its piece.
     jobs : int
         Processes that share the work; the result is the same for any number.
-    threads : int
-        Threads of OpenCV in each of several processes.
     progress : Progress
         Shows how far it is.
 
@@ -50,10 +50,29 @@ def run_all(
         one_by_one = ((i, function(piece, *arguments)) for i, piece in enumerate(pieces))
         results = dict(progress(one_by_one, len(pieces)))
     else:
-        with process_pool(jobs, cv2.setNumThreads, threads) as pool:
+        with process_pool(jobs, cv2.setNumThreads, _threads_each(jobs)) as pool:
             futures = {
                 pool.submit(function, piece, *arguments): i for i, piece in enumerate(pieces)
             }
             done = ((futures[future], future.result()) for future in as_completed(futures))
             results = dict(progress(done, len(pieces)))
     return [results[index] for index in range(len(pieces))]
+
+
+def run_cases(
+    function: Callable[..., Any],
+    cases: Sequence[Any],
+    config: PipelineConfig,
+    jobs: int,
+    progress: Progress,
+) -> list[Any]:
+    """Apply a function of a case and the pipeline's parameters; see `run_all`.
+
+    The pipelines of all processes together have the threads that there are.
+    """
+    config = replace(config, threads=_threads_each(jobs))
+    return run_all(function, cases, (config,), jobs, progress)
+
+
+def _threads_each(jobs: int) -> int:
+    return max(1, number_of_threads(0) // jobs)

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.experiments import Evaluation
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.summary import Summary, columns_of
@@ -62,11 +63,7 @@ def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None
             "depths": plan.depths,
             "noises": plan.noises,
             "transect": None if plan.transect is None else vars(plan.transect),
-            # The number of threads changes nothing in the result.
-            "parameters": {
-                name: value for name, value in plan.config.to_parameters().items()
-                if name != "threads"
-            },
+            "parameters": told(plan.config),
         },
         "summary": summary,
         "cases": cases,
@@ -74,6 +71,19 @@ def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None
         "reliability": reliability,
         "transect": transect,
     }
+    write_report(folder, report)
+
+
+def told(config: PipelineConfig) -> dict[str, Any]:
+    """Return the parameters that a study tells the pipeline.
+
+    The number of threads changes nothing in the result.
+    """
+    return {name: value for name, value in config.to_parameters().items() if name != "threads"}
+
+
+def write_report(folder: Path, report: Mapping[str, Any]) -> None:
+    """Write what a study found as ``evaluation.json``; what is not finite is null."""
     text = json.dumps(plain(report), indent=1, ensure_ascii=False, allow_nan=False)
     (folder / "evaluation.json").write_text(text + "\n", encoding="utf-8")
 

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,6 +11,7 @@ from uw_visibility.evaluation.cases import IMAGES, MATCHES, READINGS
 from uw_visibility.evaluation.depth_edges import DISTANCE, MAPS
 from uw_visibility.evaluation.methods import of_kind
 from uw_visibility.evaluation.noise_axis import title_of
+from uw_visibility.evaluation.numbers_as_text import number
 from uw_visibility.evaluation.summary import TURBID, Summary
 
 # Places that are listed of one reason; evaluation.json has them all.
@@ -69,7 +69,7 @@ def _water(summary: Summary) -> str:
     for name in ("pipeline", "exact"):
         within = summary["water"][name]["attenuation_within"]
         lines.append(_line(
-            f"  {READINGS[name]}", _number(within["1_sigma"], 2), _number(within["2_sigma"], 2),
+            f"  {READINGS[name]}", number(within["1_sigma"], 2), number(within["2_sigma"], 2),
             str(within["of"]),
         ))
     return "\n".join(lines)
@@ -80,8 +80,8 @@ def _error_lines(summary: Summary, field: str, names: Any, digits: int) -> list[
     for name in names:
         errors = summary["water"][name][field]
         line = _line(
-            f"  {READINGS[name]}", _number(errors["mean"], digits),
-            _number(errors["worst"], digits), f"{errors['assessed']}/{errors['of']}",
+            f"  {READINGS[name]}", number(errors["mean"], digits),
+            number(errors["worst"], digits), f"{errors['assessed']}/{errors['of']}",
         )
         where = errors["worst_at"]
         lines.append(f"{line}  {where}" if where else line)
@@ -93,7 +93,7 @@ def _disparity(summary: Summary) -> str:
     for name, title in MATCHES.items():
         found = summary["disparity"][name]
         lines.append(_line(
-            f"  {title}", _number(found["correct"], 3), _number(found["unmatched"], 3), ""
+            f"  {title}", number(found["correct"], 3), number(found["unmatched"], 3), ""
         ))
     return "\n".join(lines)
 
@@ -103,7 +103,7 @@ def _colour(summary: Summary) -> str:
     for name, title in IMAGES.items():
         found = summary["colour_difference"][name]
         lines.append(_line(
-            f"  {title}", _number(found["mean"], 2), "", f"{found['assessed']}/{summary['cases']}"
+            f"  {title}", number(found["mean"], 2), "", f"{found['assessed']}/{summary['cases']}"
         ))
     return "\n".join(lines)
 
@@ -117,8 +117,8 @@ def _conditions(summary: Summary) -> str:
     for condition in summary["conditions"]:
         lines.append(_row(
             f"{condition['mean_attenuation']:.3g}", f"{condition['depth']:g}",
-            [_number(condition["disparity"][name]["correct"], 3) for name in MATCHES],
-            [_number(condition["colour_difference"][name]["mean"], 1) for name in IMAGES],
+            [number(condition["disparity"][name]["correct"], 3) for name in MATCHES],
+            [number(condition["colour_difference"][name]["mean"], 1) for name in IMAGES],
         ))
     return "\n".join(lines)
 
@@ -130,10 +130,10 @@ def _unmatched(summary: Summary) -> str:
         f"{'above true w.':>15s}",
     ]
     for place in summary["unmatched"]:
-        values = "".join(f"{_number(place['largest'][name], 3):>9s}" for name in MATCHES)
+        values = "".join(f"{number(place['largest'][name], 3):>9s}" for name in MATCHES)
         lines.append(
             f"  {place['scene']:16s}{place['depth']:4g} {values}"
-            f"{_number(place['above_oracle'], 3):>15s}"
+            f"{number(place['above_oracle'], 3):>15s}"
         )
     return "\n".join(lines)
 
@@ -150,9 +150,9 @@ def _noise(rows: Sequence[Summary]) -> str:
     for row in rows:
         for what in ("correct", "wrong"):
             values = "".join(
-                f"{_number(row['disparity'][name][what], 3):>9s}" for name in names)
+                f"{number(row['disparity'][name][what], 3):>9s}" for name in names)
             first = what == "correct"
-            error = _number(row["mean_attenuation_error"]["pipeline"], 4) if first else ""
+            error = number(row["mean_attenuation_error"]["pipeline"], 4) if first else ""
             left = f"{row['mean_attenuation']:5.3g} {title_of(row['noise']) if first else '':20s}"
             lines.append(f"{left if first else ' ' * len(left)}{values}{error:>10s}".rstrip())
     return "\n".join(lines)
@@ -166,7 +166,7 @@ def _depth_edges(summary: Summary) -> str:
     ]
     for name, errors in summary["depth_edges"].items():
         disparity, colour = (
-            f"{_number(errors[f'{what}_near'], 2)} / {_number(errors[f'{what}_elsewhere'], 2)}"
+            f"{number(errors[f'{what}_near'], 2)} / {number(errors[f'{what}_elsewhere'], 2)}"
             for what in ("disparity", "colour")
         )
         lines.append(f"  {MAPS[name]:44s}{disparity:>20s}{colour:>20s}")
@@ -203,13 +203,13 @@ def _transect(transect: Summary) -> str:
         ):
             errors = transect[name][field]
             lines.append(_line(
-                f"  {title}{how}", _number(errors["mean"], digits),
-                _number(errors["worst"], digits), f"{errors['assessed']}/{errors['of']}",
+                f"  {title}{how}", number(errors["mean"], digits),
+                number(errors["worst"], digits), f"{errors['assessed']}/{errors['of']}",
             ))
         within = transect[name]["mean_attenuation_within"]
-        shares = (_number(within[f"{k}_sigma"], 2) for k in (1, 2, 3))
+        shares = (number(within[f"{k}_sigma"], 2) for k in (1, 2, 3))
         lines.append(f"  α within 1 / 2 / 3 σ{how}: {' / '.join(shares)}")
-        change = _number(transect[name]["frame_to_frame"], 4)
+        change = number(transect[name]["frame_to_frame"], 4)
         lines.append(f"  error of α from frame to frame, rms{how}: {change} 1/m")
         for reason, places in transect[name]["not_assessed"].items():
             lines.append(f"  not assessed{how}: {reason}, {len(places)} x")
@@ -224,7 +224,3 @@ def _row(attenuation: str, depth: str, matches: Sequence[str], images: Sequence[
     left = "".join(f"{value:>9s}" for value in matches)
     right = "".join(f"{value:>7s}" for value in images)
     return f"{attenuation:>5s}{depth:>4s} {left} {right}"
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}f}"

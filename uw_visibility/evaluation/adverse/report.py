@@ -4,16 +4,15 @@
 
 from __future__ import annotations
 
-import json
-import math
 from pathlib import Path
 from typing import Any
 
 from uw_visibility.evaluation.adverse.cases import METHODS, AdverseResult
 from uw_visibility.evaluation.adverse.study import AdversePlan
 from uw_visibility.evaluation.adverse.summary import Summary
+from uw_visibility.evaluation.numbers_as_text import number, percent
 from uw_visibility.evaluation.summary import columns_of
-from uw_visibility.evaluation.tables import as_csv, plain
+from uw_visibility.evaluation.tables import as_csv, told, write_report
 
 
 def adverse_text(summary: Summary) -> str:
@@ -73,14 +72,10 @@ def write_adverse(
         "depths": plan.depths,
         "seeds": plan.seeds,
         "ranges": "matched" if plan.matched else "true",
-        "parameters": {
-            name: value for name, value in plan.config.to_parameters().items()
-            if name != "threads"
-        },
+        "parameters": told(plan.config),
     }
     report = {"settings": settings, "summary": summary, "cases": cases}
-    text = json.dumps(plain(report), indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / "evaluation.json").write_text(text + "\n", encoding="utf-8")
+    write_report(folder, report)
 
 
 def _header(title: str) -> str:
@@ -93,11 +88,11 @@ def _header(title: str) -> str:
 def _line(title: str, found: Summary) -> str:
     beyond = found["beyond"]
     return (
-        f"{title:26s}{found['cases']:6d}{_percent(found['refused']):>9s}"
-        f"{_percent(beyond['attenuation']):>10s}{_percent(beyond['visibility']):>8s}"
-        f"{_percent(beyond['depth']):>7s}{_percent(found['beyond_any']):>6s}"
-        f"{_number(found['ratio'], 2):>8s}{_percent(found['too_long']):>6s}"
-        f"{_percent(found['visibility_relative_stddev']):>6s}"
+        f"{title:26s}{found['cases']:6d}{percent(found['refused']):>9s}"
+        f"{percent(beyond['attenuation']):>10s}{percent(beyond['visibility']):>8s}"
+        f"{percent(beyond['depth']):>7s}{percent(found['beyond_any']):>6s}"
+        f"{number(found['ratio'], 2):>8s}{percent(found['too_long']):>6s}"
+        f"{percent(found['visibility_relative_stddev']):>6s}"
     )
 
 
@@ -110,10 +105,10 @@ def _accuracy(summary: Summary) -> str:
     for name, methods in summary["effects"].items():
         found = methods["ours"]
         beta, depth = (
-            " / ".join(_number(found[f"{what}_{kind}"], digits) for kind in ("error", "stddev"))
+            " / ".join(number(found[f"{what}_{kind}"], digits) for kind in ("error", "stddev"))
             for what, digits in (("attenuation", 3), ("depth", 2))
         )
-        lines.append(f"  {name:24s}{beta:>20s}{depth:>18s}{_percent(found['refused_depth']):>10s}")
+        lines.append(f"  {name:24s}{beta:>20s}{depth:>18s}{percent(found['refused_depth']):>10s}")
     return "\n".join(lines)
 
 
@@ -139,9 +134,9 @@ def _totals(summary: Summary) -> str:
         if summary["control"][where]:
             found = summary["control"][where]["ours"]
             lines.append(
-                f"in the model's water, {words}: assessed {_percent(1.0 - found['refused'])} %, "
-                f"σ of visibility up to 15 %: {_percent(found['certain'])} %, "
-                f"> 3 σ: {_percent(found['beyond_any'])} %"
+                f"in the model's water, {words}: assessed {percent(1.0 - found['refused'])} %, "
+                f"σ of visibility up to 15 %: {percent(found['certain'])} %, "
+                f"> 3 σ: {percent(found['beyond_any'])} %"
             )
     for method, title in METHODS.items():
         if summary["adverse"]:
@@ -153,10 +148,10 @@ def _totals(summary: Summary) -> str:
 def _total(found: Summary) -> str:
     beyond = found["beyond"]
     return (
-        f"{found['cases']} adverse cases, refused {_percent(found['refused'])} %, > 3 σ: "
-        f"β {_percent(beyond['attenuation'])}, visibility {_percent(beyond['visibility'])}, "
-        f"depth {_percent(beyond['depth'])}, any {_percent(found['beyond_any'])} %; "
-        f"too long {_percent(found['too_long'])} %"
+        f"{found['cases']} adverse cases, refused {percent(found['refused'])} %, > 3 σ: "
+        f"β {percent(beyond['attenuation'])}, visibility {percent(beyond['visibility'])}, "
+        f"depth {percent(beyond['depth'])}, any {percent(found['beyond_any'])} %; "
+        f"too long {percent(found['too_long'])} %"
     )
 
 
@@ -166,11 +161,3 @@ def _without_reasons(found: Summary) -> dict[str, Any]:
     for key in ("reasons", "reasons_depth"):
         row[key] = "; ".join(f"{reason}: {n}" for reason, n in found[key].items())
     return row
-
-
-def _percent(share: float) -> str:
-    return "–" if not math.isfinite(share) else f"{100 * share:.0f}"
-
-
-def _number(value: float, digits: int) -> str:
-    return "–" if not math.isfinite(value) else f"{value:.{digits}f}"

@@ -5,9 +5,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.adverse.cases import (
@@ -17,7 +16,7 @@ from uw_visibility.evaluation.adverse.cases import (
 )
 from uw_visibility.evaluation.adverse.effects import chosen
 from uw_visibility.evaluation.adverse.scenes import AdverseSource
-from uw_visibility.evaluation.parallel import Progress, run_all
+from uw_visibility.evaluation.parallel import Progress, run_cases
 
 ATTENUATIONS = (0.1, 0.3)
 DEPTHS = (3.0,)
@@ -103,6 +102,4 @@ def run_adverse(
     InputError
         If a scene cannot be loaded.
     """
-    threads = max(1, number_of_threads(0) // jobs)
-    config = replace(plan.config, threads=threads)
-    return run_all(evaluate_adverse_case, plan.cases(), (config,), jobs, threads, progress)
+    return run_cases(evaluate_adverse_case, plan.cases(), plan.config, jobs, progress)

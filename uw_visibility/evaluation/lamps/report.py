@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 
@@ -12,8 +11,9 @@ from uw_visibility.evaluation.lamps.cases import TOLD, LampResult
 from uw_visibility.evaluation.lamps.study import LampPlan
 from uw_visibility.evaluation.lamps.summary import Summary
 from uw_visibility.evaluation.lamps.survey import PICTURES, SurveyResult
+from uw_visibility.evaluation.numbers_as_text import number, percent
 from uw_visibility.evaluation.readings import CHANNELS
-from uw_visibility.evaluation.tables import as_csv, plain
+from uw_visibility.evaluation.tables import as_csv, told, write_report
 
 
 def lamps_text(summary: Summary) -> str:
@@ -80,14 +80,10 @@ def write_lamps(
             "frames": plan.survey.frames, "lamps": plan.survey.lamps,
             "mean_attenuation": plan.survey.mean_attenuation, "surfaces": plan.survey.surfaces,
         },
-        "parameters": {
-            name: value for name, value in plan.config.to_parameters().items()
-            if name != "threads"
-        },
+        "parameters": told(plan.config),
     }
     report = {"settings": settings, "summary": summary, "cases": cases, "survey": frames}
-    text = json.dumps(plain(report), indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / "evaluation.json").write_text(text + "\n", encoding="utf-8")
+    write_report(folder, report)
 
 
 def _header(title: str) -> str:
@@ -100,11 +96,11 @@ def _header(title: str) -> str:
 def _line(title: str, found: Summary) -> str:
     beyond = found["beyond"]
     return (
-        f"{title:26s}{found['cases']:7d}{_percent(found['assessed']):>9s}"
-        f"{_percent(found['refused']):>8s}{_percent(found['right']):>7s}"
-        f"{_percent(beyond['attenuation']):>10s}{_percent(beyond['visibility']):>8s}"
-        f"{_percent(beyond['depth']):>7s}{_number(found['ratio'], 2):>8s}"
-        f"{_percent(found['visibility_relative_stddev']):>6s}"
+        f"{title:26s}{found['cases']:7d}{percent(found['assessed']):>9s}"
+        f"{percent(found['refused']):>8s}{percent(found['right']):>7s}"
+        f"{percent(beyond['attenuation']):>10s}{percent(beyond['visibility']):>8s}"
+        f"{percent(beyond['depth']):>7s}{number(found['ratio'], 2):>8s}"
+        f"{percent(found['visibility_relative_stddev']):>6s}"
     )
 
 
@@ -137,13 +133,5 @@ def _survey_text(survey: Summary) -> str:
     return "\n".join(lines)
 
 
-def _percent(share: float) -> str:
-    return "–" if not math.isfinite(share) else f"{100 * share:.0f}"
-
-
 def _signed(share: float) -> str:
     return "–" if not math.isfinite(share) else f"{100 * share:+.0f}"
-
-
-def _number(value: float, digits: int) -> str:
-    return "–" if not math.isfinite(value) else f"{value:.{digits}f}"

@@ -4,9 +4,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.lamps.cases import (
@@ -17,7 +16,7 @@ from uw_visibility.evaluation.lamps.cases import (
 )
 from uw_visibility.evaluation.lamps.survey import SurveyResult, run_survey
 from uw_visibility.evaluation.lamps.survey_frames import SurveyPlan
-from uw_visibility.evaluation.parallel import Progress, run_all
+from uw_visibility.evaluation.parallel import Progress, run_cases
 
 ATTENUATIONS = (0.05, 0.1, 0.2, 0.3)
 LAMPS = (2, 4)
@@ -97,8 +96,6 @@ def run_lamps(
     SurveyResult or None
         Of the survey, where there is one.
     """
-    threads = max(1, number_of_threads(0) // jobs)
-    config = replace(plan.config, threads=threads)
-    results = run_all(evaluate_lamp_case, plan.cases(), (config,), jobs, threads, progress)
+    results = run_cases(evaluate_lamp_case, plan.cases(), plan.config, jobs, progress)
     survey = None if plan.survey is None else run_survey(plan.survey, jobs, progress)
     return results, survey

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.compute.threads import Workers, number_of_threads
+from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.lamps.cases import DEPTH, clear_water
 from uw_visibility.evaluation.lamps.ground import GroundCells
@@ -119,9 +119,7 @@ def run_survey(
     -------
     SurveyResult
     """
-    threads = max(1, number_of_threads(0) // jobs)
-    frames = run_all(
-        render_survey_frame, range(plan.frames), (plan,), jobs, threads, progress)
+    frames = run_all(render_survey_frame, range(plan.frames), (plan,), jobs, progress)
     rows, ours = _process(plan, frames, progress)
     images = {**ours, "oracle": _oracle(plan, frames), **_peers(frames)}
     truth = images["truth"]
