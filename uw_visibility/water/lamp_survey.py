@@ -12,7 +12,6 @@ the spread over blocks of frames that are left out in turn (delete-a-group jackk
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import fields, replace
 
 import numpy as np
@@ -24,6 +23,7 @@ from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.lamp_cells import Cells
 from uw_visibility.water.lamp_estimation import CellEstimator
 from uw_visibility.water.survey import BLOCKS, INTERVAL, SurveyEstimate
+from uw_visibility.water.window import FrameWindow
 
 # Cells that are fitted together at most; of more, evenly spaced ones.
 MOST_CELLS = 3000
@@ -40,9 +40,8 @@ class LampSurvey:
     """
 
     def __init__(self, config: SurveyConfig, estimator: CellEstimator) -> None:
-        self._config = config
         self._estimator = estimator
-        self._frames: deque[tuple[float, Cells]] = deque()
+        self._frames: FrameWindow[Cells] = FrameWindow(config)
         self._last: tuple[float, SurveyEstimate] | None = None
 
     def reset(self) -> None:
@@ -60,19 +59,13 @@ class LampSurvey:
         stamp_seconds : float
             Time of the frame, s. One not later than the last begins anew.
         """
-        if self._frames and stamp_seconds <= self._frames[-1][0]:
+        if not self._frames.continued_by(stamp_seconds):
             self.reset()
-        while self._frames and self._frames[0][0] < stamp_seconds - self._config.window:
-            self._frames.popleft()
-        if water.lamps is not None and water.lamps.cells is not None:
-            self._frames.append((stamp_seconds, water.lamps.cells))
-        if len(self._frames) > self._config.max_frames:
-            stamps = np.array([stamp for stamp, _ in self._frames])
-            del self._frames[1 + int(np.argmin(stamps[2:] - stamps[:-2]))]
+        self._frames.add(None if water.lamps is None else water.lamps.cells, stamp_seconds)
 
     def estimate(self) -> SurveyEstimate:
         """Estimate the water over the frames of the window, once in `INTERVAL`."""
-        newest = self._frames[-1][0] if self._frames else math.nan
+        newest = self._frames.newest
         # While there are few frames, each of them tells much.
         few = len(self._frames) <= BLOCKS
         if self._last is None or few or not newest - self._last[0] < INTERVAL:
@@ -85,7 +78,7 @@ class LampSurvey:
         return light if light is not None and np.isfinite(light.attenuation).any() else None
 
     def _fresh(self) -> SurveyEstimate:
-        frames = [cells for _, cells in self._frames]
+        frames = self._frames.items
         if not frames:
             nothing = WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
             return SurveyEstimate(nothing, 0, 0.0, math.nan, math.nan)
@@ -94,8 +87,7 @@ class LampSurvey:
             water = self._with_spread(water, frames)
         ranges = np.concatenate([cells.range for cells in frames])
         return SurveyEstimate(
-            water, len(frames), self._frames[-1][0] - self._frames[0][0],
-            float(ranges.min()), float(ranges.max()))
+            water, len(frames), self._frames.duration, float(ranges.min()), float(ranges.max()))
 
     def _with_spread(self, water: WaterEstimate, frames: list[Cells]) -> WaterEstimate:
         """Add the jackknife's covariance of attenuation."""

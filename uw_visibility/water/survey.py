@@ -19,7 +19,6 @@ of frames differ where the water changes within the window.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -41,6 +40,7 @@ from uw_visibility.water.pooling import (
     median_level,
     pool,
 )
+from uw_visibility.water.window import FrameWindow
 
 # Estimates are made at most once in so many seconds.
 INTERVAL = 1.0
@@ -98,7 +98,7 @@ class Survey:
     def __init__(self, config: SurveyConfig, estimator: WaterEstimator) -> None:
         self._config = config
         self._estimator = estimator
-        self._frames: deque[tuple[float, FrameEnvelopes]] = deque()
+        self._frames: FrameWindow[FrameEnvelopes] = FrameWindow(config)
         # Stamp of the newest frame, what was estimated, and its level of light.
         self._last: tuple[float, SurveyEstimate, NDArray[np.float64]] | None = None
 
@@ -117,20 +117,10 @@ class Survey:
         stamp_seconds : float
             Time of the frame, s. One not later than the last begins anew.
         """
-        if self._frames and stamp_seconds <= self._frames[-1][0]:
+        if not self._frames.continued_by(stamp_seconds):
             self.reset()
-        while self._frames and self._frames[0][0] < stamp_seconds - self._config.window:
-            self._frames.popleft()
-        frame = None if envelope is None else FrameEnvelopes.of(envelope)
-        if frame is not None:
-            self._frames.append((stamp_seconds, frame))
-        if len(self._frames) > self._config.max_frames:
-            self._thin_out()
-
-    def _thin_out(self) -> None:
-        """Leave out the frame whose neighbours are closest to one another in time."""
-        stamps = np.array([stamp for stamp, _ in self._frames])
-        del self._frames[1 + int(np.argmin(stamps[2:] - stamps[:-2]))]
+        self._frames.add(
+            None if envelope is None else FrameEnvelopes.of(envelope), stamp_seconds)
 
     def estimate(self) -> SurveyEstimate:
         """Estimate the water over the frames of the window, once in `INTERVAL`.
@@ -139,26 +129,25 @@ class Survey:
         -------
         SurveyEstimate
         """
-        newest = self._frames[-1][0] if self._frames else math.nan
+        newest = self._frames.newest
         if self._last is None or not newest - self._last[0] < INTERVAL:
             self._last = newest, *self._fresh()
         _, survey, level = self._last
         if not self._frames:
             return survey
-        return replace(survey, water=_at_level(survey.water, self._frames[-1][1].level / level))
+        now = self._frames.items[-1].level
+        return replace(survey, water=_at_level(survey.water, now / level))
 
     def _fresh(self) -> tuple[SurveyEstimate, NDArray[np.float64]]:
         """Estimate, with ambient light at the level of the frames' bright envelopes."""
-        stamps = [stamp for stamp, _ in self._frames]
-        frames = [frame for _, frame in self._frames]
+        frames = self._frames.items
         if len(frames) < self._config.min_frames:
             water = WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
         else:
             water = self._water(frames)
         ranges = np.concatenate([f.envelope.range for f in frames] or [np.full(1, np.nan)])
         survey = SurveyEstimate(
-            water, len(frames), stamps[-1] - stamps[0] if stamps else 0.0,
-            float(ranges.min()), float(ranges.max()))
+            water, len(frames), self._frames.duration, float(ranges.min()), float(ranges.max()))
         return survey, median_level(frames)
 
     def _water(self, frames: Sequence[FrameEnvelopes]) -> WaterEstimate:
