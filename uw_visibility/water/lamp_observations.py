@@ -173,11 +173,7 @@ def _median(
     irradiance: NDArray[np.float32], grid: NDArray[np.float64], table: Table,
 ) -> float:
     """Median of E/D over a few pixels, each in its brightest channel."""
-    stride = max(1, math.isqrt(ranges.size // RANGE_SAMPLES))
-    few = ranges[::stride, ::stride]
-    known = np.isfinite(few) & (few > 0)
-    if mask.size > 1:
-        known &= mask[::stride, ::stride]
+    stride, few, known = _few(ranges, mask)
     if not known.any():
         return 0.0
     y, x = np.nonzero(known)
@@ -193,15 +189,23 @@ def _median(
 def _range_limits(
     ranges: NDArray[np.float32], mask: NDArray[np.bool_]
 ) -> tuple[float, float]:
+    _, few, known = _few(ranges, mask)
+    if not known.any():
+        return 0.0, 0.0
+    low, high = np.quantile(few[known], RANGE_QUANTILES)
+    return float(low), float(high) * (1 + 1e-6)
+
+
+def _few(
+    ranges: NDArray[np.float32], mask: NDArray[np.bool_]
+) -> tuple[int, NDArray[np.float32], NDArray[np.bool_]]:
+    """Every so many-th range of a map: the step, the ranges, and which of them are known."""
     stride = max(1, math.isqrt(ranges.size // RANGE_SAMPLES))
     few = ranges[::stride, ::stride]
     known = np.isfinite(few) & (few > 0)
     if mask.size > 1:
         known &= mask[::stride, ::stride]
-    if not known.any():
-        return 0.0, 0.0
-    low, high = np.quantile(few[known], RANGE_QUANTILES)
-    return float(low), float(high) * (1 + 1e-6)
+    return stride, few, known
 
 
 def _quantile(levels: NDArray[np.int32], quantile: float) -> NDArray[np.float64]:
@@ -238,14 +242,14 @@ def look_up(table: Any, y: float, x: float, z: float) -> float:
 def _accumulate(
     image: Any, ranges: Any, mask: Any, irradiance: Any, low: float, high: float, grid: Any,
     table: Any, scattered: Any, separation: float, most: float, stride: int,
-    inverse_lowest: Any,
-    single: Any, common: Any, sums: Any, levels: Any, clipped: Any,
+    inverse_lowest: Any, single: Any, common: Any, sums: Any, levels: Any, clipped: Any,
 ) -> None:
     """Sum squared differences, squared steps of a code, E/D, places and pixels of each cell."""
     height, width = ranges.shape
     masked = mask.size > 1
     top = irradiance.size - 1
     light = np.empty((3, 3), np.float32)
+    log_low = math.log(low)
     per_log = RANGE_BINS / math.log(max(high / low, LEAST_RATIO))
     for y in range(stride // 2, height, stride):
         for x in range(stride // 2, width, stride):
@@ -285,7 +289,7 @@ def _accumulate(
             inverse = math.exp(-look_up(
                 table, grid[0] + grid[1] * y, grid[2] + grid[3] * x,
                 (log_d - grid[4]) * grid[5]))
-            cell = min(int((log_d - math.log(low)) * per_log), RANGE_BINS - 1) * COLUMNS
+            cell = min(int((log_d - log_low) * per_log), RANGE_BINS - 1) * COLUMNS
             cell += x * COLUMNS // width
             for c in range(3):
                 difference = inverse / 9.0 * (
