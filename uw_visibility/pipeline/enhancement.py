@@ -16,12 +16,9 @@ from uw_visibility.enhancement.restorers import RESTORER, RESTORERS
 from uw_visibility.enhancement.white_balance import RestorationWater, restoration_water
 from uw_visibility.images.arrays import DisparityMap, Image, Mask, PerChannel, RangeMap
 from uw_visibility.images.view import StereoViews, View
-from uw_visibility.pipeline.result import EnhancedImages
+from uw_visibility.pipeline.result import NOT_LIMITED, NOT_WANTED, EnhancedImages
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.views import in_right_view
-
-# Stands for an image that nobody asked for.
-_NOT_WANTED: Image = np.empty((0, 0), np.uint8)
 
 
 class ChannelWater(NamedTuple):
@@ -83,9 +80,9 @@ class ImageEnhancement:
         range_map : ndarray
             ``(H, W)`` float32, m, of `filled`; infinite where that lies at or beyond infinity.
         """
-        range_map = self._range(filled)
+        range_map = self._rig.range_of_filled(filled)
         if not sides:
-            return EnhancedImages(_NOT_WANTED, _NOT_WANTED, _NOT_WANTED.astype(bool)), range_map
+            return EnhancedImages(NOT_WANTED, NOT_WANTED, NOT_LIMITED), range_map
         matched = np.isfinite(disparity)
         light = restoration_water(
             views.left.pixels, range_map, matched, water, self._transfer
@@ -104,7 +101,7 @@ class ImageEnhancement:
         self, view: View, range_map: RangeMap, matched: Mask, water: RestorationWater, wanted: bool
     ) -> tuple[Image, Mask]:
         if not wanted:
-            return _NOT_WANTED, _NOT_WANTED.astype(bool)
+            return NOT_WANTED, NOT_LIMITED
         return self._restore(view, range_map, matched, water)
 
     def _right(
@@ -116,10 +113,10 @@ class ImageEnhancement:
         wanted: bool,
     ) -> Image:
         if not wanted:
-            return _NOT_WANTED
+            return NOT_WANTED
         seen = in_right_view(filled, self._workers)
         matched = seen == in_right_view(disparity, self._workers)
-        return self._restore(view, self._range(seen), matched, water)[0]
+        return self._restore(view, self._rig.range_of_filled(seen), matched, water)[0]
 
     def _restore(
         self, view: View, range_map: RangeMap, matched: Mask, water: RestorationWater
@@ -128,9 +125,3 @@ class ImageEnhancement:
             range_map, matched, view.pixels, water, self._transfer, self._workers
         )
         return self._restorer.restore(view.pixels, bounded, water, view.noise)
-
-    def _range(self, disparity: DisparityMap) -> RangeMap:
-        """Range of a filled map: at or beyond infinity it is infinite."""
-        range_map = self._rig.range_from_disparity(disparity)
-        range_map[np.isnan(range_map) & np.isfinite(disparity)] = np.inf
-        return range_map

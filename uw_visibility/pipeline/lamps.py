@@ -15,15 +15,13 @@ from uw_visibility.enhancement.lamp_radiance import LampRestorer
 from uw_visibility.images.arrays import DisparityMap, Image, Mask, PerChannel, RangeMap
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.optics.lamps import LampTables, nodes_of, tabulate
-from uw_visibility.pipeline.result import EnhancedImages
+from uw_visibility.pipeline.result import NOT_LIMITED, NOT_WANTED, EnhancedImages
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.views import in_right_view
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.estimation import WaterEstimator
 from uw_visibility.water.lamp_estimation import LampEstimator
-
-_NOT_WANTED: Image = np.empty((0, 0), np.uint8)
 
 
 def make_estimator(
@@ -105,9 +103,8 @@ class LampEnhancement:
         range_map : ndarray
             ``(H, W)`` float32, m, of `filled`; infinite where that lies at or beyond infinity.
         """
-        range_map = self._range(filled)
-        left, limited = _NOT_WANTED, _NOT_WANTED.astype(bool)
-        right = _NOT_WANTED
+        range_map = self._rig.range_of_filled(filled)
+        left, limited, right = NOT_WANTED, NOT_LIMITED, NOT_WANTED
         power = None if light is None else light.power
         if "left" in sides:
             left, limited = self._restore(views.left, range_map, light, False)
@@ -117,7 +114,7 @@ class LampEnhancement:
                     light, power=light.power * right_gain,
                     scattering=light.scattering * right_gain,
                     daylight=light.daylight * right_gain, veil=light.veil * right_gain)
-            seen = self._range(in_right_view(filled, self._workers))
+            seen = self._rig.range_of_filled(in_right_view(filled, self._workers))
             right, _ = self._restore(views.right, seen, light, True)
         return EnhancedImages(left, right, limited, power), range_map
 
@@ -130,8 +127,3 @@ class LampEnhancement:
         field = self.tables(view.shape, right).field(
             light.attenuation, light.power, light.scattering, light.daylight, light.veil)
         return self._restorer.restore(view.pixels, range_map, field, view.noise)
-
-    def _range(self, disparity: DisparityMap) -> RangeMap:
-        range_map = self._rig.range_from_disparity(disparity)
-        range_map[np.isnan(range_map) & np.isfinite(disparity)] = np.inf
-        return range_map

@@ -13,6 +13,10 @@ from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate
 
+# Stand for an image, and for where it was limited, that nobody asked for.
+NOT_WANTED: Image = np.empty((0, 0), np.uint8)
+NOT_LIMITED: Mask = np.empty((0, 0), np.bool_)
+
 
 @dataclass(frozen=True, eq=False)
 class StereoResult:

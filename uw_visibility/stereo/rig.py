@@ -203,6 +203,23 @@ class StereoRig:
         scale = np.float32(self.focal_length * self.baseline)
         return self.ray_lengths(corrected.shape) * (scale / corrected)
 
+    def range_of_filled(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Range along the line of sight, from a disparity map without gaps.
+
+        Parameters
+        ----------
+        disparity : ndarray, (H, W) float32
+            Disparity in the left image, px.
+
+        Returns
+        -------
+        ndarray, (H, W) float32
+            Range, m; infinite where the disparity lies at or beyond infinity.
+        """
+        range_map = self.range_from_disparity(disparity)
+        range_map[np.isnan(range_map) & np.isfinite(disparity)] = np.inf
+        return range_map
+
     def range_error(self, disparity_stddev: float = DISPARITY_STDDEV) -> float:
         """Standard deviation of range over its square, 1/m, for that of the disparity, px."""
         return disparity_stddev / (self.focal_length * self.baseline)
