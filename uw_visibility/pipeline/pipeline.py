@@ -117,7 +117,7 @@ class Pipeline:
             Colour of the left image as its codec left it, which the water is then read
             from: of a JPEG or a mosaic, see `uw_visibility.images.chroma`.
         known_light : LampLight, optional
-            Light of lamps and water over the frames before (`FilteredWater.lamps`), which
+            Light of lamps and water over the frames before (`WaterFilter.lamps`), which
             images under lamps are restored with, so that ground keeps its colour from frame
             to frame; by default that of this frame.
 
@@ -324,9 +324,7 @@ class Pipeline:
         """
         if coarse.view.colour is not None:
             missing = np.isnan(water.attenuation)
-            unknown = missing & np.isnan(coarse.water.attenuation)
-            dark = [status is Status.TOO_DARK for status in water.channel_status]
-            if (unknown & ~np.array(dark)).any():
+            if (water.refused_in_light & np.isnan(coarse.water.attenuation)).any():
                 nothing = np.full(3, np.nan)
                 return ChannelWater(nothing, nothing, nothing)
             return ChannelWater(

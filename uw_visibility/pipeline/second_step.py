@@ -14,7 +14,6 @@ from uw_visibility.images.arrays import DisparityMap, PerChannel, Points
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.pipeline.first_step import CoarseEstimate
 from uw_visibility.pipeline.timing import StageClock
-from uw_visibility.status import Status
 from uw_visibility.stereo.airlight import Airlight, AirlightPrior
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import DenseMatch
@@ -165,9 +164,8 @@ class SecondStep:
         still shows the scene: without it less is left than of the image as it is.
         """
         water = coarse.water
-        known = np.isfinite(water.attenuation)
-        dark = np.array([status is Status.TOO_DARK for status in water.channel_status])
-        if left.colour is None or not known.any() or not (known | dark).all():
+        known = np.isfinite(water.attenuation).any()
+        if left.colour is None or not known or water.refused_in_light.any():
             self._matcher.describe_raw(self._contrast, left, right)
             return
 

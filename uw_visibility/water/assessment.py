@@ -120,10 +120,9 @@ class Assessor:
         """
         covariance = joint_covariance(estimate)
         seen = np.isfinite(estimate.attenuation)
-        dark = [reason is Status.TOO_DARK for reason in estimate.channel_status]
         alpha, alpha_stddev = self._mean_attenuation(estimate, covariance)
         status, distance, distance_stddev = estimate.status, math.nan, math.nan
-        if seen.any() and (seen | dark).all():
+        if seen.any() and not estimate.refused_in_light.any():
             distance, distance_stddev = self._distance(estimate, covariance)
             if not distance_stddev <= MAX_RELATIVE_STDDEV * distance:
                 status, distance, distance_stddev = _first(

@@ -122,6 +122,15 @@ class WaterEstimate:
         """(3,) float64: standard deviation of the ambient light."""
         return np.sqrt(self.covariance[:, 1, 1])
 
+    @property
+    def refused_in_light(self) -> NDArray[np.bool_]:
+        """(3,) bool: channels not assessable, and not because they are too dark.
+
+        They still show the scene.
+        """
+        dark = np.array([reason is Status.TOO_DARK for reason in self.channel_status])
+        return np.isnan(self.attenuation) & ~dark
+
     @classmethod
     def not_assessable(cls, reason: Status, envelope: Envelopes | None = None) -> WaterEstimate:
         """Return an estimate that says only why there is none."""
