@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -15,6 +16,7 @@ from scenes import blurred, in_water, texture
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
+from uw_visibility.images.view import View
 from uw_visibility.stereo.pyramid import Pyramid
 
 FAST = Path(__file__).resolve().parents[2] / "config" / "fast.yaml"
@@ -145,3 +147,19 @@ def test_the_fast_preset_gives_the_same_bits_for_any_number_of_threads(
         np.testing.assert_array_equal(*(getattr(result.stereo, name) for result in results))
     for name in ("left", "right"):
         np.testing.assert_array_equal(*(getattr(result.images, name) for result in results))
+
+
+@pytest.mark.parametrize("contrast", [0.0, 60.0])
+def test_fine_texture_of_a_small_view_is_not_taken_for_noise(contrast: float) -> None:
+    generator = np.random.default_rng(5)
+    # Smooth at the size of the camera, texture of every second pixel at a quarter of it.
+    coarse = generator.uniform(-contrast, contrast, (60, 80, 3)).repeat(8, 0).repeat(8, 1)
+    image = 128.0 + cv2.GaussianBlur(coarse, (0, 0), 2.0) + generator.normal(0.0, 3.0, coarse.shape)
+    view = View.of(np.round(image).clip(0, 255).astype(np.uint8))
+    small = Pyramid(4, Workers(1)).downsample_view(view)
+    assert small.shape == (120, 160)
+    # A mean of sixteen pixels has a quarter of their noise.
+    assert np.all(small.noise <= view.noise / 4)
+    if contrast == 0.0:
+        np.testing.assert_allclose(small.noise, 0.75, rtol=0.2)
+    assert small.colour is not None and np.array_equal(small.colour.noise, small.noise)

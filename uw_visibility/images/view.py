@@ -123,6 +123,12 @@ class View:
         """Height and width, px."""
         return self.pixels.shape[0], self.pixels.shape[1]
 
+    def with_noise_below(self, limit: PerChannel) -> View:
+        """Return the view with no more noise, in code values, than a limit for each channel."""
+        noise = np.minimum(self.noise, limit)
+        colour = self.colour and replace(self.colour, noise=np.minimum(self.colour.noise, limit))
+        return replace(self, noise=noise, colour=colour)
+
     def without(self, mask: Mask | None) -> View:
         """Return the view whose valid pixels are those outside of a mask; None is an empty one."""
         if mask is None:

@@ -58,9 +58,16 @@ class Pyramid:
         return read_only(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
 
     def downsample_view(self, view: View) -> View:
-        """Return the small view, whose noise is its own; all of its pixels count."""
+        """Return the small view; all of its pixels count.
+
+        Its noise is what it shows itself, and at most what a mean of so many pixels leaves of
+        the large one's: detail that is a pixel wide in the small view looks like noise.
+        """
         small = self.downsample(view.pixels)
-        return view if small is view.pixels else View.of(small, view.transfer)
+        if small is view.pixels:
+            return view
+        return View.of(small, view.transfer).with_noise_below(
+            view.noise / self.factor(view.shape))
 
     def upsample_mask(
         self, mask: NDArray[np.bool_] | None, shape: tuple[int, ...]
