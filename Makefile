@@ -27,7 +27,7 @@ MINUTES ?=
 VENV := .venv
 VENV_OLDEST := .venv-oldest
 VENV_DOCS := .venv-docs
-EXTRAS := ros,report,recordings,netcdf,parquet,completion,test
+EXTRAS := ros,report,recordings,distributed,netcdf,parquet,completion,test
 INTERPRETERS = $(or $(PYTHON),python3.12 python3.11 python3 python)
 SOURCES := setup.py setup.cfg tools/make_venv
 
@@ -91,9 +91,8 @@ docs: $(VENV_DOCS)/.installed
 	$(VENV_DOCS)/bin/sphinx-build -W --keep-going -q -b html -d docs/_build/doctrees docs docs/_build/html
 	$(VENV_DOCS)/bin/python tools/check_site docs/_build/html
 
-# Of playwright's own browser none is needed where there is a Chromium.
+# axe-core is no package of Python; without it make test tests the rest of the pages.
 browser: venv
-	$(VENV)/bin/pip install -q playwright
 	npm install --silent --no-save --no-package-lock axe-core
 	$(VENV)/bin/python -m pytest -q test/replay/report/test_browser.py
 

@@ -87,11 +87,16 @@ setup(
         "parquet": ["pyarrow>=14"],
         # Words that the shell completes; see the command's help.
         "completion": ["argcomplete>=3.1"],
+        # Beside the tools, other people's readers of what is written here: the checker of
+        # CF, geopandas, mcap, a browser.
         "test": [
+            "compliance-checker",
+            "geopandas",
             "hypothesis",
             "import-linter",
             "mcap",
             "mypy",
+            "playwright",
             "pytest",
             "pytest-xdist",
             "ruff",

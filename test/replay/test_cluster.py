@@ -22,6 +22,7 @@ from uw_visibility.replay.cluster import ClusterProgress
 from uw_visibility.replay.frame_log import NAME
 
 distributed = pytest.importorskip("distributed", reason="the extra distributed is not installed")
+pytestmark = pytest.mark.node
 
 
 @pytest.fixture(scope="module")
@@ -55,11 +56,13 @@ def test_a_cluster_makes_the_same_results(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     out = tmp_path / "day"
-    command = ["replay", str(transect), str(dive), "-o", str(out), "--scheduler",
+    pytest.importorskip("netCDF4", reason="the extra netcdf is not installed")
+    command = ["replay", str(transect), str(dive), "-o", str(out), "--netcdf", "--scheduler",
                cluster.scheduler_address]
     assert main(command) == 0
     assert written(out) == alone
     assert len(alone) == 3
+    assert len(list(out.rglob("frames.nc"))) == 3
     assert (out / "index.html").is_file()
     assert "2 of 2 recordings, 18 of 18 frames" in capfd.readouterr().err
     # What is there is not replaced, and not made again.
@@ -75,7 +78,8 @@ def test_what_lost_workers_left_is_gone_on_with(
 
     def kill() -> None:
         """End the workers by force once one of them is within a recording."""
-        with distributed.Client(cluster.scheduler_address) as client:
+        # What else runs here must not take it for its own.
+        with distributed.Client(cluster.scheduler_address, set_as_default=False) as client:
             processes = client.run(os.getpid)
             for _ in range(3000):
                 if any(path.stat().st_size for path in out.rglob(f"*.partial/{NAME}")):

@@ -15,8 +15,8 @@ import pytest
 
 from uw_visibility.cli import main
 
-playwright = pytest.importorskip(
-    "playwright.sync_api", reason="needs playwright and axe-core: make browser")
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+pytestmark = pytest.mark.node
 
 ROOT = Path(__file__).parents[3]
 AXE = Path(os.environ.get("AXE_CORE", ROOT / "node_modules/axe-core/axe.min.js"))
@@ -34,7 +34,7 @@ def browser() -> Iterator[Any]:
             # A container's root has no sandbox.
             opened = run.chromium.launch(executable_path=path, args=["--no-sandbox"])
         except playwright.Error as error:
-            pytest.skip(f"no browser: {str(error).splitlines()[0]}")
+            pytest.skip(f"no Chromium, no Chrome: {str(error).splitlines()[0]}")
         yield opened
         opened.close()
 
