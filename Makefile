@@ -91,10 +91,10 @@ docs: $(VENV_DOCS)/.installed
 	$(VENV_DOCS)/bin/sphinx-build -W --keep-going -q -b html -d docs/_build/doctrees docs docs/_build/html
 	$(VENV_DOCS)/bin/python tools/check_site docs/_build/html
 
-# axe-core is no package of Python; without it make test tests the rest of the pages.
+# axe-core is no package of Python; make test tests what does not need it.
 browser: venv
 	npm install --silent --no-save --no-package-lock axe-core
-	$(VENV)/bin/python -m pytest -q test/replay/report/test_browser.py
+	SITE=docs/_build/html $(VENV)/bin/python -m pytest -q test/replay/report/test_browser.py test/test_site.py
 
 package: venv
 	tools/check_package $(VENV)/bin/python

@@ -5,38 +5,26 @@
 from __future__ import annotations
 
 import itertools
-import os
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from browsing import opened_browser, serious_violations, show
 
 from uw_visibility.cli import main
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 pytestmark = pytest.mark.node
 
-ROOT = Path(__file__).parents[3]
-AXE = Path(os.environ.get("AXE_CORE", ROOT / "node_modules/axe-core/axe.min.js"))
 WIDTHS = (390, 768, 1280)
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 # What is printed of A4, px of CSS.
 PRINTED = (695, 1017)
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    with playwright.sync_playwright() as run:
-        try:
-            # A container's root has no sandbox.
-            opened = run.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        except playwright.Error as error:
-            pytest.skip(f"no Chromium, no Chrome: {str(error).splitlines()[0]}")
+    with opened_browser() as opened:
         yield opened
-        opened.close()
 
 
 @pytest.fixture(scope="module", params=["report", "day"])
@@ -49,34 +37,13 @@ def page_file(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     return out / "index.html"
 
 
-def show(browser: Any, path: Path, width: int, scheme: str = "light", height: int = 900) -> Any:
-    """Open a page; it asks for nothing, and nothing fails in it."""
-    context = browser.new_context(
-        viewport={"width": width, "height": height}, color_scheme=scheme)
-    page = context.new_page()
-    page.on("console", lambda message: pytest.fail(message.text))
-    page.on("request", lambda request: request.url.startswith(("file:", "data:")) or pytest.fail(
-        request.url))
-    page.goto(path.as_uri())
-    return page
-
-
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", WIDTHS)
 def test_axe_finds_nothing_serious(
     browser: Any, page_file: Path, width: int, scheme: str
 ) -> None:
-    if not AXE.is_file():
-        pytest.skip("needs axe-core: make browser")
     page = show(browser, page_file, width, scheme)
-    page.evaluate(AXE.read_text(encoding="utf-8"))
-    found = page.evaluate("axe.run()")
-    assert len(found["passes"]) > 20
-    serious = [
-        (rule["impact"], rule["id"], rule["nodes"][0]["html"]) for rule in found["violations"]
-        if rule["impact"] not in ("minor",)
-    ]
-    assert serious == []
+    assert serious_violations(page) == []
 
 
 @pytest.mark.parametrize("width", WIDTHS)
