@@ -27,7 +27,7 @@ MINUTES ?=
 VENV := .venv
 VENV_OLDEST := .venv-oldest
 VENV_DOCS := .venv-docs
-EXTRAS := ros,report,recordings,distributed,netcdf,parquet,completion,test
+EXTRAS := ros,report,recordings,distributed,stores,netcdf,parquet,completion,test
 INTERPRETERS = $(or $(PYTHON),python3.12 python3.11 python3 python)
 SOURCES := setup.py setup.cfg tools/make_venv
 

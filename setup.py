@@ -72,6 +72,8 @@ setup(
         "replay": ["jinja2>=3.1", "lz4", "matplotlib>=3.6", "rosbags>=0.11.9", "tqdm>=4.66"],
         # replay --scheduler, on a Dask cluster that is there already.
         "distributed": ["distributed>=2024.1"],
+        # Recordings and results at URLs; most stores need a package of theirs beside it.
+        "stores": ["fsspec>=2024.2"],
         # The site, see docs/; its tutorials are run when it is built.
         "docs": [
             "myst-parser>=4",

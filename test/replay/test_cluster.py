@@ -71,6 +71,18 @@ def test_a_cluster_makes_the_same_results(
     assert "12 of them from before" in capfd.readouterr().out
 
 
+def test_workers_take_recordings_from_a_store_and_put_results_there(
+    transect: Path, dive: Path, alone: dict[str, bytes], cluster: Any, tmp_path: Path
+) -> None:
+    pytest.importorskip("fsspec", reason="the extra stores is not installed")
+    out = tmp_path / "day"
+    assert main([
+        "replay", transect.as_uri(), dive.as_uri(), "-o", out.as_uri(), "--scheduler",
+        cluster.scheduler_address]) == 0
+    assert written(out) == alone
+    assert (out / "index.html").is_file()
+
+
 def test_what_lost_workers_left_is_gone_on_with(
     transect: Path, dive: Path, alone: dict[str, bytes], cluster: Any, tmp_path: Path
 ) -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -23,10 +23,12 @@ if TYPE_CHECKING:
 MOST_JOBS = 8
 
 
-def add_recording_options(parser: argparse.ArgumentParser) -> None:
-    """Add the recordings and the options to them."""
+def add_recording_options(
+    parser: argparse.ArgumentParser, place: Callable[[str], Path | str] = Path
+) -> None:
+    """Add the recordings, each by what names its place, and the options to them."""
     add = parser.add_argument
-    add("bags", metavar="BAG", type=Path, nargs="+", help="recording")
+    add("bags", metavar="BAG", type=place, nargs="+", help="recording")
     add("--rectify", action="store_true", help="rectify raw images (parameter rectify)")
     add("--params-file", metavar="YAML", type=Path, help="parameters, those of the node")
     add(

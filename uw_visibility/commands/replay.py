@@ -25,13 +25,17 @@ if TYPE_CHECKING:
     from uw_visibility.replay.bags.reader import BagReader
     from uw_visibility.replay.inputs.options import ReplayOptions
     from uw_visibility.replay.results.summary import Summary
+    from uw_visibility.replay.stores import Place
 
 DESCRIPTION = """\
 Turn recorded bags into what the node would have published, a table and a report.
 
 A BAG is the folder of a ROS 2 bag (mcap or sqlite3, split, compressed), one of its
 files, or a .bag of ROS 1. The stereo pair is found by type and name: left and right
-in the names, camera_info beside the images."""
+in the names, camera_info beside the images.
+
+BAG and DIR may be URLs that fsspec knows (s3://bucket/dive_1, 's3://bucket/dive_*'):
+what is there is fetched, worked on here, and stored (extra: stores)."""
 
 EPILOG = """\
 written to DIR (with several bags: to DIR/NAME for each, and to DIR over all of them:
@@ -64,8 +68,8 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add_recording_options(parser)
-    add("-o", "--output", metavar="DIR", type=Path, help="folder for the results")
+    add_recording_options(parser, _place)
+    add("-o", "--output", metavar="DIR", type=_place, help="folder for the results")
     add("--list", action="store_true", help="show what is there and what would be used, and end")
     add("--force", action="store_true", help="replace an existing result")
     add("--resume", action="store_true", help="go on from a partial result")
@@ -126,9 +130,9 @@ def run(arguments: argparse.Namespace) -> None:
     with reading("replay"):
         options = _options(arguments)
         if arguments.list:
-            _list_all(arguments.bags, options)
+            _list_all(_expanded(arguments.bags), options)
             return
-        targets = _targets(arguments.bags, arguments.output)
+        targets = _targets(_expanded(arguments.bags), arguments.output)
         from uw_visibility.replay.day import check_day, write_day
 
         if len(targets) > 1:
@@ -178,7 +182,7 @@ def _options(arguments: argparse.Namespace) -> ReplayOptions:
 
 
 def _replay(
-    arguments: argparse.Namespace, options: ReplayOptions, targets: dict[Path, Path]
+    arguments: argparse.Namespace, options: ReplayOptions, targets: dict[Place, Place]
 ) -> list[Summary]:
     flags = {"force": arguments.force, "resume": arguments.resume}
     options = options.with_threads(1)
@@ -193,32 +197,50 @@ def _replay(
     return replay_bags(targets, options, jobs=jobs(arguments), **flags)
 
 
-def _targets(bags: list[Path], output: Path | None) -> dict[Path, Path]:
+def _place(text: str) -> Place:
+    """Return what an argument names: a URL or a path."""
+    from uw_visibility.replay.stores import place
+
+    return place(text)
+
+
+def _expanded(bags: list[Place]) -> list[Place]:
+    """Return all recordings that are named, those that wildcards in URLs stand for too."""
+    from uw_visibility.replay.stores import expand
+
+    return [each for bag in bags for each in expand(bag)]
+
+
+def _targets(bags: list[Place], output: Place | None) -> dict[Place, Place]:
     """Return the folder of each bag's result."""
+    from uw_visibility.replay.stores import child, recording_name
+
     if output is None:
         raise InputError("-o is missing: name the folder for the results, or give --list")
     if len(bags) == 1:
         return {bags[0]: output}
-    # A folder's name may have dots in it, a file's ends with its format.
-    names = [bag.resolve().name if bag.is_dir() else bag.stem for bag in bags]
+    names = [recording_name(bag) for bag in bags]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"two bags are named {twice[0]}: replay them one by one")
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make folder {output}: {error.strerror}") from error
-    return {bag: output / name for bag, name in zip(bags, names, strict=True)}
+    if isinstance(output, Path):
+        try:
+            output.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"cannot make folder {output}: {error.strerror}") from error
+    return {bag: child(output, name) for bag, name in zip(bags, names, strict=True)}
 
 
-def _list_all(bags: list[Path], options: ReplayOptions) -> None:
+def _list_all(bags: list[Place], options: ReplayOptions) -> None:
     """Show recordings; of several, one that cannot be read holds up no other."""
     from uw_visibility.replay.bags.reader import UnreadableError
+    from uw_visibility.replay.stores import recording_here
 
     unread = 0
     for bag in bags:
         try:
-            _list(bag, options)
+            with recording_here(bag) as recording:
+                _list(recording, options)
         except UnreadableError as error:
             say(f"uw_visibility: {error}", error=True)
             unread += 1
@@ -284,10 +306,12 @@ def _list_joinable(reader: BagReader, topics: list[str]) -> None:
             say(f"  {each}")
 
 
-def _tell_partial(targets: dict[Path, Path]) -> None:
+def _tell_partial(targets: dict[Place, Place]) -> None:
     from uw_visibility.replay.results.folder import partial_of, read_state
 
     for target in targets.values():
+        if isinstance(target, str):
+            continue
         partial = partial_of(target)
         try:
             frames = read_state(partial)["frames"]

@@ -5,22 +5,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from dataclasses import replace
+from typing import Any
 
+from uw_visibility import __version__
 from uw_visibility.errors import InputError
 from uw_visibility.replay.bags.layout import find_files
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.pool import FramePool
 from uw_visibility.replay.progress import MakeCounter, Progress
 from uw_visibility.replay.report.sentences import verdict
-from uw_visibility.replay.results.folder import MARK, check_target, read_state
+from uw_visibility.replay.results.folder import MARK
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.runner import replay_bag
+from uw_visibility.replay.stores import (
+    Place,
+    check_place,
+    child,
+    read_state_at,
+    recording_here,
+    result_here,
+)
 
 
 def replay_bags(
-    targets: Mapping[Path, Path],
+    targets: Mapping[Place, Place],
     options: ReplayOptions,
     *,
     jobs: int = 1,
@@ -32,8 +42,8 @@ def replay_bags(
 
     Parameters
     ----------
-    targets : mapping of Path to Path
-        Folder to make, by recording.
+    targets : mapping of (Path or str) to (Path or str)
+        Folder to make, by recording; each a path, or a URL that fsspec knows.
     options : ReplayOptions
         What is wanted.
     jobs : int
@@ -62,12 +72,12 @@ def replay_bags(
     for bag, target in targets.items():
         # Before hours of work on the others, not after.
         if finished[bag] is None:
-            check_target(target, force)
+            check_place(target, force)
     with FramePool(jobs, options.pipeline) as pool:
         outcomes: list[Summary | InputError] = []
         for bag, target in targets.items():
             try:
-                outcomes.append(finished[bag] or replay_bag(
+                outcomes.append(finished[bag] or _replay(
                     bag, target, options, pool, force=force, resume=resume, counter=counter,
                 ))
             except InputError as error:
@@ -76,13 +86,13 @@ def replay_bags(
 
 
 def settle(
-    targets: Mapping[Path, Path], outcomes: Sequence[Summary | InputError]
+    targets: Mapping[Place, Place], outcomes: Sequence[Summary | InputError]
 ) -> list[Summary]:
     """Return a summary for each recording, if there is a result of any.
 
     Parameters
     ----------
-    targets : mapping of Path to Path
+    targets : mapping of (Path or str) to (Path or str)
         Folder by recording.
     outcomes : sequence of Summary or InputError
         What became of each.
@@ -106,7 +116,16 @@ def settle(
     return summaries
 
 
-def _finished(bag: Path, target: Path, options: ReplayOptions) -> Summary | None:
+def _replay(
+    bag: Place, target: Place, options: ReplayOptions, pool: FramePool, **how: Any
+) -> Summary:
+    """Replay a recording from where it is to where its result shall be."""
+    with recording_here(bag) as recording, result_here(target) as folder:
+        summary = replay_bag(recording, folder, options, pool, **how)
+    return replace(summary, bag=str(bag), output=str(target))
+
+
+def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | None:
     """Return the summary of a result that is there already, complete and made alike.
 
     Raises
@@ -115,12 +134,16 @@ def _finished(bag: Path, target: Path, options: ReplayOptions) -> Summary | None
         If it was made otherwise, saying what differs.
     """
     try:
-        state = read_state(target)
+        state = read_state_at(target)
     except (OSError, ValueError):
         return None
     if not state.get("complete"):
         return None
-    origin = Origin.of(bag, find_files(bag).files, options.parameters())
+    if isinstance(bag, str):
+        # To compare the recording would be to fetch it.
+        origin = Origin(bag, str(state.get("fingerprint")), __version__, options.parameters())
+    else:
+        origin = Origin.of(bag, find_files(bag).files, options.parameters())
     difference = origin.difference(state)
     if not difference and state.get("extras") != options.extras():
         difference = (
@@ -141,5 +164,5 @@ def _finished(bag: Path, target: Path, options: ReplayOptions) -> Summary | None
         return summary
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise InputError(
-            f"{target / MARK} is damaged: give another name, or --force to replace the result"
+            f"{child(target, MARK)} is damaged: give another name, or --force to replace the result"
         ) from error

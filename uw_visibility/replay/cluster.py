@@ -10,7 +10,6 @@ import threading
 import time
 import uuid
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, TextIO, cast
 
 from uw_visibility import __version__
@@ -18,8 +17,9 @@ from uw_visibility.errors import InputError
 from uw_visibility.replay.batch import replay_bags, settle
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.progress import PERIOD
-from uw_visibility.replay.results.folder import check_target, partial_of
+from uw_visibility.replay.results.folder import partial_of
 from uw_visibility.replay.results.summary import Summary
+from uw_visibility.replay.stores import Place, absolute, check_place
 
 # A scheduler answers at once, or is not there.
 TIMEOUT = "10s"
@@ -29,7 +29,7 @@ TOLD_PERIOD = 1.0
 
 def replay_on_cluster(
     address: str,
-    targets: Mapping[Path, Path],
+    targets: Mapping[Place, Place],
     options: ReplayOptions,
     *,
     force: bool = False,
@@ -37,9 +37,10 @@ def replay_on_cluster(
 ) -> list[Summary]:
     """Replay recordings on an existing cluster.
 
-    The workers must see recordings and folders under the same paths, and have
+    The workers must see recordings and folders under the same paths or URLs, and have
     this version of the package. What a lost worker had not finished, another one goes
-    on with, from the last frame that is on disk.
+    on with, from the last frame that is on disk; where the result goes to a URL, from the
+    beginning.
 
     Parameters
     ----------
@@ -79,7 +80,7 @@ def replay_on_cluster(
         client.subscribe_topic(topic, progress.told)
         futures = {
             bag: client.submit(
-                _replay_one, bag.resolve(), target.resolve(), options, force, topic, pure=False,
+                _replay_one, absolute(bag), absolute(target), options, force, topic, pure=False,
             )
             for bag, target in targets.items() if bag not in refused
         }
@@ -173,8 +174,8 @@ class _Reporter:
 
 
 def _check_targets(
-    targets: Mapping[Path, Path], force: bool, resume: bool
-) -> dict[Path, InputError]:
+    targets: Mapping[Place, Place], force: bool, resume: bool
+) -> dict[Place, InputError]:
     """Return the recordings with a partial result that nobody asked to go on from.
 
     It is looked for here, before the work: in a worker it may be that of another worker,
@@ -185,10 +186,12 @@ def _check_targets(
     InputError
         If a folder must not be replaced.
     """
-    refused = {}
+    refused: dict[Place, InputError] = {}
     for bag, target in targets.items():
         if not resume:
-            check_target(target, force)
+            check_place(target, force)
+        if isinstance(target, str):
+            continue
         partial = partial_of(target)
         if partial.exists() and not (resume or force):
             refused[bag] = InputError(
@@ -222,7 +225,7 @@ def _version() -> str:
     return __version__
 
 
-def _outcome(bag: Path, future: Any, killed: type[Exception]) -> Summary | InputError:
+def _outcome(bag: Place, future: Any, killed: type[Exception]) -> Summary | InputError:
     """Return the outcome of a task; any error but bad input is raised here."""
     try:
         return cast(Summary, future.result())
@@ -236,7 +239,7 @@ def _outcome(bag: Path, future: Any, killed: type[Exception]) -> Summary | Input
 
 
 def _replay_one(
-    bag: Path, target: Path, options: ReplayOptions, force: bool, topic: str
+    bag: Place, target: Place, options: ReplayOptions, force: bool, topic: str
 ) -> Summary:
     """Replay one recording on whatever machine this is, from where a lost worker was."""
     return replay_bags(

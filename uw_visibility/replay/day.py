@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from uw_visibility.replay.results.netcdf import write_netcdf
 from uw_visibility.replay.results.parquet import write_parquet
 from uw_visibility.replay.results.recorder import columns_of
 from uw_visibility.replay.results.summary import Summary
+from uw_visibility.replay.stores import Place, child, exists, place, results_here
 from uw_visibility.replay.table import TableWriter, read_rows
 from uw_visibility.water.derived import DerivedModel
 
@@ -30,7 +32,7 @@ PRODUCTS = ("index.html", "frames.csv", f"frames.csv{SUFFIX}", "frames.geojson",
             "frames.parquet")
 
 
-def check_day(folder: Path) -> None:
+def check_day(folder: Place) -> None:
     """Refuse a folder in which what is written over all would replace something else.
 
     Raises
@@ -38,24 +40,24 @@ def check_day(folder: Path) -> None:
     InputError
         Naming the file.
     """
-    if (folder / MARK).is_file():
+    if exists(child(folder, MARK)):
         raise InputError(
             f"{folder} is the result of one recording: give another name for those of several")
-    if (folder / DAY_MARK).is_file():
+    if exists(child(folder, DAY_MARK)):
         return
     for name in PRODUCTS:
-        if (folder / name).exists():
+        if exists(child(folder, name)):
             raise InputError(
-                f"{folder / name} exists already and is of no replay: give another name")
+                f"{child(folder, name)} exists already and is of no replay: give another name")
 
 
-def write_day(folder: Path, summaries: Sequence[Summary], options: ReplayOptions) -> int:
+def write_day(output: Place, summaries: Sequence[Summary], options: ReplayOptions) -> int:
     """Write over all results of several recordings: page, table, NetCDF, Parquet, GeoJSON.
 
     Parameters
     ----------
-    folder : Path
-        That has the folders of the results.
+    output : Path or str
+        That has the folders of the results; a path, or a URL that fsspec knows.
     summaries : sequence of Summary
         Of all recordings, those that failed too.
     options : ReplayOptions
@@ -71,14 +73,29 @@ def write_day(folder: Path, summaries: Sequence[Summary], options: ReplayOptions
     InputError
         If a table is damaged, or the folder cannot be written.
     """
-    from uw_visibility.replay.report.day import write_index
+    results = _results(summaries)
+    if not results:
+        return 0
+    places = [place(summary.output) for summary in results]
+    with results_here(output, places, (MARK, "frames.csv")) as folder:
+        _write(folder, [
+            replace(summary, output=str(folder / name_of(summary))) for summary in summaries
+        ], options)
+    return len(results)
 
-    results = sorted(
+
+def _results(summaries: Sequence[Summary]) -> list[Summary]:
+    """Return those with a result, by time."""
+    return sorted(
         (s for s in summaries if not s.error and s.complete and s.synopsis is not None),
         key=lambda s: s.synopsis.start if s.synopsis is not None else 0,
     )
-    if not results:
-        return 0
+
+
+def _write(folder: Path, summaries: Sequence[Summary], options: ReplayOptions) -> None:
+    from uw_visibility.replay.report.day import write_index
+
+    results = _results(summaries)
     try:
         # Aside first, so that an interruption leaves what was there before.
         with tempfile.TemporaryDirectory(prefix=".writing-", dir=folder) as aside:
@@ -91,7 +108,6 @@ def write_day(folder: Path, summaries: Sequence[Summary], options: ReplayOptions
                 written.replace(folder / written.name)
     except OSError as error:
         raise InputError(f"cannot write {folder}: {error.strerror or error}") from error
-    return len(results)
 
 
 def _write_table(work: Path, results: Sequence[Summary], options: ReplayOptions) -> None:

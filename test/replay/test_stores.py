@@ -1,0 +1,136 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings and results in object stores: what comes of them is what comes of folders."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from uw_visibility.cli import main
+from uw_visibility.replay import stores
+
+fsspec = pytest.importorskip("fsspec", reason="the extra stores is not installed")
+
+
+@pytest.fixture()
+def store(transect: Path, dive: Path) -> Iterator[Any]:
+    """A store that has nothing but two recordings."""
+    memory = fsspec.filesystem("memory")
+    for bag in (transect, dive):
+        memory.put(str(bag) + "/", f"/bucket/dives/{bag.name}/", recursive=True)
+    yield memory
+    memory.rm("/bucket", recursive=True)
+
+
+@pytest.fixture(scope="module")
+def local(transect: Path, dive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What comes of the same recordings in folders."""
+    out = tmp_path_factory.mktemp("local") / "day"
+    assert main(["replay", str(dive), str(transect), "-o", str(out), "--jobs", "1"]) == 0
+    return out
+
+
+DAY = ["replay", "memory://bucket/dives/*", "-o", "memory://bucket/day", "--jobs", "1"]
+
+
+def test_a_day_goes_from_store_to_store(store: Any, local: Path) -> None:
+    assert main(DAY) == 0
+    for name in ("frames.csv", "transect/frames.csv", "dive/frames.csv"):
+        assert store.cat(f"/bucket/day/{name}") == (local / name).read_bytes()
+    names = {
+        str(Path(name).relative_to("/bucket/day")) for name in store.find("/bucket/day")}
+    there = {str(path.relative_to(local)) for path in local.rglob("*") if path.is_file()}
+    assert names == there
+    assert b'href="transect/report.html#' in store.cat("/bucket/day/index.html")
+    assert b"bucket/dives/dive" in store.cat("/bucket/day/transects.json")
+
+
+def test_what_is_there_is_neither_replaced_nor_made_again(
+    store: Any, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert main(DAY) == 0
+    before = store.modified("/bucket/day/dive/replay.json")
+    assert main(DAY) == 2
+    assert "/dive exists already: give another name, or --force" in capsys.readouterr().err
+    # What was not finished is made; what was is not even fetched.
+    store.rm("/bucket/day/transect", recursive=True)
+    store.rm("/bucket/dives/dive/metadata.yaml")
+    assert main([*DAY, "--resume"]) == 0
+    assert store.exists("/bucket/day/transect/replay.json")
+    assert store.modified("/bucket/day/dive/replay.json") == before
+    assert main([*DAY, "--resume", "--every", "2"]) == 2
+    assert "was made with another replay.every" in capsys.readouterr().err
+    assert main([*DAY, "--force", "--every", "2"]) == 0
+    assert store.modified("/bucket/day/dive/replay.json") > before
+
+
+def test_one_recording_may_come_from_a_store_and_its_result_stay_here(
+    store: Any, local: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = f"memory://bucket/dives/transect/{Path(store.find('/bucket/dives/transect')[1]).name}"
+    assert main(["replay", file, "-o", str(tmp_path / "out"), "--jobs", "1"]) == 0
+    assert (tmp_path / "out" / "frames.csv").read_bytes() == (
+        local / "transect" / "frames.csv").read_bytes()
+    assert main(["replay", "memory://bucket/dives/dive", "--list"]) == 0
+    assert "/left/image_rect" in capsys.readouterr().out
+
+
+def test_what_others_have_there_is_left_alone(
+    store: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store.pipe("/bucket/day/dive/notes.txt", b"mine")
+    assert main([*DAY, "--force"]) == 2
+    assert "/dive exists already and is no replay" in capsys.readouterr().err
+    assert store.cat("/bucket/day/dive/notes.txt") == b"mine"
+
+
+@pytest.mark.parametrize(("url", "said"), [
+    ("memory://bucket/nothing", "memory://bucket/nothing: it is missing"),
+    ("memory://bucket/no*", "nothing is at memory://bucket/no*"),
+    ("nostore://bucket/dive", "cannot use nostore://bucket/dive: Protocol not known: nostore"),
+])
+def test_what_is_not_there_is_one_sentence(
+    url: str, said: str, store: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", url, "-o", str(tmp_path / "out")]) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("\n") == 1
+
+
+def test_a_result_is_complete_or_has_no_mark(store: Any, tmp_path: Path) -> None:
+    """Its state is stored last: what a connection lost is made again, and not taken for all."""
+    order: list[str] = []
+    put = store.put_file
+
+    class Broken(Exception):
+        pass
+
+    def lose(file: str, name: str, **options: Any) -> None:
+        order.append(Path(name).name)
+        if len(order) == 3:
+            raise Broken("connection lost")
+        put(file, name, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(store), "put_file", staticmethod(lose))
+        with pytest.raises(stores.InputError, match=r"cannot write .*: connection lost"), \
+                stores.result_here("memory://bucket/one") as folder:
+            folder.mkdir()
+            for name in ("a", "replay.json", "z", "zz"):
+                (folder / name).write_text(name)
+    assert order == ["a", "z", "zz"]
+    assert not store.exists("/bucket/one/replay.json")
+
+
+def test_without_fsspec_it_is_said_how_to_get_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "fsspec.core", None)
+    assert main(["replay", "s3://bucket/dive", "-o", str(tmp_path / "out")]) == 2
+    assert "s3://bucket/dive needs fsspec: install the extra stores, pip install" in (
+        capsys.readouterr().err)

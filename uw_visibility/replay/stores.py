@@ -1,0 +1,267 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings and results in object stores, by fsspec: fetched, worked on here, and stored."""
+
+from __future__ import annotations
+
+import importlib
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import Any, TypeAlias
+
+from uw_visibility.errors import InputError
+from uw_visibility.replay.results.folder import MARK, check_target, read_state
+
+Place: TypeAlias = Path | str
+"""Where a recording or a result is: a path of this machine, or a URL."""
+
+PREFIX = "uw_visibility-"
+
+
+def place(text: str) -> Place:
+    """Return the place that a text names: a URL such as ``s3://bucket/dive``, or a path."""
+    return text.rstrip("/") if "://" in text else Path(text)
+
+
+def child(folder: Place, name: str) -> Place:
+    """Return the place of a name within a folder."""
+    return folder / name if isinstance(folder, Path) else f"{folder}/{name}"
+
+
+def absolute(where: Place) -> Place:
+    """Return a place that other processes understand alike."""
+    return where.resolve() if isinstance(where, Path) else where
+
+
+def expand(where: Place) -> list[Place]:
+    """Return the places that a URL with wildcards names, which no shell expands; else itself.
+
+    Raises
+    ------
+    InputError
+        If there are none, or the store cannot be read.
+    """
+    if isinstance(where, Path) or "*" not in where:
+        return [where]
+    store, path = _open(where)
+    with _told(f"cannot read {where}"):
+        found = [str(store.unstrip_protocol(name)) for name in sorted(store.glob(path))]
+    if not found:
+        raise InputError(f"nothing is at {where}")
+    return list(found)
+
+
+def recording_name(bag: Place) -> str:
+    """Return the name of a recording: that of its folder, or of its file without the format."""
+    if isinstance(bag, Path):
+        # A folder's name may have dots in it, a file's ends with its format.
+        return bag.resolve().name if bag.is_dir() else bag.stem
+    store, path = _open(bag)
+    with _told(f"cannot read {bag}"):
+        return PurePosixPath(bag).name if store.isdir(path) else PurePosixPath(bag).stem
+
+
+@contextmanager
+def recording_here(bag: Place) -> Iterator[Path]:
+    """Fetch a recording to a folder of this machine, for as long as it is needed.
+
+    Parameters
+    ----------
+    bag : Path or str
+        A path is yielded as it is.
+
+    Yields
+    ------
+    Path
+
+    Raises
+    ------
+    InputError
+        If it cannot be fetched.
+    """
+    if isinstance(bag, Path):
+        yield bag
+        return
+    store, path = _open(bag)
+    with tempfile.TemporaryDirectory(prefix=PREFIX) as scratch:
+        here = Path(scratch) / PurePosixPath(bag).name
+        with _told(f"cannot read {bag}"):
+            _fetch(store, path, here)
+        if not here.exists():
+            raise InputError(f"cannot read bag {bag}: it is missing")
+        yield here
+
+
+@contextmanager
+def result_here(target: Place) -> Iterator[Path]:
+    """Make room on this machine for a result, and store it when it is complete.
+
+    Parameters
+    ----------
+    target : Path or str
+        A path is yielded as it is.
+
+    Yields
+    ------
+    Path
+        Folder to make.
+
+    Raises
+    ------
+    InputError
+        If it cannot be stored.
+    """
+    if isinstance(target, Path):
+        yield target
+        return
+    with tempfile.TemporaryDirectory(prefix=PREFIX) as scratch:
+        folder = Path(scratch) / PurePosixPath(target).name
+        yield folder
+        store, path = _open(target)
+        with _told(f"cannot write {target}"):
+            if store.exists(path):
+                store.rm(path, recursive=True)
+            _put(store, path, folder)
+
+
+@contextmanager
+def results_here(output: Place, results: Sequence[Place], names: Sequence[str]) -> Iterator[Path]:
+    """Fetch some files of several results, and store what is written beside their folders.
+
+    Parameters
+    ----------
+    output : Path or str
+        Folder of all results; a path is yielded as it is.
+    results : sequence of Path or str
+        Those that are there.
+    names : sequence of str
+        Files to fetch of each.
+
+    Yields
+    ------
+    Path
+        Folder with a folder of each result.
+
+    Raises
+    ------
+    InputError
+        If something cannot be fetched or stored.
+    """
+    if isinstance(output, Path):
+        yield output
+        return
+    store, path = _open(output)
+    with tempfile.TemporaryDirectory(prefix=PREFIX) as scratch:
+        folder = Path(scratch) / PurePosixPath(output).name
+        folder.mkdir()
+        for result in results:
+            here = folder / PurePosixPath(result).name
+            here.mkdir()
+            with _told(f"cannot read {result}"):
+                for name in names:
+                    store.get_file(_open(f"{result}/{name}")[1], str(here / name))
+        yield folder
+        with _told(f"cannot write {output}"):
+            for written in sorted(folder.iterdir()):
+                if written.is_file():
+                    store.put_file(str(written), f"{path}/{written.name}")
+
+
+def read_state_at(target: Place) -> dict[str, Any]:
+    """Read the state of a result, as `read_state` does.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if isinstance(target, Path):
+        return read_state(target)
+    store, path = _open(target)
+    with tempfile.TemporaryDirectory(prefix=PREFIX) as scratch:
+        with _told(f"cannot read {target}"):
+            store.get_file(f"{path}/{MARK}", f"{scratch}/{MARK}")
+        return read_state(Path(scratch))
+
+
+def check_place(target: Place, force: bool) -> None:
+    """Refuse a place that must not be overwritten, as `check_target` does.
+
+    Raises
+    ------
+    InputError
+        If there is another result, or something else.
+    """
+    if isinstance(target, Path):
+        check_target(target, force)
+        return
+    store, path = _open(target)
+    with _told(f"cannot read {target}"):
+        there, result = store.exists(path), store.exists(f"{path}/{MARK}")
+    if there and not result:
+        raise InputError(f"{target} exists already and is no replay: give another name")
+    if there and not force:
+        raise InputError(f"{target} exists already: give another name, or --force to replace")
+
+
+def exists(where: Place) -> bool:
+    """Return whether something is at a place.
+
+    Raises
+    ------
+    InputError
+        If its store cannot be read.
+    """
+    if isinstance(where, Path):
+        return where.exists()
+    store, path = _open(where)
+    with _told(f"cannot read {where}"):
+        return bool(store.exists(path))
+
+
+def _fetch(store: Any, path: str, here: Path) -> None:
+    if not store.isdir(path):
+        if store.exists(path):
+            store.get_file(path, str(here))
+        return
+    for name in store.find(path):
+        file = here / PurePosixPath(name).relative_to(path)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        store.get_file(name, str(file))
+
+
+def _put(store: Any, path: str, folder: Path) -> None:
+    """Store a result; its mark last, so that what has it is complete."""
+    files = sorted(file for file in folder.rglob("*") if file.is_file())
+    for file in sorted(files, key=lambda file: file == folder / MARK):
+        name = f"{path}/{file.relative_to(folder).as_posix()}"
+        store.makedirs(name.rpartition("/")[0], exist_ok=True)
+        store.put_file(str(file), name)
+
+
+def _open(url: Place) -> tuple[Any, str]:
+    """Return the store of a URL, and the path within it."""
+    try:
+        fsspec = importlib.import_module("fsspec.core")
+    except ImportError as error:
+        raise InputError(
+            f"{url} needs fsspec: install the extra stores, pip install 'uw_visibility[stores]'"
+        ) from error
+    with _told(f"cannot use {url}"):
+        store, path = fsspec.url_to_fs(str(url))
+    # What was listed before may have changed since.
+    store.invalidate_cache()
+    return store, str(path)
+
+
+@contextmanager
+def _told(what: str) -> Iterator[None]:
+    """Turn whatever a store raises, each by its own classes, into one sentence."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(f"{what}: {str(error) or type(error).__name__}") from error
