@@ -13,6 +13,8 @@ from uw_visibility.config.files import gathered, sole_writer
 from uw_visibility.errors import InputError
 
 if TYPE_CHECKING:
+    from logging import Logger
+
     from uw_visibility.config.schema import PipelineConfig
     from uw_visibility.evaluation.experiments import Plan
     from uw_visibility.evaluation.lamps.study import LampPlan
@@ -148,6 +150,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--jobs", metavar="N", type=int, default=1,
         help="processes that share the work; each takes up to 1 GB (%(default)s)",
     )
+    add("--log", metavar="FILE", type=Path, help="add progress to a file, with times")
     add(
         "--params-file", metavar="YAML", type=Path,
         help="parameters of the pipeline, in the form of config/uw_visibility.yaml",
@@ -187,16 +190,18 @@ def run(arguments: argparse.Namespace) -> None:
     _refuse_folder(arguments.output, arguments.force)
     if arguments.adverse and arguments.lamps:
         raise InputError("--adverse and --lamps are two studies: give one of them")
-    with sole_writer(arguments.output):
-        if arguments.lamps:
-            _run_lamps(arguments)
-        elif arguments.adverse:
-            _run_adverse(arguments)
-        else:
-            _run_experiments(arguments)
+    from uw_visibility.commands.progress import progress_log
+
+    study = _run_lamps if arguments.lamps else (
+        _run_adverse if arguments.adverse else _run_experiments)
+    with (
+        sole_writer(arguments.output),
+        progress_log(arguments.log, f"evaluate -o {arguments.output}") as log,
+    ):
+        study(arguments, log)
 
 
-def _run_experiments(arguments: argparse.Namespace) -> None:
+def _run_experiments(arguments: argparse.Namespace, log: Logger | None) -> None:
     # Compiled modules load slowly; what is refused before needs none of them.
     plan = _plan(arguments)
     _check_figures()
@@ -208,7 +213,7 @@ def _run_experiments(arguments: argparse.Namespace) -> None:
     from uw_visibility.evaluation.terminal import as_text
 
     evaluation = evaluate(
-        plan, arguments.jobs, lambda done, total: progress_bar(done, "evaluate", total)
+        plan, arguments.jobs, lambda done, total: progress_bar(done, "evaluate", total, log)
     )
     summary = summarise(evaluation)
     with gathered(arguments.output, last=RESULT, clear=arguments.force) as folder:
@@ -219,7 +224,7 @@ def _run_experiments(arguments: argparse.Namespace) -> None:
     say(f"tables and figures: {arguments.output}")
 
 
-def _run_adverse(arguments: argparse.Namespace) -> None:
+def _run_adverse(arguments: argparse.Namespace, log: Logger | None) -> None:
     from uw_visibility.commands.progress import progress_bar
     from uw_visibility.evaluation.adverse.report import adverse_text, write_adverse
     from uw_visibility.evaluation.adverse.scenes import find_adverse_scenes
@@ -241,7 +246,7 @@ def _run_adverse(arguments: argparse.Namespace) -> None:
         config=_read_config(arguments.params_file, {}),
     )
     results = run_adverse(
-        plan, arguments.jobs, lambda done, total: progress_bar(done, "evaluate", total)
+        plan, arguments.jobs, lambda done, total: progress_bar(done, "evaluate", total, log)
     )
     summary = summarise_adverse(results)
     with gathered(arguments.output, last=RESULT, clear=arguments.force) as folder:
@@ -251,7 +256,7 @@ def _run_adverse(arguments: argparse.Namespace) -> None:
     print(adverse_text(summary))
 
 
-def _run_lamps(arguments: argparse.Namespace) -> None:
+def _run_lamps(arguments: argparse.Namespace, log: Logger | None) -> None:
     if arguments.datasets:
         raise InputError("--lamps renders its own scenes: leave out the DATASET")
     plan = _lamp_plan(arguments)
@@ -263,7 +268,7 @@ def _run_lamps(arguments: argparse.Namespace) -> None:
     from uw_visibility.evaluation.lamps.summary import summarise_lamps
 
     results, survey = run_lamps(
-        plan, arguments.jobs, lambda done, total: progress_bar(done, "evaluate", total)
+        plan, arguments.jobs, lambda done, total: progress_bar(done, "evaluate", total, log)
     )
     summary = summarise_lamps(results, survey)
     with gathered(arguments.output, last=RESULT, clear=arguments.force) as folder:

@@ -40,10 +40,16 @@ class Progress:
         Frames expected, where that is known.
     stream : TextIO, optional
         Where to; standard error.
+    tell : callable, optional
+        What takes lines in place of the stream.
     """
 
-    def __init__(self, name: str, total: int | None, stream: TextIO | None = None) -> None:
+    def __init__(
+        self, name: str, total: int | None, stream: TextIO | None = None,
+        tell: Callable[[str], object] | None = None,
+    ) -> None:
         self._stream = stream or sys.stderr
+        self._tell = tell
         self._name = name
         self._total = total
         self._count = 0
@@ -62,11 +68,15 @@ class Progress:
         now = time.monotonic()
         if now - self._told >= PERIOD:
             self._told = now
-            print(self._line(now - self._begin), file=self._stream, flush=True)
+            line = self._line(now - self._begin)
+            if self._tell is not None:
+                self._tell(line)
+            else:
+                print(line, file=self._stream, flush=True)
 
     def _start(self) -> None:
         self._begin = self._told = time.monotonic()
-        if self._stream.isatty():
+        if self._tell is None and self._stream.isatty():
             from tqdm import tqdm
 
             # What is there to begin with does not count for the rate.
