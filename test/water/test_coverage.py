@@ -198,6 +198,24 @@ class TestPhysicalSense:
         assert len(wider) >= 3
         assert np.median(wider) > 1.15
 
+    def test_attenuation_is_above_clear_waters_rather_than_at_it(self):
+        """Clear water, and a scene whose contrast grows with range by as much as it takes."""
+        for seed in self.SEEDS:
+            one = draw(seed, 0.5)
+            distance = one.range[..., np.newaxis]
+            left = np.exp(-one.attenuation * distance)
+            radiance = (one.image / 255 - one.veil * (1.0 - left)) / left
+            radiance *= np.exp(0.12 * (distance - distance.max()))
+            left = np.exp(-KAPPA * distance)
+            seen = radiance * left + one.veil * (1.0 - left)
+            found = estimate(np.clip(np.round(255 * seen), 0, 255).astype(np.uint8), one.range)
+            assert found.status is Status.OK
+            assert (found.cues["contrast"][0] < KAPPA).all()
+            above = found.attenuation - KAPPA
+            assert (above[1:] > 0.4 * found.attenuation_stddev[1:]).all()
+            assert (above > 0.0).all()
+            assert (above < 3.0 * found.attenuation_stddev).all()
+
     def test_open_water_is_the_veil_and_a_wall_is_not(self):
         one = draw(3, 0.4, open_water=True)
         found = estimate(one.image, one.range)
@@ -210,6 +228,25 @@ class TestPhysicalSense:
         image[:96] = image[:96].mean(axis=(0, 1))
         distance[:96], distance[:80, :120] = 5.0, np.nan
         assert estimate(image, distance).open_water == 0.0
+
+    @pytest.mark.parametrize(("particles", "wall", "seen"), [(0.5, False, 1), (0.05, True, 0)])
+    def test_a_scene_may_fade_into_open_water_and_ends_at_a_wall(self, particles, wall, seen):
+        """Matched up to where nothing is left of it, and as smooth as the water beyond."""
+        rng = np.random.default_rng(0)
+        rows = np.linspace(0.0, 1.0, SHAPE[0])[:, np.newaxis] * np.ones((1, SHAPE[1]))
+        ranges = (2.0 / np.maximum(rows - 0.2, 0.1)).astype(np.float32)
+        grey = cv2.resize(rng.random((SHAPE[0] // 3, SHAPE[1] // 3)), SHAPE[::-1])
+        rho = 0.9 * (grey[..., np.newaxis] - grey.min()) ** 2
+        if wall:
+            rho[rows < 0.55] = 0.6
+        beta = KAPPA + particles
+        left = np.exp(-beta * ranges[..., np.newaxis])
+        if not wall:
+            left[rows < 0.3] = 0.0
+        codes = 255.0 * (0.8 * rho * left + 0.6 * (1.0 - left)) + rng.normal(0, 0.4, rho.shape)
+        ranges[rows < 0.3] = np.nan
+        found = estimate(np.clip(np.round(codes), 0, 255).astype(np.uint8), ranges)
+        assert (found.open_water > 0.1) == seen
 
     def test_a_veil_that_is_brighter_above_is_told_by_open_water(self):
         """Far things are seen above near ones, before a brighter veil."""

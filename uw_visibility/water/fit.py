@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from uw_visibility.optics.light_model import transmission, veil_of
 ATTENUATION_BOUNDS = (1e-4, 10.0)
 # Above the largest code: open water may be overexposed.
 AMBIENT_LIGHT_MAX = 2.0
+
+# Least ambient light over that before, where a measurement of attenuation moves it.
+LEAST_LIGHT = 0.3
 
 # Plain fit: residuals beyond this irradiance lose weight (soft L1).
 PLAIN_SCALE = 0.01
@@ -118,6 +121,15 @@ def _jacobian(
 ) -> NDArray[np.float64]:
     transmitted = transmission(parameters[0], distance)
     return np.stack((parameters[1] * distance * transmitted, 1 - transmitted), axis=1)
+
+
+def moved(fit: Fit, step: NDArray[np.float64], known: NDArray[np.float64]) -> Fit:
+    """Add a step to the parameters, and take what is known now off their covariance."""
+    values = fit.parameters + step.reshape(3, 2)
+    values[:, 0] = np.clip(values[:, 0], *ATTENUATION_BOUNDS)
+    values[:, 1] = np.maximum(values[:, 1], LEAST_LIGHT * fit.parameters[:, 1])
+    covariance = fit.covariance - known
+    return replace(fit, parameters=values, covariance=0.5 * (covariance + covariance.T))
 
 
 def blank(

@@ -36,6 +36,12 @@ REACH_AREAS = (0.01, 0.05)
 CONTINUED = (0.5, 0.85)
 # Part of the image that open water covers at least.
 LEAST_AREA = 0.005
+# A scene whose contrast is below this part of that near by has faded into the veil, where
+# in between it is no more than so many times more or, in its clearest channel, less than what
+# fades evenly, and the light that far is the area's, but for a part.
+FADED, FADED_LEAST = 0.15, 0.01
+FADED_MORE, FADED_LESS = 1.6, 3.0
+FADED_LIGHT = 0.1
 # Part of its pixels that may be at the largest code value; cells whose mean is above this
 # part of it are none of it.
 SATURATED = 0.02
@@ -79,12 +85,32 @@ class OpenWater:
 
 
 class _MatchedLight(NamedTuple):
-    """Irradiance of the matched scene, (3,) float64 each: bright patches and dark ones."""
+    """Irradiance of the matched scene, (3,) float64 each: bright patches and dark ones.
+
+    `contrast` is their difference near, in the middle and far, (3, 3): ranges by channels;
+    `middle` is how far from the near range to the far one the middle is, as a part.
+    """
 
     brightest: NDArray[np.float64]
     bright_far: NDArray[np.float64]
     dark_near: NDArray[np.float64]
     dark_far: NDArray[np.float64]
+    contrast: NDArray[np.float64]
+    middle: float
+
+    def fades_into(self, veil: NDArray[np.float64]) -> bool:
+        """Tell whether the scene fades with range until it is the veil.
+
+        A smooth wall has no contrast either, but what is before it has, and as much as near.
+        """
+        near, middle, far = np.maximum(self.contrast, 1e-9)
+        rest = np.maximum(far / near, FADED_LEAST)
+        alike = middle / near / rest**self.middle
+        if not alike.max() > 1.0 / FADED_LESS:
+            return False
+        gone = (rest < FADED) & (alike < FADED_MORE)
+        same = np.abs(self.bright_far + self.dark_far - 2.0 * veil) < 2.0 * FADED_LIGHT * veil
+        return bool((gone & same).all())
 
 
 def find_open_water(
@@ -148,9 +174,9 @@ def find_open_water(
             continue
         allowed = np.interp(np.count_nonzero(part) / part.size, REACH_AREAS, CONTINUED)
         light = _light(means[part], irradiance)
-        if (
-            _is_water(means[part], light, irradiance, scene)
-            and _continued(part, means, matched, smooth, code) < allowed
+        if _is_water(means[part], light, irradiance, scene) and (
+            _continued(part, means, matched, smooth, code) < allowed
+            or scene.fades_into(np.median(light, axis=0))
         ):
             area |= part
     if not area.any():
@@ -239,10 +265,16 @@ def _matched_light(envelope: Envelopes) -> _MatchedLight:
     bins = len(envelope.range)
     quarter = max(bins // 4, 1)
     near, far = slice(0, quarter), slice(bins - quarter, bins)
+    middle = slice(quarter, bins - quarter)
+    at_near, at_middle, at_far = (
+        np.median(envelope.range[part]) for part in (near, middle, far))
+    difference = envelope.bright - envelope.dark
     return _MatchedLight(
         quantile_of_known(envelope.bright, 1.0), quantile_of_known(envelope.bright[:, far], 0.5),
         quantile_of_known(envelope.dark[:, near], 0.5),
         quantile_of_known(envelope.dark[:, far], 0.5),
+        np.stack([quantile_of_known(difference[:, part], 0.5) for part in (near, middle, far)]),
+        float((at_middle - at_near) / max(at_far - at_near, 1e-9)),
     )
 
 

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.optics.light_model import transmission
+from uw_visibility.water.clear_water import hold_above_clear_water
 from uw_visibility.water.contrast import Decay
-from uw_visibility.water.fit import AMBIENT_LIGHT_MAX, ATTENUATION_BOUNDS, Fit
+from uw_visibility.water.fit import AMBIENT_LIGHT_MAX, ATTENUATION_BOUNDS, Fit, moved
 from uw_visibility.water.lower_envelope import NEIGHBOURING_BINS
 from uw_visibility.water.observations import Envelopes
 from uw_visibility.water.open_water import OpenWater
@@ -160,7 +161,7 @@ def fit_free_veil(
         cues["contrast"] = contrast.attenuation, np.sqrt(np.diag(contrast.covariance))
         disagreement = _distance(alone, contrast)
         components = [_update(component, contrast) for component in components]
-    components = [_not_clearer(component, clear_water) for component in components]
+    components = [hold_above_clear_water(component, clear_water) for component in components]
     mixed = _mixture(components, weights)
     light, deviation = _light(components, weights, envelope)
     return VeilFit(
@@ -325,28 +326,7 @@ def _update(fit: Fit, contrast: Decay) -> Fit:
     noise = contrast.covariance * (1.0 + (gap / TAIL) ** 2)
     seen = fit.covariance[0::2]
     gain = np.linalg.solve(seen[:, 0::2] + noise, seen).T
-    return _moved(fit, gain @ (contrast.attenuation - fit.parameters[:, 0]), gain @ seen)
-
-
-def _not_clearer(fit: Fit, clear_water: NDArray[np.float64]) -> Fit:
-    """Hold each channel by clear water, where it came out below."""
-    for c in range(3):
-        row = fit.covariance[2 * c]
-        if fit.parameters[c, 0] < clear_water[c]:
-            tolerance = CLEAR_WATER_TOLERANCE * clear_water[c]
-            gain = row / (row[2 * c] + tolerance**2)
-            missing = clear_water[c] - fit.parameters[c, 0]
-            fit = _moved(fit, gain * missing, np.outer(gain, row))
-    return fit
-
-
-def _moved(fit: Fit, step: NDArray[np.float64], known: NDArray[np.float64]) -> Fit:
-    """Add a step to the parameters, and take what is known now off their covariance."""
-    values = fit.parameters + step.reshape(3, 2)
-    values[:, 0] = np.clip(values[:, 0], *ATTENUATION_BOUNDS)
-    values[:, 1] = np.maximum(values[:, 1], 0.3 * fit.parameters[:, 1])
-    covariance = fit.covariance - known
-    return replace(fit, parameters=values, covariance=0.5 * (covariance + covariance.T))
+    return moved(fit, gain @ (contrast.attenuation - fit.parameters[:, 0]), gain @ seen)
 
 
 def _regular(fit: Fit) -> Fit:

@@ -1,0 +1,85 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Spike-and-slab prior of attenuation: as clear water's, or above it by any amount.
+
+No water is clearer than clear sea water (eq. 3). Where an image alone says so, or nearly,
+the water is either about that clear, or its attenuation is what the image's normal
+distribution leaves above clear water's. An estimate raised to clear water's own would be
+sure of the farthest visibility there is; one that is always above would never find clear
+water (Mitchell and Beauchamp 1988, doi:10.1080/01621459.1988.10478694).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erfcx
+
+from uw_visibility.water.fit import Fit, moved
+from uw_visibility.water.priors import CLEAR_WATER_TOLERANCE
+
+# Waters that are clear beforehand, and the attenuation by particles, 1/m, over which the
+# others are spread.
+CLEAR = 0.1
+SPREAD = 0.3
+# Clear water that is less likely than this is left out.
+NEGLIGIBLE = 1e-3
+
+
+def hold_above_clear_water(fit: Fit, clear_water: NDArray[np.float64]) -> Fit:
+    """Mean and covariance of a fit under the spike-and-slab prior.
+
+    Parameters
+    ----------
+    fit : Fit
+        With all channels.
+    clear_water : (3,) float64 ndarray
+        κ, 1/m, known to `CLEAR_WATER_TOLERANCE`.
+
+    Returns
+    -------
+    Fit
+        What is far above clear water stays as it is.
+    """
+    above, cost = _truncated(fit, clear_water)
+    seen = fit.covariance[0::2]
+    total = seen[:, 0::2] + np.diag((CLEAR_WATER_TOLERANCE * clear_water) ** 2)
+    inverse = np.linalg.inv(total)
+    missing = clear_water - fit.parameters[:, 0]
+    distance = float(missing @ inverse @ missing)
+    # Odds of a normal law at one value to one spread over many (Occam's factor).
+    stddev = 1.0 / math.sqrt(float(inverse.sum()))
+    spread = (1.0 - CLEAR) / CLEAR * math.sqrt(2.0 * math.pi) * stddev / SPREAD
+    share = 1.0 / (1.0 + spread * math.exp(min(max(0.5 * (distance - cost), 0.0), 50.0)))
+    if share < NEGLIGIBLE:
+        return above
+    gain = (inverse @ seen).T
+    return _mixed(moved(fit, gain @ missing, gain @ seen), above, share)
+
+
+def _truncated(fit: Fit, clear_water: NDArray[np.float64]) -> tuple[Fit, float]:
+    """Truncate each channel at clear water in turn; return that and the squared distances."""
+    cost = 0.0
+    for c in range(3):
+        row = fit.covariance[2 * c]
+        stddev = math.hypot(math.sqrt(row[2 * c]), CLEAR_WATER_TOLERANCE * clear_water[c])
+        below = float(clear_water[c] - fit.parameters[c, 0]) / stddev
+        cost += max(below, 0.0) ** 2
+        # Inverse Mills ratio φ(a) / (1 − Φ(a)).
+        ratio = math.sqrt(2.0 / math.pi) / float(erfcx(below / math.sqrt(2.0)))
+        gain = row / stddev
+        fit = moved(fit, ratio * gain, ratio * (ratio - below) * np.outer(gain, gain))
+    return fit, cost
+
+
+def _mixed(one: Fit, other: Fit, share: float) -> Fit:
+    """Mean and covariance of two fits, the first of which has this share."""
+    off = (one.parameters - other.parameters).ravel()
+    return replace(
+        other,
+        parameters=share * one.parameters + (1.0 - share) * other.parameters,
+        covariance=share * one.covariance + (1.0 - share) * other.covariance
+        + share * (1.0 - share) * np.outer(off, off))
