@@ -40,6 +40,20 @@ def test_secchi_disk_by_the_formula():
     assert secchi_depth(0.1, 0.005) * 0.1 == pytest.approx(0.94, abs=0.01)
 
 
+@pytest.mark.parametrize(("diffuse", "reflectance", "expected"), [
+    (0.02, 0.012, 45.7416), (0.05, 0.008, 18.5428), (0.1, 0.005, 9.3613), (0.25, 0.004, 3.7563),
+    (0.6, 0.010, 1.5351), (1.5, 0.020, 0.5927), (4.0, 0.030, 0.2136), (8.0, 0.2, 0.0765),
+])
+def test_secchi_depths_worked_out_apart(
+    diffuse: float, reflectance: float, expected: float
+) -> None:
+    """The formula of Lee et al. 2015 in decimal arithmetic, from dark ocean to muddy lake.
+
+    Measurements of theirs, which would test the formula and not its code, are not at hand.
+    """
+    assert secchi_depth(diffuse, reflectance) == pytest.approx(expected, abs=6e-5)
+
+
 def test_reflectance_of_clear_and_of_scattering_water():
     # Gordon et al. 1988 in the form of Lee et al. 2002: r = (0.0895 + 0.1247 u) u below water.
     assert remote_sensing_reflectance(1.0, 0.0) == 0.0
