@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import matplotlib.dates
+import matplotlib.ticker
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
@@ -186,6 +187,9 @@ def _paint_nis(figure: Figure, time: NDArray[np.float64], nis: NDArray[np.float6
                   label="ν²/S")
     axes.axhline(3.841, color=FILTERED, linewidth=1.2, linestyle="--", label="95 % of χ²")
     axes.set_ylim(LEAST_NIS / 2.0, max(20.0, 2.0 * float(np.nanmax(nis))))
+    # Plain numbers: to set powers as formulas took a fifth of the time of all figures.
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_locator(matplotlib.ticker.NullLocator())
     _finish(axes, time, figure.get_figwidth() < 6.0, "ν²/S")
     return []
 
