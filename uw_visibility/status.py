@@ -24,6 +24,10 @@ class Status(str, Enum):
     NO_DAYLIGHT_COLOUR = (
         "light is not of daylight's colour (check camera.white_reference, white balance, lamps)"
     )
+    GREY_ON_AVERAGE = (
+        "images are grey on average, which tells no depth "
+        "(automatic white balance? fix it, or set camera.white_reference)"
+    )
     CLEARER_THAN_CLEAR_WATER = (
         "clearer than clear sea water by three sigma "
         "(check camera.transfer, white balance, camera.response, calibration)"

@@ -85,6 +85,8 @@ class Assessor:
         by_daylight: bool = True,
     ) -> None:
         self._by_daylight = by_daylight
+        # Where it is another, the balance was measured, and images may well be grey with it.
+        self._white_is_daylight = np.ptp(np.asarray(white_reference, np.float64)) == 0.0
         self._config = config
         self.clear_water_attenuation = clear_water_attenuation(response)
         self._depth = DepthModel(config.water_type, response, white_reference, config.max_depth)
@@ -132,6 +134,8 @@ class Assessor:
             depth_status = Status.NO_DEPTH_BY_LAMPS
         elif estimate.status is Status.OK:
             depth_status, depth = self._assess_depth(estimate, covariance)
+            if estimate.grey_on_average and self._white_is_daylight and estimate.light is not None:
+                depth_status, depth = Status.GREY_ON_AVERAGE, (math.nan,) * 3
             largest = MAX_RELATIVE_STDDEV * self._config.max_depth
             if depth_status is Status.OK and not depth[1] <= largest:
                 depth_status, depth = Status.AMBIENT_LIGHT_UNBOUNDED, (math.nan,) * 3

@@ -79,6 +79,9 @@ class WaterEstimate:
         Part of the image that is open water.
     lamps : LampLight or None
         Light of the lamps, where they light the scene.
+    grey_on_average : bool
+        Whether the image's channels have about the same mean, as automatic white balance
+        makes them.
     """
 
     status: Status
@@ -96,6 +99,7 @@ class WaterEstimate:
         default_factory=dict)
     open_water: float = 0.0
     lamps: LampLight | None = None
+    grey_on_average: bool = False
 
     @property
     def veil(self) -> NDArray[np.float64]:

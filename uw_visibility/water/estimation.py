@@ -25,6 +25,7 @@ from uw_visibility.water.dark_fit import (
 )
 from uw_visibility.water.estimate import WaterEstimate, assemble, refuse
 from uw_visibility.water.fit import Fit, blank
+from uw_visibility.water.grey_average import is_grey_on_average
 from uw_visibility.water.observations import Envelopes, observe
 from uw_visibility.water.position import compare_halves
 from uw_visibility.water.priors import Daylight, fuse
@@ -151,10 +152,11 @@ class WaterEstimator:
         envelope = self._observe(colour, range_map, view.valid, range_error, coarse)
         if envelope.pixels == 0 and not colour.pixels.any():
             return WaterEstimate.not_assessable(Status.TOO_DARK, envelope)
-        return self._estimate(
+        estimate = self._estimate(
             envelope, self._fewest_pixels(colour), start,
             lambda active: coarse_cues(envelope, active) if coarse else gather_cues(
                 colour, np.asarray(range_map, np.float32), view.valid, envelope, active))
+        return replace(estimate, grey_on_average=is_grey_on_average(view.pixels))
 
     def estimate_envelope(
         self,

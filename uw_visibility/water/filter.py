@@ -7,6 +7,7 @@ The only part of a frame's way that needs the frames before it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.water.assessment import Assessor, Visibility
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.estimation import WaterEstimator
+from uw_visibility.water.grey_average import GreyFrames
 from uw_visibility.water.lamp_estimation import CellEstimator
 from uw_visibility.water.lamp_survey import LampSurvey
 from uw_visibility.water.survey import Survey, SurveyEstimate
@@ -70,6 +72,7 @@ class WaterFilter:
         self._assessor = Assessor.from_config(config)
         self._tracker = WaterTracker(config.tracking)
         self._survey = _make_survey(config, self._assessor)
+        self._grey = GreyFrames()
         self._rig: object = None
 
     def update(
@@ -102,11 +105,13 @@ class WaterFilter:
             self.reset()
             self._rig = rig
         filtered = self._tracker.update(water, stamp)
+        grey = self._grey.add(water.grey_on_average)
         event = self._tracker.event
         assert event is not None
         survey = self._surveyed(water, filtered, stamp, event)
         if survey is not None:
             filtered, event = survey.water, TrackingEvent.SURVEYED
+        filtered = replace(filtered, grey_on_average=grey)
         return FilteredWater(
             filtered, self._assessor.assess(filtered), event, self._tracker.assessed,
             self._tracker.rejected, self._tracker.rejected_in_a_row, survey,
@@ -147,6 +152,7 @@ class WaterFilter:
     def reset(self) -> None:
         """Reset the filter: earlier frames do not count."""
         self._tracker.reset()
+        self._grey.reset()
         self._survey.reset()
 
 

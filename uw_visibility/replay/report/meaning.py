@@ -19,6 +19,9 @@ MEANINGS = {
     Status.FIT_FAILED: "The light that was seen does not follow the model of one water.",
     Status.NO_DAYLIGHT_COLOUR: "The light has not the colour of daylight at any depth: lamps, or a "
     "camera whose white is not the one that was configured.",
+    Status.GREY_ON_AVERAGE: "The channels have the same mean, as automatic white balance makes "
+    "them, while water would have taken the red: the colour of daylight, which tells the depth, "
+    "is lost.",
     Status.OTHER_TRANSFER: "Images look encoded the other way than configured: linear or sRGB.",
     Status.UNEVEN_RADIUS: "The image darkens or brightens from its middle outwards, as by the "
     "lens or by lamps.",
@@ -57,6 +60,8 @@ REMEDIES = {
     Status.FIT_FAILED: "Look at the frame: lamps, shade and sun beams are the usual causes.",
     Status.NO_DAYLIGHT_COLOUR: "Find camera.white_reference with uw_visibility calibrate, fix the "
     "white balance, and turn lamps off.",
+    Status.GREY_ON_AVERAGE: "Fix the camera's white balance, best at daylight's; with one that was "
+    "fixed under water find camera.white_reference with uw_visibility calibrate.",
     Status.OTHER_TRANSFER: "Set camera.transfer to the other value; where it is right, set "
     "camera.flat_field.",
     Status.UNEVEN_RADIUS: "Set camera.vignetting or camera.flat_field; turn lamps off.",
