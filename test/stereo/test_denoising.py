@@ -121,6 +121,6 @@ def test_settings_are_the_configured_ones_without_noise_and_wider_in_it() -> Non
     assert noisy.smoothing_radius > config.smoothing_radius
     assert noisy.left_right_tolerance < config.left_right_tolerance
     assert noisy.gap_width > config.gap_width
-    assert noisy.likelihood_weight > config.likelihood_weight
+    assert noisy.segment_difference < config.segment_difference
     off = settings_in_noise(StereoConfig(smoothing_radius=0, gap_width=0), 5.0)
     assert off.smoothing_radius == off.gap_width == 0

@@ -158,7 +158,7 @@ class StereoConfig:
     )
     min_confidence: float = parameter(
         0.0, "Least probability that a disparity is within 1 px of the truth; others are "
-        "unmatched. 0.5 takes most of those that the right image does not show.",
+        "unmatched. 0.5 keeps what is more likely right than wrong.",
         minimum=0.0, maximum=0.99,
     )
     gap_width: int = parameter(

@@ -140,13 +140,15 @@ class Pipeline:
                 views, coarse, clock, match_original=match_original, confidence=confidence
             )
             measured = self.rig.range_from_disparity(improved.disparity)
+            # Water tells as much of what the right view does not show.
+            shown = self.rig.range_from_disparity(improved.with_occlusions)
             filled, water = self._workers.together(
                 lambda: self._fill(second_step, improved, bool(enhance), clock),
-                lambda: self._estimate(coarse, improved, measured, clock),
+                lambda: self._estimate(coarse, improved, shown, clock),
             )
             with clock("image enhancement 2"):
                 images, filled_range = self._enhance(
-                    views, improved, filled, water, coarse, measured, enhance, known_light)
+                    views, improved, filled, water, coarse, shown, enhance, known_light)
             with clock("assessment"):
                 visibility = self._assessor.assess(water)
             low, high = disparity_limits(self.config.stereo, left.shape[1])

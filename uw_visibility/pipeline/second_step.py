@@ -36,6 +36,9 @@ class ImprovedDisparity:
     confidence : ndarray or None
         ``(H, W)`` float32, probability that `disparity` is within 1 px of the truth;
         0 where unmatched; None where not asked for.
+    with_occlusions : ndarray
+        ``(H, W)`` float32, `disparity` with what the right view does not show; see
+        `DenseMatch`.
     original : ndarray or None
         ``(H, W)`` float32, px; the raw pair matched alone, where asked for.
     match : DenseMatch
@@ -46,6 +49,7 @@ class ImprovedDisparity:
 
     disparity: DisparityMap
     confidence: DisparityMap | None
+    with_occlusions: DisparityMap
     original: DisparityMap | None
     match: DenseMatch
     support_points: int
@@ -133,7 +137,7 @@ class SecondStep:
     def fill(self, improved: ImprovedDisparity) -> DisparityMap:
         """Fill gaps of the left view's disparity, then large areas; at the images' size, px."""
         match = improved.match
-        filled = inpaint(self._gaps.fill(match.disparity, match.right), self._workers)
+        filled = inpaint(self._gaps.fill(_whole(match), match.right), self._workers)
         return self._pyramid.upsample_disparity(filled, self._shape)
 
     def coarse_disparity(self, left: View, right: View) -> DisparityMap:
@@ -201,11 +205,18 @@ class SecondStep:
     ) -> ImprovedDisparity:
         """Bring what was matched to the size of the images."""
         disparity, confidence = match.disparity, match.confidence
+        whole = _whole(match)
         if self._pyramid.factor(self._shape) > 1:
             with clock("full size"):
                 disparity = self._pyramid.upsample_disparity(disparity, self._shape)
+                whole = self._pyramid.upsample_disparity(whole, self._shape)
                 if confidence is not None:
                     confidence = self._pyramid.upsample_confidence(confidence, disparity)
                 if original is not None:
                     original = self._pyramid.upsample_disparity(original, self._shape)
-        return ImprovedDisparity(disparity, confidence, original, match, support_points)
+        return ImprovedDisparity(
+            disparity, confidence, whole, original, match, support_points)
+
+
+def _whole(match: DenseMatch) -> DisparityMap:
+    return match.disparity if match.with_occlusions is None else match.with_occlusions

@@ -84,9 +84,18 @@ def test_unsure_matches_are_left_out_where_that_is_asked_for(shared_data):
     np.testing.assert_array_equal(sure.disparity[kept], whole.disparity[kept])
     np.testing.assert_array_equal(sure.stereo.confidence > 0, kept)
     hidden = unseen_in_right(scene)
-    assert kept[hidden].mean() < 0.75 * np.isfinite(whole.disparity)[hidden].mean()
+    assert kept[hidden].mean() < 0.16 < np.isfinite(whole.disparity)[hidden].mean()
     tell = np.abs(whole.disparity - scene.disparity_left) <= 1
     assert (tell & kept).sum() > 0.9 * tell.sum()
+
+
+@pytest.mark.parametrize("name", ["art", "dolls", "moebius"])
+def test_hardly_any_of_what_the_right_image_does_not_show_is_matched(shared_data, name):
+    scene = load_scene(shared_data / "middlebury" / name)
+    found = np.isfinite(matched(scene, 0.2).disparity)
+    hidden = unseen_in_right(scene)
+    assert found[hidden].mean() < 0.185
+    assert found[scene.known & ~hidden].mean() > 0.9
 
 
 def unseen_in_right(scene):

@@ -44,6 +44,17 @@ def test_a_surface_that_grew_over_its_border_shrinks_to_it():
     assert np.mean(np.abs(result - truth) > 1) < 0.005
 
 
+def test_what_would_be_moved_may_be_left_out():
+    grey, truth, fat = box()
+    dropped = fat.copy()
+    EdgeVote(SHAPE).drop(dropped, contrast(grey), Workers(2))
+    wrong = fat != truth
+    assert np.isnan(dropped[wrong]).mean() > 0.9
+    assert np.isnan(dropped[~wrong]).mean() < 0.01
+    kept = np.isfinite(dropped)
+    np.testing.assert_array_equal(dropped[kept], fat[kept])
+
+
 def test_contrast_that_water_took_counts_as_it_was():
     grey, truth, fat = box()
     weak = 100 + (grey - 100) / 16

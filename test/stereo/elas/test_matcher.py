@@ -60,7 +60,19 @@ def test_both_sides_of_a_depth_step_are_found(texture, contrast_of):
     assert matched[inner].mean() > 0.97
     assert np.mean(np.abs(disparity - truth)[matched & inner] <= 0.5) > 0.99
     # Left of the square the wall is hidden from the right camera.
-    assert matched[40:80, 60:68].mean() < 0.5
+    assert matched[40:80, 60:68].mean() < 0.1
+
+
+def test_what_the_right_view_does_not_show_is_for_colour_only(texture, contrast_of):
+    """A gap that is narrow enough is bridged from the wall, which the box hides there."""
+    pair, truth = step_pair(texture, near=13, far=8)
+    found = match(pair, contrast_of)
+    matched = np.isfinite(found.disparity)
+    np.testing.assert_array_equal(found.with_occlusions[matched], found.disparity[matched])
+    more = np.isfinite(found.with_occlusions) & ~matched
+    assert more[40:80, 66:69].mean() > 0.5
+    assert np.median(np.abs(found.with_occlusions - truth)[more]) < 0.2
+    assert more[:, 80:].mean() < 0.01
 
 
 def test_the_right_view_agrees_with_the_left(texture, contrast_of):

@@ -61,3 +61,16 @@ def test_too_few_points_make_no_triangles():
     disparity = np.zeros(SHAPE, np.float32)
     rasterize(triangulate(line, SHAPE), disparity, Workers(1))
     assert np.isfinite(disparity).sum() <= 30
+
+
+def test_where_the_mesh_bridges_a_step_of_depth_is_marked():
+    """Between the columns of a wall and of a box before it, and nowhere on a slanted floor."""
+    y, x = (grid.ravel() for grid in np.mgrid[2:60:5, 2:80:5])
+    for slope, step, expected in ((0.1, 0.0, 0), (0.1, 9.0, SHAPE[0] * 5)):
+        d = 20 + slope * x + 0.4 * y + np.where(x >= 42, step, 0)
+        disparity, steep = np.empty(SHAPE, np.float32), np.empty(SHAPE, np.bool_)
+        points = np.stack([x, y, d], 1).astype(np.float32)
+        rasterize(triangulate(points, SHAPE), disparity, Workers(1), steep)
+        np.testing.assert_allclose(steep.sum(), expected, rtol=0.3)
+        assert not steep[:, :36].any()
+        assert not steep[:, 43:].any()

@@ -10,6 +10,7 @@ from uw_visibility.stereo.elas.postprocess import (
     check_and_refine,
     fill_small_gaps,
     meeting_of_lines,
+    remove_occluded,
 )
 from uw_visibility.stereo.elas.smoothing import AdaptiveMean
 
@@ -62,17 +63,46 @@ def test_a_slope_is_one_segment():
 
 
 def test_gaps_are_bridged_and_edges_take_the_far_side():
-    row = np.array([[NAN, 10, NAN, NAN, 12, NAN, NAN, 30, NAN, NAN, NAN, NAN, 30]], np.float32)
+    row = np.array([[NAN, 10, NAN, NAN, 13, NAN, NAN, 30, NAN, NAN, NAN, NAN, 32]], np.float32)
     fill_small_gaps(row, 3, 3.0, Workers(1))
-    np.testing.assert_array_equal(
-        row[0], [NAN, 10, 11, 11, 12, 12, 12, 30, NAN, NAN, NAN, NAN, 30]
+    np.testing.assert_allclose(
+        row[0], [NAN, 10, 11, 12, 13, 13, 13, 30, NAN, NAN, NAN, NAN, 32], rtol=1e-6
     )
+
+
+def test_gaps_in_one_surface_may_be_three_times_as_wide():
+    row = np.full((1, 24), NAN)
+    row[0, [0, 10, 23]] = 10, 10.5, 10
+    fill_small_gaps(row, 3, 3.0, Workers(1))
+    np.testing.assert_allclose(row[0, :11], np.linspace(10, 10.5, 11), rtol=1e-6)
+    assert np.isnan(row[0, 11:23]).all()
 
 
 def test_gaps_are_bridged_along_columns_too():
     column = np.array([[10, NAN, 10], [NAN, NAN, NAN], [10, NAN, 10]], np.float32).repeat(1, 0)
     fill_small_gaps(column, 1, 3.0, Workers(1))
     assert (column == 10).all()
+
+
+def test_what_something_nearer_hides_from_the_right_view_goes():
+    """Left of a box as many pixels of the wall as the box stands out, and none else."""
+    disparity = np.full((3, 60), 5, np.float32)
+    disparity[:, 30:45] = 12
+    disparity[1, 33:35] = NAN
+    remove_occluded(disparity, Workers(1))
+    hidden = np.zeros(disparity.shape, bool)
+    hidden[:, 23:30] = hidden[:, :5] = True
+    # Through a hole in the box the right view may see the wall.
+    hidden[1, 26:28] = False
+    hidden[1, 33:35] = True
+    np.testing.assert_array_equal(np.isnan(disparity), hidden)
+
+
+def test_a_slanted_wall_hides_nothing_of_itself():
+    slant = np.tile(20 + 0.6 * np.arange(60, dtype=np.float32), (2, 1))
+    seen = slant <= np.arange(60) + 0.5
+    remove_occluded(slant, Workers(1))
+    np.testing.assert_array_equal(np.isfinite(slant), seen)
 
 
 def test_the_mean_takes_noise_off_and_keeps_edges_and_holes():

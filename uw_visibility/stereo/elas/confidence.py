@@ -4,10 +4,10 @@
 
 A logistic regression on what is at hand where a match is made: how much its descriptors
 differ over their texture, the range of disparities around it (a depth edge), how much of its
-neighbourhood is unmatched, how far it is from what the right view matches best (a filled
-occlusion), and the noise of the restored pair. Fitted to four Middlebury scenes and two
-rendered ones in water, with 0 to 4 codes of noise; `docs/stereo-noise.md` has its reliability
-on scenes that a fit left out.
+neighbourhood is unmatched, and how much of it, and of the whole image, the right view denies,
+which is more the more noise there is. Fitted to four Middlebury scenes and four rendered ones
+in water, with 0 to 4 codes of noise; `docs/stereo-noise.md` has its reliability on scenes that
+a fit left out.
 """
 
 from __future__ import annotations
@@ -22,46 +22,49 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.descriptors import MIDDLE
 from uw_visibility.stereo.elas.edges import MARGIN, STRIDE, VOTERS, range_around
+from uw_visibility.stereo.elas.postprocess import columns_in_right
 
 # Log odds of a wrong match: without anything against it; for difference over texture; for
-# the logarithm of the range of disparities, px; for each pixel that the right view differs;
-# for the unmatched share; for each 8-bit level of restored noise.
-_BASE = -4.24
-_DIFFERENCE = np.float32(0.89)
-_RANGE = 1.01
-_APART = np.float32(0.245)
-_UNMATCHED = np.float32(3.76)
-_NOISE = 0.07
+# each pixel of the range of disparities; for the unmatched share of the pixels around; for the
+# logarithm of 1 + 25 times the share of the matched ones among them that the right view denies;
+# for that share of the whole image.
+_BASE = -5.304
+_DIFFERENCE = np.float32(0.438)
+_RANGE = np.float32(0.371)
+_UNMATCHED = 3.411
+_DENIED = 0.843
+_DENIED_OF_ALL = 7.181
 # Up to these they count.
 _MOST_DIFFERENCE = np.float32(2.0)
-_MOST_RANGE = 20
-_MOST_APART = np.float32(3.0)
-_MOST_NOISE = 30.0
+_MOST_RANGE = np.float32(3.0)
+# The right view denies a match whose pixel it matches by more than so many px otherwise.
+_AGREES = np.float32(1.0)
+# Marks are summed over the voters: these bits count the matched ones, those above the denied.
+_MATCHED_BITS = 5
+_NO_MARK, _MATCHED, _DENIED_TOO = np.uint16(0), np.uint16(1), np.uint16(1 << _MATCHED_BITS)
 # Added to the texture, so that noise on a blank wall is no small difference.
 _LEAST_TEXTURE = np.float32(20.0)
-# Entries of tables for a unit of range and of log odds, and the least log odds in them.
+# Entries of the table of confidence for a unit of log odds, and the odds it holds.
 _PER_UNIT = 16
 _LEAST_ODDS = -8
 _MOST_ODDS = 8
 
 
 def _tables() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    ranges = np.arange(_MOST_RANGE * _PER_UNIT + 1) / _PER_UNIT
+    denied, matched = np.divmod(np.arange((VOTERS + 1) << _MATCHED_BITS), 1 << _MATCHED_BITS)
+    share = denied / np.maximum(matched, 1)
+    votes = _BASE + _UNMATCHED * (1 - matched / VOTERS) + _DENIED * np.log1p(VOTERS * share)
     odds = np.arange(_LEAST_ODDS, _MOST_ODDS + 0.5 / _PER_UNIT, 1 / _PER_UNIT)
-    return (
-        (_BASE + _RANGE * np.log1p(ranges)).astype(np.float32),
-        (1 / (1 + np.exp(odds))).astype(np.float32),
-    )
+    return votes.astype(np.float32), (1 / (1 + np.exp(odds))).astype(np.float32)
 
 
-_ODDS_OF_RANGE, _CONFIDENCE = _tables()
+_ODDS_OF_VOTES, _CONFIDENCE = _tables()
 
 
 def rate(
     disparity: NDArray[np.float32],
     best_right: NDArray[np.int16],
     descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-    noise: float,
     workers: Workers,
 ) -> NDArray[np.float32]:
     """Confidence of each disparity of a matched pair.
@@ -74,8 +77,6 @@ def rate(
         ``(H, W)`` int16, what the search found in the right view, -1 for nothing.
     descriptors : tuple of ndarray
         Of the left and of the right view, ``(H * W * 16,)`` uint8.
-    noise : float
-        Restored noise of the median pixel, in 8-bit levels of even contrast.
     workers : Workers
         Threads.
 
@@ -86,46 +87,84 @@ def rate(
         truth; 0 where unmatched.
     """
     confidence = np.empty(disparity.shape, np.float32)
-    odds_of_range = _ODDS_OF_RANGE + np.float32(_NOISE * min(noise, _MOST_NOISE))
+    marks = np.empty(disparity.shape, np.uint16)
+    counts = np.empty((disparity.shape[0], 2), np.int64)
+    workers.rows(_mark, disparity.shape[0], disparity, best_right, marks, counts)
+    matched, denied = (int(n) for n in counts.sum(axis=0))
+    odds_of_votes = _ODDS_OF_VOTES + np.float32(_DENIED_OF_ALL * denied / max(matched, 1))
     workers.rows(
-        _rate, disparity.shape[0], disparity, best_right, descriptors[0], descriptors[1],
-        odds_of_range, _CONFIDENCE, confidence,
+        _rate, disparity.shape[0], disparity, marks, descriptors[0], descriptors[1],
+        odds_of_votes, _CONFIDENCE, confidence,
     )
     return confidence
 
 
 @njit(nogil=True, error_model="numpy")
+def _mark(
+    start: int, stop: int, disparity: Any, best_right: Any, marks: Any, counts: Any
+) -> None:
+    """Mark what is matched, and whether the right view denies it; count both in each row."""
+    width = disparity.shape[1]
+    column = np.empty(width, np.int32)
+    there = np.empty(width, np.int16)
+    for y in range(start, stop):
+        columns_in_right(disparity[y], column)
+        _gather(best_right[y], column, there)
+        _mark_row(disparity[y], there, marks[y])
+        counts[y, 0], counts[y, 1] = _count(marks[y])
+
+
+@njit(nogil=True, error_model="numpy")
+def _gather(source: Any, column: Any, out: Any) -> None:
+    for x in range(column.size):
+        out[x] = source[np.uint32(max(column[x], 0))]
+
+
+@njit(nogil=True, error_model="numpy")
+def _mark_row(row: Any, there: Any, marks: Any) -> None:
+    for x in range(row.size):
+        d, other = row[x], np.float32(there[x])
+        matched = _MATCHED if d == d else _NO_MARK
+        # Where the right view tried nothing it denies nothing.
+        apart = _DENIED_TOO if abs(d - other) > _AGREES else _NO_MARK
+        marks[x] = matched | (apart if other >= 0 else _NO_MARK)
+
+
+@njit(nogil=True, error_model="numpy")
+def _count(marks: Any) -> Any:
+    matched, denied = np.int32(0), np.int32(0)
+    for x in range(marks.size):
+        matched += np.int32(marks[x] & _MATCHED)
+        denied += np.int32(marks[x] >> _MATCHED_BITS)
+    return matched, denied
+
+
+@njit(nogil=True, error_model="numpy")
 def _rate(
-    start: int, stop: int, disparity: Any, best_right: Any, left: Any, right: Any,
-    odds_of_range: Any, table: Any, confidence: Any,
+    start: int, stop: int, disparity: Any, marks: Any, left: Any, right: Any,
+    odds_of_votes: Any, table: Any, confidence: Any,
 ) -> None:
     width = disparity.shape[1]
     low = np.full(width + 2 * MARGIN, np.inf, np.float32)
     high = np.full(width + 2 * MARGIN, -np.inf, np.float32)
     far, near = np.empty(width, np.float32), np.empty(width, np.float32)
-    column = np.zeros(width + 2 * MARGIN, np.float32)
-    matched = np.empty(width, np.float32)
+    column = np.zeros(width + 2 * MARGIN, np.uint16)
+    votes = np.empty(width, np.uint16)
     blank = np.full(BYTES, MIDDLE, np.uint8)
-    last = np.float32(odds_of_range.size - 1)
     most = np.float32(table.size - 1)
     per_unit = np.float32(_PER_UNIT)
     least = np.float32(_LEAST_ODDS)
     for y in range(start, stop):
         range_around(disparity, y, low, high, far, near)
-        _count_matched(disparity, y, column, matched)
+        _add_up(marks, y, column, votes)
         for x in range(width):
             d = disparity[y, x]
             if d != d:
                 confidence[y, x] = 0
                 continue
-            odds = odds_of_range[np.int32(min((near[x] - far[x]) * per_unit, last))]
-            odds += _UNMATCHED * (np.float32(1) - matched[x])
-            column_right = max(x - np.int32(d + np.float32(0.5)), 0)
-            there = best_right[y, column_right]
-            if there >= 0:
-                odds += _APART * min(abs(d - np.float32(there)), _MOST_APART)
+            odds = odds_of_votes[votes[x]] + _RANGE * min(near[x] - far[x], _MOST_RANGE)
             at = (y * width + x) * BYTES
-            other = (y * width + column_right) * BYTES
+            other = (y * width + max(x - np.int32(d + np.float32(0.5)), 0)) * BYTES
             difference = np.float32(absolute_difference(left, at, right, other))
             texture = np.float32(absolute_difference(left, at, blank, x & 0)) + _LEAST_TEXTURE
             odds += _DIFFERENCE * min(difference / texture, _MOST_DIFFERENCE)
@@ -134,25 +173,24 @@ def _rate(
 
 
 @njit(nogil=True, error_model="numpy")
-def _count_matched(disparity: Any, y: int, column: Any, matched: Any) -> None:
-    """Write the matched share of the pixels around each one of a row."""
-    height, width = disparity.shape
-    column[:] = 0
+def _add_up(marks: Any, y: int, column: Any, votes: Any) -> None:
+    """Write the sum of the voters' marks around each pixel of a row."""
+    height, width = marks.shape
+    inner = column[MARGIN : MARGIN + width]
+    inner[:] = 0
     for j in range(-MARGIN, MARGIN + 1, STRIDE):
-        row = disparity[min(max(y + j, 0), height - 1)]
-        _add_matched(row, column[MARGIN : MARGIN + width])
+        _add(marks[min(max(y + j, 0), height - 1)], inner)
     i, j, k, m = STRIDE, 2 * STRIDE, 3 * STRIDE, 4 * STRIDE
-    _add_five(column, column[i:], column[j:], column[k:], column[m:], matched)
+    _add_five(column, column[i:], column[j:], column[k:], column[m:], votes)
 
 
 @njit(nogil=True, error_model="numpy")
-def _add_matched(row: Any, column: Any) -> None:
+def _add(row: Any, column: Any) -> None:
     for x in range(column.size):
-        column[x] += np.float32(1) if row[x] == row[x] else np.float32(0)
+        column[x] = np.uint16(column[x] + row[x])
 
 
 @njit(nogil=True, error_model="numpy")
 def _add_five(a: Any, b: Any, c: Any, d: Any, e: Any, out: Any) -> None:
-    share = np.float32(1.0 / VOTERS)
     for x in range(out.size):
-        out[x] = share * (a[x] + b[x] + c[x] + d[x] + e[x])
+        out[x] = np.uint16(a[x] + b[x] + c[x] + d[x] + e[x])

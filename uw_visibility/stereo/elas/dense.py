@@ -131,6 +131,7 @@ class DenseSearch:
         self,
         descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
         plane: NDArray[np.float32],
+        steep: NDArray[np.bool_],
         likelihood: float,
         airlight: AirlightPrior | None = None,
     ) -> None:
@@ -142,11 +143,14 @@ class DenseSearch:
             As for `try_candidates`.
         plane : ndarray
             ``(H, W)`` float32, the mesh's disparity in the left view, NaN outside.
+        steep : ndarray
+            ``(H, W)`` bool, where the mesh bridges a step of depth. Its disparities are
+            tried there, but no likelier than others.
         likelihood : float
             Weight of a unit of descriptor difference against the prior.
         """
         self._workers.rows(
-            _try_planes, plane.shape[0], *descriptors, plane, *self._disparities,
+            _try_planes, plane.shape[0], *descriptors, plane, steep, *self._disparities,
             self._settings.prior(likelihood), *self._bound(airlight), *self._keys, *self.best,
         )
 
@@ -192,8 +196,8 @@ def _try_candidates(
 
 @njit(nogil=True)
 def _try_planes(
-    start: int, stop: int, left: Any, right: Any, plane: Any, low: int, high: int, prior: Any,
-    farthest: Any, thickness: Any, strength: Any, keys_left: Any, keys_right: Any,
+    start: int, stop: int, left: Any, right: Any, plane: Any, steep: Any, low: int, high: int,
+    prior: Any, farthest: Any, thickness: Any, strength: Any, keys_left: Any, keys_right: Any,
     best_left: Any, best_right: Any,
 ) -> None:
     height, width = plane.shape
@@ -201,6 +205,7 @@ def _try_planes(
     middle = np.empty(width, np.int32)
     need = np.zeros(width, np.float32)
     cost = np.zeros(width, np.int32)
+    surface = np.empty(width, np.int32)
     for y in range(start, stop):
         here, there = keys_left[y], keys_right[y]
         if BORDER <= y < height - BORDER:
@@ -208,13 +213,14 @@ def _try_planes(
             for x in range(width):
                 mean = plane[y, x]
                 middle[x] = np.int32(mean + np.float32(0.5)) if mean == mean else np.int32(-1 << 20)
+                surface[x] = np.int32(0) if steep[y, x] else np.int32(1)
             if thickness.size > 0:
                 _weigh_need(left, at, strength, need)
                 _plane_cost(need, farthest[y], thickness, middle, cost)
             for offset in range(-radius, radius + 1):
                 _try_plane(
-                    left, right, at, offset, low, high, middle, prior[abs(offset)], cost, here,
-                    there,
+                    left, right, at, offset, low, high, middle, surface, prior[abs(offset)],
+                    cost, here, there,
                 )
         for x in range(width):
             best_left[y, x] = _disparity_of(here[x])
@@ -298,17 +304,20 @@ def _plane_cost(need: Any, farthest: Any, thickness: Any, middle: Any, cost: Any
 
 @njit(nogil=True)
 def _try_plane(
-    left: Any, right: Any, at: int, offset: int, low: int, high: int, middle: Any, prior: int,
-    cost: Any, here: Any, there: Any,
+    left: Any, right: Any, at: int, offset: int, low: int, high: int, middle: Any, surface: Any,
+    prior: int, cost: Any, here: Any, there: Any,
 ) -> None:
-    """Offer each pixel of a row the disparity at one distance from its plane."""
+    """Offer each pixel of a row the disparity at one distance from its plane.
+
+    The prior counts where ``surface`` is 1, not where it is 0.
+    """
     width = here.size
     for x in range(BORDER, width - BORDER):
         d = middle[x] + offset
         if d < low or d > min(high, x - BORDER):
             continue
         i = at + x * BYTES
-        energy = prior + cost[x] + absolute_difference(left, i, right, i - d * BYTES)
+        energy = prior * surface[x] + cost[x] + absolute_difference(left, i, right, i - d * BYTES)
         key = np.int32((energy << _DISPARITY_BITS) + d)
         here[x] = min(here[x], key)
         there[x - d] = min(there[x - d], key)

@@ -25,14 +25,14 @@ MARGIN = STRIDE * _STEPS
 VOTERS = (2 * _STEPS + 1) ** 2
 # Range of disparities around a pixel from which there is an edge, px, and how much
 # a pixel has to change to be on the other side of it.
-_EDGE = np.float32(3.0)
+_EDGE = np.float32(2.0)
 _CHANGE = np.float32(1.5)
 # Difference of even contrast, 8-bit levels, at which a vote counts half.
 _ALIKE = 17.0
 
 
 class EdgeVote:
-    """Edge-aware filter: moves depth edges to those of the image; memory is allocated once.
+    """Edge-aware filter of depth edges by those of the image; memory is allocated once.
 
     Parameters
     ----------
@@ -47,9 +47,24 @@ class EdgeVote:
         self, disparity: NDArray[np.float32], image: ContrastNormalizer, workers: Workers
     ) -> None:
         """Move the edges of a map ``(H, W)`` float32, px, in place; NaN stays NaN."""
+        self._filter(disparity, image, True, workers)
+
+    def drop(
+        self, disparity: NDArray[np.float32], image: ContrastNormalizer, workers: Workers
+    ) -> None:
+        """Set what `move` would move to NaN, in place."""
+        self._filter(disparity, image, False, workers)
+
+    def _filter(
+        self,
+        disparity: NDArray[np.float32],
+        image: ContrastNormalizer,
+        replace: bool,
+        workers: Workers,
+    ) -> None:
         np.copyto(self._before, disparity)
         workers.rows(
-            _vote, disparity.shape[0], image.grey, image.gain, self._before, disparity
+            _vote, disparity.shape[0], image.grey, image.gain, self._before, replace, disparity
         )
 
 
@@ -112,7 +127,9 @@ def _alike(difference: Any) -> Any:
 
 
 @njit(nogil=True, error_model="numpy")
-def _vote(start: int, stop: int, grey: Any, gain: Any, before: Any, after: Any) -> None:
+def _vote(
+    start: int, stop: int, grey: Any, gain: Any, before: Any, replace: bool, after: Any
+) -> None:
     height, width = before.shape
     low = np.full(width + 2 * MARGIN, np.inf, np.float32)
     high = np.full(width + 2 * MARGIN, -np.inf, np.float32)
@@ -136,6 +153,9 @@ def _vote(start: int, stop: int, grey: Any, gain: Any, before: Any, after: Any) 
             voters = before[min(max(y + j * STRIDE, 0), height - 1)]
             voter_tones = tones[j + _STEPS]
             for i in range(-_STEPS, _STEPS + 1):
+                # To doubt a match every other voter is enough.
+                if not replace and (i + j) % 2 != 0:
+                    continue
                 shift = i * STRIDE
                 a, b = max(first, -shift), min(last, width - shift)
                 if a >= b:
@@ -149,6 +169,9 @@ def _vote(start: int, stop: int, grey: Any, gain: Any, before: Any, after: Any) 
             if near[x] - far[x] >= _EDGE:
                 d = before[y, x]
                 if d == d and (balance[x] > 0) != (d > middle[x]):
+                    if not replace:
+                        after[y, x] = np.nan
+                        continue
                     other = _mean_of_side(tones, scale[x], before, y, x, middle[x], balance[x] > 0)
                     after[y, x] = other if abs(other - d) > _CHANGE else d
 

@@ -14,13 +14,14 @@ from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.view import View
 from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.contrast import ContrastNormalizer
+from uw_visibility.stereo.denoising import LEAST_NOISE
 from uw_visibility.stereo.elas import dense, mesh, postprocess
 from uw_visibility.stereo.elas.confidence import rate
 from uw_visibility.stereo.elas.dense import DenseSearch, DenseSettings
 from uw_visibility.stereo.elas.descriptors import SCALE, Descriptors
 from uw_visibility.stereo.elas.edges import EdgeVote
 from uw_visibility.stereo.elas.evidence import CELL, NoiseFilter
-from uw_visibility.stereo.elas.noise_settings import settings_in_noise
+from uw_visibility.stereo.elas.noise_settings import NOISE_RADIUS, settings_in_noise
 from uw_visibility.stereo.elas.smoothing import AdaptiveMean
 from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints, SupportSettings
 
@@ -40,11 +41,16 @@ class DenseMatch:
     confidence : ndarray or None
         ``(H, W)`` float32, probability that `disparity` is within 1 px of the truth;
         0 where unmatched; None where not asked for.
+    with_occlusions : ndarray or None
+        ``(H, W)`` float32, `disparity` and that of what something nearer hides from the
+        right view, which is taken from its surroundings: no match, but good for colour;
+        None for the same as `disparity`.
     """
 
     disparity: NDArray[np.float32]
     right: NDArray[np.float32]
     confidence: NDArray[np.float32] | None
+    with_occlusions: NDArray[np.float32] | None = None
 
 
 class Matcher:
@@ -95,6 +101,7 @@ class Matcher:
             airlight=config.airlight_prior,
         )
         self._plane = np.empty(shape, np.float32)
+        self._steep = np.empty(shape, np.bool_)
         self._search = DenseSearch(shape, disparities, settings, workers)
         self._noise = NoiseFilter(shape, config.noise_ratio)
         self._segments = postprocess.SegmentFilter(shape)
@@ -201,20 +208,23 @@ class Matcher:
             lambda: self._search.try_candidates(descriptors, support.points, airlight),
         )
         config = self._settings()
-        self._search.try_plane(descriptors, self._plane, config.likelihood_weight, airlight)
+        self._search.try_plane(
+            descriptors, self._plane, self._steep, config.likelihood_weight, airlight
+        )
         self._postprocess(config, descriptors, disparity)
+        with_occlusions = disparity.copy()
+        postprocess.remove_occluded(disparity, self._workers)
         best_right = self._search.best[1]
         right = np.empty(self._shape, np.float32)
         self._workers.rows(dense.as_disparity, self._shape[0], best_right, right)
         least = self._config.min_confidence
         rated = None
         if confidence or least > 0:
-            noise = 0.0 if self._left is None else self._left.noise
-            rated = rate(disparity, best_right, descriptors, noise, self._workers)
-            unsure = rated < least
-            disparity[unsure] = np.nan
+            rated = rate(disparity, best_right, descriptors, self._workers)
+            unsure = (rated > 0) & (rated < least)
+            disparity[unsure] = with_occlusions[unsure] = np.nan
             rated[unsure] = 0.0
-        return DenseMatch(disparity, right, rated)
+        return DenseMatch(disparity, right, rated, with_occlusions)
 
     def _noise_gradient(self) -> NDArray[np.float64]:
         """Noise of the descriptors' bytes in each of the noise filter's cells."""
@@ -233,7 +243,8 @@ class Matcher:
 
     def _draw_mesh(self, support: SupportPoints) -> None:
         corners = mesh.with_corners(support.points[support.vertices], self._shape)
-        mesh.rasterize(mesh.triangulate(corners, self._shape), self._plane, self._workers)
+        triangles = mesh.triangulate(corners, self._shape)
+        mesh.rasterize(triangles, self._plane, self._workers, self._steep)
 
     def _postprocess(
         self,
@@ -248,6 +259,10 @@ class Matcher:
         self._segments.remove(
             disparity, config.segment_size, config.segment_difference, self._workers
         )
+        if self._left is not None:
+            if self._left.noise > LEAST_NOISE:
+                self._mean.smooth(disparity, NOISE_RADIUS, self._workers)
+            self._edges.drop(disparity, self._left, self._workers)
         postprocess.fill_small_gaps(
             disparity, config.gap_width, config.gap_difference, self._workers
         )

@@ -15,6 +15,11 @@ from uw_visibility.compute.threads import Workers
 
 # Widths and heights of the image around it in which the mesh is built.
 _FRAME = 20
+# Slopes of disparity, along rows and along columns, from which a triangle spans a step of
+# depth rather than a surface. The disparity gradient limit of a surface that both views see
+# is 1 (Pollard, Mayhew and Frisby 1985, doi:10.1068/p140449); most that is as steep as a
+# fifth of that along a row is a step whose two sides are a few support points apart.
+_STEEP_ROW, _STEEP_COLUMN = np.float32(0.2), np.float32(0.5)
 # Rounds of insertion, and the side of the squares that an insertion's curve visits, px.
 _ROUNDS = 8
 _NEAR = 4
@@ -105,7 +110,10 @@ def _every_second_bit(value: NDArray[np.uint32]) -> NDArray[np.uint32]:
 
 
 def rasterize(
-    triangles: NDArray[np.float32], disparity: NDArray[np.float32], workers: Workers
+    triangles: NDArray[np.float32],
+    disparity: NDArray[np.float32],
+    workers: Workers,
+    steep: NDArray[np.bool_] | None = None,
 ) -> None:
     """Write the disparity of the mesh at every pixel that it covers.
 
@@ -117,16 +125,22 @@ def rasterize(
         ``(H, W)`` float32, overwritten; NaN where no triangle lies.
     workers : Workers
         Threads.
+    steep : ndarray, optional
+        ``(H, W)`` bool, overwritten: where the mesh bridges a step of depth.
     """
-    workers.rows(_rasterize, disparity.shape[0], triangles, disparity)
+    marks = np.empty((0, 0), np.bool_) if steep is None else steep
+    workers.rows(_rasterize, disparity.shape[0], triangles, disparity, marks)
 
 
 @njit(nogil=True)
-def _rasterize(start: int, stop: int, triangles: Any, disparity: Any) -> None:
+def _rasterize(start: int, stop: int, triangles: Any, disparity: Any, steep: Any) -> None:
     width = disparity.shape[1]
+    marked = steep.size > 0
     for y in range(start, stop):
         for x in range(width):
             disparity[y, x] = np.nan
+        if marked:
+            steep[y] = False
     for t in range(triangles.shape[0]):
         x0, y0, d0 = triangles[t, 0]
         x1, y1, d1 = triangles[t, 1]
@@ -136,6 +150,7 @@ def _rasterize(start: int, stop: int, triangles: Any, disparity: Any) -> None:
             continue
         slope_x = ((d1 - d0) * (y2 - y0) - (d2 - d0) * (y1 - y0)) / area
         slope_y = ((d2 - d0) * (x1 - x0) - (d1 - d0) * (x2 - x0)) / area
+        step = abs(slope_x) > _STEEP_ROW or abs(slope_y) > _STEEP_COLUMN
         first = max(int(min(y0, y1, y2)), start)
         last = min(int(max(y0, y1, y2)), stop - 1)
         for y in range(first, last + 1):
@@ -155,3 +170,5 @@ def _rasterize(start: int, stop: int, triangles: Any, disparity: Any) -> None:
                     high = max(high, x_edge)
             for x in range(int(np.ceil(low)), int(high) + 1):
                 disparity[y, x] = d0 + slope_x * (x - x0) + slope_y * (y - y0)
+                if marked:
+                    steep[y, x] = step

@@ -9,6 +9,9 @@ from dataclasses import replace
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.stereo.denoising import LEAST_NOISE
 
+NOISE_RADIUS = 3
+"""Neighbours to each side of a first mean in noise, px, which brings outliers to light."""
+
 # Restored noise, in 8-bit levels of even contrast, from which on the settings are wholly
 # those of noisy images.
 _FULL_NOISE = 2.0
@@ -17,8 +20,9 @@ _FULL_NOISE = 2.0
 _MORE_RADIUS = 7
 # A hole is a mismatch rather than an occlusion, and may be wider by so many px.
 _MORE_GAP = 4
-# Prior and noise make the same mistakes in both views: descriptors count so many times more.
-_LIKELIHOOD = 1.8
+# Chance joins what lies within a pixel by and by; surfaces have smaller steps. In turn smaller
+# segments are left by it.
+_SEGMENT_DIFFERENCE, _SEGMENT_SIZE = 0.6, 0.5
 # Views that agree by chance mostly do so by two pixels.
 _TOLERANCE = 1
 
@@ -47,7 +51,8 @@ def settings_in_noise(config: StereoConfig, noise: float) -> StereoConfig:
             config.smoothing_radius + round(share * _MORE_RADIUS)
         ),
         gap_width=config.gap_width and config.gap_width + round(share * _MORE_GAP),
-        likelihood_weight=config.likelihood_weight * (1.0 + share * (_LIKELIHOOD - 1.0)),
+        segment_difference=config.segment_difference * (1.0 - share * (1.0 - _SEGMENT_DIFFERENCE)),
+        segment_size=round(config.segment_size * (1.0 - share * (1.0 - _SEGMENT_SIZE))),
         left_right_tolerance=min(config.left_right_tolerance, _TOLERANCE)
         if share > 0.5 else config.left_right_tolerance,
     )

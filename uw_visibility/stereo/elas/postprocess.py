@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Post-processing of disparity: consistency, sub-pixel, small segments, small gaps."""
+"""Post-processing of disparity: consistency, sub-pixel, segments, gaps, occlusions."""
 
 from __future__ import annotations
 
@@ -13,6 +13,14 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.dense import BORDER
+
+# Sides of a gap that differ by no more, px, are of one surface, and the gap between them may
+# be so many times as wide as another that is bridged.
+_ONE_SURFACE = np.float32(1.0)
+_WIDER = 3
+# What is nearer by more than this, px, hides what falls on the same pixel of the right view;
+# pixels of a slanted surface share one too.
+_HIDES = np.float32(1.5)
 
 
 def check_and_refine(
@@ -82,11 +90,29 @@ def fill_small_gaps(
 
     Where the two sides differ by at most ``difference`` px the gap is
     interpolated; at a depth edge it takes the farther side, as an occlusion
-    would.
+    would. Gaps whose sides are nearly of one disparity may be `_WIDER` times as wide.
     """
     workers.rows(_fill_row_gaps, disparity.shape[0], disparity, width, np.float32(difference))
     transposed = disparity.T
     workers.rows(_fill_row_gaps, disparity.shape[1], transposed, width, np.float32(difference))
+
+
+def remove_occluded(disparity: NDArray[np.float32], workers: Workers) -> None:
+    """Z-buffer test: set what something nearer hides from the right view to NaN, in place.
+
+    Gaps at the farther side of a depth edge are filled from there, and edges move over
+    what was matched: so it is asked of the finished map which of its pixels the right view
+    can show. All that fall on one of its pixels are of one surface, but for those that the
+    nearest of them hides.
+
+    Parameters
+    ----------
+    disparity : ndarray
+        ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
+    workers : Workers
+        Threads.
+    """
+    workers.rows(_remove_occluded, disparity.shape[0], disparity)
 
 
 @njit(nogil=True)
@@ -192,12 +218,49 @@ def _fill_row_gaps(start: int, stop: int, disparity: Any, widest: int, differenc
             if d != d:
                 continue
             gap = x - last - 1
-            if 0 < gap <= widest and last >= 0:
+            if 0 < gap <= _WIDER * widest and last >= 0:
                 before = disparity[y, last]
-                if abs(before - d) <= difference:
-                    value = np.float32(0.5) * (before + d)
-                else:
-                    value = min(before, d)
-                for inside in range(last + 1, x):
-                    disparity[y, inside] = value
+                step = d - before
+                if abs(step) <= (difference if gap <= widest else _ONE_SURFACE):
+                    for inside in range(last + 1, x):
+                        share = np.float32(inside - last) / np.float32(gap + 1)
+                        disparity[y, inside] = before + share * step
+                elif gap <= widest:
+                    for inside in range(last + 1, x):
+                        disparity[y, inside] = min(before, d)
             last = x
+
+
+@njit(nogil=True, error_model="numpy")
+def _remove_occluded(start: int, stop: int, disparity: Any) -> None:
+    width = disparity.shape[1]
+    # Of each column, after one for all that lies beyond the border.
+    nearest = np.empty(width + 1, np.float32)
+    over = np.empty(width, np.float32)
+    column = np.empty(width, np.int32)
+    for y in range(start, stop):
+        row = disparity[y]
+        columns_in_right(row, column)
+        nearest[:] = 0
+        for x in range(width):
+            at = np.uint32(max(column[x] + 1, 0))
+            if row[x] > nearest[at]:
+                nearest[at] = row[x]
+        for x in range(width):
+            over[x] = nearest[np.uint32(max(column[x] + 1, 0))]
+        _clear_hidden(over, column, row)
+
+
+@njit(nogil=True, error_model="numpy")
+def columns_in_right(row: Any, column: Any) -> None:
+    """Write the column of the right view that each pixel matches, below 0 for none."""
+    for x in range(row.size):
+        d = row[x] if row[x] == row[x] else np.float32(x + 1)
+        column[x] = np.int32(x) - np.int32(d + np.float32(0.5))
+
+
+@njit(nogil=True, error_model="numpy")
+def _clear_hidden(nearest: Any, column: Any, row: Any) -> None:
+    for x in range(row.size):
+        hidden = (nearest[x] > row[x] + _HIDES) | (column[x] < 0)
+        row[x] = np.float32(np.nan) if hidden else row[x]
