@@ -88,6 +88,14 @@ def test_standard_deviations_are_those_of_samples(depth):
         assert getattr(seen, f"{name}_stddev") == pytest.approx(spread, rel=0.08), name
 
 
+@pytest.mark.parametrize("part", [0.05, 0.2, 0.4])
+def test_the_deviation_of_distance_is_half_the_span_between_attenuations_one_off(part):
+    covariance = np.tile(np.diag([(0.3 * part) ** 2, 1e-6]), (3, 1, 1))
+    seen = ASSESSOR.assess(estimate([0.5, 0.4, 0.3], [0.5, 0.6, 0.7], covariance))
+    nearer, farther = (seen.distance / (1 + off) for off in (part, -part))
+    assert seen.distance_stddev == pytest.approx((farther - nearer) / 2, rel=0.03)
+
+
 def test_channels_count_as_independent_without_a_joint_covariance():
     seen = ASSESSOR.assess(estimate(KAPPA + 0.1, [0.5, 0.6, 0.7]))
     assert seen.mean_attenuation_stddev == pytest.approx(0.01 / math.sqrt(3))

@@ -183,7 +183,10 @@ class Assessor:
         best = int(np.nanargmin(estimate.attenuation))
         attenuation = float(estimate.attenuation[best])
         distance = visibility_distance(attenuation, contrast)
-        return distance, distance * math.sqrt(covariance[2 * best, 2 * best]) / attenuation
+        part = math.sqrt(covariance[2 * best, 2 * best]) / attenuation
+        # The distance goes as 1/β: where β is uncertain it is farther more than nearer, which
+        # the second order of half the difference between both says.
+        return distance, distance * part * (1.0 + part**2)
 
 
 def joint_covariance(estimate: WaterEstimate) -> NDArray[np.float64]:
