@@ -19,7 +19,7 @@ from uw_visibility.water.estimate import WaterEstimate
 
 # A distance or depth whose standard deviation is beyond this fraction of it, or
 # of the largest depth, says nothing.
-MAX_RELATIVE_STDDEV = 1.0
+MAX_RELATIVE_STDDEV = 0.5
 # Light whose colour is farther from that of any daylight below water tells no depth.
 MAX_COLOUR_ERROR = 3.0
 
