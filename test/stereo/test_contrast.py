@@ -82,3 +82,20 @@ def test_unknown_range_takes_the_gain_of_the_farthest():
     contrast.restore(image, ranges, ATTENUATION, AMBIENT, Workers(1), NO_NOISE)
     np.testing.assert_array_equal(contrast.gain[:30], contrast.gain[0, 0])
     assert contrast.gain[40, 0] < contrast.gain[0, 0]
+
+
+def test_lamp_lit_contrast_of_the_far_is_raised_and_that_of_the_near_kept():
+    """What lamps light falls faster than by daylight; gains follow their known light."""
+    rng = np.random.default_rng(2)
+    ranges = np.full(SHAPE, 2.0, np.float32)
+    ranges[40:] = 6.0
+    steps = np.geomspace(0.5, 10.0, 20)
+    direct = np.exp(-0.3 * steps) / steps**2 * np.array([[0.2], [0.8], [1.0]])
+    light = np.where(ranges < 4, 1.0, (2 / 6) ** 2 * np.exp(-0.3 * 4))[..., None]
+    image = (rng.random((*SHAPE, 3)) * 0.8 * light * 255 * 256).astype(np.uint16)
+    contrast = ContrastNormalizer(SHAPE)
+    contrast.restore_lit(image, ranges, steps, direct, Workers(1), NO_NOISE)
+    near, far = contrast.gain[20, 0], contrast.gain[60, 0]
+    assert near == pytest.approx(stretched(image[:40]).gain.max(), rel=0.2)
+    raised = np.interp(2.0, steps, direct[2]) / np.interp(6.0, steps, direct[2])
+    assert 0.4 * raised < far / near <= 2.0 * raised

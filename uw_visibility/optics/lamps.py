@@ -46,6 +46,21 @@ LEAST_DISTANCE = 0.02
 DARKNESS = 1e-12
 
 
+class DirectLight(NamedTuple):
+    """Light of lamps on a surface, as it reaches the camera, over range.
+
+    Attributes
+    ----------
+    range : (R,) float64 ndarray
+        m.
+    direct : (3, R) float64 ndarray
+        D, geometric mean over the image.
+    """
+
+    range: Array
+    direct: Array
+
+
 class LampTables(NamedTuple):
     """Direct and scattered light of a rig's lamps, by camera.
 
@@ -82,6 +97,11 @@ class LampTables(NamedTuple):
                 (1 - share) * table[low, channel] + share * table[low + 1, channel])
 
         return mix(self.log_direct), mix(self.log_scattered)
+
+    def by_range(self, attenuation: Array) -> DirectLight:
+        """Direct light over range alone, for an attenuation, (3,), 1/m."""
+        log_direct, _ = self.at(attenuation)
+        return DirectLight(RANGES, np.exp(log_direct.mean(axis=(1, 2), dtype=np.float64)))
 
     def place(self, column: Array, row: Array, distance: Array) -> tuple[Array, Array, Array]:
         """Coordinates of points in units of the nodes: row, column, range; clipped."""

@@ -14,7 +14,7 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.lamp_radiance import LampRestorer
 from uw_visibility.images.arrays import DisparityMap, Image, Mask, PerChannel, RangeMap
 from uw_visibility.images.view import StereoViews, View
-from uw_visibility.optics.lamps import LampTables, nodes_of, tabulate
+from uw_visibility.optics.lamps import DirectLight, LampTables, nodes_of, tabulate
 from uw_visibility.pipeline.result import NOT_LIMITED, NOT_WANTED, EnhancedImages
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.views import in_right_view
@@ -22,6 +22,9 @@ from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.estimation import WaterEstimator
 from uw_visibility.water.lamp_estimation import LampEstimator
+
+# What matching takes for the attenuation by particles, 1/m; gains depend little on it.
+USUAL_PARTICLES = 0.1
 
 
 def make_estimator(
@@ -34,6 +37,17 @@ def make_estimator(
             assessor.daylight)
     return LampEstimator(
         config.water, config.lighting, assessor.clear_water_attenuation, rig.rays_at)
+
+
+def light_by_range(
+    estimator: WaterEstimator | LampEstimator, config: PipelineConfig, assessor: Assessor,
+    shape: tuple[int, int],
+) -> DirectLight | None:
+    """Return how light falls with range where lamps alone light the scene."""
+    if config.lighting.model != "lamps" or not isinstance(estimator, LampEstimator):
+        return None
+    return estimator.tables(shape).by_range(
+        assessor.clear_water_attenuation + USUAL_PARTICLES)
 
 
 class LampEnhancement:

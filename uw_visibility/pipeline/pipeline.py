@@ -24,7 +24,7 @@ from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.optics.light_model import scene_light_of
 from uw_visibility.pipeline.enhancement import ChannelWater, ImageEnhancement
 from uw_visibility.pipeline.first_step import CoarseEstimate, FirstStep
-from uw_visibility.pipeline.lamps import LampEnhancement, make_estimator
+from uw_visibility.pipeline.lamps import LampEnhancement, light_by_range, make_estimator
 from uw_visibility.pipeline.result import EnhancedImages, FrameResult, StereoResult
 from uw_visibility.pipeline.second_step import ImprovedDisparity, SecondStep
 from uw_visibility.pipeline.timing import StageClock
@@ -264,7 +264,9 @@ class Pipeline:
         if self._steps is None or self._shape != shape:
             self._steps = (
                 FirstStep(shape, self.rig, self.config, self._estimator, self._workers),
-                SecondStep(shape, self.rig, self.config, self._workers),
+                SecondStep(
+                    shape, self.rig, self.config, self._workers,
+                    light_by_range(self._estimator, self.config, self._assessor, shape)),
             )
             self._shape = shape
         return self._steps

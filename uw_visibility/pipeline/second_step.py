@@ -12,6 +12,7 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.arrays import DisparityMap, PerChannel, Points
 from uw_visibility.images.view import StereoViews, View
+from uw_visibility.optics.lamps import DirectLight
 from uw_visibility.pipeline.first_step import CoarseEstimate
 from uw_visibility.pipeline.timing import StageClock
 from uw_visibility.stereo.airlight import Airlight, AirlightPrior
@@ -68,6 +69,8 @@ class SecondStep:
         Parameters, for images of this size.
     workers : Workers
         Threads.
+    lamps : DirectLight, optional
+        How the light of lamps falls with range, where they alone light the scene.
 
     Raises
     ------
@@ -76,10 +79,12 @@ class SecondStep:
     """
 
     def __init__(
-        self, shape: tuple[int, int], rig: StereoRig, config: PipelineConfig, workers: Workers
+        self, shape: tuple[int, int], rig: StereoRig, config: PipelineConfig, workers: Workers,
+        lamps: DirectLight | None = None,
     ) -> None:
         self._shape = shape
         self._workers = workers
+        self._lamps = lamps
         self._pyramid = Pyramid(config.stereo.reduction, workers)
         stereo = self._pyramid.settings(config.stereo, shape)
         small = self._pyramid.shape(shape)
@@ -164,28 +169,31 @@ class SecondStep:
     def _describe_restored(self, left: View, right: View, coarse: CoarseEstimate) -> None:
         """Describe the pair with its contrast restored; without estimate as it is.
 
-        Channels that are too dark are left out. One that is refused for another reason
+        Under lamps it is their known light that falls with range, whatever the water is.
+        By daylight channels that are too dark are left out. One that is refused for another reason
         still shows the scene: without it less is left than of the image as it is.
         """
-        water = coarse.water
-        known = np.isfinite(water.attenuation).any()
-        if left.colour is None or not known or water.refused_in_light.any():
+        water, lamps = coarse.water, self._lamps
+        known = np.isfinite(water.attenuation).any() and not water.refused_in_light.any()
+        if left.colour is None or (lamps is None and not known):
             self._matcher.describe_raw(self._contrast, left, right)
             return
 
-        def describe(side: int, view: View, disparity: DisparityMap, light: PerChannel) -> None:
-            self._contrast[side].restore(
-                view.pixels, coarse.rig.range_from_disparity(disparity), water.attenuation,
-                light, self._workers, view.noise,
-            )
+        def describe(side: int, view: View, disparity: DisparityMap, gain: PerChannel) -> None:
+            ranges = coarse.rig.range_from_disparity(disparity)
+            if lamps is None:
+                self._contrast[side].restore(
+                    view.pixels, ranges, water.attenuation, gain * water.ambient_light,
+                    self._workers, view.noise)
+            else:
+                self._contrast[side].restore_lit(
+                    view.pixels, ranges, *lamps, self._workers, view.noise)
             self._matcher.describe_view(side, self._contrast[side])
 
         self._workers.together(
-            lambda: describe(0, left, coarse.disparity, water.ambient_light),
+            lambda: describe(0, left, coarse.disparity, np.ones(3)),
             lambda: describe(
-                1, right, in_right_view(coarse.disparity, self._workers),
-                coarse.right_gain * water.ambient_light,
-            ),
+                1, right, in_right_view(coarse.disparity, self._workers), coarse.right_gain),
         )
 
     def _airlight_prior(

@@ -31,6 +31,8 @@ _FINE = 256.0
 _OUTSIDE = 0.005
 # Beyond this gain, 8-bit levels, gradients are those of quantisation and noise.
 _MAX_GAIN = 16.0
+# Lamp-lit contrast at a typical range is raised so much above that of a raw image.
+_FAR_GAIN = 2.0
 # Contrast that white against black is brought to, 8-bit levels. More than 255:
 # strong gradients clip in the descriptors, and weak ones tell more.
 _FULL_CONTRAST = 1.5 * 255.0
@@ -82,10 +84,7 @@ class ContrastNormalizer:
             default. The image is smoothed as far as its restored noise asks for.
         """
         self._mix(image, _LUMA, workers)
-        # Every fourth pixel of every fourth row tells as much about the whole.
-        sample = self.grey[::4, ::4]
-        low, high = np.percentile(sample, (100 * _OUTSIDE, 100 * (1 - _OUTSIDE)))
-        self.gain[:] = min(255.0 / max(high - low, 1.0), _MAX_GAIN / _FINE)
+        self.gain[:] = self._raw_gain()
         self._smooth(image, _LUMA, workers, noise)
 
     def restore(
@@ -122,9 +121,7 @@ class ContrastNormalizer:
         known = np.isfinite(attenuation) & np.isfinite(ambient_light)
         attenuation = np.where(known, attenuation, 0.0)
         ambient_light = np.where(known, ambient_light, 0.0)
-        sample = range_map[::4, ::4]
-        sample = sample[np.isfinite(sample)]
-        typical, farthest = np.percentile(sample, (50, 100)) if sample.size else (1.0, 1.0)
+        typical, farthest = _typical_and_farthest(range_map)
         weights = ambient_light * transmission(attenuation, typical)
         weights /= weights.sum()
         self._mix(image, tuple(weights), workers)
@@ -132,12 +129,57 @@ class ContrastNormalizer:
         contrast = np.sum(weights * ambient_light * transmission(attenuation, ranges), axis=1)
         # Far enough away nothing is left of it, not even in 64 bits.
         contrast = np.maximum(contrast, _FULL_CONTRAST / (255.0 * _MAX_GAIN))
-        gain = np.minimum(_FULL_CONTRAST / (255.0 * contrast), _MAX_GAIN) / _FINE
+        self._set_gain(_FULL_CONTRAST / (255.0 * contrast), farthest, range_map, workers)
+        self._smooth(image, weights, workers, noise)
+
+    def restore_lit(
+        self,
+        image: NDArray[Any],
+        range_map: NDArray[np.float32],
+        ranges: NDArray[np.float64],
+        direct: NDArray[np.float64],
+        workers: Workers,
+        noise: NDArray[np.float64] | None = None,
+    ) -> None:
+        """Take the mix of channels with least noise, and the gain that undoes lamps' falloff.
+
+        Parameters
+        ----------
+        image, range_map, workers, noise
+            See `restore`.
+        ranges : ndarray
+            ``(R,)`` float64, m.
+        direct : ndarray
+            ``(3, R)`` float64, light on a surface as far away that reaches the camera; its
+            scale is free: at a typical range contrast is stretched as that of a raw image.
+        """
+        typical, farthest = _typical_and_farthest(range_map)
+        weights = np.array([np.interp(typical, ranges, channel) for channel in direct])
+        weights /= weights.sum()
+        self._mix(image, tuple(weights), workers)
+        steps = np.linspace(0.0, farthest, _TABLE)
+        falloff = np.exp(np.interp(steps, ranges, np.log(weights @ direct)))
+        falloff /= np.interp(typical, steps, falloff)
+        gain = self._raw_gain() * np.maximum(_FAR_GAIN / falloff, 1.0)
+        self._set_gain(_FINE * gain, farthest, range_map, workers)
+        self._smooth(image, weights, workers, noise)
+
+    def _raw_gain(self) -> float:
+        """Gain that stretches the contrast of the grey image, and no noise."""
+        # Every fourth pixel of every fourth row tells as much about the whole.
+        low, high = np.percentile(self.grey[::4, ::4], (100 * _OUTSIDE, 100 * (1 - _OUTSIDE)))
+        return float(min(255.0 / max(high - low, 1.0), _MAX_GAIN / _FINE))
+
+    def _set_gain(
+        self, table: NDArray[np.float64], farthest: float, range_map: NDArray[np.float32],
+        workers: Workers,
+    ) -> None:
+        """Look up the gain of each pixel in a table over ranges of equal steps, from 0 on."""
+        gain = np.minimum(table, _MAX_GAIN) / _FINE
         workers.rows(
             _look_up, self.gain.shape[0], range_map, self.gain.shape[1] // range_map.shape[1],
             np.float32((_TABLE - 1) / farthest), gain.astype(np.float32), self.gain,
         )
-        self._smooth(image, weights, workers, noise)
 
     def _smooth(
         self,
@@ -175,6 +217,13 @@ class ContrastNormalizer:
             workers.rows(_mix, image.shape[0], image, red, green, blue, self.grey)
         else:
             np.multiply(image, np.uint16(scale), out=self.grey, casting="unsafe")
+
+
+def _typical_and_farthest(range_map: NDArray[np.float32]) -> tuple[float, float]:
+    sample = range_map[::4, ::4]
+    sample = sample[np.isfinite(sample)]
+    typical, farthest = np.percentile(sample, (50, 100)) if sample.size else (1.0, 1.0)
+    return float(typical), float(farthest)
 
 
 @njit(nogil=True)

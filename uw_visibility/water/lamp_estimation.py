@@ -56,6 +56,7 @@ class _Prepared:
     """Tables for one size of image."""
 
     tables: LampTables
+    row_angle: float
     moved: list[Table]
 
 
@@ -199,7 +200,9 @@ class LampEstimator(CellEstimator):
                 log_direct(rays, others) - first for others in displaced(
                     lamps, self._lighting.position_stddev, self._lighting.direction_stddev)]
             # Of one size at a time, as buffers are.
-            self._prepared = {shape: _Prepared(tables, moved)}
+            middle = rays[len(rows) // 2 - 1:, len(columns) // 2]
+            row_angle = float(np.linalg.norm(middle[1] - middle[0]) / (rows[1] - rows[0]))
+            self._prepared = {shape: _Prepared(tables, row_angle, moved)}
         return self._prepared[shape]
 
     def estimate_view(
@@ -238,7 +241,8 @@ class LampEstimator(CellEstimator):
         tables = prepared.tables
         seen = observe(
             view.colour, np.asarray(range_map, np.float32), view.valid, tables,
-            tables.log_direct[REFERENCE].mean(axis=0), tables.log_scattered[REFERENCE].mean(axis=0))
+            tables.log_direct[REFERENCE].mean(axis=0), tables.log_scattered[REFERENCE].mean(axis=0),
+            prepared.row_angle)
         reason = self._refuse(seen, view)
         if reason is not Status.OK:
             return WaterEstimate.not_assessable(reason)

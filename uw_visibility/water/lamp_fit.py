@@ -25,9 +25,9 @@ Array = NDArray[np.float64]
 
 # What a cell's contrast departs from the mean one by, as a part of it; and how well its noise
 # is known. Less than this part of the mean light is no contrast, but the light's own pattern.
-CELL_DEVIATION, NOISE_ERROR, LEAST_CONTRAST = 0.25, 0.5, 0.006
+CELL_DEVIATION, NOISE_ERROR, LEAST_CONTRAST = 0.6, 0.3, 0.006
 # Cells of so many pixels count as more do.
-MOST_PIXELS = 1000.0
+MOST_PIXELS = 200.0
 # Cauchy's scale, in deviations of a cell.
 TAIL = 2.0
 ITERATIONS = 40
@@ -37,6 +37,9 @@ START = 0.3
 LITTLE_DAYLIGHT, DAYLIGHT_WEIGHT = math.log(1e-2), 1e-3
 # Cells that are needed, and what their contrast is over that of noise.
 FEWEST_CELLS, ABOVE_NOISE = 6, 2.0
+# Mean light over that noise: pixels have 2.4 times as much, and at least two deviations of it
+# have to be above black.
+ABOVE_BLACK = 5.0
 # Cells beside one another show the same objects.
 NEIGHBOURS = 4.0
 # What a scene's texture changes over range, as the logarithm of contrast per one standard
@@ -102,16 +105,20 @@ def _fit_channel(
     cells: Cells, channel: int, both: bool
 ) -> tuple[float, float, Array, float, int, Array, int]:
     """β, daylight's share, influence of cells, spread of paths, cells, effect of lamps moved."""
-    squared, noise = cells.contrast[channel] ** 2, cells.noise[channel] ** 2
+    squared = cells.contrast[channel] * np.abs(cells.contrast[channel])
+    noise = cells.noise[channel] ** 2
     least = (LEAST_CONTRAST * cells.mean[channel]) ** 2
-    seen = squared > ABOVE_NOISE**2 * noise + least
+    lit = cells.mean[channel] > ABOVE_BLACK * cells.noise[channel]
+    seen = lit & (squared > ABOVE_NOISE**2 * noise + least)
     number = int(seen.sum())
     size = len(squared)
     if number < FEWEST_CELLS:
         return math.nan, 0.0, np.zeros(size), math.nan, number, np.zeros(len(cells.moved)), 0
-    background = (NOISE_ERROR**2 + 20.0 / cells.count) * noise**2 + least**2
+    background = (NOISE_ERROR**2 + 40.0 / cells.count) * noise**2 + least**2
     weight = np.sqrt(np.minimum(cells.count, MOST_PIXELS))
     weight /= weight.max()
+    # Noise that is cut off at black takes contrast with it.
+    weight[~lit] = 0.0
     # β, logarithm of contrast, logarithm of daylight's share.
     p = np.array([START, 0.0, LITTLE_DAYLIGHT])[:3 if both else 2]
     p[1] = float(np.median(0.5 * np.log(squared[seen]) - cells.direct(START, channel)[0][seen]))
@@ -260,7 +267,8 @@ def _fit_dark(
 def _without_noise(cells: Cells, channel: int) -> tuple[Array, Array]:
     """Dark and bright envelope without what noise adds to their distance from the mean."""
     # Of one square; the second difference holds one and half of two others.
-    noise, contrast = cells.noise[channel] / math.sqrt(1.5), cells.contrast[channel]
+    noise = cells.noise[channel] / math.sqrt(1.5)
+    contrast = np.maximum(cells.contrast[channel], 0.0)
     added = np.hypot(noise, contrast) - contrast
     return (
         cells.dark[channel] - ndtri(DARK_QUANTILE) * added / np.exp(cells.log_unit),

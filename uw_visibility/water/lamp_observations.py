@@ -7,6 +7,8 @@ attenuation, so that what is left of range and direction is e^(−(β − β₀)
 the water scatters. Contrast is the second difference along the row, between points of
 equal distance on the scene: the veil adds the same to both sides, texture is compared at
 one scale, and ground that falls away from the camera is not foreshortened along the row.
+It is the product of two such differences, of pixels that are not the same, so that their
+noise cancels whatever it is.
 """
 
 from __future__ import annotations
@@ -27,19 +29,22 @@ from uw_visibility.optics.transfer import linear_table
 # Cells: bins of range, of equal ratio, by columns of the image.
 RANGE_BINS, COLUMNS = 24, 4
 # Pixels read, and those that a cell needs.
-PIXELS_READ = 40_000
+PIXELS_READ = 100_000
 FEWEST_PIXELS = 60
 # Ranges beyond these quantiles are mostly wrong matches.
-RANGE_QUANTILES = (0.005, 0.995)
+RANGE_QUANTILES = (0.005, 0.98)
 RANGE_SAMPLES = 4096
 # Distance of the compared points as a part of the image's width, at a range, m, and the
 # largest one, near by; at least as many pixels as a camera's blur is wide. The same in all
 # frames, so that many of them may be taken together.
-FAR_PART, FAR_RANGE, NEAR_PART, LEAST_SEPARATION = 1 / 128, 12.0, 1 / 10, 3
+FAR_PART, FAR_RANGE, NEAR_PART, LEAST_SEPARATION = 1 / 90, 12.0, 1 / 10, 3
 # Farthest over nearest bin at least.
 LEAST_RATIO = 1.5
-# Light is the mean of nine pixels, as far from one another as this part of that.
-BOX = 0.25
+# Light is the mean of nine pixels, as far from one another along the row as this part of
+# that; of three where the ground falls away so steeply that its rows are farther apart.
+BOX = 0.1
+# Tangent of the slant beyond which the range beside a pixel is that of something else.
+MOST_SLANT = 100.0
 # Range beside a pixel departs from a line by less than this part, and from its own by less
 # than the other.
 BEND, SLOPE = np.float32(0.04), np.float32(0.12)
@@ -63,9 +68,9 @@ class LampObservations:
     count : (N,) float64 ndarray
         Pixels read in each.
     contrast : (3, N) float64 ndarray
-        Root mean square of the second difference over D, noise taken off.
+        Root of the mean product of two second differences over D; below 0 where that is.
     noise : (3, N) float64 ndarray
-        That of the noise alone.
+        What noise makes of the root mean square of one of all pixels.
     mean, bright : (3, N) float64 ndarray
         Mean and quantile of E/D.
     dark : (3, N) float64 ndarray
@@ -100,6 +105,7 @@ def observe(
     tables: LampTables,
     log_direct: Table,
     log_scattered: Table,
+    row_angle: float,
 ) -> LampObservations:
     """Observe a lamp-lit image.
 
@@ -115,6 +121,8 @@ def observe(
         Of the camera's pixels.
     log_direct, log_scattered : (Y, X, R) float32 ndarray
         ln D and ln S of the reference attenuation.
+    row_angle : float
+        Angle between the camera's rows, rad.
 
     Returns
     -------
@@ -147,16 +155,17 @@ def observe(
         _accumulate(
             samples.pixels, ranges, mask, irradiance, limits[0], limits[1], grid, log_direct,
             log_scattered, width * FAR_PART * FAR_RANGE, width * NEAR_PART, stride,
-            1.0 / (LOWEST * median), samples.noise**2 + ROUNDING_VARIANCE,
+            row_angle * scale, 1.0 / (LOWEST * median), samples.noise**2 + ROUNDING_VARIANCE,
             ROUNDING_VARIANCE * np.exp(-2 * (math.pi * samples.noise) ** 2), sums, levels, clipped)
     enough = sums[:, 15] >= FEWEST_PIXELS
     sums, levels = sums[enough], levels[:, enough]
     count = sums[:, 15:16]
     variance = sums[:, 0:3] / count
-    # Rounding is alike over a square where no noise is added to it before.
-    # One square and half of two others.
+    # One square and half of two others. Rounding is alike over a square where no noise is
+    # added to it before.
     noise = 1.5 * sums[:, 3:6] / count
-    contrast = np.sqrt(np.maximum(variance - noise, 0.0))
+    variance = variance - 1.5 * sums[:, 12:15] / count
+    contrast = np.sign(variance) * np.sqrt(np.abs(variance))
     pixels = max(int(clipped[6]), 1)
     place = sums[:, 9:12] / count
     return LampObservations(
@@ -242,13 +251,15 @@ def look_up(table: Any, y: float, x: float, z: float) -> float:
 def _accumulate(
     image: Any, ranges: Any, mask: Any, irradiance: Any, low: float, high: float, grid: Any,
     table: Any, scattered: Any, separation: float, most: float, stride: int,
-    inverse_lowest: Any, single: Any, common: Any, sums: Any, levels: Any, clipped: Any,
+    row_angle: float, inverse_lowest: Any, single: Any, common: Any, sums: Any, levels: Any,
+    clipped: Any,
 ) -> None:
     """Sum squared differences, squared steps of a code, E/D, places and pixels of each cell."""
     height, width = ranges.shape
     masked = mask.size > 1
     top = irradiance.size - 1
-    light = np.empty((3, 3), np.float32)
+    # Of the outer and of the inner columns of a square, whose noise differs.
+    light, inner = np.empty((3, 3), np.float32), np.empty((3, 3), np.float32)
     log_low = math.log(low)
     per_log = RANGE_BINS / math.log(max(high / low, LEAST_RATIO))
     for y in range(stride // 2, height, stride):
@@ -274,15 +285,21 @@ def _accumulate(
                 continue
             if masked and not (mask[y, x - distance] and mask[y, x + distance]):
                 continue
+            # Ground that falls away is foreshortened along the column: a square on it.
+            slant = abs(ranges[y + half, x] - ranges[y - half, x]) / (2 * half * d * row_angle)
+            tall = int(half / math.sqrt(1 + slant * slant) + 0.5) if slant < MOST_SLANT else half
             light[:] = 0.0
+            inner[:] = 0.0
             for k in range(3):
                 middle = x + (k - 1) * distance
-                for j in (y - half, y, y + half):
-                    for i in (middle - half, middle, middle + half):
-                        for c in range(3):
-                            code = image[j, i, c]
-                            full |= code >= top
-                            light[k, c] += irradiance[code]
+                for j in (y - tall, y, y + tall):
+                    for c in range(3):
+                        first, code, last = (
+                            image[j, middle - half, c], image[j, middle, c],
+                            image[j, middle + half, c])
+                        full |= max(first, code, last) >= top
+                        light[k, c] += irradiance[first] + irradiance[last]
+                        inner[k, c] += irradiance[code]
             if full:
                 continue
             log_d = math.log(d)
@@ -292,12 +309,14 @@ def _accumulate(
             cell = min(int((log_d - log_low) * per_log), RANGE_BINS - 1) * COLUMNS
             cell += x * COLUMNS // width
             for c in range(3):
-                difference = inverse / 9.0 * (
-                    light[1, c] - 0.5 * (light[0, c] + light[2, c]))
-                sums[cell, c] += difference * difference
+                outside = light[1, c] - 0.5 * (light[0, c] + light[2, c])
+                inside = inner[1, c] - 0.5 * (inner[0, c] + inner[2, c])
+                sums[cell, c] += inverse * inverse / 18.0 * outside * inside
                 code = image[y, x, c]
                 step = inverse * (irradiance[min(code + 1, top)] - irradiance[code])
-                sums[cell, 3 + c] += step * step * (single[c] / 9.0 + common[c])
+                sums[cell, 3 + c] += step * step * (single[c] / (9.0 if tall else 3.0) + common[c])
+                sums[cell, 12 + c] += step * step * common[c]
+                light[1, c] += inner[1, c]
                 value = inverse / 9.0 * light[1, c]
                 sums[cell, 6 + c] += value
                 value *= inverse_lowest[0]
