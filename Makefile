@@ -6,7 +6,7 @@
 #   make test          the tests
 #   make fuzz          an hour of damaged files and messages, absurd arguments, signals
 #   make lint          ruff, mypy, import-linter
-#   make quick         lint, and the tests that start no nodes: a minute
+#   make quick         lint, and the tests that start no nodes and render little: two minutes
 #   make soak          the node for half an hour on good and bad pairs: see soak.json
 #   make bench         speed against OpenCV's StereoSGBM, and noise: see bench.json
 #   make test-oldest   the tests with the versions of Ubuntu 24.04 (needs Python 3.12)
@@ -68,7 +68,7 @@ test: venv
 	$(ISOLATED) $(VENV)/bin/python -m pytest $(PYTEST)
 
 quick: lint
-	$(ISOLATED) $(VENV)/bin/python -m pytest -m "not node" $(PYTEST)
+	$(ISOLATED) $(VENV)/bin/python -m pytest -m "not node and not long" $(PYTEST)
 
 test-oldest: $(VENV_OLDEST)/.installed
 	$(ISOLATED) $(VENV_OLDEST)/bin/python -m pytest $(PYTEST)

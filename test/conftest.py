@@ -22,12 +22,21 @@ from hypothesis import settings
 
 WORKERS = 2
 NODE_FIXTURES = {"start_node", "make_client"}
+# What renders whole studies, or damages much: `make quick` leaves them out.
+LONG = {
+    "enhancement/test_lamp_radiance.py", "evaluation/adverse/test_study.py",
+    "evaluation/lamps/test_study.py", "evaluation/test_experiments.py", "faults/test_bits.py",
+    "faults/test_fuzz.py", "pipeline/test_real_cameras.py", "pipeline/test_tracking.py",
+    "plausibility/test_transect.py", "replay/test_calibrate.py",
+    "replay/test_calibrate_lighting.py", "water/test_lamp_survey.py",
+}
 
 # The first example of a compiled kernel includes its compilation.
 settings.register_profile("project", deadline=None)
 settings.load_profile("project")
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+HERE = Path(__file__).resolve().parent
+DATA = HERE.parents[1] / "shared" / "data"
 TURNS = pytest.StashKey[tempfile.TemporaryDirectory[str]]()
 
 
@@ -74,8 +83,10 @@ def pytest_configure_node(node: Any) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark as `node` what starts nodes through the fixtures that do."""
+    """Mark as `node` what starts nodes through the fixtures that do, and what takes long."""
     for item in items:
+        if str(item.path.relative_to(HERE)) in LONG:
+            item.add_marker(pytest.mark.long)
         if NODE_FIXTURES & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.node)
 
