@@ -216,6 +216,26 @@ class TestPhysicalSense:
             assert (above > 0.0).all()
             assert (above < 3.0 * found.attenuation_stddev).all()
 
+    def test_a_jpeg_that_was_not_told_of_leaves_red_unsure(self):
+        """It rounds red, of which little is left, to the light of blue."""
+        blue = np.array([0.3, 0.75, 1.0])
+        scores = []
+        for seed in self.SEEDS:
+            one = draw(seed)
+            image = np.round(one.image * blue).astype(np.uint8)
+            data = cv2.imencode(
+                ".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 75])[1]
+            pixels = np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
+            raw, lossy = estimate(image, one.range), estimate(pixels, one.range)
+            if lossy.status is not Status.OK:
+                continue
+            wider = lossy.attenuation_stddev / lossy.attenuation
+            wider /= raw.attenuation_stddev / raw.attenuation
+            assert wider[0] > 1.5 > wider[2]
+            scores.append((lossy.attenuation - one.attenuation) / lossy.attenuation_stddev)
+        assert len(scores) >= 6
+        assert np.abs(scores).max() < 3.0
+
     def test_open_water_is_the_veil_and_a_wall_is_not(self):
         one = draw(3, 0.4, open_water=True)
         found = estimate(one.image, one.range)

@@ -30,12 +30,15 @@ class ColourSamples:
         interpolation of a mosaic hides.
     scale : int
         A sample is the mean of so many times so many of the camera's pixels.
+    codec_known : bool
+        Whether the noise holds what a codec or a mosaic did to the colour.
     """
 
     pixels: Image
     transfer: str
     noise: PerChannel
     scale: int = 1
+    codec_known: bool = False
 
     def count(self, pixels: float) -> float:
         """Return how many samples show as much as a number of the camera's pixels; at least 1."""
@@ -159,7 +162,7 @@ def _samples(
         noise = shown
     if chroma.hidden_noise is not None:
         noise = np.hypot(noise, _code(samples) * chroma.hidden_noise)
-    return ColourSamples(samples, transfer, noise, chroma.scale)
+    return ColourSamples(samples, transfer, noise, chroma.scale, True)
 
 
 def _code(pixels: Image) -> float:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.images.blocking import blocking
 from uw_visibility.images.noise import ROUNDING_VARIANCE
 from uw_visibility.images.view import ColourSamples
 from uw_visibility.optics.transfer import linear_table
@@ -24,6 +25,9 @@ from uw_visibility.water.open_water import OpenWater, find_open_water
 from uw_visibility.water.position import HalfEnvelopes, observe_halves
 from uw_visibility.water.surfaces import surface_statistics
 from uw_visibility.water.veil_gradient import PlaceCourse, VeilGradient, matters, place_course
+
+# Blockiness from which on pixels went through a JPEG: without one it is 1.02 at most.
+BLOCKS = 1.08
 
 
 class Cues(NamedTuple):
@@ -41,6 +45,8 @@ class Cues(NamedTuple):
         Whether a rough estimate will do.
     places : PlaceCourse or None
         Where in the image the ranges lie.
+    compressed : bool
+        Whether the pixels went through a JPEG that was not told of.
     """
 
     contrast: Decay | None = None
@@ -48,6 +54,7 @@ class Cues(NamedTuple):
     halves: HalfEnvelopes | None = None
     coarse: bool = False
     places: PlaceCourse | None = None
+    compressed: bool = False
 
     @property
     def gradient(self) -> VeilGradient | None:
@@ -98,4 +105,5 @@ def gather_cues(
         find_open_water(codes, ranges, valid, irradiance, envelope),
         observe_halves(surfaces, rounding * np.nan_to_num(envelope.step).max(axis=1)),
         places=place_course(surfaces),
+        compressed=not samples.codec_known and blocking(codes) > BLOCKS,
     )

@@ -51,6 +51,9 @@ BRIGHT_QUANTILE = 0.99
 # them: where water is thick, the fit knows of noise alone.
 ATTENUATION_ERROR = 0.02
 AMBIENT_ERROR = 0.01
+# What a JPEG that nobody told of leaves attenuation off by, as a part of it, in a channel
+# without light: it rounds colour, and so the dim channels, to the light of the bright one.
+COMPRESSION_ERROR = 0.45
 
 
 class WaterEstimator:
@@ -253,6 +256,10 @@ class WaterEstimator:
             status = refuse(status, refuted)
             covariance[0::2, 0::2] += uneven.stddev_of(attenuation) ** 2 * np.outer(
                 attenuation, attenuation)
+        if cues.compressed:
+            light = brightest(envelope, active)
+            error = COMPRESSION_ERROR * (1.0 - light / light.max()) * found.fit.parameters[:, 0]
+            covariance[0::2, 0::2] += np.diag(error**2)
         if not cues.coarse and other_transfer_fits(
                 envelope, active, self._clear_water, self._transfer, found.likelihood):
             status = refuse(status, Status.OTHER_TRANSFER)
