@@ -12,6 +12,7 @@
 #   make test-oldest   the tests with the versions of Ubuntu 24.04 (needs Python 3.12)
 #   make browser       pages in a headless browser, with axe-core (needs npm, and Chromium)
 #   make docs          the site: docs/_build/html/index.html; warnings are errors
+#   make links         ask other sites whether what the site links to is there
 #   make package       dist/: source distribution and wheel, installed without ROS and run
 #   make parameters    write config/uw_visibility.yaml anew from the schema
 #   make clean         remove everything that these made
@@ -41,7 +42,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 ISOLATED = ROS_DOMAIN_ID=$$(( $$$$ % 100 + 1 ))
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test quick soak fuzz lint bench test-oldest docs browser package parameters clean
+.PHONY: help venv demo test quick soak fuzz lint bench test-oldest docs links browser package parameters clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -90,6 +91,10 @@ bench: venv
 docs: $(VENV_DOCS)/.installed
 	$(VENV_DOCS)/bin/sphinx-build -W --keep-going -q -b html -d docs/_build/doctrees docs docs/_build/html
 	$(VENV_DOCS)/bin/python tools/check_site docs/_build/html
+
+# Of other sites, whose word it is whether they answer: not part of what has to pass.
+links: $(VENV_DOCS)/.installed
+	$(VENV_DOCS)/bin/sphinx-build -q -b linkcheck -d docs/_build/doctrees docs docs/_build/links
 
 # axe-core is no package of Python; make test tests what does not need it.
 browser: venv
