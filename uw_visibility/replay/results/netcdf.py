@@ -18,7 +18,9 @@ from uw_visibility.replay.columns import CHANNELS, TRANSECT, Column
 from uw_visibility.replay.results.slices import ROWS, slices
 
 CONVENTIONS = "CF-1.11"
-DIMENSION, TRAJECTORY = "obs", "trajectory"
+DIMENSION = "obs"
+# Not named as the variable of the names: a coordinate variable would have to be of numbers.
+INSTANCES = "transects"
 COORDINATES = ("datetime", "longitude", "latitude", "sensor_depth")
 """Columns that say when and where."""
 _UNKNOWN = np.int8(-1)
@@ -133,7 +135,7 @@ def _attributes(name: str, columns: Mapping[str, Column]) -> dict[str, Any]:
     column = columns[name]
     found: dict[str, Any] = {"long_name": column.title}
     if name == TRANSECT:
-        return found | {"instance_dimension": TRAJECTORY}
+        return found | {"instance_dimension": INSTANCES}
     if column.standard_name:
         found["standard_name"] = column.standard_name
     if column.description:
@@ -182,7 +184,7 @@ def _scalars(wavelengths: NDArray[np.float64], identity: str | Sequence[str]) ->
     several = not isinstance(identity, str)
     found: dict[str, Any] = {
         "trajectory": (
-            TRAJECTORY if several else (), identity,
+            INSTANCES if several else (), identity,
             {"cf_role": "trajectory_id", "long_name": "recording"}),
     }
     for channel, wavelength in zip(CHANNELS, wavelengths, strict=True):
