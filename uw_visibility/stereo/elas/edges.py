@@ -136,18 +136,13 @@ def _vote(
     far, near = np.empty(width, np.float32), np.empty(width, np.float32)
     middle, scale = np.empty(width, np.float32), np.empty(width, np.float32)
     balance = np.empty(width, np.float32)
+    other_side = np.empty(width, np.bool_)
     tones = np.empty((2 * _STEPS + 1, width), np.float32)
     for y in range(start, stop):
         range_around(before, y, low, high, far, near)
-        for x in range(width):
-            middle[x] = np.float32(0.5) * (far[x] + near[x])
-            scale[x] = gain[y, x] * np.float32(1.0 / _ALIKE)
-            balance[x] = 0
+        _start_balance(far, near, gain[y], middle, scale, balance)
         for j in range(2 * _STEPS + 1):
-            source = grey[min(max(y + (j - _STEPS) * STRIDE, 0), height - 1)]
-            row = tones[j]
-            for x in range(width):
-                row[x] = np.float32(source[x])
+            _as_float(grey[min(max(y + (j - _STEPS) * STRIDE, 0), height - 1)], tones[j])
         first, last = _span_of_edges(near, far)
         for j in range(-_STEPS, _STEPS + 1):
             voters = before[min(max(y + j * STRIDE, 0), height - 1)]
@@ -165,15 +160,48 @@ def _vote(
                     voters[a + shift : b + shift],
                     np.float32(_STEPS**2 / (_STEPS**2 + i * i + j * j)), balance[a:b],
                 )
+        _compare_sides(near, far, middle, balance, before[y], other_side)
+        if not replace:
+            _clear(other_side, after[y])
+            continue
         for x in range(first, last):
-            if near[x] - far[x] >= _EDGE:
+            if other_side[x]:
                 d = before[y, x]
-                if d == d and (balance[x] > 0) != (d > middle[x]):
-                    if not replace:
-                        after[y, x] = np.nan
-                        continue
-                    other = _mean_of_side(tones, scale[x], before, y, x, middle[x], balance[x] > 0)
-                    after[y, x] = other if abs(other - d) > _CHANGE else d
+                other = _mean_of_side(tones, scale[x], before, y, x, middle[x], balance[x] > 0)
+                after[y, x] = other if abs(other - d) > _CHANGE else d
+
+
+@njit(nogil=True, error_model="numpy")
+def _start_balance(
+    far: Any, near: Any, gain: Any, middle: Any, scale: Any, balance: Any
+) -> None:
+    for x in range(far.size):
+        middle[x] = np.float32(0.5) * (far[x] + near[x])
+        scale[x] = gain[x] * np.float32(1.0 / _ALIKE)
+        balance[x] = 0
+
+
+@njit(nogil=True, error_model="numpy")
+def _as_float(source: Any, out: Any) -> None:
+    for x in range(source.size):
+        out[x] = np.float32(source[x])
+
+
+@njit(nogil=True, error_model="numpy")
+def _compare_sides(
+    near: Any, far: Any, middle: Any, balance: Any, row: Any, other_side: Any
+) -> None:
+    """Mark the pixels of a row at edges that are not of the side that the votes give them to."""
+    for x in range(row.size):
+        d = row[x]
+        other = (balance[x] > 0) ^ (d > middle[x])
+        other_side[x] = (near[x] - far[x] >= _EDGE) & (d == d) & other
+
+
+@njit(nogil=True, error_model="numpy")
+def _clear(unsure: Any, row: Any) -> None:
+    for x in range(row.size):
+        row[x] = np.float32(np.nan) if unsure[x] else row[x]
 
 
 @njit(nogil=True, error_model="numpy")

@@ -150,7 +150,7 @@ def _rasterize(start: int, stop: int, triangles: Any, disparity: Any, steep: Any
             continue
         slope_x = ((d1 - d0) * (y2 - y0) - (d2 - d0) * (y1 - y0)) / area
         slope_y = ((d2 - d0) * (x1 - x0) - (d1 - d0) * (x2 - x0)) / area
-        step = abs(slope_x) > _STEEP_ROW or abs(slope_y) > _STEEP_COLUMN
+        step = marked and (abs(slope_x) > _STEEP_ROW or abs(slope_y) > _STEEP_COLUMN)
         first = max(int(min(y0, y1, y2)), start)
         last = min(int(max(y0, y1, y2)), stop - 1)
         for y in range(first, last + 1):
@@ -170,5 +170,5 @@ def _rasterize(start: int, stop: int, triangles: Any, disparity: Any, steep: Any
                     high = max(high, x_edge)
             for x in range(int(np.ceil(low)), int(high) + 1):
                 disparity[y, x] = d0 + slope_x * (x - x0) + slope_y * (y - y0)
-                if marked:
-                    steep[y, x] = step
+                if step:
+                    steep[y, x] = True
