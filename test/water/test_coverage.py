@@ -292,7 +292,7 @@ class TestPhysicalSense:
         assert abs(np.median(errors)) < 0.1
 
     def test_a_veil_that_changes_much_is_refused_without_open_water(self):
-        """Five times as bright above, where far things are, as below."""
+        """Twice as bright above, where far things are, as below, or five times."""
         statuses = []
         for seed in self.SEEDS:
             rng = np.random.default_rng(seed)
@@ -301,7 +301,7 @@ class TestPhysicalSense:
             grey = cv2.resize(rng.random((SHAPE[0] // 3, SHAPE[1] // 3)), SHAPE[::-1])
             rho = 0.9 * (grey[..., np.newaxis] - grey.min()) ** 2
             left = np.exp(-(KAPPA + 0.3) * ranges[..., np.newaxis])
-            for change in (0.0, 1.4):
+            for change in (0.0, 0.8, 1.4):
                 veil = (1.0 + change * (0.5 - rows))[..., np.newaxis]
                 codes = 255.0 * 0.5 * (rho * left + veil * (1.0 - left))
                 codes += rng.normal(0.0, 0.5, codes.shape)
@@ -310,7 +310,7 @@ class TestPhysicalSense:
         assert {status for change, status in statuses if not change} == {Status.OK}
         refused = [status for change, status in statuses if change]
         assert Status.OK not in refused
-        assert refused.count(Status.NOT_ONE_WATER) >= 6
+        assert refused.count(Status.NOT_ONE_WATER) >= 18
 
     def test_brighter_light_than_veil_is_told_apart(self):
         one = draw(5, 0.3, open_water=True)

@@ -284,7 +284,8 @@ def test_ranges_that_a_window_carried_over_edges_do_not_mislead(make_view):
     found = estimator().estimate(image, distance, range_error=0.001)
     np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.03)
     naive = estimator().estimate(image, distance, range_error=0.0)
-    assert (np.abs(naive.attenuation - view.attenuation) > 0.03).any()
+    refused = naive.status is Status.NOT_ONE_WATER
+    assert refused or (np.abs(naive.attenuation - view.attenuation) > 0.03).any()
 
 
 @pytest.mark.parametrize("alpha", [0.05, 0.2, 0.35])

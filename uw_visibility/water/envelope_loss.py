@@ -155,6 +155,32 @@ def deviance(
 
 
 @njit(nogil=True)
+def durbin_watson(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -> float:
+    """Durbin-Watson statistic of the bins' residuals over range, the median channel's.
+
+    Squared differences of neighbours over squares: 2 where residuals know nothing of their
+    neighbours, and less the smoother their course over range is (Durbin and Watson 1950,
+    doi:10.1093/biomet/37.3-4.409). Residuals are compressed (inverse hyperbolic sine), and
+    taken from their median.
+    """
+    statistics = np.full(3, np.nan)
+    course = np.empty(dark.shape[1])
+    for c in range(3):
+        bins = 0
+        for i in range(dark.shape[1]):
+            if known[c, i]:
+                course[bins] = np.arcsinh(
+                    residual(p, distance, dark, scale, c, i) / scale[BELOW, c, i])
+                bins += 1
+        if bins == 0:
+            continue
+        away = course[:bins] - np.median(course[:bins])
+        squares = (away**2).sum()
+        statistics[c] = (np.diff(away) ** 2).sum() / squares if squares > 0.0 else 2.0
+    return float(np.nanmedian(statistics))
+
+
+@njit(nogil=True)
 def total_loss(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -> float:
     """Cost of all bins."""
     cost = 0.0

@@ -37,7 +37,7 @@ from uw_visibility.water.validation import (
     refute_clearness,
     validate_fit,
 )
-from uw_visibility.water.veil import CONTRADICTION, MISFIT, VeilFit, fit_free_veil
+from uw_visibility.water.veil import CONTRADICTION, VeilFit, fit_free_veil
 from uw_visibility.water.veil_gradient import UNCERTAIN, level_envelope, level_halves
 
 # Dark envelope: its quantile, and the pixels below it at least. The paper takes
@@ -248,7 +248,7 @@ class WaterEstimator:
             status[channel] = validate_fit(found.fit, envelope, int(channel))
         if found.disagreement > CONTRADICTION:
             status = refuse(status, Status.CUES_DISAGREE)
-        misfit = found.misfit > MISFIT and not cues.coarse
+        mixed = found.refuted and not cues.coarse
         if halves is not None:
             attenuation, veil = found.fit.parameters.T
             uneven = compare_halves(halves, attenuation, veil, found.scene_light)
@@ -263,7 +263,7 @@ class WaterEstimator:
         if not cues.coarse and other_transfer_fits(
                 envelope, active, self._clear_water, self._transfer, found.likelihood):
             status = refuse(status, Status.OTHER_TRANSFER)
-        if misfit:
+        if mixed:
             status = refuse(status, Status.NOT_ONE_WATER)
         shown = np.where(active, found.fit.parameters[:, 0], np.nan)
         status = refuse(

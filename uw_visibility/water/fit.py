@@ -42,6 +42,9 @@ class Fit:
         were independent; 0 for the plain fit.
     misfit : float
         The part of it that grows with the residuals, a bin's mean; 0 for the plain fit.
+    durbin_watson : float
+        How much residuals differ from bin to bin: 2 where they know nothing of each other, less
+        the smoother their course over range is.
     """
 
     parameters: NDArray[np.float64]
@@ -50,6 +53,7 @@ class Fit:
     converged: bool
     cost: float = 0.0
     misfit: float = 0.0
+    durbin_watson: float = 2.0
 
 
 def fit_plain(

@@ -18,6 +18,7 @@ from uw_visibility.water.envelope_loss import (
     darkness_deviation,
     deviance,
     differentiate,
+    durbin_watson,
     loss,
     residual,
     set_scales,
@@ -96,7 +97,7 @@ def fit_lower_envelope(
     if ambient_max is not None:
         upper[1::2] = np.maximum(ambient_max, ambient_min)
     known = active[:, np.newaxis] & np.isfinite(dark)
-    values, covariance, iterations, converged, cost, misfit = _minimise(
+    values, covariance, iterations, converged, cost, misfit, trend = _minimise(
         np.where(known, distance, 1.0),
         np.where(known, dark, 0.0),
         np.where(known, deviation, 1.0),
@@ -113,14 +114,14 @@ def fit_lower_envelope(
     parameters = np.where(active[:, np.newaxis], values.reshape(3, 2), np.nan)
     return Fit(
         parameters, blank(covariance, active), int(iterations), bool(converged), float(cost),
-        float(misfit))
+        float(misfit), float(trend))
 
 
 @njit(nogil=True)
 def _minimise(
     distance: Any, dark: Any, deviation: Any, known: Any, active: Any, start: Any, lower: Any,
     upper: Any, clear_water: Any, range_error: float, bright: Any, light: Any,
-) -> tuple[Any, Any, int, bool, float, float]:
+) -> tuple[Any, Any, int, bool, float, float, float]:
     """Damped Gauss-Newton within bounds; scales follow the parameters at first."""
     p = start.copy()
     scale = np.empty((SCALES, 3, dark.shape[1]))
@@ -163,7 +164,8 @@ def _minimise(
     cost, misfit = deviance(p, distance, dark, known, scale)
     covariance = _covariance(
         p, distance, dark, known, active, clear_water, lower, bright, light, scale)
-    return p, covariance, iterations, converged, cost, misfit
+    trend = durbin_watson(p, distance, dark, known, scale)
+    return p, covariance, iterations, converged, cost, misfit, trend
 
 
 @njit(nogil=True)

@@ -55,6 +55,9 @@ CONTRADICTION = 3.0
 # Residuals of the dark envelope, a bin's mean, from which on no single water explains them:
 # scenes in one water leave 0.4 to 5.0, since their darkest patches are not all black.
 MISFIT = 5.5
+# ... and from which on none does where they follow a smooth course over range besides, which
+# darkest patches do not, but a layer does, and a veil that is brighter where things are far.
+TREND_MISFIT, TREND = 2.8, 0.25
 # Likelihoods have longer tails than a normal law (Cauchy's scale, in deviations).
 TAIL = 2.0
 # What bins say together is worth so many times less than as if neighbours alone were alike:
@@ -92,6 +95,8 @@ class VeilFit:
         Logarithm of the dark envelope's likelihood for the ratio that fits it best.
     misfit : float
         Residuals of the veil that leaves the smallest; see `Fit`.
+    durbin_watson : float
+        That of these residuals.
     """
 
     fit: Fit
@@ -101,6 +106,13 @@ class VeilFit:
     disagreement: float
     likelihood: float
     misfit: float
+    durbin_watson: float
+
+    @property
+    def refuted(self) -> bool:
+        """Whether no single water and veil explains the dark envelope."""
+        return self.misfit > MISFIT or (
+            self.misfit > TREND_MISFIT and self.durbin_watson < TREND)
 
 
 def fit_free_veil(
@@ -152,7 +164,7 @@ def fit_free_veil(
         return None
     weights = np.exp(np.array(logarithms) - max(logarithms))
     weights /= weights.sum()
-    misfit = min(component.misfit for component in components)
+    nearest = min(components, key=lambda component: component.misfit)
     alone = _mixture(components, weights)
     name = "open water" if open_water is not None else "dark envelope"
     cues[name] = _attenuation(alone)
@@ -166,7 +178,7 @@ def fit_free_veil(
     light, deviation = _light(components, weights, envelope)
     return VeilFit(
         _with_model_error(mixed), light, deviation, cues, disagreement, likelihood,
-        misfit)
+        nearest.misfit, nearest.durbin_watson)
 
 
 def envelope_likelihood(
