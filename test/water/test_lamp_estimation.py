@@ -89,11 +89,20 @@ def test_lamps_that_are_elsewhere_are_in_sigma() -> None:
     assert (sure.attenuation_stddev < wide.attenuation_stddev).all()
 
 
-def test_daylight_beside_the_lamps_is_told_apart() -> None:
-    shown = scene(0.15, daylight=0.05)
+@pytest.mark.parametrize("daylight", [0.02, 0.05, 0.15])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_daylight_beside_the_lamps_is_told_apart(daylight: float, seed: int) -> None:
+    shown = scene(0.15, seed, daylight)
     found = estimate(shown, **{"lighting.model": "both"})
     assert found.status is Status.OK
-    assert (np.abs(found.attenuation - shown.attenuation) < 3 * found.attenuation_stddev).all()
+    error = found.attenuation - shown.attenuation
+    assert (np.abs(error) < 3 * found.attenuation_stddev).all()
+    # Contrast looks much the same without daylight, in far clearer water.
+    assert (np.abs(error) < 0.5 * shown.attenuation).all()
+    assert found.lamps is not None
+    # Light of day over that of a lamp at 1 m, by exposure and reflectance of white alike.
+    share = found.lamps.daylight / found.lamps.power
+    assert (share > daylight).all() and (share < 10 * np.pi * daylight).all()
 
 
 def test_one_range_alone_tells_nothing() -> None:

@@ -28,7 +28,8 @@ from uw_visibility.optics.lamps import (
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.lamp_cells import Cells
-from uw_visibility.water.lamp_fit import FEWEST_CELLS, ContrastFit, fit_contrast, fit_light
+from uw_visibility.water.lamp_fit import FEWEST_CELLS, ContrastFit, fit_contrast
+from uw_visibility.water.lamp_light_fit import fit_light
 from uw_visibility.water.lamp_observations import LampObservations, observe
 from uw_visibility.water.priors import (
     CHANNEL_TOLERANCE,
@@ -88,7 +89,7 @@ class CellEstimator:
         refused : list of Status, optional
             Why channels are not assessable; OK by default.
         """
-        fit = fit_contrast(cells, self._lighting.model == "both")
+        fit = fit_contrast(cells, self._lighting.model == "both", self._clear_water)
         status = list(refused or [Status.OK] * 3)
         for c in range(3):
             if status[c] is Status.OK and fit.cells[c] < FEWEST_CELLS:
