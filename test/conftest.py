@@ -24,9 +24,11 @@ WORKERS = 2
 NODE_FIXTURES = {"start_node", "make_client"}
 # What renders whole studies, or damages much: `make quick` leaves them out.
 LONG = {
-    "enhancement/test_lamp_radiance.py", "evaluation/adverse/test_study.py",
+    "enhancement/test_lamp_radiance.py", "evaluation/adverse/test_cases.py",
+    "evaluation/adverse/test_study.py", "evaluation/lamps/test_ground.py",
     "evaluation/lamps/test_study.py", "evaluation/test_experiments.py", "faults/test_bits.py",
-    "faults/test_fuzz.py", "pipeline/test_real_cameras.py", "pipeline/test_tracking.py",
+    "faults/test_fuzz.py", "faults/test_results.py", "pipeline/test_lamp_survey.py",
+    "pipeline/test_lamps.py", "pipeline/test_real_cameras.py", "pipeline/test_tracking.py",
     "plausibility/test_transect.py", "replay/test_calibrate.py",
     "replay/test_calibrate_lighting.py", "water/test_lamp_survey.py",
 }
