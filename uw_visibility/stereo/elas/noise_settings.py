@@ -19,7 +19,7 @@ _FULL_NOISE = 2.0
 # disparities by a pixel or two, and neighbours on a surface tell where between.
 _MORE_RADIUS = 7
 # A hole is a mismatch rather than an occlusion, and may be wider by so many px.
-_MORE_GAP = 4
+_MORE_GAP = 6
 # Chance joins what lies within a pixel by and by; surfaces have smaller steps. In turn smaller
 # segments are left by it.
 _SEGMENT_DIFFERENCE, _SEGMENT_SIZE = 0.6, 0.5
