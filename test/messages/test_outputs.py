@@ -300,17 +300,19 @@ UNKNOWN = {"mean_attenuation": NAN, "distance": NAN, "distance_stddev": NAN}
             "visibility/mean_attenuation_stamped",
         },
     ),
+    # Attenuation is known before the distance that follows from it is sure enough.
     (
-        {"visibility": visibility(status=Status.TOO_DARK)},
-        {
-            "visibility/distance", "visibility/mean_attenuation",
-            "visibility/mean_attenuation_stamped",
-        },
+        {"visibility": visibility(status=Status.RANGE_SPREAD_TOO_SMALL)},
+        {"visibility/distance"},
     ),
     ({"visibility": visibility(depth_stddev=math.inf)}, {"visibility/depth"}),
     (
         {"water": replace(result().water, status=Status.SATURATED)},
-        {f"visibility/{n}" for n in ("attenuation", "attenuation_stddev", "ambient_light")},
+        {
+            f"visibility/{n}" for n in (
+                "attenuation", "attenuation_stddev", "ambient_light", "mean_attenuation",
+                "mean_attenuation_stamped")
+        },
     ),
     (
         {"water": replace(result().water, attenuation=np.array([NAN, 0.3, 0.2]))},

@@ -420,5 +420,11 @@ def test_recorded_raw_pairs_are_rectified_and_processed(
     # filter goes on from those before, for as long as it may.
     raw = {topic: n for topic, n in answered.items() if topic.startswith("visibility/raw/")}
     filtered = {topic: n for topic, n in answered.items() if topic not in raw}
+    # Single frames mostly know a distance no better than by half; together they do.
+    assert raw.pop("visibility/raw/distance") > 0, (answered, node.log)
+    assert filtered.pop("visibility/distance") >= 4, (answered, node.log)
+    # The video camera balances its white, so that most pictures are grey on average.
+    assert raw.pop("visibility/raw/depth") < min(raw.values()), (answered, node.log)
+    assert filtered.pop("visibility/depth") < min(filtered.values()), (answered, node.log)
     assert min(raw.values()) >= 2, (answered, node.log)
     assert min(filtered.values()) >= 8, (answered, node.log)

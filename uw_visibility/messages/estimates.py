@@ -139,7 +139,7 @@ def _stamped(estimate: Estimate, x: float, y: float, z: float) -> Any:
 
 def _mean_attenuation(estimate: Estimate) -> Any:
     visibility = estimate.visibility
-    if visibility.status is not Status.OK or not math.isfinite(visibility.mean_attenuation):
+    if estimate.water.status is not Status.OK or not math.isfinite(visibility.mean_attenuation):
         return None
     return estimate.make("std_msgs/msg/Float64", data=float(visibility.mean_attenuation))
 
@@ -147,7 +147,7 @@ def _mean_attenuation(estimate: Estimate) -> Any:
 def _mean_attenuation_stamped(estimate: Estimate) -> Any:
     """α as x and its standard deviation as y, 0 where it is not known."""
     visibility = estimate.visibility
-    if visibility.status is not Status.OK or not math.isfinite(visibility.mean_attenuation):
+    if estimate.water.status is not Status.OK or not math.isfinite(visibility.mean_attenuation):
         return None
     stddev = visibility.mean_attenuation_stddev
     return _stamped(

@@ -31,7 +31,7 @@ class Visibility:
     Attributes
     ----------
     status : Status
-        Of mean attenuation and distance.
+        Of the distance; mean attenuation is known where that of all channels is.
     depth_status : Status
         Of the depth.
     mean_attenuation, mean_attenuation_stddev : float
