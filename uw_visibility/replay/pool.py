@@ -44,6 +44,11 @@ class FramePool:
         self._pool: Executor | None = None
         self._open = ExitStack()
 
+    @property
+    def read_ahead(self) -> int:
+        """Tasks that may be unanswered when the next one is given."""
+        return 0 if self.jobs == 1 else READ_AHEAD * self.jobs
+
     def answers(self, items: Iterable[FrameTask | Other]) -> Iterator[FrameAnswer | Other]:
         """Yield the answers to tasks in the order of the items; hand on what is no task."""
         if self._pool is None:

@@ -17,6 +17,7 @@ from uw_visibility.replay.filtering import split_topics
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.positions import write_geojson
 from uw_visibility.replay.inputs.stream import Event, InputStream, RecordedFrame
+from uw_visibility.replay.light_history import LightHistory
 from uw_visibility.replay.pool import FramePool
 from uw_visibility.replay.progress import MakeCounter, Progress
 from uw_visibility.replay.records import JoinedFrame
@@ -134,10 +135,11 @@ class _Replay:
         """Replay the recording to its end."""
         progress = counter(self._reader.path.name, self._stream.expected_frames)
         try:
-            for item in pool.answers(
-                    self._tasks(self._stream.events(), in_turn=pool.jobs == 1)):
+            lights = LightHistory(pool.read_ahead)
+            for item in pool.answers(self._tasks(self._stream.events(), lights)):
                 if isinstance(item, FrameAnswer):
                     filtered = self._recorder.write_frame(item)
+                    lights.add(self._recorder.lamps)
                     self._write_rows(self._joiner.add_frame(item.record, filtered))
                     progress.add()
                 else:
@@ -176,10 +178,13 @@ class _Replay:
         else:
             self._folder.forget_earlier()
 
-    def _tasks(self, events: Iterable[Event], in_turn: bool) -> Iterator[Any]:
+    def _tasks(
+        self, events: Iterable[Event], lights: LightHistory
+    ) -> Iterator[Any]:
         """Yield tasks for frames, what an earlier part has of them, and sensor values.
 
-        Frames that are worked on in turn are restored with the light of those before.
+        Under lamps a frame is restored with the light of those before, but for the last few
+        that several processes may still be at.
         """
         alone, _ = split_topics(self._options.pipeline, self._options.node)
         recording = Recording.of(self._reader, self._stream.selection, self._options, alone)
@@ -193,7 +198,7 @@ class _Replay:
                 raise InputError(
                     f"{self._folder.earlier} is not of these frames: --force begins anew"
                 )
-            light = self._recorder.lamps if in_turn else None
+            light = lights.next()
             yield FrameTask(recording, event, light) if earlier is None else earlier
 
     def _write_rows(self, frames: Iterator[JoinedFrame]) -> None:

@@ -1,0 +1,43 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Under lamps frames are restored with the light of those before, by any number of processes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.replay.light_history import LightHistory
+from uw_visibility.replay.pool import FramePool
+from uw_visibility.water.estimate import LampLight
+
+
+def light_after(frame: int) -> LampLight:
+    return LampLight(*(np.full(3, float(frame)) for _ in range(5)))
+
+
+def given(lights: LightHistory) -> float | None:
+    light = lights.next()
+    return None if light is None else float(light.power[0])
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 3])
+@pytest.mark.parametrize("fast", [True, False])
+def test_the_light_a_frame_gets_is_that_of_a_frame_that_is_sure_to_be_answered(
+    jobs: int, fast: bool
+) -> None:
+    """Whether all before are answered, or as few as the pool allows."""
+    ahead = FramePool(jobs, PipelineConfig()).read_ahead
+    lights = LightHistory(ahead)
+    answered = 0
+    for frame in range(12):
+        while answered < (frame if fast else frame - ahead):
+            lights.add(light_after(answered))
+            answered += 1
+        expected = frame - ahead - 1
+        assert given(lights) == (expected if expected >= 0 else None)
+
+
+def test_one_process_gives_each_frame_the_light_of_the_last() -> None:
+    assert FramePool(1, PipelineConfig()).read_ahead == 0
