@@ -79,6 +79,18 @@ def test_one_recording_may_come_from_a_store_and_its_result_stay_here(
     assert "/left/image_rect" in capsys.readouterr().out
 
 
+def test_a_calibration_reads_from_a_store(
+    store: Any, dive: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ended, told = [], []
+    for bag in (str(dive), "memory://bucket/dives/d*"):
+        ended.append(main(["calibrate", bag, "--jobs", "1"]))
+        told.append(capsys.readouterr())
+    assert ended[0] == ended[1]
+    assert told[0] == told[1]
+    assert dive.name in told[1].out + told[1].err
+
+
 def test_what_others_have_there_is_left_alone(
     store: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -78,11 +78,17 @@ def run(arguments: argparse.Namespace) -> None:
         With code 1 where nothing of a recording could be read.
     """
     _check_target(arguments.output, arguments.force)
-    if arguments.lighting:
-        calibrate_lighting.run(arguments)
-        return
-    if arguments.lamps is not None:
+    if arguments.lamps is not None and not arguments.lighting:
         raise InputError("--lamps is for --lighting: give both, or neither")
+    from uw_visibility.replay.stores import recordings_here
+
+    calibrate = calibrate_lighting.run if arguments.lighting else _calibrate
+    with recordings_here(arguments.bags) as arguments.bags:
+        calibrate(arguments)
+
+
+def _calibrate(arguments: argparse.Namespace) -> None:
+    """Find white reference and water type."""
     with reading("calibrate"):
         from uw_visibility.replay.calibration import calibrate_recordings
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -18,17 +18,23 @@ from uw_visibility.errors import InputError
 
 if TYPE_CHECKING:
     from uw_visibility.replay.inputs.options import ReplayOptions
+    from uw_visibility.replay.stores import Place
 
 # Processes for each processor: more only take memory.
 MOST_JOBS = 8
 
 
-def add_recording_options(
-    parser: argparse.ArgumentParser, place: Callable[[str], Path | str] = Path
-) -> None:
-    """Add the recordings, each by what names its place, and the options to them."""
+def named_place(text: str) -> Place:
+    """Return what an argument names: a URL or a path."""
+    from uw_visibility.replay.stores import place
+
+    return place(text)
+
+
+def add_recording_options(parser: argparse.ArgumentParser) -> None:
+    """Add the recordings and the options to them."""
     add = parser.add_argument
-    add("bags", metavar="BAG", type=place, nargs="+", help="recording")
+    add("bags", metavar="BAG", type=named_place, nargs="+", help="recording")
     add("--rectify", action="store_true", help="rectify raw images (parameter rectify)")
     add("--params-file", metavar="YAML", type=Path, help="parameters, those of the node")
     add(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from uw_visibility.commands.recording_options import (
     add_recording_options,
     jobs,
+    named_place,
     read_recording_options,
     reading,
 )
@@ -68,8 +69,8 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add_recording_options(parser, _place)
-    add("-o", "--output", metavar="DIR", type=_place, help="folder for the results")
+    add_recording_options(parser)
+    add("-o", "--output", metavar="DIR", type=named_place, help="folder for the results")
     add("--list", action="store_true", help="show what is there and what would be used, and end")
     add("--force", action="store_true", help="replace an existing result")
     add("--resume", action="store_true", help="go on from a partial result")
@@ -195,13 +196,6 @@ def _replay(
 
     tell("preparing; the first run compiles, for about a minute")
     return replay_bags(targets, options, jobs=jobs(arguments), **flags)
-
-
-def _place(text: str) -> Place:
-    """Return what an argument names: a URL or a path."""
-    from uw_visibility.replay.stores import place
-
-    return place(text)
 
 
 def _expanded(bags: list[Place]) -> list[Place]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import importlib
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeAlias
 
@@ -92,6 +92,20 @@ def recording_here(bag: Place) -> Iterator[Path]:
         if not here.exists():
             raise InputError(f"cannot read bag {bag}: it is missing")
         yield here
+
+
+@contextmanager
+def recordings_here(bags: Sequence[Place]) -> Iterator[list[Path]]:
+    """Fetch several recordings, those that wildcards stand for too, as `recording_here` does.
+
+    Raises
+    ------
+    InputError
+        If one cannot be fetched.
+    """
+    with ExitStack() as fetched:
+        yield [
+            fetched.enter_context(recording_here(bag)) for each in bags for bag in expand(each)]
 
 
 @contextmanager
