@@ -124,3 +124,23 @@ def test_less_light_is_lost_than_a_beam_loses():
 def test_an_unknown_type_is_refused():
     with pytest.raises(InputError, match="water type"):
         DepthModel("9Z", RESPONSE)
+
+
+def deviation(attenuation, depth):
+    """Depth by clear water's colour, and its model's standard deviation, where K is β (eq. 2)."""
+    model = DepthModel("clear", RESPONSE)
+    light = np.exp(-np.asarray(attenuation) * depth)
+    found, _ = model.depth(attenuation, light, 1e-8 * np.eye(6))
+    stddev, _ = model.model_stddev(found, attenuation, np.full(3, 0.02), light)
+    return found, stddev
+
+
+@pytest.mark.parametrize("depth", [3.0, 6.0, 12.0])
+def test_where_yellow_matter_takes_the_blue_depth_by_clear_waters_colour_is_not_sure(depth):
+    # Grey particles leave the colour, and so the depth.
+    grey, stddev = deviation(KAPPA + 0.2, depth)
+    assert grey == pytest.approx(depth, abs=0.01)
+    yellow, unsure = deviation(KAPPA + np.array([0.05, 0.16, 0.27]), depth)
+    assert depth - yellow > 0.5 * depth
+    assert depth - yellow < 3.0 * unsure
+    assert depth - yellow > 1.8 * stddev

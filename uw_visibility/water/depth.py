@@ -104,7 +104,8 @@ class DepthModel:
             standard deviations.
         """
         own = attenuation if self._rate is None else self._rate
-        rates = np.concatenate((own[np.newaxis], self._others))
+        # Water that takes light without scattering it is of no type: its K is β (eq. 2).
+        rates = np.concatenate((own[np.newaxis], self._others, attenuation[np.newaxis]))
         grid = np.arange(0.0, self._max_depth + SPREAD_STEP, SPREAD_STEP)
         # ln of the light's colour less that of daylight at each depth, without brightness.
         off = np.log(light / self._white) + rates[:, np.newaxis] * grid[:, np.newaxis]
@@ -113,7 +114,7 @@ class DepthModel:
         best = errors.argmin(axis=1)
         error = errors.min(axis=1)
         beyond = np.maximum(rates - attenuation, 0.0) / np.maximum(attenuation_stddev, 1e-9)
-        prior = np.full(len(rates), (1.0 - CONFIGURED) / max(len(self._others), 1))
+        prior = np.full(len(rates), (1.0 - CONFIGURED) / (len(rates) - 1))
         prior[0] = CONFIGURED
         cost = 0.5 * error**2 + 0.5 * (beyond**2).sum(axis=1)
         weight = prior * np.exp(-(cost - cost.min()))
@@ -121,7 +122,7 @@ class DepthModel:
         types = float(weight @ (grid[best] - depth) ** 2)
         slope = own - own.mean()
         white = WHITE_TOLERANCE**2 / max(float(slope @ slope), 1e-9)
-        return math.sqrt(types + white), float(error.min())
+        return math.sqrt(types + white), float(error[:-1].min())
 
     def depth(
         self,
