@@ -12,7 +12,7 @@ setup(
     name=NAME,
     # Written here and into package.xml by catkin_prepare_release, which wants it as it stands;
     # everything else asks the installed package.
-    version="0.1.0",
+    version="0.2.0",
     description="Underwater visibility, colour and stereo from a stereo camera",
     long_description=Path("README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",

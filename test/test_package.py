@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 import uw_visibility
 
@@ -146,6 +147,17 @@ def test_package_xml_and_setup_agree() -> None:
     assert package.findtext("version") == setup["version"]
     assert package.findtext("license") == setup["license"] == "Apache-2.0"
     assert package.findtext("export/build_type") == "ament_python"
+
+
+def test_changelog_and_citation_are_of_this_version() -> None:
+    version = setup_arguments()["version"]
+    changelog = (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
+    headings = re.findall(r"^(\d\S* \(.*\)|Forthcoming)\n(-+)$", changelog, flags=re.M)
+    assert all(len(title) == len(line) for title, line in headings)
+    release = next(title for title, _ in headings if title != "Forthcoming")
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert release == f"{version} ({citation['date-released']})"
+    assert str(citation["version"]) == version
 
 
 def test_every_import_is_declared_for_rosdep_and_for_pip() -> None:
