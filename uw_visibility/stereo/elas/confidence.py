@@ -27,13 +27,13 @@ from uw_visibility.stereo.elas.postprocess import columns_in_right
 # Log odds of a wrong match: without anything against it; for difference over texture; for
 # each pixel of the range of disparities; for the unmatched share of the pixels around; for the
 # logarithm of 1 + 25 times the share of the matched ones among them that the right view denies;
-# for that share of the whole image.
-_BASE = -5.304
-_DIFFERENCE = np.float32(0.438)
-_RANGE = np.float32(0.371)
-_UNMATCHED = 3.411
-_DENIED = 0.843
-_DENIED_OF_ALL = 7.181
+# for that share of the whole image. Where that is large an edge tells less.
+_BASE = -6.186
+_DIFFERENCE = np.float32(0.459)
+_RANGE, _RANGE_WHERE_DENIED = 0.802, -2.179
+_UNMATCHED = 3.169
+_DENIED = 0.895
+_DENIED_OF_ALL = 10.907
 # Up to these they count.
 _MOST_DIFFERENCE = np.float32(2.0)
 _MOST_RANGE = np.float32(3.0)
@@ -91,10 +91,12 @@ def rate(
     counts = np.empty((disparity.shape[0], 2), np.int64)
     workers.rows(_mark, disparity.shape[0], disparity, best_right, marks, counts)
     matched, denied = (int(n) for n in counts.sum(axis=0))
-    odds_of_votes = _ODDS_OF_VOTES + np.float32(_DENIED_OF_ALL * denied / max(matched, 1))
+    share = denied / max(matched, 1)
+    odds_of_votes = _ODDS_OF_VOTES + np.float32(_DENIED_OF_ALL * share)
+    odds_of_range = np.float32(max(_RANGE + _RANGE_WHERE_DENIED * share, 0.0))
     workers.rows(
         _rate, disparity.shape[0], disparity, marks, descriptors[0], descriptors[1],
-        odds_of_votes, _CONFIDENCE, confidence,
+        odds_of_votes, odds_of_range, _CONFIDENCE, confidence,
     )
     return confidence
 
@@ -142,7 +144,7 @@ def _count(marks: Any) -> Any:
 @njit(nogil=True, error_model="numpy")
 def _rate(
     start: int, stop: int, disparity: Any, marks: Any, left: Any, right: Any,
-    odds_of_votes: Any, table: Any, confidence: Any,
+    odds_of_votes: Any, odds_of_range: Any, table: Any, confidence: Any,
 ) -> None:
     width = disparity.shape[1]
     low = np.full(width + 2 * MARGIN, np.inf, np.float32)
@@ -162,7 +164,7 @@ def _rate(
             if d != d:
                 confidence[y, x] = 0
                 continue
-            odds = odds_of_votes[votes[x]] + _RANGE * min(near[x] - far[x], _MOST_RANGE)
+            odds = odds_of_votes[votes[x]] + odds_of_range * min(near[x] - far[x], _MOST_RANGE)
             at = (y * width + x) * BYTES
             other = (y * width + max(x - np.int32(d + np.float32(0.5)), 0)) * BYTES
             difference = np.float32(absolute_difference(left, at, right, other))

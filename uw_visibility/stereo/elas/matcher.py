@@ -256,12 +256,12 @@ class Matcher:
             self._search.best, descriptors, config.left_right_tolerance, disparity, self._workers
         )
         self._noise.remove(descriptors, disparity, self._noise_gradient(), self._workers)
+        if self._left is not None and self._left.noise > LEAST_NOISE:
+            self._mean.smooth(disparity, NOISE_RADIUS, self._workers)
         self._segments.remove(
             disparity, config.segment_size, config.segment_difference, self._workers
         )
         if self._left is not None:
-            if self._left.noise > LEAST_NOISE:
-                self._mean.smooth(disparity, NOISE_RADIUS, self._workers)
             self._edges.drop(disparity, self._left, self._workers)
         postprocess.fill_small_gaps(
             disparity, config.gap_width, config.gap_difference, self._workers

@@ -10,7 +10,8 @@ from uw_visibility.config.schema import StereoConfig
 from uw_visibility.stereo.denoising import LEAST_NOISE
 
 NOISE_RADIUS = 3
-"""Neighbours to each side of a first mean in noise, px, which brings outliers to light."""
+"""Neighbours to each side of a first mean in noise, px, which makes surfaces smooth and not
+what is matched by chance."""
 
 # Restored noise, in 8-bit levels of even contrast, from which on the settings are wholly
 # those of noisy images.
@@ -20,9 +21,9 @@ _FULL_NOISE = 2.0
 _MORE_RADIUS = 7
 # A hole is a mismatch rather than an occlusion, and may be wider by so many px.
 _MORE_GAP = 6
-# Chance joins what lies within a pixel by and by; surfaces have smaller steps. In turn smaller
-# segments are left by it.
-_SEGMENT_DIFFERENCE, _SEGMENT_SIZE = 0.6, 0.5
+# After that mean the steps of a surface are so much smaller, and those of chance are not. Somewhat
+# smaller segments are enough then.
+_SEGMENT_DIFFERENCE, _SEGMENT_SIZE = 0.4, 0.75
 # Views that agree by chance mostly do so by two pixels.
 _TOLERANCE = 1
 
