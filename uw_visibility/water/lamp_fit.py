@@ -45,7 +45,7 @@ ABOVE_BLACK = 5.0
 NEIGHBOURS = 4.0
 # What a scene's texture changes over range, as the logarithm of contrast per one standard
 # deviation of the path of light: common to the channels, and of each alone.
-SCENE_DEVIATION, CHANNEL_DEVIATION = 0.085, 0.015
+SCENE_DEVIATION, CHANNEL_DEVIATION = 0.065, 0.015
 
 
 @dataclass(frozen=True)
