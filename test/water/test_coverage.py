@@ -212,7 +212,7 @@ class TestPhysicalSense:
             assert found.status is Status.OK
             assert (found.cues["contrast"][0] < KAPPA).all()
             above = found.attenuation - KAPPA
-            assert (above[1:] > 0.4 * found.attenuation_stddev[1:]).all()
+            assert (above[1:] > 0.3 * found.attenuation_stddev[1:]).all()
             assert (above > 0.0).all()
             assert (above < 3.0 * found.attenuation_stddev).all()
 
