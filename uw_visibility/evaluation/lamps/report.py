@@ -124,13 +124,19 @@ def _survey_text(survey: Summary) -> str:
     lines.append(
         f"{'same ground over frames':26s}{'σ/mean R':>10s}{'G':>8s}{'B':>8s}{'ΔE*ab':>9s}")
     for name, title in PICTURES.items():
-        variation = "".join(
-            f"{100.0 * survey['variation'][name][c]:{width}.1f}"
-            if math.isfinite(survey["variation"][name][c]) else f"{'–':>{width}s}"
-            for c, width in zip(CHANNELS, (10, 8, 8), strict=True)
-        )
-        lines.append(f"  {title:24s}{variation}{survey['colour_difference'][name]:9.1f}")
+        lines.append(
+            f"  {title:24s}{_variation(survey['variation'][name])}"
+            f"{survey['colour_difference'][name]:9.1f}")
+        if name == "online":
+            lines.append(
+                f"  {'… once light is known':24s}{_variation(survey['settled_variation'])}")
     return "\n".join(lines)
+
+
+def _variation(shares: dict[str, float]) -> str:
+    return "".join(
+        f"{100.0 * shares[c]:{width}.1f}" if math.isfinite(shares[c]) else f"{'–':>{width}s}"
+        for c, width in zip(CHANNELS, (10, 8, 8), strict=True))
 
 
 def _signed(share: float) -> str:

@@ -97,5 +97,6 @@ def _of_survey(survey: SurveyResult) -> Summary:
             name: dict(zip(CHANNELS, survey.variation[name].tolist(), strict=True))
             for name in PICTURES
         },
+        "settled_variation": dict(zip(CHANNELS, survey.settled.tolist(), strict=True)),
         "colour_difference": {name: survey.difference[name] for name in PICTURES},
     }

@@ -46,6 +46,9 @@ PICTURES = {
 """Pictures of a survey, by the names in tables; the last one is the truth. The oracle takes
 every surface for facing the lamps, as the light model has it."""
 
+LEARNING = 0.3
+"""Part of the frames in which the light of those before is not known well yet."""
+
 NEAREST = 0.7
 """Range in m that disparities are searched to."""
 
@@ -85,6 +88,9 @@ class SurveyResult:
     variation : dict of str to ndarray
         Standard deviation over mean of the same ground over the frames, RGB, by the
         names of `PICTURES`; the truth's is what changes of resolution leave of it.
+    settled : ndarray, shape (3,), float64
+        Variation by the light of the frames before, without the first part of them, in which
+        the light is not known yet.
     difference : dict of str to float
         Mean ΔE*ab against the reflectance, at each method's best exposure.
     cells, views : int
@@ -95,6 +101,7 @@ class SurveyResult:
 
     rows: list[SurveyRow]
     variation: dict[str, NDArray[np.float64]]
+    settled: NDArray[np.float64]
     difference: dict[str, float]
     cells: int
     views: int
@@ -125,10 +132,13 @@ def run_survey(
     truth = images["truth"]
     scaled = {name: at_best_exposure(some, truth) for name, some in images.items()}
     ground = GroundCells.of(truth, [frame.cells for frame in frames])
+    first = round(LEARNING * len(frames))
+    later = GroundCells.of(truth[first:], [frame.cells for frame in frames[first:]])
     shown = sorted({(k * len(frames)) // 3 for k in range(3)})
     return SurveyResult(
         rows,
         {name: ground.variation(images[name]) for name in PICTURES},
+        later.variation(images["online"][first:]),
         {name: mean_difference(scaled[name], truth) for name in PICTURES},
         ground.count,
         ground.views,
