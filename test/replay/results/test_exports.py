@@ -84,7 +84,9 @@ def test_table_has_iso_times_and_joined_values(rows: list[dict[str, str]]) -> No
         assert float(row["black_disc_visibility"]) == pytest.approx(
             4.8 / float(row["attenuation_green"]))
         assert float(row["filtered_secchi_depth_stddev"]) > 0.0
-        assert row["water_type"] in ("IB", "II", "III")
+        # A single frame may be too uncertain to tell one.
+        assert row["water_type"] in ("IB", "II", "III", "")
+    assert sum(row["water_type"] != "" for row in rows) >= FRAMES - 1
 
 
 def test_dictionary_describes_every_column(exported: Path, rows: list[dict[str, str]]) -> None:
@@ -133,8 +135,9 @@ def test_netcdf_is_a_trajectory_with_everything_in_it(
         assert len(meanings) == len(data["status"].attrs["flag_values"])
         assert meanings[int(data["status"].values[0])] == "ok"
         types = data["water_type"].attrs["flag_meanings"].split()
-        assert [types[int(k)] for k in data["water_type"].values] == [
-            row["water_type"] for row in rows]
+        assert [
+            types[int(k)] if np.isfinite(k) else "" for k in data["water_type"].values
+        ] == [row["water_type"] for row in rows]
         assert np.isfinite(data["lon"].values).sum() == LAST_FIX
         assert data["plausibility_reason"].values[0] == rows[0]["plausibility_reason"]
 
