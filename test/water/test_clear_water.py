@@ -62,3 +62,12 @@ def test_errors_follow_the_standard_deviation_over_waters(stddev):
         assert 0.75 < np.sqrt(((off[some] / deviation[some]) ** 2).mean()) < 1.3
     # Closer to the truth than the image alone.
     assert (off[near] ** 2).mean() < 0.9 * (error[near] ** 2).mean()
+
+
+@pytest.mark.parametrize("stddev", [1e-3, 1.0, 1e3])
+def test_channels_that_are_known_together_alone_stay_finite(stddev):
+    """Rounding leaves variances below zero of channels whose errors are the same."""
+    for shift in (-1e8, -1e6, -1e4, -2.0, 0.5):
+        after = hold_above_clear_water(fit(KAPPA + shift * stddev, stddev, alike=1.0), KAPPA)
+        assert np.isfinite(after.parameters).all()
+        assert np.isfinite(after.covariance).all()

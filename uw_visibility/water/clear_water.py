@@ -65,7 +65,9 @@ def _truncated(fit: Fit, clear_water: NDArray[np.float64]) -> tuple[Fit, float]:
     cost = 0.0
     for c in range(3):
         row = fit.covariance[2 * c]
-        stddev = math.hypot(math.sqrt(row[2 * c]), CLEAR_WATER_TOLERANCE * clear_water[c])
+        # Of channels that go together, rounding may leave less than nothing.
+        known = math.sqrt(max(row[2 * c], 0.0))
+        stddev = math.hypot(known, CLEAR_WATER_TOLERANCE * clear_water[c])
         below = float(clear_water[c] - fit.parameters[c, 0]) / stddev
         cost += max(below, 0.0) ** 2
         # Inverse Mills ratio φ(a) / (1 − Φ(a)).

@@ -338,7 +338,8 @@ def _update(fit: Fit, contrast: Decay) -> Fit:
     noise = contrast.covariance * (1.0 + (gap / TAIL) ** 2)
     seen = fit.covariance[0::2]
     gain = np.linalg.solve(seen[:, 0::2] + noise, seen).T
-    return moved(fit, gain @ (contrast.attenuation - fit.parameters[:, 0]), gain @ seen)
+    return _regular(moved(
+        fit, gain @ (contrast.attenuation - fit.parameters[:, 0]), gain @ seen))
 
 
 def _regular(fit: Fit) -> Fit:
