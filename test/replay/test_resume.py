@@ -219,6 +219,24 @@ def test_a_part_made_with_other_options_is_not_gone_on_from(
     assert {p.name: p.read_bytes() for p in interrupted.partial.iterdir()} == before
 
 
+def test_a_run_that_was_ended_by_force_before_its_first_frame_begins_anew(
+    interrupted: Interrupted, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (interrupted.partial / "replay.json").unlink()
+    # There are frames in it, of which nothing tells what they were made from.
+    assert "cannot go on from" in interrupted.again("--resume", capsys=capsys).err
+    first = {"frames.csv", "frames.csv-metadata.json", "frames.jsonl", "results.mcap"}
+    for entry in interrupted.partial.iterdir():
+        if entry.name in first:
+            entry.write_bytes(b"")
+        elif entry.is_file():
+            entry.unlink()
+        else:
+            shutil.rmtree(entry)
+    assert {entry.name for entry in interrupted.partial.iterdir()} == first
+    assert interrupted.again("--resume", capsys=capsys).code == 0
+
+
 def test_a_part_of_another_origin_is_not_gone_on_from(
     interrupted: Interrupted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

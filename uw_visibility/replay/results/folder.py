@@ -16,6 +16,8 @@ from uw_visibility.errors import InputError
 MARK = "replay.json"
 PARTIAL = ".partial"
 OLD = ".old"
+# What is opened before the state is written, and that before the first frame.
+FIRST = {"frames.csv", "frames.csv-metadata.json", "frames.jsonl", "results.mcap", MARK + ".new"}
 
 
 def partial_of(target: Path) -> Path:
@@ -156,7 +158,9 @@ class ResultFolder:
             self._old.rename(self.work)
         if not self.work.exists():
             return
-        if resume:
+        if resume and _never_begun(self.work):
+            shutil.rmtree(self.work)
+        elif resume:
             self.work.rename(self._old)
             self.earlier = self._old
         elif force:
@@ -165,3 +169,8 @@ class ResultFolder:
             raise InputError(
                 f"{self.work} is a partial result: --resume goes on from it, --force begins anew"
             )
+
+
+def _never_begun(folder: Path) -> bool:
+    """Whether a run was ended by force before it answered a frame."""
+    return folder.is_dir() and {entry.name for entry in folder.iterdir()} <= FIRST
