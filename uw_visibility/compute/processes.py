@@ -30,6 +30,13 @@ class _Pool(ProcessPoolExecutor):
     a traceback; with the signal blocked it goes on until this process ends it.
     """
 
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        # A private name of Python's, for which there is no public one: all processes start
+        # before the thread that watches them, as where they are forked. It iterates over
+        # them when one ends, and fails with a traceback where another is added meanwhile.
+        self._safe_to_dynamically_spawn_children = False
+
     def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
         # Processes start as work comes in, and inherit the mask.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
