@@ -252,10 +252,13 @@ def test_short_recording_is_answered_each_time_it_is_played(
                 (parts[2], parts[3], parts[0], parts[1]), strict=True,
             ):
                 client.publishers[name].publish(part)
-            time.sleep(0.15)
-        client.wait(
-            lambda n=before: len(client.received["disparity"]) - n >= frames - 1, "the answers"
-        )
+            # One after the other, since a loaded machine skips what it has no time for. The
+            # first may be lost while publisher and node find one another.
+            answered = len(client.received["disparity"])
+            end = time.monotonic() + (2.0 if number == 0 else 20.0)
+            while len(client.received["disparity"]) == answered and time.monotonic() < end:
+                time.sleep(0.01)
+        assert len(client.received["disparity"]) - before >= frames - 1
         for publisher in client.publishers.values():
             client.node.destroy_publisher(publisher)
         time.sleep(1.5)
