@@ -188,6 +188,7 @@ def test_a_part_that_a_crash_while_going_on_left_aside_is_not_forgotten(
     for name in ("out.partial", "out.partial.old"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "frames.csv").write_text(name)
+        (tmp_path / name / "replay.json").write_text("{}")
     folder = ResultFolder(tmp_path / "out", resume=resume, force=not resume)
     assert list(folder.work.iterdir()) == []
     if resume:
