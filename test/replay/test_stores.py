@@ -146,3 +146,16 @@ def test_without_fsspec_it_is_said_how_to_get_it(
     assert main(["replay", "s3://bucket/dive", "-o", str(tmp_path / "out")]) == 2
     assert "s3://bucket/dive needs fsspec: install the extra stores, pip install" in (
         capsys.readouterr().err)
+
+
+def test_a_store_does_not_choose_where_files_go(
+    store: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(scratch))
+    store.pipe("/bucket/dives/dive/../../planted", b"from outside")
+    assert main(["replay", "memory://bucket/dives/dive", "-o", str(tmp_path / "out")]) == 2
+    assert "an object outside of its folder" in capsys.readouterr().err
+    assert not list(scratch.rglob("planted"))

@@ -241,7 +241,11 @@ def _fetch(store: Any, path: str, here: Path) -> None:
             store.get_file(path, str(here))
         return
     for name in store.find(path):
-        file = here / PurePosixPath(name).relative_to(path)
+        relative = PurePosixPath(name).relative_to(path)
+        # Whoever names the objects must not choose where on this machine they go.
+        if ".." in relative.parts:
+            raise InputError(f"the store has an object outside of its folder: {name!r}")
+        file = here / relative
         file.parent.mkdir(parents=True, exist_ok=True)
         store.get_file(name, str(file))
 
