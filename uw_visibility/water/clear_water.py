@@ -70,11 +70,18 @@ def _truncated(fit: Fit, clear_water: NDArray[np.float64]) -> tuple[Fit, float]:
         stddev = math.hypot(known, CLEAR_WATER_TOLERANCE * clear_water[c])
         below = float(clear_water[c] - fit.parameters[c, 0]) / stddev
         cost += max(below, 0.0) ** 2
-        # Inverse Mills ratio φ(a) / (1 − Φ(a)).
-        ratio = math.sqrt(2.0 / math.pi) / float(erfcx(below / math.sqrt(2.0)))
+        ratio = inverse_mills(below)
         gain = row / stddev
         fit = moved(fit, ratio * gain, ratio * (ratio - below) * np.outer(gain, gain))
     return fit, cost
+
+
+def inverse_mills(a: float) -> float:
+    """Inverse Mills ratio φ(a) / (1 − Φ(a)): mean of a normal law that is truncated at a.
+
+    The variance above a is 1 − m (m − a) with this mean m.
+    """
+    return math.sqrt(2.0 / math.pi) / float(erfcx(a / math.sqrt(2.0)))
 
 
 def _mixed(one: Fit, other: Fit, share: float) -> Fit:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import erfcx
 
 from uw_visibility.config.lighting import LightingConfig
 from uw_visibility.config.schema import WaterConfig
@@ -26,6 +25,7 @@ from uw_visibility.optics.lamps import (
     trilinear,
 )
 from uw_visibility.status import Status
+from uw_visibility.water.clear_water import inverse_mills
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.lamp_cells import Cells
 from uw_visibility.water.lamp_fit import FEWEST_CELLS, ContrastFit, fit_contrast
@@ -297,8 +297,7 @@ def _raised(
     """
     stddev = math.sqrt(covariance[c, c] + tolerance**2)
     below = (least - mean[c]) / stddev
-    # Inverse Mills ratio φ(a) / (1 − Φ(a)).
-    ratio = math.sqrt(2.0 / math.pi) / erfcx(below / math.sqrt(2.0))
+    ratio = inverse_mills(below)
     gain = covariance[:, c] / stddev
     fresh = covariance - ratio * (ratio - below) * np.outer(gain, gain)
     return mean + below * gain, 0.5 * (fresh + fresh.T)
