@@ -38,13 +38,12 @@ class _Pool(ProcessPoolExecutor):
         self._safe_to_dynamically_spawn_children = False
 
     def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
-        # Processes start as work comes in, and inherit the mask.
+        # Processes start with the first work, and inherit the mask.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
             return super().submit(*arguments, **named)
         except OSError as error:
-            # A process could not be started: the pool is just being closed, since another one
-            # was ended, or there is no room for more.
+            # A process could not be started, as where there is no room for more.
             raise BrokenProcessPool(str(error)) from error
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -79,7 +78,7 @@ def process_pool(
         If one of them was ended from outside.
     """
     before = {name: os.environ.get(name) for name in SAFE_PATH}
-    # Processes start as work comes in, so this holds until the end.
+    # Processes start with the first work, so this holds until the end.
     os.environ.update(SAFE_PATH)
     pool = _Pool(
         jobs, get_context("spawn"), initializer=initializer, initargs=arguments
@@ -91,7 +90,7 @@ def process_pool(
         pool.end()
         raise
     except BrokenProcessPool as error:
-        # One that was only being started when another was ended would be waited for.
+        # Where one could not be started, nothing watches those that were.
         pool.end()
         raise InputError(
             "a process that works on frames was ended from outside, as where memory is short: "
