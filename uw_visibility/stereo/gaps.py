@@ -148,44 +148,69 @@ def _sweep(start: int, stop: int, disparity: Any, max_gap: int, seen: Any) -> No
 
 
 @njit(nogil=True, error_model="numpy")
-def _look_along(disparity: Any, max_gap: int, first: int, step: int, out: Any) -> None:
-    """Carry the last disparity met along a row, from its pixel ``first`` on; inf = none."""
-    carried = np.float32(np.inf)
-    age = 0
-    x = first
-    for _ in range(disparity.size):
-        d = disparity[x]
-        age += 1
-        out[x] = carried if age <= max_gap else np.float32(np.inf)
-        if not np.isnan(d):
-            carried = d
-            age = 0
-        x += step
+def _find_gaps(here: Any, columns: Any) -> int:
+    """Write the columns of a row's gaps; return how many there are."""
+    count = 0
+    for x in range(here.size):
+        # Written in any case, since a branch costs more.
+        columns[count] = x
+        count += here[x] != here[x]
+    return count
+
+
+@njit(nogil=True, error_model="numpy")
+def _look_along(here: Any, columns: Any, max_gap: int, before: Any, after: Any) -> None:
+    """Write what is on either side of each gap of a row; inf = nothing within `max_gap`."""
+    count = columns.size
+    nothing = np.float32(np.inf)
+    known = -1
+    for i in range(count):
+        x = columns[i]
+        if i == 0 or columns[i - 1] != x - 1:
+            known = x - 1
+        before[i] = here[known] if known >= 0 and x - known <= max_gap else nothing
+    for i in range(count - 1, -1, -1):
+        x = columns[i]
+        if i == count - 1 or columns[i + 1] != x + 1:
+            known = x + 1
+        after[i] = here[known] if known < here.size and known - x <= max_gap else nothing
 
 
 @njit(nogil=True, error_model="numpy")
 def _point_at(right: Any, hit: Any) -> None:
-    """Mark the pixels of a row that a disparity of the right row points at."""
+    """Mark the pixels of a row that a disparity of the right row points at.
+
+    ``hit`` reaches `TOLERANCE` columns beyond the row on either side.
+    """
     width = right.size
     hit[:] = False
     for q in range(width):
         d = right[q]
-        if np.isnan(d) or d < 0 or d > width:
-            continue
-        x = q + int(d + np.float32(0.5))
-        for near in range(max(x - TOLERANCE, 0), min(x + TOLERANCE + 1, width)):
-            hit[near] = True
+        # Comparisons with NaN are false.
+        if d >= 0 and d <= width:
+            x = q + int(d + np.float32(0.5))
+            if x < width + TOLERANCE:
+                hit[x + TOLERANCE] = True
+
+
+@njit(nogil=True, error_model="numpy")
+def _is_hit(hit: Any, x: int) -> bool:
+    """Tell whether a disparity points at a pixel, within `TOLERANCE`."""
+    found = False
+    for near in range(2 * TOLERANCE + 1):
+        found |= hit[x + near]
+    return found
 
 
 @njit(nogil=True, error_model="numpy")
 def _mark_occluded(start: int, stop: int, left: Any, right: Any, hidden: Any) -> None:
     """Mark gaps that no disparity of the right map points at."""
     width = left.shape[1]
-    hit = np.empty(width, np.bool_)
+    hit = np.empty(width + 2 * TOLERANCE, np.bool_)
     for y in range(start, stop):
         _point_at(right[y], hit)
         for x in range(width):
-            hidden[y, x] = np.isnan(left[y, x]) and not hit[x]
+            hidden[y, x] = np.isnan(left[y, x]) and not _is_hit(hit, x)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -194,8 +219,8 @@ def _order(a: Any, b: Any) -> tuple[Any, Any]:
 
 
 @njit(nogil=True, error_model="numpy")
-def _choose_row(here: Any, around: Any, hit: Any, filled: Any) -> None:
-    """Fill a row of gaps from the (8, W) disparities around them; inf = none.
+def _choose_of_eight(around: Any, hit: Any, chosen: Any) -> None:
+    """Choose for each of N gaps from the (8, N) disparities around it; inf = none.
 
     The eight are sorted with Batcher's network (doi 10.1145/1468075.1468121),
     which has no branches, so many pixels are sorted at once.
@@ -204,7 +229,7 @@ def _choose_row(here: Any, around: Any, hit: Any, filled: Any) -> None:
     v4, v5, v6, v7 = around[4], around[5], around[6], around[7]
     most = np.float32(np.inf)
     nothing = np.float32(np.nan)
-    for x in range(here.size):
+    for x in range(chosen.size):
         a, b = _order(v0[x], v1[x])
         c, d = _order(v2[x], v3[x])
         e, f = _order(v4[x], v5[x])
@@ -229,9 +254,7 @@ def _choose_row(here: Any, around: Any, hit: Any, filled: Any) -> None:
         median = c if e < most else b
         median = d if g < most else median
         value = median if hit[x] else b
-        value = value if c < most else nothing
-        known = here[x]
-        filled[x] = value if known != known else known
+        chosen[x] = value if c < most else nothing
 
 
 @njit(nogil=True, error_model="numpy")
@@ -240,14 +263,26 @@ def _choose(
 ) -> None:
     """Fill each gap from the up to eight disparities around it."""
     width = left.shape[1]
-    hit = np.zeros(width, np.bool_)
+    hit = np.zeros(width + 2 * TOLERANCE, np.bool_)
+    columns = np.empty(width, np.int32)
     around = np.empty((8, width), np.float32)
+    hit_gap = np.empty(width, np.bool_)
+    chosen = np.empty(width, np.float32)
     for y in range(start, stop):
+        here = left[y]
+        filled[y] = here
+        count = _find_gaps(here, columns)
         if right.shape[0] > 0:
             _point_at(right[y], hit)
-        for k in range(DIRECTIONS):
-            around[k] = seen[0, k, y]
-            around[DIRECTIONS + k] = seen[1, k, y]
-        _look_along(left[y], max_gap, 0, 1, around[6])
-        _look_along(left[y], max_gap, width - 1, -1, around[7])
-        _choose_row(left[y], around, hit, filled[y])
+        for i in range(count):
+            x = columns[i]
+            hit_gap[i] = _is_hit(hit, x)
+            for k in range(DIRECTIONS):
+                around[k, i] = seen[0, k, y, x]
+                around[DIRECTIONS + k, i] = seen[1, k, y, x]
+        _look_along(
+            here, columns[:count], max_gap, around[2 * DIRECTIONS, :count],
+            around[2 * DIRECTIONS + 1, :count])
+        _choose_of_eight(around[:, :count], hit_gap[:count], chosen[:count])
+        for i in range(count):
+            filled[y, columns[i]] = chosen[i]

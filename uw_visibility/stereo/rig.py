@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uw_visibility.compute.jit import njit
 from uw_visibility.errors import InputError
 from uw_visibility.stereo.calibration import (
     CameraInfo,
@@ -198,10 +199,7 @@ class StereoRig:
             Range, m; NaN where the disparity is NaN, or not positive once
             the principal points' difference is taken off.
         """
-        corrected = np.asarray(disparity, np.float32) - np.float32(self.offset)
-        corrected[~(corrected > 0.0)] = np.nan
-        scale = np.float32(self.focal_length * self.baseline)
-        return self.ray_lengths(corrected.shape) * (scale / corrected)
+        return self._range(disparity, math.nan)
 
     def range_of_filled(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
         """Range along the line of sight, from a disparity map without gaps.
@@ -216,8 +214,16 @@ class StereoRig:
         ndarray, (H, W) float32
             Range, m; infinite where the disparity lies at or beyond infinity.
         """
-        range_map = self.range_from_disparity(disparity)
-        range_map[np.isnan(range_map) & np.isfinite(disparity)] = np.inf
+        return self._range(disparity, math.inf)
+
+    def _range(self, disparity: NDArray[np.float32], beyond: float) -> NDArray[np.float32]:
+        """Range, m; `beyond` where the disparity lies at or beyond infinity."""
+        # A new array of one kind, whatever was given: each kind would compile the kernel anew.
+        range_map = np.subtract(
+            disparity, np.float32(self.offset), dtype=np.float32, order="C")
+        _to_range(
+            range_map, self.ray_lengths(range_map.shape),
+            np.float32(self.focal_length * self.baseline), np.float32(beyond))
         return range_map
 
     def range_error(self, disparity_stddev: float = DISPARITY_STDDEV) -> float:
@@ -241,6 +247,17 @@ class StereoRig:
         known[~(known > 0.0)] = np.nan
         scale = np.float32(self.focal_length * self.baseline)
         return self.ray_lengths(known.shape) * (scale / known) + np.float32(self.offset)
+
+
+@njit(nogil=True, error_model="numpy")
+def _to_range(values: Any, ray_lengths: Any, scale: Any, beyond: Any) -> None:
+    """Turn disparities into ranges in place, in one pass and without further arrays."""
+    for y in range(values.shape[0]):
+        for x in range(values.shape[1]):
+            d = values[y, x]
+            values[y, x] = (
+                ray_lengths[y, x] * (scale / d) if d > 0
+                else beyond if d > -np.inf else np.float32(np.nan))
 
 
 def _check_positive(name: str, value: float, unit: str) -> None:

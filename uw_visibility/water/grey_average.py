@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,7 +40,8 @@ def is_grey_on_average(pixels: NDArray[Any]) -> bool:
     -------
     bool
     """
-    mean = pixels[::STRIDE, ::STRIDE].mean(axis=(0, 1), dtype=np.float64)
+    # cv2's mean is many times faster than numpy's, and as exact.
+    mean = np.array(cv2.mean(np.ascontiguousarray(pixels[::STRIDE, ::STRIDE]))[:3])
     if not mean.all():
         return False
     red, _, blue = np.log(mean / mean[1])

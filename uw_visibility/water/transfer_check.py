@@ -10,6 +10,7 @@ or the reverse, bend it so that no attenuations fit.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,10 +42,8 @@ def other_transfer(envelope: Envelopes, transfer: str) -> tuple[Envelopes, float
     change : float
         What the change of variables adds to the logarithm of their likelihood.
     """
-    table = linear_table("srgb", np.dtype(np.uint16)).astype(np.float64)
-    codes = np.linspace(0.0, 1.0, len(table))
-    before, after = (codes, table) if transfer == "linear" else (table, codes)
-    slope = _interpolated(envelope.dark, before, np.gradient(after, before))
+    before, after, rise = _curve(transfer)
+    slope = _interpolated(envelope.dark, before, rise)
     changed = replace(
         envelope,
         dark=_interpolated(envelope.dark, before, after),
@@ -54,6 +53,17 @@ def other_transfer(envelope: Envelopes, transfer: str) -> tuple[Envelopes, float
     )
     logarithm = np.log(np.maximum(slope, 1e-9))
     return changed, float(np.nansum(logarithm)) / (TEMPERATURE * NEIGHBOURING_BINS)
+
+
+@lru_cache(maxsize=2)
+def _curve(
+    transfer: str,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Irradiance by the transfer, that by the other one, and the slope of that over this."""
+    table = linear_table("srgb", np.dtype(np.uint16)).astype(np.float64)
+    codes = np.linspace(0.0, 1.0, len(table))
+    before, after = (codes, table) if transfer == "linear" else (table, codes)
+    return before, after, np.gradient(after, before)
 
 
 def _interpolated(

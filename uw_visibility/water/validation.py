@@ -11,7 +11,7 @@ from uw_visibility.optics.light_model import transmission, veil_thickness
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.fit import ATTENUATION_BOUNDS, Fit
-from uw_visibility.water.observations import Envelopes
+from uw_visibility.water.observations import Envelopes, quantile_of_known
 
 # The bright envelope is that of the third brightest bin: one or two bins may
 # hold an animal's reflection or wrong ranges.
@@ -51,18 +51,21 @@ def lit_by_lamps(envelope: Envelopes) -> bool:
         Of one frame.
     """
     near, far = near_bins(envelope), slice(-near_bins(envelope).stop, None)
+    bright = np.where(envelope.bright > 0, envelope.bright, np.nan)
+    first = quantile_of_known(bright[:, near], 0.5)
+    last = quantile_of_known(bright[:, far], 0.5)
+    dark = quantile_of_known(envelope.dark[:, far], 0.5)
+    known = np.isfinite(bright)
+    if (known.sum(axis=1) < MIN_BINS).any() or np.isnan(first + last).any():
+        return False
     shown = np.empty((3, 4))
     for channel in range(3):
-        bright = envelope.bright[channel]
-        known = bright > 0
-        if known.sum() < MIN_BINS or not (known[near].any() and known[far].any()):
-            return False
+        here = known[channel]
         slope, error = _logarithmic_slope(
-            envelope.range[known], bright[known], np.sqrt(envelope.count[known]))
-        first = float(np.median(bright[near][known[near]]))
-        last = float(np.median(bright[far][known[far]]))
-        dark = float(np.nanmedian(envelope.dark[channel, far]))
-        shown[channel] = slope, slope + LAMP_SLOPE_ERROR * error, last / first, dark / first
+            envelope.range[here], bright[channel, here], np.sqrt(envelope.count[here]))
+        shown[channel] = (
+            slope, slope + LAMP_SLOPE_ERROR * error, last[channel] / first[channel],
+            dark[channel] / first[channel])
     _, slope, fall, darkness = np.median(shown, axis=0)
     return bool(
         shown[:, 0].max() < 0 and slope < LAMP_SLOPE
