@@ -33,17 +33,15 @@ def test_equalisation_uses_the_whole_scale() -> None:
     full = baselines.equalise_channels(dull)
     assert full.min() == 0
     assert full.max() == 255
-    for method in (baselines.equalise_lightness, baselines.equalise_adaptively):
-        enhanced = method(dull)
-        lightness = metrics.lab(enhanced)[..., 0].std()
-        assert lightness > 1.5 * metrics.lab(dull)[..., 0].std()
-        assert enhanced.dtype == np.uint8
+    enhanced = baselines.equalise_adaptively(dull)
+    assert metrics.lab(enhanced)[..., 0].std() > 1.5 * metrics.lab(dull)[..., 0].std()
+    assert enhanced.dtype == np.uint8
 
 
-def test_lightness_methods_keep_a_grey_image_grey() -> None:
+def test_adaptive_equalisation_keeps_a_grey_image_grey() -> None:
     ramp = np.tile(np.arange(80, 144, dtype=np.uint8), (64, 1))
     grey = np.dstack([ramp] * 3)
-    enhanced = baselines.equalise_lightness(grey).astype(int)
+    enhanced = baselines.equalise_adaptively(grey).astype(int)
     assert np.abs(enhanced - enhanced[..., :1]).max() <= 2
 
 

@@ -75,13 +75,6 @@ def test_disparity_fractions() -> None:
     assert np.isnan(metrics.correct_fraction(found, nothing))
 
 
-def test_percentiles_of_errors() -> None:
-    truth = np.arange(101.0)
-    wrong = truth + np.where(np.arange(101) % 2, 1, -1) * np.arange(101)
-    assert metrics.error_percentiles(wrong, truth, (50, 90)) == (50, 90)
-    assert all(np.isnan(metrics.error_percentiles([np.nan], [1.0])))
-
-
 def test_halo_compares_edges_with_the_rest() -> None:
     disparity = np.full((30, 60), 5, np.float32)
     disparity[:, 30:] = 20

@@ -127,16 +127,6 @@ def test_chromaticity_of_many_depths():
     assert (np.diff(gamma[:, 0]) < 0).all()
 
 
-def test_daylight_of_a_higher_temperature_is_bluer():
-    response = optics.load_response("nikon_d5100")
-    d55, d65 = (optics.daylight_white(response, name) for name in ("d55", "d65"))
-    assert d55[1] == d65[1] == 1
-    assert d65[2] > d55[2]
-    assert d65[0] < d55[0]
-    with pytest.raises(InputError, match="d55"):
-        optics.daylight_white(response, "a")
-
-
 def test_every_shipped_table_names_its_source_and_licence():
     from importlib import resources
 

@@ -81,11 +81,6 @@ def equalise_channels(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.dstack([cv2.equalizeHist(np.ascontiguousarray(image[..., c])) for c in range(3)])
 
 
-def equalise_lightness(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Histogram equalisation of L* of an (H, W, 3) RGB image; colours stay."""
-    return _on_lightness(image, cv2.equalizeHist)
-
-
 def equalise_adaptively(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """CLAHE of L* of an (H, W, 3) RGB or of a grey image."""
     clahe = cv2.createCLAHE(clipLimit=CLIP_LIMIT, tileGridSize=TILES)

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -118,17 +117,6 @@ def bad_fraction(
     if not both.any():
         return float("nan")
     return float((np.abs(disparity[both] - truth[both]) > tolerance).mean())
-
-
-def error_percentiles(
-    values: ArrayLike, truth: ArrayLike, percentiles: Sequence[float] = (50, 90, 95)
-) -> tuple[float, ...]:
-    """Percentiles of the absolute error where both are finite; NaN if nowhere."""
-    error = np.abs(np.asarray(values, dtype=np.float64) - np.asarray(truth, dtype=np.float64))
-    error = error[np.isfinite(error)]
-    if not error.size:
-        return (float("nan"),) * len(percentiles)
-    return tuple(float(p) for p in np.percentile(error, percentiles))
 
 
 @dataclass(frozen=True)

@@ -195,40 +195,8 @@ def compose_attenuation(
     return total
 
 
-def daylight_white(response: CameraResponse, illuminant: str = "d55") -> NDArray[np.float64]:
-    """White point of daylight, RGB, for a camera without white balance.
-
-    Parameters
-    ----------
-    response : CameraResponse
-    illuminant : str
-        ``"d55"`` or ``"d65"``.
-
-    Returns
-    -------
-    (3,) float64 ndarray
-        Scaled so that green is 1; fit for `theoretical_chromaticity`.
-
-    Raises
-    ------
-    InputError
-        If the illuminant is not known.
-    """
-    wavelength, relative_power = daylight_spectrum(illuminant)
-    power = np.interp(WAVELENGTHS, wavelength, relative_power, left=0.0, right=0.0)
-    white = power @ response.at(WAVELENGTHS)
-    return np.asarray(white / white[1], dtype=np.float64)
-
-
-def daylight_spectrum(
-    illuminant: str = "d55",
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Relative spectral power of a CIE standard daylight.
-
-    Parameters
-    ----------
-    illuminant : str
-        ``"d55"`` or ``"d65"``.
+def daylight_spectrum() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Relative spectral power of the CIE standard daylight D55.
 
     Returns
     -------
@@ -236,16 +204,8 @@ def daylight_spectrum(
         nm, rising.
     power : (N,) float64 ndarray
         Relative; the scale is free.
-
-    Raises
-    ------
-    InputError
-        If the illuminant is not known.
     """
-    known = tables.shipped_names("daylight_")
-    if illuminant not in known:
-        raise InputError(f"no daylight {illuminant!r}: give one of {', '.join(known)}")
-    name = f"daylight_{illuminant}.csv"
+    name = "daylight_d55.csv"
     values = tables.numbers(
         tables.read_shipped(name), ("wavelength_nm", "relative_power"), name
     )
