@@ -314,6 +314,13 @@ def test_the_library_yields_what_the_command_writes(
         assert frame.result.stereo.confidence is not None
         assert frame.messages["disparity"].header.stamp.sec == frame.stamp // 10**9
     assert len(list(replay.read(transect, ALONE, start=1.0, every=2))) == 2
+    first = list(replay.read(transect, ALONE, duration=1.5))
+    assert [f.number for f in first] == [
+        f.number for f in frames if f.time < frames[0].time + 1_500_000_000]
+    assert 0 < len(first) < FRAMES
+    swapped = replay.Wanted(left="/right/image_rect", right="/left/image_rect")
+    assert list(replay.read(transect, ALONE, topics=swapped)) == []
+    assert "are left and right swapped?" in caplog.text
     with pytest.raises(InputError, match=r"water\.bin"):
         next(replay.read(transect, {"water.bin": 3}))
 

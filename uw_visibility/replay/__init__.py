@@ -13,10 +13,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from uw_visibility.replay.inputs.topics import Wanted as Wanted
     from uw_visibility.replay.library import ReplayedFrame as ReplayedFrame
     from uw_visibility.replay.library import read as read
 
-__all__ = ["ReplayedFrame", "read"]
+__all__ = ["ReplayedFrame", "Wanted", "read"]
 
 
 def __getattr__(name: str) -> Any:

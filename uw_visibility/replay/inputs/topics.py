@@ -26,7 +26,17 @@ DEPTH_NAMES = re.compile(r"depth|pressure")
 
 @dataclass(frozen=True)
 class Wanted:
-    """Topics asked for; None is found by type and name."""
+    """Topics asked for; None is found by type and name.
+
+    Attributes
+    ----------
+    left, right, left_info, right_info : str or None
+        Images, and their CameraInfo.
+    depth : str or None
+        Depth sensor, of any of the types that ``plausibility.sensor_type`` names.
+    position : str or None
+        NavSatFix or Odometry.
+    """
 
     left: str | None = None
     right: str | None = None
