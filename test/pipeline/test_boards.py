@@ -12,6 +12,7 @@ from uw_visibility import Pipeline
 from uw_visibility.commands.calibration_file import read_rig
 from uw_visibility.evaluation.metrics import correct_fraction
 from uw_visibility.images.files import read_image
+from uw_visibility.status import Status
 
 
 @pytest.mark.parametrize(("name", "codes", "least"), [
@@ -35,3 +36,12 @@ def test_boards_are_flat(shared_data, name, codes, least):
         plane = np.where(inside > 0, a * x + b * y + c, np.nan).astype(np.float32)
         correct.append(correct_fraction(disparity, plane))
     assert np.mean(correct) >= least, correct
+
+
+@pytest.mark.parametrize(("name", "number"), [("bermuda", "25"), ("tank", "05")])
+def test_a_board_by_day_is_not_taken_for_one_by_lamps(shared_data, name, number):
+    folder = shared_data / "underwater" / name
+    rig, _ = read_rig([folder / "calibration.json"])
+    pair = [read_image(folder / f"{side}_{number}.png") for side in ("left", "right")]
+    result = Pipeline(rig).process(*pair, enhance=())
+    assert Status.LIT_BY_LAMPS not in (result.water.status, result.coarse_water.status)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from lamp_scene import CLEAR_WATER, ground, render, texture
+from lamp_scene import CLEAR_WATER, SIZE, ground, render, texture
 
 from uw_visibility.config.schema import WaterConfig
 from uw_visibility.optics.light_model import attenuate
@@ -36,4 +36,23 @@ def test_daylight_is_not_taken_for_lamps(alpha: float, veil: float) -> None:
             texture(seed, distance), distance, CLEAR_WATER + alpha, np.full(3, 0.8 * veil),
             np.full(3, 0.8))
         found = estimator().estimate(image, distance, range_error=0.0)
+        assert found.status is not Status.LIT_BY_LAMPS
+
+
+@pytest.mark.parametrize("near", [0.5, 0.8])
+@pytest.mark.parametrize("veil", [0.1, 0.3])
+def test_a_white_board_before_dull_ground_is_not_taken_for_lamps(near: float, veil: float) -> None:
+    """By day too it is brighter than all behind it, but the fall is one step."""
+    height, width = SIZE
+    row, column = np.mgrid[:height, :width]
+    distance = np.linspace(1.6, 1.0, height, dtype=np.float32)[:, np.newaxis] + 0 * column
+    board = (abs(row - height / 2) < height / 4) & (abs(column - width / 2) < width / 4)
+    distance[board] = near * (1.0 + 0.3 * column[board] / width)
+    squares = 0.1 + 0.85 * ((row // 12 + column // 12) % 2)
+    for seed in range(3):
+        radiance = np.where(
+            board[..., np.newaxis], squares[..., np.newaxis], 0.15 * texture(seed, distance))
+        image = attenuate(
+            radiance, distance, CLEAR_WATER + 0.05, np.full(3, 0.9 * veil), np.full(3, 0.9))
+        found = estimator().estimate(image, distance.astype(np.float32), range_error=0.0)
         assert found.status is not Status.LIT_BY_LAMPS

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,7 +41,11 @@ STEPS_APART, STEPS_APART_PART = 3.0, 0.25
 # In most channels, since what lamps light of turbid water evens out the red. FLSea's frames
 # fall as d^(-0.5) and less, rendered days hardly.
 LAMP_SLOPE, LAMP_SLOPE_ERROR = -0.8, 2.0
-LAMP_FALL, LAMP_DARKNESS = 0.55, 0.45
+LAMP_FALL, LAMP_DARKNESS = 0.6, 0.5
+# A white board before dull ground falls by day as well, but at once. Of the fall by lamps this
+# much is left where it may have one step besides; ranges farther apart than by this ratio
+# belong to two things, between which nothing is known to fall.
+LAMP_FALL_BESIDE_STEP, RANGE_GAP = 0.55, 1.25
 
 
 def lit_by_lamps(envelope: Envelopes) -> bool:
@@ -59,17 +65,21 @@ def lit_by_lamps(envelope: Envelopes) -> bool:
     if (known.sum(axis=1) < MIN_BINS).any() or np.isnan(first + last).any():
         return False
     shown = np.empty((3, 4))
+    courses = []
     for channel in range(3):
         here = known[channel]
-        slope, error = _logarithmic_slope(
-            envelope.range[here], bright[channel, here], np.sqrt(envelope.count[here]))
+        course = envelope.range[here], bright[channel, here], np.sqrt(envelope.count[here])
+        courses.append(course)
+        slope, error = _logarithmic_slope(*course)
         shown[channel] = (
             slope, slope + LAMP_SLOPE_ERROR * error, last[channel] / first[channel],
             dark[channel] / first[channel])
     _, slope, fall, darkness = np.median(shown, axis=0)
-    return bool(
+    falls = (
         shown[:, 0].max() < 0 and slope < LAMP_SLOPE
         and fall < LAMP_FALL and darkness < LAMP_DARKNESS)
+    return bool(falls and np.median(
+        [_fall_beside_step(*course) for course in courses]) < LAMP_FALL_BESIDE_STEP)
 
 
 def _logarithmic_slope(
@@ -83,6 +93,28 @@ def _logarithmic_slope(
     slope = float((weight * x) @ y) / spread
     residual = float(weight @ (y - slope * x) ** 2)
     return slope, float(np.sqrt(residual / spread * (weight @ weight)))
+
+
+def _fall_beside_step(
+    distance: NDArray[np.float64], values: NDArray[np.float64], weight: NDArray[np.float64]
+) -> float:
+    """Last value over the first, but for one step and where nothing is seen.
+
+    By ln value = a + b ln distance + (c beyond a step), with the step where the residuals are
+    the least.
+    """
+    x, y = np.log(distance), np.log(values)
+    root = np.sqrt(weight)
+    best = slope = math.inf
+    for step in range(2, len(x) - 1):
+        near = np.arange(len(x)) < step
+        columns = np.stack((near, ~near, x), axis=1) * root[:, np.newaxis]
+        found = np.linalg.lstsq(columns, root * y, rcond=None)[0]
+        residual = float(((root * y - columns @ found) ** 2).sum())
+        if residual < best:
+            best, slope = residual, float(found[2])
+    apart = np.diff(x)
+    return math.exp(slope * float(apart[apart < math.log(RANGE_GAP)].sum()))
 
 
 def refuse_frame(envelope: Envelopes, min_pixels: int, min_range_ratio: float) -> Status:
