@@ -75,7 +75,7 @@ def compressed_kinds(views: tuple[np.ndarray, np.ndarray]) -> Iterator[MessageKi
         ("TIFF", encoded(".tiff", pixels), "tiff", "neither JPEG nor PNG"),
         ("GIF", b"GIF89a" + bytes(100), "gif", "neither JPEG nor PNG"),
         ("WebP", b"RIFF\0\0\0\0WEBPVP8 ", "webp",
-         "'webp' and 16 bytes that are neither JPEG nor PNG: publish"),
+         "'webp' and data that are neither JPEG nor PNG: publish"),
         ("text", b"<html>", "jpeg", "neither JPEG nor PNG"),
         ("nothing", b"", "jpeg", "neither JPEG nor PNG"),
         ("JPEG's first bytes alone", b"\xff\xd8\xff", "jpeg", "truncated|damaged"),

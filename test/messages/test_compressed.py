@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.errors import InputError
-from uw_visibility.messages.compressed import read_compressed
+from uw_visibility.messages.compressed import message_chroma, read_compressed
 
 # Smooth, so that JPEG keeps it.
 Y, X = np.mgrid[:32, :48]
@@ -90,8 +90,27 @@ def test_truncated_image_is_refused_not_filled_with_grey(codec: str, share: floa
         read_compressed(whole, "left image")
 
 
+def test_a_jpeg_without_a_format_tells_its_colour_too() -> None:
+    pixels = np.kron(RGB, np.ones((8, 8, 1), np.uint8))
+    named, unnamed = (message(kind, pixels, ".jpg") for kind in ("jpeg", ""))
+    expected = message_chroma(named, read_compressed(named)[0])
+    found = message_chroma(unnamed, read_compressed(unnamed)[0])
+    assert expected is not None
+    assert found is not None
+    np.testing.assert_array_equal(found.pixels, expected.pixels)
+
+
+def test_reasons_of_unlike_images_are_one() -> None:
+    says = set()
+    for data in (bytes(10), bytes(20), b"\xff\xd8\xff" + bytes(5), b"\xff\xd8\xff" + bytes(9)):
+        with pytest.raises(InputError) as error:
+            read_compressed(SimpleNamespace(format="webp", data=data))
+        says.add(str(error.value))
+    assert len(says) == 2
+
+
 @pytest.mark.parametrize(("kind", "data", "reason"), [
-    ("jpeg", b"", "0 bytes that are neither JPEG nor PNG"),
+    ("jpeg", b"", "data that are neither JPEG nor PNG"),
     ("rgb8; tiff compressed bgr8", b"II*\0" + bytes(50), "'rgb8; tiff compressed bgr8'"),
     ("16UC1; compressedDepth png", bytes(12) + b"\x89PNG\r\n\x1a\n", "compressedDepth"),
     ("jpeg", b"\xff\xd8\xff\xda" + bytes(20) + b"\xff\xd9", "damaged"),

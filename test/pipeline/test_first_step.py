@@ -12,6 +12,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.frame import RenderedFrame
 from uw_visibility.simulation.water import Water
+from uw_visibility.status import Status
 from uw_visibility.stereo.pyramid import Pyramid
 
 CAMERA = StereoCamera(644, 362, 600.0, 0.12)
@@ -90,6 +91,20 @@ def test_a_mask_stays_where_nothing_is_in_the_way(frame: RenderedFrame) -> None:
 def test_exchanged_large_images_are_refused(frame: RenderedFrame) -> None:
     with pytest.raises(InputError, match="exchange left and right"):
         pipeline().coarse_estimate(frame.right, frame.left)
+
+
+def test_one_image_for_both_sides_is_refused(frame: RenderedFrame) -> None:
+    with pytest.raises(InputError, match="one and the same"):
+        pipeline().process(frame.left, frame.left)
+
+
+def test_disparities_that_are_but_noise_tell_no_water(frame: RenderedFrame) -> None:
+    # As of a camera whose picture comes twice, compressed anew each time.
+    noise = np.random.default_rng(0).integers(-1, 2, frame.left.shape)
+    again = np.clip(frame.left.astype(int) + noise, 0, 255).astype(np.uint8)
+    result = pipeline().process(frame.left, again)
+    assert result.status is Status.RANGE_SPREAD_TOO_SMALL
+    assert np.isnan(result.water.attenuation).all()
 
 
 @pytest.mark.parametrize("factor", [1, 2, 3])

@@ -108,14 +108,15 @@ def message_chroma(
     """
     if pixels.ndim == 2:
         return None
-    kind = str(getattr(message, "format", ""))
-    original, swapped = read_format(kind)
-    if kind and bytes(message.data[: len(JPEG)]) == JPEG:
+    # A format may be empty: what tells a CompressedImage is that it has one.
+    compressed = hasattr(message, "format")
+    original, swapped = read_format(str(message.format) if compressed else "")
+    if compressed and bytes(message.data[: len(JPEG)]) == JPEG:
         chroma = jpeg_chroma(bytes(message.data))
         if chroma is not None:
             return chroma.swapped if swapped else chroma
     encoding = original or str(getattr(message, "encoding", ""))
-    if not kind and encoding in SUBSAMPLED:
+    if not compressed and encoding in SUBSAMPLED:
         return subsampled_chroma(pixels)
     if encoding.startswith("bayer_"):
         return mosaic_chroma(pixels, encoding.removeprefix("bayer_")[:4])
@@ -161,17 +162,16 @@ def _encoded(message: CompressedImageMessage, name: str) -> bytes:
     data = bytes(message.data)
     if "compressedDepth" in message.format or not data.startswith((JPEG, PNG)):
         raise InputError(
-            f"{name} has the format {printable(message.format)!r} and {len(data)} bytes that are "
-            "neither JPEG nor PNG: publish it with compressed_image_transport as jpeg or png"
+            f"{name} has the format {printable(message.format)!r} and data that are neither JPEG "
+            "nor PNG: publish it with compressed_image_transport as jpeg or png"
         )
     return data
 
 
 def _unusable(message: CompressedImageMessage, name: str, error: InputError) -> InputError:
     if isinstance(error, TruncatedError):
-        return InputError(
-            f"{name} has {len(message.data)} bytes of data without an end: it is truncated"
-        )
+        # Without its length, which differs in every image: reasons are counted by their text.
+        return InputError(f"{name} has data without an end: it is truncated")
     return InputError(
         f"{name} has the format {printable(message.format)!r} but cannot be decompressed: {error}"
     )

@@ -136,7 +136,7 @@ class FirstStep:
         Raises
         ------
         InputError
-            If the images are dark, saturated or of one colour, or exchanged.
+            If the images are dark, saturated or of one colour, exchanged, or the same.
         """
         with clock("support points"):
             left, right = self._workers.together(
@@ -208,6 +208,11 @@ class FirstStep:
                 reason = exposure_status(image)
                 if reason is not Status.OK:
                     raise InputError(f"{side} image: {reason}; nothing can be matched")
+        if np.array_equal(left, right):
+            raise InputError(
+                "left and right image are one and the same: give each side the images of its own "
+                "camera"
+            )
         if self._matcher.swapped_ratio() > _EXCHANGED_RATIO:
             raise InputError(
                 "the images match with negative disparities only: exchange left and right"

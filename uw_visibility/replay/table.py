@@ -26,13 +26,16 @@ from uw_visibility.water.survey import SurveyEstimate
 
 def seconds(nanoseconds: int) -> str:
     """Return a time in s with all its digits."""
-    return f"{nanoseconds // 1_000_000_000}.{nanoseconds % 1_000_000_000:09d}"
+    # By its amount: -1.5 s are -2 s and 500,000,000 ns.
+    whole, fraction = divmod(abs(nanoseconds), 1_000_000_000)
+    return f"{'-' * (nanoseconds < 0)}{whole}.{fraction:09d}"
 
 
 def nanoseconds(text: str) -> int:
     """Return a time in ns, of what `seconds` wrote."""
-    whole, _, fraction = text.partition(".")
-    return int(whole) * 1_000_000_000 + int(fraction)
+    whole, _, fraction = text.removeprefix("-").partition(".")
+    amount = int(whole) * 1_000_000_000 + int(fraction)
+    return -amount if text.startswith("-") else amount
 
 
 def iso_time(nanoseconds: int) -> str:

@@ -229,7 +229,7 @@ class _Messages:
             header=header,
             status=self._make("sensor_msgs/msg/NavSatStatus", status=0, service=1),
             latitude=start[0],
-            longitude=start[1] + math.degrees(east / radius),
+            longitude=(start[1] + math.degrees(east / radius) + 180.0) % 360.0 - 180.0,
             altitude=0.0,
             position_covariance=np.zeros(9),
             position_covariance_type=0,

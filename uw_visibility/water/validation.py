@@ -19,6 +19,9 @@ from uw_visibility.water.observations import Envelopes, quantile_of_known
 # hold an animal's reflection or wrong ranges.
 BRIGHT_BINS = 3
 MIN_BINS = 6
+# Standard deviation of the nearest bin's range, as part of it, beyond which disparities are no
+# more than their noise, and ranges spread as noise does.
+MAX_RANGE_ERROR = 0.5
 # A channel is saturated, or dark, when more of its pixels than this are.
 MAX_CLIPPED_FRACTION = 0.5
 # A channel whose bright patches span fewer code values shows no course over range.
@@ -135,6 +138,8 @@ def refuse_frame(envelope: Envelopes, min_pixels: int, min_range_ratio: float) -
     if len(envelope.range) == 0:
         return Status.TOO_FEW_OBSERVATIONS
     if envelope.range[-1] < min_range_ratio * envelope.range[0]:
+        return Status.RANGE_SPREAD_TOO_SMALL
+    if envelope.range_error * envelope.range[0] > MAX_RANGE_ERROR:
         return Status.RANGE_SPREAD_TOO_SMALL
     if len(envelope.range) < MIN_BINS:
         return Status.TOO_FEW_OBSERVATIONS

@@ -304,6 +304,24 @@ def test_the_track_is_drawn_where_there_are_positions(replayed: Path) -> None:
         assert len(re.findall(f">{word}</text>", visibility)) == 2
 
 
+def test_a_track_across_the_date_line_is_short() -> None:
+    columns = {name: np.full(4, np.nan) for name in TRACK_COLUMNS}
+    columns["latitude"] = np.full(4, 10.0)
+    columns["longitude"] = np.array([179.996, 179.999, -179.998, -179.995])
+    columns["visibility_distance"] = np.full(4, 5.0)
+    (drawn,) = draw_track(columns)
+    assert "1 track over 986 m by 0 m" in drawn
+    # Degrees as charts have them.
+    assert ">−179.995</text>" in drawn
+    assert ">180.005</text>" not in drawn
+
+
+def test_a_track_at_the_pole_has_a_map() -> None:
+    columns = {name: np.full(3, np.nan) for name in TRACK_COLUMNS}
+    columns["latitude"], columns["longitude"] = np.full(3, 90.0), np.array([0.0, 120.0, -120.0])
+    assert "longitude [°]" in draw_track(columns)[0]
+
+
 def test_no_axis_goes_above_the_surface() -> None:
     columns = {name: np.full(9, np.nan) for name in NEEDED}
     columns["stamp"] = 1.7e9 + np.arange(9)

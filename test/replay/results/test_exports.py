@@ -25,7 +25,7 @@ from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.results.data_dictionary import SUFFIX
 from uw_visibility.replay.results.netcdf import write_netcdf
-from uw_visibility.replay.table import TableWriter, read_rows
+from uw_visibility.replay.table import TableWriter, nanoseconds, read_rows, seconds
 
 LAST_FIX = FRAMES - 2
 """Frames with a position."""
@@ -176,6 +176,34 @@ def test_a_long_table_is_written_in_slices(exported: Path, tmp_path: Path) -> No
         np.testing.assert_array_equal(data["depth"].values, 0.5 * np.arange(5000))
         assert (data["status"].values == 0).all()
         assert (data["time"].values == data["time"].values[0]).all()
+
+
+def test_a_recording_without_a_frame_is_told_by_empty_files(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing in it has a partner: tables without rows, and the reason why."""
+    xarray = pytest.importorskip("xarray")
+
+    def with_late_right(messages: Iterator[Message]) -> Iterator[Message]:
+        for topic, kind, message, time in messages:
+            if topic == "/right/image_rect":
+                message.header.stamp.nanosec += 1_000_000
+            yield topic, kind, message, time
+
+    bag = copy_bag(transect, tmp_path / "bag", edit=with_late_right)
+    done = run(bag, tmp_path / "out", "--netcdf", "--parquet", capsys=capsys)
+    assert (done.code, done.err) == (1, "")
+    assert f"left image unmatched ({FRAMES})" in done.out
+    with xarray.open_dataset(tmp_path / "out" / "frames.nc") as data:
+        assert data.sizes["obs"] == 0
+        assert data["reason"].dtype.kind in "OUT"
+
+
+def test_times_before_1970_are_numbers() -> None:
+    for text in ("-5.000000000", "-4.500000000", "-0.000000001", "0.000000000", "1.000000005"):
+        time = nanoseconds(text)
+        assert time == round(float(text) * 1e9)
+        assert seconds(time) == text
 
 
 def test_parquet_has_types_and_units(exported: Path, rows: list[dict[str, str]]) -> None:

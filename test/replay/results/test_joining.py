@@ -10,12 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from frame_records import frame_estimate, frame_record
 from hypothesis import given
 from hypothesis import strategies as st
 
 from uw_visibility.config.schema import PlausibilityConfig
+from uw_visibility.errors import InputError
 from uw_visibility.plausibility.samples import DepthSample
 from uw_visibility.plausibility.verdict import Verdict
 from uw_visibility.replay.inputs.positions import (
@@ -153,6 +155,39 @@ def test_a_fix_is_read_and_none_where_there_is_none() -> None:
     assert read_position(fix) is None
     fix.status.status, fix.latitude = 0, float("nan")
     assert read_position(fix) is None
+
+
+@pytest.mark.parametrize("step", [0.004, -0.004])
+def test_positions_across_the_date_line_stay_there(step: float) -> None:
+    joiner = Joiner(replace(CONFIG, sensor_type="none"), True)
+    side = np.sign(step)
+    before, beyond = side * (180.0 - abs(step) / 2), -side * (180.0 - abs(step) / 2)
+    list(joiner.add_position(Position(1_000_000_000, True, before, 10.0, 0.0)))
+    assert list(joiner.add_frame(record(2.5))) == []
+    (joined,) = joiner.add_position(Position(3_000_000_000, True, beyond, 10.0, 0.0))
+    # Three quarters of the way, a quarter beyond the line.
+    assert joined.longitude == pytest.approx(-side * 179.999, abs=1e-9)
+    assert geographic(2000.0, 0.0, (0.0, 179.99))[0] == pytest.approx(-179.992, abs=1e-3)
+
+
+@pytest.mark.parametrize(("latitude", "longitude"), [(100.0, 2.0), (1.0, 3.7e7)])
+def test_a_fix_that_is_nowhere_on_earth_is_refused(latitude: float, longitude: float) -> None:
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=5))
+    fix = SimpleNamespace(
+        header=header, status=SimpleNamespace(status=0), latitude=latitude, longitude=longitude,
+        altitude=0.0)
+    with pytest.raises(InputError, match="publish degrees"):
+        read_position(fix)
+
+
+def test_longitudes_from_0_to_360_are_those_of_wgs_84() -> None:
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=5))
+    fix = SimpleNamespace(
+        header=header, status=SimpleNamespace(status=0), latitude=1.0, longitude=350.0,
+        altitude=0.0)
+    position = read_position(fix)
+    assert position is not None
+    assert position.x == -10.0
 
 
 def test_geojson_has_a_point_for_each_frame_with_a_position(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from uw_visibility.errors import InputError
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.replay.columns import CHANNELS
 
@@ -52,7 +53,13 @@ class Position(NamedTuple):
 
 
 def read_position(message: Any) -> Position | None:
-    """Read a NavSatFix or an Odometry; None where it has no fix."""
+    """Read a NavSatFix or an Odometry; None where it has no fix.
+
+    Raises
+    ------
+    InputError
+        If a fix is nowhere on Earth.
+    """
     stamp = stamp_to_nanoseconds(message.header.stamp)
     if hasattr(message, "latitude"):
         if message.status.status < 0:
@@ -64,7 +71,18 @@ def read_position(message: Any) -> Position | None:
     x, y, z = (float(v) for v in values)
     if not (math.isfinite(x) and math.isfinite(y)):
         return None
-    return Position(stamp, hasattr(message, "latitude"), x, y, z)
+    if not hasattr(message, "latitude"):
+        return Position(stamp, False, x, y, z)
+    if abs(y) > 90.0 or abs(x) > 360.0:
+        raise InputError(
+            "a fix has a latitude beyond 90 or a longitude beyond 360 degrees: publish degrees, "
+            "WGS 84")
+    return Position(stamp, True, wrap_longitude(x), y, z)
+
+
+def wrap_longitude(degrees: float) -> float:
+    """Return a longitude as one from -180 up to 180 degrees."""
+    return degrees if -180.0 <= degrees <= 180.0 else (degrees + 180.0) % 360.0 - 180.0
 
 
 class PositionTrack:
@@ -110,10 +128,14 @@ class PositionTrack:
         if before is None or after.stamp - before.stamp > LONGEST_GAP * 1e9:
             return None
         share = (stamp - before.stamp) / (after.stamp - before.stamp)
+        # Across the date line longitudes differ by 360 degrees more than they are apart.
+        end = wrap_longitude(after.x - before.x) + before.x if after.geographic else after.x
         x, y, z = (
-            a + share * (b - a) for a, b in zip(before[2:], after[2:], strict=True)
+            a + share * (b - a)
+            for a, b in zip(before[2:], (end, after.y, after.z), strict=True)
         )
-        return Position(stamp, after.geographic, x, y, z)
+        return Position(
+            stamp, after.geographic, wrap_longitude(x) if after.geographic else x, y, z)
 
 
 def geographic(x: float, y: float, origin: tuple[float, float]) -> tuple[float, float]:
@@ -121,7 +143,7 @@ def geographic(x: float, y: float, origin: tuple[float, float]) -> tuple[float, 
     latitude, longitude = origin
     north = math.degrees(y / EARTH_RADIUS)
     east = math.degrees(x / (EARTH_RADIUS * math.cos(math.radians(latitude))))
-    return longitude + east, latitude + north
+    return wrap_longitude(longitude + east), latitude + north
 
 
 def write_geojson(

@@ -11,10 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
 from numpy.typing import NDArray
 
 from uw_visibility.errors import printable
-from uw_visibility.replay.inputs.positions import EARTH_RADIUS
+from uw_visibility.replay.inputs.positions import EARTH_RADIUS, wrap_longitude
 from uw_visibility.replay.report.figures import MOST_POINTS, Columns, thin
 from uw_visibility.replay.report.palette import HOLLOW, INK, RULE
 from uw_visibility.replay.report.sentences import number
@@ -28,6 +29,8 @@ TRACK_COLUMNS = ("stamp", "longitude", "latitude", "x", "y", *COLOURED)
 LARGEST_HEIGHT = 6.0
 # More tracks than this have no room for their names.
 MOST_NAMES = 12
+# That of 89.4 degrees of latitude.
+LEAST_COSINE = 0.01
 METRES_PER_DEGREE = math.radians(EARTH_RADIUS)
 
 
@@ -38,6 +41,13 @@ class _Track(NamedTuple):
     x: NDArray[np.float64]
     y: NDArray[np.float64]
     seen: NDArray[np.float64]
+
+
+class _LongitudeFormatter(ScalarFormatter):
+    """Formatter of longitudes that go on beyond the date line."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return super().__call__(wrap_longitude(x), pos)
 
 
 def draw_track(columns: Columns) -> list[Markup]:
@@ -95,10 +105,21 @@ def _track(name: str, columns: Columns, names: tuple[str, str], quantity: str) -
     return _Track(name, x[known], y[known], columns[quantity][known])
 
 
+def _unwrap(tracks: list[_Track]) -> list[_Track]:
+    """Let longitudes go on beyond the date line, so that no track goes round the Earth."""
+    first = float(tracks[0].x[0])
+    return [
+        track._replace(x=first + (track.x - first + 180.0) % 360.0 - 180.0) for track in tracks
+    ]
+
+
 def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
+    if geographic:
+        tracks = _unwrap(tracks)
     x, y = (np.concatenate([getattr(track, axis) for track in tracks]) for axis in "xy")
-    metres = (METRES_PER_DEGREE * math.cos(math.radians(float(np.mean(y)))), METRES_PER_DEGREE
-              ) if geographic else (1.0, 1.0)
+    # At a pole degrees of longitude have no length, and a map no shape.
+    along = max(math.cos(math.radians(float(np.mean(y)))), LEAST_COSINE)
+    metres = (METRES_PER_DEGREE * along, METRES_PER_DEGREE) if geographic else (1.0, 1.0)
     extent = float(np.ptp(x)) * metres[0], float(np.ptp(y)) * metres[1]
     values = np.concatenate([track.seen for track in tracks])
     limits = (float(np.nanmin(values)), float(np.nanmax(values))) if np.isfinite(
@@ -117,6 +138,8 @@ def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
                 location="bottom" if narrow else "right")
         axes.set_aspect(metres[1] / metres[0], adjustable="datalim")
         axes.margins(0.12)
+        if geographic:
+            axes.xaxis.set_major_formatter(_LongitudeFormatter())
         axes.ticklabel_format(useOffset=False, style="plain")
         axes.locator_params(nbins=2 if narrow else 4)
         axes.set(xlabel="longitude [°]" if geographic else "x [m]",

@@ -128,7 +128,8 @@ def _values(values: NDArray, column: Column) -> NDArray:
     if column.kind == "choice":
         place = {text: number for number, text in enumerate(column.choices)}
         return np.array([place.get(text, _UNKNOWN) for text in values], np.int8)
-    return values
+    # Of a table without rows, texts are texts all the same.
+    return values if len(values) or values.dtype != object else values.astype(str)
 
 
 def _attributes(name: str, columns: Mapping[str, Column]) -> dict[str, Any]:
