@@ -39,32 +39,54 @@ def in_right_view(
     return warped
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _warp(start: int, stop: int, disparity: Any, warped: Any) -> None:
     width = disparity.shape[1]
     nothing = np.float32(-np.inf)
+    # Of the right row, after one pixel for all that lies beyond its borders.
+    nearest = np.empty(width + 1, np.float32)
+    column = np.empty(width, np.int32)
     for y in range(start, stop):
-        row = warped[y]
-        row[:] = nothing
+        row = disparity[y]
+        _columns(row, column)
+        nearest[:] = nothing
         for x in range(width):
-            d = disparity[y, x]
-            other = x - d
-            if other > -0.5 and other < width - 0.5:
-                at = np.int32(other + np.float32(0.5))
-                row[at] = max(row[at], d)
-        last = nothing
-        x = 0
-        while x < width:
-            if row[x] != nothing:
-                last = row[x]
-                x += 1
-                continue
-            end = x
-            while end < width and row[end] == nothing:
-                end += 1
-            after = row[end] if end < width else nothing
-            value = min(last, after)
-            if value == nothing:
-                value = max(last, after)
-            row[x:end] = value if value != nothing else np.float32(np.nan)
-            x = end
+            at = np.uint32(column[x])
+            nearest[at] = max(nearest[at], row[x])
+        _fill_from_farther(nearest[1:], warped[y])
+
+
+@njit(nogil=True, error_model="numpy")
+def _columns(row: Any, column: Any) -> None:
+    """Write one more than the column of the right view that each pixel is seen in; 0 for none.
+
+    All pixels at once, since that makes vector code.
+    """
+    for x in range(row.size):
+        other = x - row[x]
+        inside = (other > -0.5) & (other < row.size - 0.5)
+        column[x] = np.int32(other + 1.5) if inside else np.int32(0)
+
+
+@njit(nogil=True, error_model="numpy")
+def _fill_from_farther(nearest: Any, row: Any) -> None:
+    """Copy a row, and give what is -inf in it the farther of its two neighbours'."""
+    width = row.size
+    nothing = np.float32(-np.inf)
+    last = nothing
+    x = 0
+    while x < width:
+        if nearest[x] != nothing:
+            last = nearest[x]
+            row[x] = last
+            x += 1
+            continue
+        end = x
+        while end < width and nearest[end] == nothing:
+            end += 1
+        after = nearest[end] if end < width else nothing
+        value = min(last, after)
+        if value == nothing:
+            value = max(last, after)
+        row[x:end] = value if value != nothing else np.float32(np.nan)
+        x = end

@@ -187,11 +187,13 @@ def _try_candidates(
             last = min(runs[y // CELL, i, 2], width - BORDER)
             if not low <= d <= high or first >= last:
                 continue
-            run = energy[: last - first]
-            _compare(left, at + first * BYTES, right, at + (first - d) * BYTES, run)
-            if needy[first // CELL : (last - 1) // CELL + 1].any():
-                _add_airlight_cost(need[first:last], farthest[y, first:last], thickness[d], run)
-            _offer(run, d, here[first:last], there[first - d : last - d])
+            _compare(left, right, at, d, first, last, energy)
+            needed = False
+            for cell in range(first // CELL, (last - 1) // CELL + 1):
+                needed |= needy[cell]
+            if needed:
+                _add_airlight_cost(need, farthest, y, thickness[d], first, last, energy)
+            _offer(energy, d, first, last, here, there)
 
 
 @njit(nogil=True)
@@ -269,29 +271,39 @@ def _thickness_cost(need: Any, farthest: Any, thickness: Any) -> Any:
 
 
 @njit(nogil=True)
-def _compare(left: Any, i: int, right: Any, j: int, difference: Any) -> None:
-    """Compare runs of pixels; apart from what follows, which becomes vector code so."""
-    for k in range(difference.size):
-        difference[k] = absolute_difference(left, i + k * BYTES, right, j + k * BYTES)
+def _compare(
+    left: Any, right: Any, at: int, d: int, first: int, last: int, energy: Any
+) -> None:
+    """Compare runs of pixels; apart from what follows, which becomes vector code so.
+
+    Rows come whole: for slices numba counts references, which takes as long as a short run.
+    """
+    for x in range(first, last):
+        i = at + x * BYTES
+        energy[np.uint64(x)] = absolute_difference(left, i, right, i - d * BYTES)
 
 
 @njit(nogil=True)
-def _add_airlight_cost(need: Any, farthest: Any, thickness: Any, energy: Any) -> None:
-    for x in range(energy.size):
-        energy[x] += _thickness_cost(need[x], farthest[x], thickness)
+def _add_airlight_cost(
+    need: Any, farthest: Any, y: int, thickness: Any, first: int, last: int, energy: Any
+) -> None:
+    for x in range(first, last):
+        at = np.uint64(x)
+        energy[at] += _thickness_cost(need[at], farthest[y, at], thickness)
 
 
 @njit(nogil=True)
-def _offer(energy: Any, d: int, here: Any, there: Any) -> None:
+def _offer(energy: Any, d: int, first: int, last: int, here: Any, there: Any) -> None:
     """Offer one disparity to a run of pixels.
 
     The prior is left out: where it is below zero, `_try_plane` offers the same
     disparity with it.
     """
-    for x in range(energy.size):
-        key = np.int32((energy[x] << _DISPARITY_BITS) + d)
-        here[x] = min(here[x], key)
-        there[x] = min(there[x], key)
+    for x in range(first, last):
+        at, other = np.uint64(x), np.uint64(x - d)
+        key = np.int32((energy[at] << _DISPARITY_BITS) + d)
+        here[at] = min(here[at], key)
+        there[other] = min(there[other], key)
 
 
 @njit(nogil=True)

@@ -109,15 +109,17 @@ def _largest(a: Any, b: Any, c: Any, d: Any, e: Any, least: Any, out: Any) -> No
 
 @njit(nogil=True, error_model="numpy")
 def _add_votes(
-    tone: Any, scale: Any, middle: Any, voter_tone: Any, voter: Any, closeness: Any, balance: Any
+    first: int, last: int, shift: int, tone: Any, scale: Any, middle: Any, voter_tone: Any,
+    voter: Any, closeness: Any, balance: Any
 ) -> None:
     """Add one voter of each pixel to the balance: for the near side, or for the far one."""
     zero = np.float32(0)
-    for x in range(balance.size):
-        weight = closeness * _alike((tone[x] - voter_tone[x]) * scale[x])
-        d = voter[x]
-        vote = weight if d > middle[x] else -weight
-        balance[x] += vote if d == d else zero
+    for x in range(first, last):
+        at, other = np.uint64(x), np.uint64(x + shift)
+        weight = closeness * _alike((tone[at] - voter_tone[other]) * scale[at])
+        d = voter[other]
+        vote = weight if d > middle[at] else -weight
+        balance[at] += vote if d == d else zero
 
 
 @njit(nogil=True, error_model="numpy")
@@ -144,6 +146,7 @@ def _vote(
         for j in range(2 * _STEPS + 1):
             _as_float(grey[min(max(y + (j - _STEPS) * STRIDE, 0), height - 1)], tones[j])
         first, last = _span_of_edges(near, far)
+        tone = tones[_STEPS]
         for j in range(-_STEPS, _STEPS + 1):
             voters = before[min(max(y + j * STRIDE, 0), height - 1)]
             voter_tones = tones[j + _STEPS]
@@ -156,9 +159,8 @@ def _vote(
                 if a >= b:
                     continue
                 _add_votes(
-                    tones[_STEPS][a:b], scale[a:b], middle[a:b], voter_tones[a + shift : b + shift],
-                    voters[a + shift : b + shift],
-                    np.float32(_STEPS**2 / (_STEPS**2 + i * i + j * j)), balance[a:b],
+                    a, b, shift, tone, scale, middle, voter_tones, voters,
+                    np.float32(_STEPS**2 / (_STEPS**2 + i * i + j * j)), balance,
                 )
         _compare_sides(near, far, middle, balance, before[y], other_side)
         if not replace:

@@ -42,25 +42,31 @@ def keep_consistent(
     for row in range(start, stop):
         # A point agrees with itself.
         agreeing[:] = -1
+        here = found[row]
         for y in range(max(row - cells, 0), min(row + cells + 1, rows)):
+            there = found[y]
             for shift in range(-cells, cells + 1):
                 first, last = max(0, -shift), min(columns, columns - shift)
                 if first < last:
-                    _count_agreeing(
-                        found[row, first:last], found[y, first + shift : last + shift],
-                        disparity, agreeing[first:last],
-                    )
+                    _count_agreeing(first, last, shift, here, there, disparity, agreeing)
         for column in range(columns):
             d = found[row, column]
             kept[row, column] = d if d >= 0 and agreeing[column] >= count else -1.0
 
 
 @njit(nogil=True, error_model="numpy")
-def _count_agreeing(here: Any, there: Any, disparity: Any, agreeing: Any) -> None:
-    """Count one neighbour of each point of a row; all at once, since that makes vector code."""
-    for x in range(agreeing.size):
-        near = abs(there[x] - here[x]) <= disparity
-        agreeing[x] += np.int32(1) if near and there[x] >= 0 else np.int32(0)
+def _count_agreeing(
+    first: int, last: int, shift: int, here: Any, there: Any, disparity: Any, agreeing: Any
+) -> None:
+    """Count one neighbour of each point of a row; all at once, since that makes vector code.
+
+    Rows come whole, and places as unsigned numbers: for slices numba counts references, which
+    takes as long as the count, and places below zero would be looked at.
+    """
+    for x in range(first, last):
+        i, j = np.uint64(x), np.uint64(x + shift)
+        near = abs(there[j] - here[i]) <= disparity
+        agreeing[i] += np.int32(1) if near and there[j] >= 0 else np.int32(0)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -72,6 +78,9 @@ def smooth(start: int, stop: int, kept: Any, deviation: Any, smoothed: Any) -> N
     """
     rows, columns = kept.shape
     steps = _SMOOTHING_STEPS
+    # A row of neighbours and their variances; beyond the grid there is none.
+    there = np.full(columns + 2 * steps, -1.0, np.float32)
+    variance = np.ones(there.size, np.float32)
     # Sums over the neighbours of one row: of weights, of weights times the step across
     # and its square, of weighted differences, and of those times the step across.
     sums = np.empty((5, columns), np.float32)
@@ -79,21 +88,19 @@ def smooth(start: int, stop: int, kept: Any, deviation: Any, smoothed: Any) -> N
     moments = np.empty((9, columns), np.float32)
     for row in range(start, stop):
         moments[:] = 0
+        here = kept[row]
         for y in range(row - steps, row + steps + 1, _SMOOTHING_STRIDE):
             if not 0 <= y < rows:
                 continue
+            there[steps : steps + columns] = kept[y]
+            for x in range(columns):
+                variance[steps + x] = deviation[y, x] * deviation[y, x]
             sums[:] = 0
             for shift in range(-steps, steps + 1, _SMOOTHING_STRIDE):
-                first, last = max(0, -shift), min(columns, columns - shift)
-                if first >= last:
-                    continue
-                variance = _LEAST_VARIANCE + _ROUGHNESS**2 * (shift**2 + (y - row) ** 2)
+                rough = _LEAST_VARIANCE + _ROUGHNESS**2 * (shift**2 + (y - row) ** 2)
                 _add_neighbours(
-                    kept[row, first:last], kept[y, first + shift : last + shift],
-                    deviation[y, first + shift : last + shift], np.float32(variance),
-                    np.float32(shift), sums[0, first:last], sums[1, first:last],
-                    sums[2, first:last], sums[3, first:last], sums[4, first:last],
-                )
+                    here, there, variance, np.uint64(steps + shift), np.float32(rough),
+                    np.float32(shift), sums)
             _add_row(sums, np.float32(y - row), moments)
         for column in range(columns):
             d = kept[row, column]
@@ -104,21 +111,21 @@ def smooth(start: int, stop: int, kept: Any, deviation: Any, smoothed: Any) -> N
 
 @njit(nogil=True, error_model="numpy")
 def _add_neighbours(
-    here: Any, there: Any, deviation: Any, variance: Any, across: Any, weight_sum: Any,
-    across_sum: Any, square_sum: Any, difference_sum: Any, product_sum: Any,
+    here: Any, there: Any, variance: Any, first: Any, rough: Any, across: Any, sums: Any
 ) -> None:
     """Add one neighbour of each point of a row to the sums of `smooth`."""
     for x in range(here.size):
-        difference = there[x] - here[x]
-        same = abs(difference) <= _SAME_SURFACE and there[x] >= 0
-        weight = np.float32(1) / (deviation[x] * deviation[x] + variance)
+        at = np.uint64(x) + first
+        difference = there[at] - here[x]
+        same = (abs(difference) <= _SAME_SURFACE) & (there[at] >= 0)
+        weight = np.float32(1) / (variance[at] + rough)
         weight = weight if same else np.float32(0)
         product = weight * difference
-        weight_sum[x] += weight
-        across_sum[x] += weight * across
-        square_sum[x] += weight * across * across
-        difference_sum[x] += product
-        product_sum[x] += product * across
+        sums[0, x] += weight
+        sums[1, x] += weight * across
+        sums[2, x] += weight * across * across
+        sums[3, x] += product
+        sums[4, x] += product * across
 
 
 @njit(nogil=True, error_model="numpy")
