@@ -110,7 +110,7 @@ def message_chroma(
         return None
     # A format may be empty: what tells a CompressedImage is that it has one.
     compressed = hasattr(message, "format")
-    original, swapped = read_format(str(message.format) if compressed else "")
+    original, swapped = read_format(str(getattr(message, "format", "")))
     if compressed and bytes(message.data[: len(JPEG)]) == JPEG:
         chroma = jpeg_chroma(bytes(message.data))
         if chroma is not None:
