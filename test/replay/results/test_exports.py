@@ -191,9 +191,10 @@ def test_a_recording_without_a_frame_is_told_by_empty_files(
             yield topic, kind, message, time
 
     bag = copy_bag(transect, tmp_path / "bag", edit=with_late_right)
-    done = run(bag, tmp_path / "out", "--netcdf", "--parquet", capsys=capsys)
-    assert (done.code, done.err) == (1, "")
-    assert f"left image unmatched ({FRAMES})" in done.out
+    with pytest.raises(SystemExit) as end:
+        run(bag, tmp_path / "out", "--netcdf", "--parquet")
+    assert end.value.code == 1
+    assert f"left image unmatched ({FRAMES})" in capsys.readouterr().out
     with xarray.open_dataset(tmp_path / "out" / "frames.nc") as data:
         assert data.sizes["obs"] == 0
         assert data["reason"].dtype.kind in "OUT"
