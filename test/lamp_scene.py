@@ -74,8 +74,11 @@ def ground(altitude: float = 1.5, tilt: float = 25.0) -> Array:
     return np.asarray(np.minimum(altitude / np.maximum(rays() @ down, 1e-3), 12.0))
 
 
-def texture(seed: int, distance: Array, shift: float = 0.0) -> Array:
-    """Reflectance of three channels that depends on the place on the ground alone."""
+def texture(seed: int, distance: Array, shift: float | Array = 0.0) -> Array:
+    """Reflectance of three channels that depends on the place on the ground alone.
+
+    A vector moves the camera, m; a number changes the ground.
+    """
     points = rays() * distance[..., None]
     rng = np.random.default_rng(seed)
     value = np.zeros(SIZE)
@@ -84,8 +87,9 @@ def texture(seed: int, distance: Array, shift: float = 0.0) -> Array:
             direction = rng.normal(size=3)
             direction /= np.linalg.norm(direction)
             phase = rng.uniform(0, 2 * math.pi)
+            along = shift @ direction if isinstance(shift, np.ndarray) else shift
             value += scale**0.5 * np.sin(
-                2 * math.pi / scale * (points @ direction + shift) + phase)
+                2 * math.pi / scale * (points @ direction + along) + phase)
     value = 0.04 + 0.86 / (1.0 + np.exp(-2.0 * value))
     return np.asarray(value[..., None] * np.array([1.0, 0.95, 0.9]))
 
@@ -124,7 +128,7 @@ def light(
 def render(
     alpha: float, *, seed: int = 0, distance: Array | None = None, lamps: Any = LAMPS,
     albedo: float = 0.7, exposure: float | None = None, noise: float = 1e-3,
-    shift: float = 0.0, daylight: float = 0.0,
+    shift: float | Array = 0.0, daylight: float = 0.0,
 ) -> LampScene:
     """Render an image; `daylight` is its light W, with a veil of half of it."""
     distance = ground() if distance is None else distance

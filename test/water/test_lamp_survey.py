@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from lamp_scene import (
     CLEAR_WATER,
@@ -11,6 +13,7 @@ from lamp_scene import (
     RIG,
     SIZE,
     parameters,
+    rays,
     render,
 )
 
@@ -44,3 +47,27 @@ def test_frames_of_one_range_each_tell_attenuation_together() -> None:
     light = water_filter.lamps
     assert light is not None
     np.testing.assert_array_equal(light.attenuation, filtered.water.attenuation)
+
+
+def test_points_that_frames_track_tell_attenuation_surer_than_contrast() -> None:
+    config = PipelineConfig.from_parameters(parameters() | {"survey.min_frames": 10})
+    reader = LampEstimator(config.water, config.lighting, CLEAR_WATER, RIG.rays_at)
+    tracking, alone = WaterFilter(config), WaterFilter(config)
+    with_tracks = without = None
+    for number in range(11):
+        altitude = 1.9 + 0.5 * np.sin(0.5 * number)
+        # A floor at one depth, above which the camera moves, rises and sinks.
+        distance = altitude / rays()[..., 2]
+        shown = render(
+            0.15, seed=4, distance=distance, exposure=1.5, lamps=LAMPS,
+            shift=np.array([0.1 * number, 0.0, -altitude]))
+        found = reader.estimate_view(View.of(shown.image), shown.range)
+        assert found.lamps is not None
+        with_tracks = tracking.update(found, float(number))
+        without = alone.update(
+            replace(found, lamps=replace(found.lamps, ground=None)), float(number))
+    assert with_tracks is not None and without is not None
+    error = with_tracks.water.attenuation / shown.attenuation - 1.0
+    assert (np.abs(error) < 0.06).all(), error
+    by_contrast = without.survey.water.attenuation_stddev if without.survey else np.inf
+    assert (with_tracks.water.attenuation_stddev < 0.6 * by_contrast).all()

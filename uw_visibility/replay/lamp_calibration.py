@@ -8,11 +8,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.lighting import Lamp, LightingConfig
@@ -29,10 +26,8 @@ from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
 from uw_visibility.replay.progress import Progress
 from uw_visibility.water.lamp_calibration import LampCalibration, calibrate_lamps
 from uw_visibility.water.lamp_sightings import Sightings, observe_points
+from uw_visibility.water.lamp_tracks import PointTracker
 
-# Points tracked at a time, how far one may come back from its own place, px, and the tracker's.
-MOST_POINTS, RETURN = 250, 0.5
-FLOW: dict[str, Any] = {"winSize": (15, 15), "maxLevel": 4}
 # Numbers of tracks kept apart for each recording.
 TRACKS = 1 << 32
 # Places to start from where none are told, m, beside, above and below the middle of the cameras.
@@ -139,13 +134,10 @@ def _sightings(
 
 
 class _Observer:
-    """Tracks points of the ground from frame to frame (Lucas and Kanade 1981), with their light."""
+    """Tracks points of the ground from frame to frame, with their light."""
 
     def __init__(self, first: int) -> None:
-        self.next = first
-        self._before: NDArray[np.uint8] | None = None
-        self._points = np.zeros((0, 2), np.float32)
-        self._tracks = np.zeros(0, np.int64)
+        self._tracker = PointTracker(first)
 
     def observe(self, pair: StereoPair, pipeline: Pipeline) -> Sightings:
         if pair.left.ndim != 3:
@@ -161,40 +153,10 @@ class _Observer:
         if flat.needed:
             left, _ = flat.correct(left, pair.right)
         irradiance = linear_table(camera.transfer, left.dtype)[left]
-        self._follow(_evened(irradiance))
+        self._tracker.follow(irradiance)
         ranges = result.range
         if pair.valid is not None:
             ranges = np.where(pair.valid, ranges, np.float32(np.nan))
         return observe_points(
             irradiance, saturated, ranges, pair.rig.ray_directions(ranges.shape),
-            self._points.astype(np.float64), self._tracks)
-
-    def _follow(self, image: NDArray[np.uint8]) -> None:
-        """Follow the points into the next image, and begin tracks where there are none."""
-        if self._before is not None and self._before.shape == image.shape and len(self._points):
-            points = self._points.reshape(-1, 1, 2)
-            there, seen, _ = cv2.calcOpticalFlowPyrLK(self._before, image, points, None, **FLOW)
-            back, seen_back, _ = cv2.calcOpticalFlowPyrLK(image, self._before, there, None, **FLOW)
-            away = np.linalg.norm((back - points)[:, 0], axis=1)
-            kept = (seen[:, 0] & seen_back[:, 0]).astype(bool) & (away < RETURN)
-            self._points, self._tracks = there[kept, 0], self._tracks[kept]
-        elif self._before is not None:
-            self._points, self._tracks = self._points[:0], self._tracks[:0]
-        free = np.full(image.shape, 255, np.uint8)
-        apart = max(6, image.shape[1] // 32)
-        for x, y in self._points:
-            cv2.circle(free, (round(float(x)), round(float(y))), apart, 0, -1)
-        fresh = cv2.goodFeaturesToTrack(image, MOST_POINTS, 0.02, apart, mask=free)
-        if fresh is not None:
-            self._points = np.concatenate([self._points, fresh.reshape(-1, 2)])
-            numbers = np.arange(self.next, self.next + len(fresh), dtype=np.int64)
-            self._tracks = np.concatenate([self._tracks, numbers])
-            self.next += len(fresh)
-        self._before = image
-
-
-def _evened(irradiance: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Local contrast of the green channel's logarithm, which light of lamps leaves as it is."""
-    logarithm = np.log(irradiance[..., 1] + np.float32(2.0 / 255))
-    away = logarithm - cv2.GaussianBlur(logarithm, (0, 0), irradiance.shape[1] / 20)
-    return np.asarray(np.clip(128 + 80 * away, 0, 255).astype(np.uint8))
+            self._tracker.points.astype(np.float64), self._tracker.tracks)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from uw_visibility.status import Status
 from uw_visibility.water.fit import Fit
 from uw_visibility.water.lamp_cells import Cells
+from uw_visibility.water.lamp_tracks import GroundView
 from uw_visibility.water.observations import Envelopes
 
 
@@ -31,6 +32,8 @@ class LampLight:
         Irradiance of white by daylight, and of the water at infinity; 0 without.
     cells : Cells or None
         What it was estimated from.
+    ground : GroundView or None
+        The frame, for a survey to find the ground of others in it.
     """
 
     attenuation: NDArray[np.float64]
@@ -39,6 +42,7 @@ class LampLight:
     daylight: NDArray[np.float64]
     veil: NDArray[np.float64]
     cells: Cells | None = None
+    ground: GroundView | None = None
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,6 +31,9 @@ from uw_visibility.water.lamp_cells import Cells
 from uw_visibility.water.lamp_fit import FEWEST_CELLS, ContrastFit, fit_contrast
 from uw_visibility.water.lamp_light_fit import fit_light
 from uw_visibility.water.lamp_observations import LampObservations, observe
+from uw_visibility.water.lamp_sightings import Sightings
+from uw_visibility.water.lamp_track_fit import TrackFit, fit_tracks
+from uw_visibility.water.lamp_tracks import GroundView
 from uw_visibility.water.priors import (
     CHANNEL_TOLERANCE,
     CHANNEL_TOLERANCE_MIN,
@@ -56,6 +59,7 @@ UNSEEN = 10.0
 class _Prepared:
     """Tables for one size of image."""
 
+    rays: Array
     tables: LampTables
     row_angle: float
     moved: list[Table]
@@ -78,8 +82,12 @@ class CellEstimator:
         self._lighting = lighting
         self._clear_water = np.array(clear_water_attenuation, dtype=np.float64)
 
+    def fit_tracks(self, frames: Sequence[Sightings]) -> TrackFit | None:
+        """Fit attenuation to tracked points; None where they do not tell, or daylight does."""
+        return fit_tracks(frames, self._lighting) if self._lighting.model == "lamps" else None
+
     def estimate_cells(
-        self, cells: Cells, refused: list[Status] | None = None
+        self, cells: Cells, refused: list[Status] | None = None, tracks: TrackFit | None = None
     ) -> WaterEstimate:
         """Estimate from cells, of one frame or of many.
 
@@ -88,8 +96,14 @@ class CellEstimator:
         cells : Cells
         refused : list of Status, optional
             Why channels are not assessable; OK by default.
+        tracks : TrackFit, optional
+            What points that many frames show tell beside them.
         """
         fit = fit_contrast(cells, self._lighting.model == "both", self._clear_water)
+        cues = {"contrast": (fit.attenuation, np.sqrt(np.diag(fit.covariance)))}
+        if tracks is not None:
+            cues["tracks"] = tracks.attenuation, np.sqrt(np.diag(tracks.covariance))
+            fit = _joined(fit, tracks)
         status = list(refused or [Status.OK] * 3)
         for c in range(3):
             if status[c] is Status.OK and fit.cells[c] < FEWEST_CELLS:
@@ -108,7 +122,8 @@ class CellEstimator:
         if clearer is not Status.OK:
             status = [clearer if reason is Status.OK else reason for reason in status]
             known[:] = False
-        return self._assembled(cells, fit, np.where(known, beta, np.nan), covariance, status)
+        water = self._assembled(cells, fit, np.where(known, beta, np.nan), covariance, status)
+        return replace(water, cues=cues)
 
     def _fuse(self, fit: ContrastFit, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Fuse β with what is known of water: channels alike, none clearer than clear water."""
@@ -156,7 +171,6 @@ class CellEstimator:
             joint_covariance=joint,
             light=np.where(known, power, np.nan),
             light_stddev=np.where(known, light.power_stddev, np.nan),
-            cues={"contrast": (fit.attenuation, np.sqrt(np.diag(fit.covariance)))},
             lamps=LampLight(
                 beta, np.where(known, power, np.nan), light.scattering,
                 fit.daylight * power, light.veil, cells),
@@ -203,7 +217,7 @@ class LampEstimator(CellEstimator):
             # Of one size at a time, as buffers are.
             middle = rays[len(rows) // 2 - 1:, len(columns) // 2]
             row_angle = float(np.linalg.norm(middle[1] - middle[0]) / (rows[1] - rows[0]))
-            self._prepared = {shape: _Prepared(tables, row_angle, moved)}
+            self._prepared = {shape: _Prepared(rays, tables, row_angle, moved)}
         return self._prepared[shape]
 
     def estimate_view(
@@ -255,7 +269,10 @@ class LampEstimator(CellEstimator):
         if high < self._config.min_range_ratio * low:
             # Many such frames may tell together what one does not.
             refused = [Status.RANGE_SPREAD_TOO_SMALL] * 3
-        return self.estimate_cells(cells, refused)
+        water = self.estimate_cells(cells, refused)
+        assert water.lamps is not None
+        ground = GroundView.of(view, np.asarray(range_map, np.float32), prepared.rays)
+        return replace(water, lamps=replace(water.lamps, ground=ground))
 
     @staticmethod
     def _refuse(seen: LampObservations, view: View) -> Status:
@@ -270,6 +287,18 @@ class LampEstimator(CellEstimator):
         if len(seen.range) == 0:
             return Status.TOO_FEW_OBSERVATIONS
         return Status.OK
+
+
+def _joined(fit: ContrastFit, tracks: TrackFit) -> ContrastFit:
+    """Attenuation from contrast and from tracks, weighted by their covariances."""
+    seen = np.isfinite(fit.attenuation)
+    covariance = np.where(np.outer(seen, seen), np.nan_to_num(fit.covariance), 0.0)
+    covariance += np.diag(np.where(seen, 0.0, UNSEEN**2))
+    away = tracks.attenuation - np.where(seen, fit.attenuation, 0.0)
+    gain = covariance @ np.linalg.inv(covariance + tracks.covariance)
+    found = np.where(seen, fit.attenuation, 0.0) + gain @ away
+    return replace(
+        fit, attenuation=np.where(seen, found, np.nan), covariance=covariance - gain @ covariance)
 
 
 def _with_cells(estimate: WaterEstimate, cells: Cells) -> WaterEstimate:

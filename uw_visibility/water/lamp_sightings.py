@@ -4,17 +4,23 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Half the width of the ground about a point whose light is taken, m; that of the pixels whose
-# ranges are; the part of these that is known; least mean irradiance.
-PATCH, SLOPE, KNOWN_PART, DARKEST = 0.03, 8, 0.3, 3.0 / 255
+# Half the width of the ground about a point whose light is taken, m: a tracker prefers spots
+# that differ from what is about them, and loses some of that on its way, so that light of
+# narrow patches drifts with range. As a part of the image's height at most, and px at least.
+PATCH, WIDEST, NARROWEST = 0.16, 1 / 6, 2.0
+# Ranges read along a patch's side; the part of them that has to be known, and to lie within
+# so much of a plane.
+ACROSS, KNOWN_PART, OFF_PLANE = 9, 0.5, 0.1
+# Part of a patch that may be saturated; least mean irradiance.
+SATURATED_PART, DARKEST = 0.01, 3.0 / 255
 # Parts of the image, along and across.
 TILES = 4
 
@@ -65,41 +71,77 @@ def observe_points(
         Which points they are.
     """
     height, width = range_map.shape
+    size = np.array([width, height])
     # Focal length, px, from the rays.
     scale = 1.0 / float(np.linalg.norm(rays[height // 2, width // 2 + 1]
                                        - rays[height // 2, width // 2]))
-    found = []
-    for (x, y), track in zip(points, tracks, strict=True):
-        i, j = round(x), round(y)
-        around = np.s_[max(j - SLOPE, 0):j + SLOPE + 1, max(i - SLOPE, 0):i + SLOPE + 1]
-        distance = float(np.nanmedian(range_map[around])) if np.isfinite(
-            range_map[around]).mean() > KNOWN_PART else math.nan
-        # The same ground in all frames.
-        half = max(2, round(PATCH * scale / distance)) if distance > 0 else width
-        if not (half <= i < width - half and half <= j < height - half):
-            continue
-        part = np.s_[j - half:j + half + 1, i - half:i + half + 1]
-        light = irradiance[part].mean(axis=(0, 1), dtype=np.float64)
-        normal = _normal(range_map[around], rays[around])
-        if saturated[part].any() or light.min() < DARKEST or normal is None:
-            continue
-        found.append((light, rays[j, i], normal, distance, track,
-                      j * TILES // height * TILES + i * TILES // width))
-    if not found:
-        none = np.zeros((0, 3))
-        ids = np.zeros(0, np.int64)
-        return Sightings(none, none, none, np.zeros(0), ids, ids)
-    return Sightings(*(np.array(each) for each in zip(*found, strict=True)))
+    inside = ((points >= 0) & (points <= size - 1)).all(axis=1)
+    points, tracks = points[inside], tracks[inside]
+    column, row = np.rint(points.T).astype(int)
+    distance = range_map[row, column].astype(np.float64)
+    # The same ground in all frames.
+    half = np.clip(
+        PATCH * scale / np.where(distance > 0, distance, np.inf), NARROWEST, WIDEST * height)
+    # The sum over a patch needs a pixel's edge beyond it.
+    kept = (distance > 0) & (points >= half[:, None]).all(axis=1) & (
+        points <= size - 1 - half[:, None]).all(axis=1)
+    points, tracks, half, column, row = (
+        each[kept] for each in (points, tracks, half, column, row))
+    normal, distance, plane = _planes(range_map, rays, points, half)
+    area = 4.0 * half**2
+    light = _box_sums(irradiance, points, half) / area[:, None]
+    clipped = _box_sums(saturated.astype(np.float32)[..., None], points, half)[:, 0] / area
+    good = plane & (clipped <= SATURATED_PART) & (light.min(axis=1, initial=1.0) >= DARKEST)
+    tile = row * TILES // height * TILES + column * TILES // width
+    return Sightings(
+        light[good], rays[row, column][good], normal[good], distance[good], tracks[good],
+        tile[good].astype(np.int64))
 
 
-def _normal(ranges: NDArray[np.float32], rays: Array) -> Array | None:
-    """Unit normal of a plane through points, towards the camera: n·u = 1/d on a plane."""
-    known = np.isfinite(ranges)
-    inverse = 1.0 / ranges[known].astype(np.float64)
-    away = rays[known]
-    normal = np.linalg.lstsq(away, inverse, rcond=None)[0]
-    close = np.abs(away @ normal - inverse) < 0.1 * inverse
-    if close.sum() < 0.5 * close.size:
-        return None
-    normal = np.linalg.lstsq(away[close], inverse[close], rcond=None)[0]
-    return np.asarray(-normal / np.linalg.norm(normal))
+def _planes(
+    ranges: NDArray[np.float32], rays: Array, points: Array, half: Array
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Unit normals, towards the camera, and ranges of planes about points; whether they fit.
+
+    On a plane n·u = 1/d.
+    """
+    steps = np.linspace(-1.0, 1.0, ACROSS)
+    columns = np.rint(points[:, :1] + half[:, None] * np.tile(steps, ACROSS)).astype(int)
+    rows = np.rint(points[:, 1:] + half[:, None] * np.repeat(steps, ACROSS)).astype(int)
+    away = rays[rows, columns]
+    inverse = 1.0 / ranges[rows, columns].astype(np.float64)
+    weight = np.isfinite(inverse).astype(np.float64)
+    inverse = np.where(weight > 0, inverse, 0.0)
+    enough = weight.mean(axis=1) >= KNOWN_PART
+    plane = np.zeros((len(points), 3))
+    for _ in range(2):
+        weighted = away * weight[..., None]
+        square = np.einsum("nki,nkj->nij", weighted, away) + 1e-9 * np.eye(3)
+        plane = np.linalg.solve(square, np.einsum("nki,nk->ni", weighted, inverse)[..., None])[
+            ..., 0]
+        close = np.abs(np.einsum("nki,ni->nk", away, plane) - inverse) < OFF_PLANE * inverse
+        weight = weight * close
+    enough &= weight.mean(axis=1) >= KNOWN_PART
+    middle = np.einsum("ni,ni->n", away[:, ACROSS**2 // 2], plane)
+    enough &= middle > 0
+    length = np.maximum(np.linalg.norm(plane, axis=1), 1e-12)
+    return -plane / length[:, None], 1.0 / np.where(enough, middle, 1.0), enough
+
+
+def _box_sums(image: NDArray[np.float32], points: Array, half: Array) -> Array:
+    """Sum of (H, W, C) over squares about points, with parts of pixels, (N, C)."""
+    summed = cv2.integral(image, sdepth=cv2.CV_64F).reshape(
+        image.shape[0] + 1, image.shape[1] + 1, -1)
+    # A pixel's middle is half a pixel from its edge.
+    low, high = points + 0.5 - half[:, None], points + 0.5 + half[:, None]
+
+    def at(x: Array, y: Array) -> Array:
+        i = np.clip(x.astype(int), 0, image.shape[1] - 1)
+        j = np.clip(y.astype(int), 0, image.shape[0] - 1)
+        fx, fy = (x - i)[:, None], (y - j)[:, None]
+        return np.asarray(
+            (1 - fy) * ((1 - fx) * summed[j, i] + fx * summed[j, i + 1])
+            + fy * ((1 - fx) * summed[j + 1, i] + fx * summed[j + 1, i + 1]))
+
+    return (at(high[:, 0], high[:, 1]) - at(low[:, 0], high[:, 1])
+            - at(high[:, 0], low[:, 1]) + at(low[:, 0], low[:, 1]))

@@ -22,6 +22,9 @@ from uw_visibility.status import Status
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.lamp_cells import Cells
 from uw_visibility.water.lamp_estimation import CellEstimator
+from uw_visibility.water.lamp_sightings import Sightings
+from uw_visibility.water.lamp_track_fit import TrackFit
+from uw_visibility.water.lamp_tracks import GroundTracker
 from uw_visibility.water.survey import BLOCKS, INTERVAL, SurveyEstimate
 from uw_visibility.water.window import FrameWindow
 
@@ -42,11 +45,15 @@ class LampSurvey:
     def __init__(self, config: SurveyConfig, estimator: CellEstimator) -> None:
         self._estimator = estimator
         self._frames: FrameWindow[Cells] = FrameWindow(config)
+        self._tracker = GroundTracker()
+        self._sightings: FrameWindow[Sightings] = FrameWindow(config)
         self._last: tuple[float, SurveyEstimate] | None = None
 
     def reset(self) -> None:
         """Forget all frames."""
         self._frames.clear()
+        self._tracker = GroundTracker()
+        self._sightings.clear()
         self._last = None
 
     def add(self, water: WaterEstimate, stamp_seconds: float) -> None:
@@ -61,7 +68,11 @@ class LampSurvey:
         """
         if not self._frames.continued_by(stamp_seconds):
             self.reset()
-        self._frames.add(None if water.lamps is None else water.lamps.cells, stamp_seconds)
+        light = water.lamps
+        self._frames.add(None if light is None else light.cells, stamp_seconds)
+        self._sightings.add(
+            None if light is None or light.ground is None else self._tracker.observe(light.ground),
+            stamp_seconds)
 
     def estimate(self) -> SurveyEstimate:
         """Estimate the water over the frames of the window, once in `INTERVAL`."""
@@ -82,20 +93,23 @@ class LampSurvey:
         if not frames:
             nothing = WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
             return SurveyEstimate(nothing, 0, 0.0, math.nan, math.nan)
-        water = self._estimator.estimate_cells(_pool(frames))
+        tracks = self._estimator.fit_tracks(self._sightings.items)
+        water = self._estimator.estimate_cells(_pool(frames), tracks=tracks)
         if len(frames) >= 2 * BLOCKS and np.isfinite(water.attenuation).any():
-            water = self._with_spread(water, frames)
+            water = self._with_spread(water, frames, tracks)
         ranges = np.concatenate([cells.range for cells in frames])
         return SurveyEstimate(
             water, len(frames), self._frames.duration, float(ranges.min()), float(ranges.max()))
 
-    def _with_spread(self, water: WaterEstimate, frames: list[Cells]) -> WaterEstimate:
+    def _with_spread(
+        self, water: WaterEstimate, frames: list[Cells], tracks: TrackFit | None
+    ) -> WaterEstimate:
         """Add the jackknife's covariance of attenuation."""
         block = np.arange(len(frames)) * BLOCKS // len(frames)
         parts = np.array([
             self._estimator.estimate_cells(_pool(
                 [cells for cells, b in zip(frames, block, strict=True) if b != left_out]
-            )).attenuation
+            ), tracks=tracks).attenuation
             for left_out in range(BLOCKS)])
         away = np.nan_to_num(parts - water.attenuation)
         spread = (BLOCKS - 1) / BLOCKS * away.T @ away

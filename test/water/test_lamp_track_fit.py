@@ -1,0 +1,111 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Attenuation from the ratios of the light of tracked points, by known lamps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from lamp_scene import LAMPS, parameters
+
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.water.lamp_sightings import Sightings, observe_points
+from uw_visibility.water.lamp_track_fit import fit_tracks
+
+BETA = np.array([0.42, 0.26, 0.2])
+LIGHTING = PipelineConfig.from_parameters(parameters()).lighting
+
+
+def sightings(
+    exponent: float = 1.0, noise: float = 0.02, brighter: float = 0.0, frames: int = 24,
+    power: float = 0.0,
+) -> list[Sightings]:
+    """Points of a floor that a camera passes, rising and sinking.
+
+    `brighter`: slope of their reflectance's logarithm over the place along the line, 1/m;
+    `power`: deviation of the logarithm of power from frame to frame.
+    """
+    rng = np.random.default_rng(0)
+    floor = np.stack([rng.uniform(-1.5, 6.0, 400), rng.uniform(-0.8, 0.8, 400)], axis=1)
+    reflectance = rng.lognormal(-1.2, 0.5, (400, 1)) * np.exp(brighter * floor[:, :1])
+    out = []
+    for k in range(frames):
+        altitude = 2.0 + 0.5 * math.sin(0.6 * k)
+        points = np.column_stack([floor - [0.2 * k, 0.0], np.full(400, altitude)])
+        seen = (np.abs(points[:, 0]) < 0.6 * altitude) & (np.abs(points[:, 1]) < 0.45 * altitude)
+        points = points[seen]
+        distance = np.linalg.norm(points, axis=1)
+        direct = np.zeros((len(points), 3))
+        for place, axis, angle in LAMPS:
+            away = points - place
+            r = np.linalg.norm(away, axis=1)
+            theta = np.degrees(np.arccos(away @ axis / np.linalg.norm(axis) / r))
+            lit = np.exp(-math.log(2) * (2 * theta / angle) ** 2) / r**2
+            lit = lit * (away[:, 2] / r) ** exponent
+            direct += lit[:, None] * np.exp(-BETA * (r + distance)[:, None])
+        light = reflectance[seen] * direct * np.exp(
+            rng.normal(0, noise, direct.shape) + power * rng.normal())
+        number = np.flatnonzero(seen)
+        normal = np.tile([0.0, 0.0, -1.0], (len(points), 1))
+        out.append(Sightings(
+            light, points / distance[:, None], normal, distance, number, number % 16))
+    return out
+
+
+def _part(seen: Sightings, number: int) -> Sightings:
+    """The first so many sightings."""
+    return Sightings(*(getattr(seen, field.name)[:number] for field in fields(Sightings)))
+
+
+@pytest.mark.parametrize("exponent", [0.0, 1.0])
+def test_attenuation_does_not_depend_on_what_the_ground_reflects(exponent: float) -> None:
+    # No light by the water, which the fit expects about: it is told apart by the points.
+    even = fit_tracks(sightings(exponent), LIGHTING)
+    sloping = fit_tracks(sightings(exponent, brighter=0.5), LIGHTING)
+    for fit in (even, sloping):
+        assert fit is not None
+        deviation = np.sqrt(np.diag(fit.covariance))
+        assert (np.abs(fit.attenuation - BETA) < 2 * deviation).all(), fit.attenuation
+        assert (np.abs(fit.attenuation / BETA - 1) < 0.12).all(), fit.attenuation
+
+
+def test_lamps_that_may_be_elsewhere_widen_the_covariance() -> None:
+    seen = sightings()
+    exact = fit_tracks(seen, replace(LIGHTING, position_stddev=0.0, direction_stddev=0.0))
+    vague = fit_tracks(seen, replace(LIGHTING, position_stddev=0.1, direction_stddev=8.0))
+    assert exact is not None and vague is not None
+    assert (np.diag(vague.covariance) > 1.3 * np.diag(exact.covariance)).all()
+
+
+def test_too_few_points_and_power_that_changes_tell_nothing() -> None:
+    seen = sightings()
+    assert fit_tracks([], LIGHTING) is None
+    assert fit_tracks(seen[:2], LIGHTING) is None
+    assert fit_tracks([_part(each, 5) for each in seen], LIGHTING) is None
+    assert fit_tracks(sightings(power=0.5), LIGHTING) is None
+
+
+def test_light_of_a_point_is_that_of_one_patch_of_ground_at_any_range() -> None:
+    height, width, focal = 120, 160, 150.0
+    x, y = (np.arange(width) - 79.5) / focal, (np.arange(height) - 59.5) / focal
+    rays = np.stack(np.broadcast_arrays(x, y[:, None], 1.0), axis=2)
+    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+    for altitude in (1.5, 3.0):
+        # A floor whose light rises along the columns, with a saturated corner and a hole.
+        along = altitude * x
+        light = np.repeat(np.tile(0.3 + 0.1 * along, (height, 1))[..., None], 3, axis=2)
+        ranges = (altitude / rays[..., 2]).astype(np.float32)
+        ranges[:50, :50] = np.nan
+        saturated = np.zeros((height, width), bool)
+        saturated[70:, 110:] = True
+        points = np.array([[80.2, 60.0], [25.0, 25.0], [130.0, 90.0], [2.0, 60.0]])
+        found = observe_points(
+            light.astype(np.float32), saturated, ranges, rays, points, np.arange(4))
+        np.testing.assert_array_equal(found.track, [0])
+        np.testing.assert_allclose(
+            found.light[0], 0.3 + 0.1 * altitude * 0.7 / focal, atol=1e-5)
+        np.testing.assert_allclose(found.range, altitude, rtol=1e-3)
+        np.testing.assert_allclose(found.normal, [[0.0, 0.0, -1.0]], atol=1e-3)

@@ -1,0 +1,259 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Attenuation from points of the ground that frames show at several ranges, by known lamps.
+
+A point that is tracked keeps its reflectance ρ, whatever that is, so that the ratios of its light
+
+    E − s S = P ρ Σ cosᵏ(i) g(θ) e^(−β(r + d)) / r²
+
+over the frames show β: what ground is, on average or by range, does not count, as it does for
+contrast and brightness. D and S as in `uw_visibility.optics.lamps`; the exponent k of the
+incidence i lies between rough ground (0) and Lambert's (1) (Minnaert 1941,
+doi:10.1086/144279), and s near π times the share of scattering in β. Robust least squares
+(Gauss-Newton, Charbonnier's loss) of ln (E − s S), of which each track's mean is free.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.config.lighting import Lamp, LightingConfig
+from uw_visibility.optics.lamps import LEAST_DISTANCE, beam, displaced, phase_function
+from uw_visibility.water.lamp_sightings import TILES, Sightings
+
+Array = NDArray[np.float64]
+
+# Sightings that are fitted at most, and at least; frames that have to show a point.
+MOST_SIGHTINGS, FEWEST_SIGHTINGS, LEAST_FRAMES = 3000, 150, 3
+# Deviations of the priors of the exponent of the cosine and of the logarithm of s; the means
+# of the exponent, of the ground's reflectance, and of the share of scattering in attenuation.
+USUAL_EXPONENT, EXPONENT, SCATTERING, REFLECTANCE, ALBEDO = 0.8, 0.4, 0.7, 0.35, 0.7
+# Median and deviation of the logarithm of attenuation, 1/m.
+USUAL_ATTENUATION, ATTENUATION = math.log(0.3), 1.0
+# Part of the light that is the ground's own at least.
+OWN_PART = 0.2
+# Steps of the integral along the line of sight.
+STEPS = 10
+# Scatter of ln E at the start, the least that is taken for it, and the largest of an estimate:
+# beyond it, power or exposure has changed, or lamps are elsewhere.
+SCATTER, LEAST_SCATTER, MOST_SCATTER = 0.06, 0.01, 0.2
+# Number of sightings and channels that share an error, as a root.
+TOGETHER = 6.0
+# Groups of frames by tiles of the image, whose errors are taken as independent.
+FRAME_GROUPS = 6
+# What the ground's light about a point changes with the path of light beside the model, 1/m:
+# common to the channels, and of each alone.
+TREND, CHANNEL_TREND = 0.015, 0.004
+ITERATIONS = 30
+
+
+@dataclass(frozen=True)
+class TrackFit:
+    """Attenuation from tracked points.
+
+    Attributes
+    ----------
+    attenuation : (3,) float64 ndarray
+        β, 1/m.
+    covariance : (3, 3) float64 ndarray
+    sightings : int
+        How many it rests on.
+    """
+
+    attenuation: Array
+    covariance: Array
+    sightings: int
+
+
+def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFit | None:
+    """Fit attenuation to the points that frames show.
+
+    Parameters
+    ----------
+    frames : sequence of Sightings
+        In the order of time.
+    lighting : LightingConfig
+        With lamps, without daylight.
+
+    Returns
+    -------
+    TrackFit or None
+        None where there are too few points, or they do not follow the lamps.
+    """
+    if len(frames) < LEAST_FRAMES:
+        return None
+    pooled = pool_tracks(frames, LEAST_FRAMES, MOST_SIGHTINGS)
+    if len(pooled.sightings.range) < FEWEST_SIGHTINGS:
+        return None
+    lamps = list(lighting.lamps())
+    light = _Light(pooled.sightings, lamps)
+    p = _start()
+    scatter = SCATTER
+    for _ in range(ITERATIONS):
+        residual, jacobian = light.residuals(p)
+        scatter = max(1.4826 * float(np.median(np.abs(residual))), LEAST_SCATTER)
+        weight = 1.0 / np.sqrt(1.0 + (residual / scatter) ** 2) / (scatter * TOGETHER) ** 2
+        curvature = np.einsum("nci,nc,ncj->ij", jacobian, weight, jacobian, optimize=True)
+        slope = -np.einsum("nci,nc,nc->i", jacobian, weight, residual, optimize=True)
+        curvature[np.diag_indices(7)] += _PRIOR
+        step = np.clip(np.linalg.solve(curvature, slope - _PRIOR * (p - _start())), -0.5, 0.5)
+        p = p + step
+        if np.abs(step).max() < 1e-3:
+            break
+    if scatter > MOST_SCATTER:
+        return None
+    bread = np.linalg.inv(curvature)
+    score = np.einsum("nci,nc->ni", jacobian, weight * residual)
+    summed = np.zeros((int(pooled.group.max()) + 1, 7))
+    # Neighbouring sightings and the channels share errors of range and ground.
+    np.add.at(summed, pooled.group, score)
+    covariance = bread @ (summed.T @ summed + np.diag(_PRIOR)) @ bread
+    for moved in displaced(lamps, lighting.position_stddev, lighting.direction_stddev):
+        change = light.less_means(np.log(
+            _Light(pooled.sightings, moved, steps=1).direct(p)[0] / light.direct(p)[0]))
+        shift = bread @ np.einsum("nci,nc,nc->i", jacobian, weight, change, optimize=True)
+        covariance += np.outer(shift, shift)
+    beta = np.exp(p[_BETA])
+    found = np.outer(beta, beta) * covariance[_BETA, _BETA]
+    return TrackFit(
+        beta, found + TREND**2 + CHANNEL_TREND**2 * np.eye(3), len(pooled.sightings.range))
+
+
+# Parameters: exponent of the cosine, logarithms of β, logarithms of s over its usual value.
+_BETA, _SCATTERING = slice(1, 4), slice(4, 7)
+_PRIOR = 1.0 / np.array([EXPONENT, *[ATTENUATION] * 3, *[SCATTERING] * 3]) ** 2
+
+
+def _start() -> Array:
+    return np.array([USUAL_EXPONENT, *[USUAL_ATTENUATION] * 3, 0.0, 0.0, 0.0])
+
+
+class _Light:
+    """Light of known lamps at sightings, over attenuation and the exponent of incidence."""
+
+    def __init__(self, cells: Sightings, lamps: Sequence[Lamp], steps: int = STEPS) -> None:
+        self._cells = cells
+        self._count = np.bincount(cells.track)
+        nodes, weights = np.polynomial.legendre.leggauss(steps)
+        distance = cells.range[:, np.newaxis]
+        along = 0.5 * (nodes + 1) * distance
+        # Of each lamp: g/r² and path on the ground, logarithm of the cosine, and the same of
+        # the water in front of it, with its phase function and the weights of the integral.
+        self._lamps = []
+        for lamp in lamps:
+            _, lit, path, cosine = _shine(cells.direction, distance, lamp, cells.normal)
+            forward, lit_water, path_water, _ = _shine(cells.direction, along, lamp, cells.normal)
+            back = lit_water * phase_function(forward) * 0.5 * weights * distance
+            self._lamps.append((
+                np.array(lamp.colour), lit[:, 0], path[:, 0], np.log(cosine[:, 0]), back,
+                path_water))
+
+    def direct(self, p: Array) -> tuple[Array, Array, Array]:
+        """D, its mean path and its mean logarithm of the cosine, each (N, 3)."""
+        total, path, cosine = np.zeros((3, len(self._cells.range), 3))
+        for colour, lit, way, log_cosine, _, _ in self._lamps:
+            facing = lit * np.exp(p[0] * log_cosine)
+            for c, beta in enumerate(np.exp(p[_BETA])):
+                part = colour[c] * facing * np.exp(-beta * way)
+                total[:, c] += part
+                path[:, c] += part * way
+                cosine[:, c] += part * log_cosine
+        total += 1e-12
+        return total, path / total, cosine / total
+
+    def _scattered(self, p: Array) -> tuple[Array, Array]:
+        """S and its mean path, each (N, 3)."""
+        total, path = np.zeros((2, len(self._cells.range), 3))
+        for colour, _, _, _, back, way in self._lamps:
+            for c, beta in enumerate(np.exp(p[_BETA])):
+                part = colour[c] * back * np.exp(-beta * way)
+                total[:, c] += part.sum(axis=1)
+                path[:, c] += np.einsum("ns,ns->n", part, way)
+        return total, path / np.maximum(total, 1e-30)
+
+    def residuals(self, p: Array) -> tuple[Array, Array]:
+        """ln (E − s S) − ln D less its mean over each track, (N, 3), and Jacobian, (N, 3, 7)."""
+        light, beta = self._cells.light, np.exp(p[_BETA])
+        direct, path, cosine = self.direct(p)
+        scattered, path_scattered = self._scattered(p)
+        power = np.exp(np.log(light / direct).mean(axis=0)) / REFLECTANCE
+        # White shines with 1/π of its irradiance into each direction.
+        added = math.pi * ALBEDO * np.exp(p[_SCATTERING]) * beta * power * scattered
+        own = np.maximum(light - added, OWN_PART * light)
+        share = np.where(own > OWN_PART * light, added / own, 0.0)
+        jacobian = np.zeros((*light.shape, 7))
+        jacobian[..., 0] = -cosine + share * cosine.mean(axis=0)
+        # Power follows attenuation, for what is seen stays as it is.
+        by_beta = path - share * (1.0 / beta + path.mean(axis=0) - path_scattered)
+        for c in range(3):
+            jacobian[:, c, 1 + c] = by_beta[:, c] * beta[c]
+            jacobian[:, c, 4 + c] = -share[:, c]
+        residual = self.less_means(np.log(own / direct))
+        flat = self.less_means(jacobian.reshape(len(light), -1))
+        return residual, flat.reshape(jacobian.shape)
+
+    def less_means(self, values: Array) -> Array:
+        """Values less their mean over each track, as wide as if that were known."""
+        track, count = self._cells.track, self._count
+        means = np.stack([np.bincount(track, each) for each in values.T], axis=1)
+        away = values - (means / count[:, np.newaxis])[track]
+        # A track of n frames has n − 1 ratios.
+        return np.asarray(away * np.sqrt(count / np.maximum(count - 1, 1))[track][:, np.newaxis])
+
+
+def _shine(
+    direction: Array, along: Array, lamp: Lamp, normal: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Cosine of scattering, g/r², path, and cosine of incidence at ranges, each (N, S)."""
+    away = direction[:, np.newaxis] * along[..., np.newaxis] - np.array(lamp.position)
+    r = np.maximum(np.linalg.norm(away, axis=2), LEAST_DISTANCE)
+    lit = beam(away @ np.array(lamp.direction) / r, lamp.beam_angle) / r**2
+    cosine = np.maximum(-np.einsum("nsk,nk->ns", away, normal) / r, 0.05)
+    return -np.einsum("nsk,nk->ns", away, direction) / r, lit, r + along, cosine
+
+
+@dataclass(frozen=True)
+class PooledTracks:
+    """Sightings of many frames, whose tracks are numbered from 0.
+
+    Attributes
+    ----------
+    sightings : Sightings
+    group : (N,) int64 ndarray
+        Part of the frames and of the image.
+    """
+
+    sightings: Sightings
+    group: NDArray[np.int64]
+
+
+def pool_tracks(frames: Sequence[Sightings], least: int, most: int) -> PooledTracks:
+    """Pool the sightings of points that several frames show, thinned by whole tracks.
+
+    Parameters
+    ----------
+    frames : sequence of Sightings
+        In the order of time.
+    least : int
+        Frames that have to show a point.
+    most : int
+        Sightings at most, about.
+    """
+    joined = {field.name: np.concatenate([getattr(f, field.name) for f in frames])
+              for field in fields(Sightings)}
+    number = np.repeat(np.arange(len(frames)), [len(f.range) for f in frames])
+    _, track, count = np.unique(joined["track"], return_inverse=True, return_counts=True)
+    several = count >= least
+    total = int(count[several].sum())
+    share = most / max(total, most)
+    keep = several & (np.arange(len(count)) * share % 1.0 < share)
+    chosen = keep[track]
+    joined = {name: values[chosen] for name, values in joined.items()}
+    joined["track"] = np.unique(track[chosen], return_inverse=True)[1]
+    part = number[chosen] * FRAME_GROUPS // max(len(frames), 1)
+    return PooledTracks(Sightings(**joined), np.asarray(part * TILES**2 + joined["tile"]))
