@@ -48,14 +48,19 @@ class AdaptiveMean:
 
 
 @njit(nogil=True, error_model="numpy")
-def _add(here: Any, there: Any, difference: Any, weights: Any, sums: Any) -> None:
+def _add(
+    first: int, last: int, shift: int, here: Any, there: Any, difference: Any, weights: Any,
+    sums: Any,
+) -> None:
     """Add one neighbour of each pixel of a row; what is NaN adds nothing."""
-    for x in range(here.size):
-        step = there[x] - here[x]
+    for x in range(first, last):
+        # Unsigned, since numba looks whether other indices are below zero.
+        at, other = np.uint64(x), np.uint64(x + shift)
+        step = there[other] - here[at]
         weight = difference - abs(step)
         weight = weight if weight > 0 else np.float32(0)
-        weights[x] += weight
-        sums[x] += weight * step if weight > 0 else np.float32(0)
+        weights[at] += weight
+        sums[at] += weight * step if weight > 0 else np.float32(0)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -71,9 +76,8 @@ def _along_rows(
         row = source[y]
         # At the image's border neighbours of one side would draw a slope's mean to it.
         for k in range(1, min(radius, (width - 1) // 2) + 1):
-            inner = row[k:-k]
-            _add(inner, row[: -2 * k], difference, weights[k:-k], sums[k:-k])
-            _add(inner, row[2 * k :], difference, weights[k:-k], sums[k:-k])
+            _add(k, width - k, -k, row, row, difference, weights, sums)
+            _add(k, width - k, k, row, row, difference, weights, sums)
         # The pixel itself adds to the weights only.
         for x in range(width):
             target[y, x] = row[x] + sums[x] / (weights[x] + difference)
@@ -91,7 +95,7 @@ def _along_columns(
         sums[:] = 0
         row = source[y]
         for k in range(1, min(radius, y, height - 1 - y) + 1):
-            _add(row, source[y - k], difference, weights, sums)
-            _add(row, source[y + k], difference, weights, sums)
+            _add(0, width, 0, row, source[y - k], difference, weights, sums)
+            _add(0, width, 0, row, source[y + k], difference, weights, sums)
         for x in range(width):
             target[y, x] = row[x] + sums[x] / (weights[x] + difference)
