@@ -3,21 +3,25 @@
 """Open water has no matches, whatever the prior makes of its noise."""
 
 import numpy as np
+import pytest
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.stereo.elas import Matcher
 
 
-def test_a_floor_is_matched_and_the_noise_of_the_water_above_it_is_not(texture, contrast_of):
-    """The views' noise is independent, and as strong as that of a small camera."""
+@pytest.mark.parametrize(("fall", "codes"), [(0.0, 1.5), (0.8, 0.5), (0.8, 0.3), (0.3, 0.0)])
+def test_a_floor_is_matched_and_the_noise_of_the_water_above_it_is_not(
+    texture, contrast_of, fall, codes
+):
+    """Noise is independent, up to a small camera's; the veil falls by so many codes a row."""
     rng = np.random.default_rng(0)
     floor = texture((100, 240)).astype(float) * 0.2
     views = []
     for shift in (0, 12):
-        view = np.full((200, 220), 40.0)
+        view = np.tile(40.0 + fall * np.arange(100.0, -100.0, -1.0)[:, np.newaxis], 220)
         view[100:] = floor[:, shift : 220 + shift]
-        views.append(np.round(view + rng.normal(0, 1.5, view.shape)).clip(0, 255).astype(np.uint8))
+        views.append(np.round(view + rng.normal(0, codes, view.shape)).clip(0, 255).astype(np.uint8))
     matcher = Matcher((200, 220), (0, 50), StereoConfig(), Workers(2))
     matcher.describe(contrast_of(views[0]), contrast_of(views[1]))
     disparity = matcher.dense_disparity(matcher.support_points()).disparity

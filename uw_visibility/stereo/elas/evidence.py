@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noise test of regions of matches: open water has none that say more than noise.
 
-In water without texture the descriptors hold noise alone. The prior still makes
-both views agree on a disparity there, and an obstacle appears where is nothing.
-Two independent noises differ more than either differs from a blank, however,
-while the views of a textured surface differ less: the sum of differences over
-the sum of textures, taken over a neighbourhood, tells them apart. Flat patches
-of a surface pass by the texture around them.
+In water without texture the descriptors hold noise alone, and how brightness falls from
+above: along a row all of them are alike. The prior still makes both views agree on a
+disparity there, and an obstacle appears where is nothing. Two places of a row beyond each
+other's texture differ there no more than the two views do, however, while on a textured
+surface the views differ less: the sum of differences over the sum of textures, which are
+differences along the row, tells them apart over a neighbourhood. Flat patches of a surface
+pass by the texture around them.
 """
 
 from __future__ import annotations
@@ -22,12 +23,16 @@ from numpy.typing import NDArray
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
-from uw_visibility.stereo.elas.descriptors import MIDDLE
 
 # Side of the cells that sums are taken over, px, and cells to a neighbourhood's side.
 CELL = 8
 _NEIGHBOURHOOD = 5
 _SIGNAL_NEIGHBOURHOOD = 3
+# Texture is what descriptors so many pixels apart along a row differ, of the left and of the
+# right view; no fine pattern repeats at both. A veil that is brighter above has none.
+_APART = (7, 11)
+# Two independent descriptors differ √2 times as much as either does from a blank.
+_FROM_BLANK = np.float32(math.sqrt(0.5))
 # Texture over that of noise alone, which is known to a fifth or so.
 _SIGNAL = 1.5
 # Mean amount of a normal deviate of unit variance.
@@ -82,7 +87,7 @@ class NoiseFilter:
         size = (_NEIGHBOURHOOD, _NEIGHBOURHOOD)
         difference = cv2.blur(self._difference, size, borderType=cv2.BORDER_CONSTANT)
         texture = cv2.blur(self._texture, size, borderType=cv2.BORDER_CONSTANT)
-        noisy = difference > self._most * texture
+        noisy = difference >= self._most * texture
         # Smoothed noise matches by chance: where gradients are no stronger than its own,
         # nothing but chance is matched.
         near = (_SIGNAL_NEIGHBOURHOOD, _SIGNAL_NEIGHBOURHOOD)
@@ -99,9 +104,6 @@ def _sum_up(
 ) -> None:
     """Sum over every other matched pixel of each cell."""
     height, width = disparity.shape
-    # Longer than a descriptor, and read from a moving place: the loads stay in
-    # the loop, where they keep their vector form.
-    blank = np.full(BYTES + 2, MIDDLE, np.uint8)
     for row in range(start, stop):
         difference[row] = 0
         texture[row] = 0
@@ -116,10 +118,16 @@ def _sum_up(
                 column = x // CELL
                 count[row, column] += 1
                 difference[row, column] += absolute_difference(left, i, right, j)
-                texture[row, column] += 0.5 * (
-                    absolute_difference(left, i, blank, x & 1)
-                    + absolute_difference(right, j, blank, x & 1)
+                texture[row, column] += np.float32(0.5) * _FROM_BLANK * (
+                    absolute_difference(left, i, left, i + _step(x, width, _APART[0]))
+                    + absolute_difference(right, j, right, j + _step(other, width, _APART[1]))
                 )
+
+
+@njit(nogil=True)
+def _step(x: Any, width: int, apart: int) -> int:
+    """Bytes to the descriptor so many pixels to the right, or to the left at the border."""
+    return BYTES * (apart if x + apart < width else -min(apart, x))
 
 
 @njit(nogil=True)
