@@ -21,7 +21,8 @@ def test_a_floor_is_matched_and_the_noise_of_the_water_above_it_is_not(
     for shift in (0, 12):
         view = np.tile(40.0 + fall * np.arange(100.0, -100.0, -1.0)[:, np.newaxis], 220)
         view[100:] = floor[:, shift : 220 + shift]
-        views.append(np.round(view + rng.normal(0, codes, view.shape)).clip(0, 255).astype(np.uint8))
+        view += rng.normal(0, codes, view.shape)
+        views.append(np.round(view).clip(0, 255).astype(np.uint8))
     matcher = Matcher((200, 220), (0, 50), StereoConfig(), Workers(2))
     matcher.describe(contrast_of(views[0]), contrast_of(views[1]))
     disparity = matcher.dense_disparity(matcher.support_points()).disparity
