@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from uw_visibility.config.schema import AssessmentConfig, TrackingConfig
@@ -289,6 +289,43 @@ def test_a_step_is_followed_at_any_size(step, downwards):
     assert np.max(found) < 5.5
 
 
+def alike(rng, attenuation, common):
+    """One frame's estimate whose error is mostly a share of β that all frames have alike.
+
+    What channels differ by is known far better than β itself.
+    """
+    noise = 0.007 * attenuation
+    error = 0.1 * common * attenuation + noise * rng.standard_normal(3)
+    light = LIGHT * (1.0 + 0.01 * rng.standard_normal(3))
+    joint = np.zeros((6, 6))
+    joint[0::2, 0::2] = 0.1**2 * np.outer(attenuation, attenuation) + np.diag(noise**2)
+    joint[1::2, 1::2] = np.diag((0.01 * LIGHT) ** 2)
+    return WaterEstimate(
+        Status.OK, attenuation + error, light,
+        np.stack([joint[2 * c:2 * c + 2, 2 * c:2 * c + 2] for c in range(3)]), 12, 40,
+        (Status.OK,) * 3, joint_covariance=joint)
+
+
+@pytest.mark.parametrize("downwards", [False, True])
+def test_frames_of_a_ramp_are_no_outliers_though_their_errors_are_alike(downwards):
+    """The small difference of the channels leaves the gate long before β does."""
+    alphas = 0.05 + 0.25 * (0.5 - 0.5 * np.cos(np.pi * np.minimum(np.arange(20) / 15, 1.0)))
+    alphas = alphas[::-1] if downwards else alphas
+    errors = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        tracker, common = WaterTracker(), 0.25 * (seed - 4.5)
+        for k, a in enumerate(alphas):
+            out = tracker.update(alike(rng, KAPPA + a, common), 0.5 * k)
+            errors.append((out.attenuation - KAPPA - a) / out.attenuation_stddev)
+        assert tracker.rejected == 0
+        before = tracker.estimate.attenuation
+        tracker.update(alike(rng, KAPPA + 0.5, common), 0.5 * len(alphas))
+        assert tracker.event is TrackingEvent.OUTLIER
+        np.testing.assert_allclose(tracker.estimate.attenuation, before)
+    assert np.mean(np.abs(errors) < 2.0) > 0.93
+
+
 def test_a_ramp_of_depth_alone_is_followed():
     """Light changes colour, not water: nothing of it goes into attenuation."""
     rng = np.random.default_rng(14)
@@ -327,6 +364,8 @@ CHANGES = st.lists(
 
 
 @settings(max_examples=60, deadline=None)
+@example(seed=493, changes=[("step", -0.5, 7), ("snow", 1.0, 1), ("step", 0.0703125, 1)],
+         reset_count=2, share=0)
 @given(seed=SEEDS, changes=CHANGES, reset_count=st.integers(1, 4), share=st.sampled_from([0, 0.5]))
 def test_whatever_the_water_does_the_filter_stays_with_the_frames(
         seed, changes, reset_count, share):

@@ -86,7 +86,7 @@ class TrackingConfig:
         "0 for a fixed one.", minimum=0.0, maximum=10.0,
     )
     common_error: float = parameter(
-        0.5, "Part of the variance of a frame's estimate that following frames share, since "
+        0.6, "Part of the variance of a frame's estimate that following frames share, since "
         "they show the same scene: filtering does not lessen it.", minimum=0.0, maximum=0.95,
     )
     gate_probability: float = parameter(

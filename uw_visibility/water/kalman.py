@@ -13,11 +13,12 @@ chromaticity alone.
 How fast the water changes is not known beforehand: the process noise adapts to the
 innovations (R. Mehra, "Approaches to adaptive filtering", IEEE Trans. Automatic
 Control 17, 1972, doi:10.1109/TAC.1972.1100100). Where innovations keep to one side,
-or where a run of frames lies beyond the gate, the covariance grows along the
-innovation until that is no larger than expected, and part of the growth stays for
-the frames to come. A frame beyond the gate is rejected, since most are full of
-marine snow; that it may be the first of a change is in the standard deviations
-until the next frames tell.
+or where one of them surprises, the covariance grows along the innovation until that
+is no larger than expected, and part of the growth stays for the frames to come. So does
+the rate at which frames change, where it is more than their errors: channels err much
+alike, and the small difference between them is what a ramp soon leaves. A frame beyond
+the gate is rejected, since most are full of marine snow; that it may be the first of a
+change is in the standard deviations until the next frames tell.
 
 A part of a frame's error stays the same over frames, since they show the same
 scene; averaging does not lessen it. It is carried along as a consider parameter
@@ -28,16 +29,14 @@ standard deviations.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from uw_visibility.config.schema import TrackingConfig
-from uw_visibility.water.assessment import joint_covariance
-from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.fit import ATTENUATION_BOUNDS
+from uw_visibility.water.measurement import ATTENUATION, LIGHT, Measurement
 
 # How much of a change of turbidity a single channel has for itself.
 _CHANNEL_SHARE = 0.5
@@ -50,50 +49,17 @@ _TREND_VARIANCE = _TREND_SHARE / (2.0 - _TREND_SHARE)
 # Standard deviations of its chi squared beyond which the average says that the
 # state lags behind the water. Low: growth begins at nothing there.
 _TREND_LIMIT = 1.0
+# An innovation that so many are smaller than, where all is well, is taken for a change.
+_SURPRISE = 0.95
+# Changes from frame to frame are averaged over about 1 / this many of them. Of errors alone
+# the average has this part of a frame's variance: following changes contradict each other.
+_RATE_SHARE = 0.5
+_RATE_VARIANCE = 2.0 * _RATE_SHARE**2 / (2.0 - _RATE_SHARE)
+# Standard deviations of its chi squared beyond which it says that the water changes. Not low:
+# outliers pass the gate as far as changes are expected.
+_RATE_LIMIT = 3.0
 # What stays, from frame to frame, of the process noise that a change has added.
 _DRIFT_KEPT = 0.5
-ATTENUATION = slice(0, 6, 2)
-LIGHT = slice(1, 6, 2)
-
-
-@dataclass(frozen=True)
-class Measurement:
-    """A frame's estimate: β and ln I∞ of each channel, and the two parts of its error.
-
-    Attributes
-    ----------
-    seen : (3,) bool ndarray
-        Channels that were assessed.
-    value : (6,) float64 ndarray
-    noise : (6, 6) float64 ndarray
-        Covariance of what is new in each frame.
-    common : (6, 6) float64 ndarray
-        Root of the covariance of what stays the same.
-    """
-
-    seen: NDArray[np.bool_]
-    value: NDArray[np.float64]
-    noise: NDArray[np.float64]
-    common: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, estimate: WaterEstimate, common_error: float) -> Measurement:
-        """Take an estimate; ``common_error`` is the part of its variance that stays."""
-        joint = joint_covariance(estimate)
-        seen = np.isfinite(estimate.attenuation) & np.isfinite(estimate.ambient_light)
-        seen &= np.isfinite(np.diag(joint)).reshape(3, 2).all(axis=1)
-        index = np.flatnonzero(np.repeat(seen, 2))
-        value = np.zeros(6)
-        value[ATTENUATION] = np.where(seen, estimate.attenuation, 0.0)
-        light = np.where(seen, estimate.ambient_light, 1.0)
-        value[LIGHT] = np.log(light)
-        scale = np.ones(6)
-        scale[LIGHT] = 1.0 / light
-        covariance = np.zeros((6, 6))
-        covariance[np.ix_(index, index)] = (np.outer(scale, scale) * joint)[np.ix_(index, index)]
-        return cls(
-            seen, value, (1.0 - common_error) * covariance, _root(common_error * covariance)
-        )
 
 
 class WaterState:
@@ -114,8 +80,11 @@ class WaterState:
         self._age = np.zeros(3)
         # Time since the last measurement, and since the last one taken in, s.
         self._interval = self._unseen = 0.0
-        # Mean innovation of late, and the covariance of the rate of change, per s².
+        # Mean innovation and mean rate of change of late (per s), the measurement that was taken
+        # in last, and the covariance of the rate of change, per s².
         self._trend = np.zeros(6)
+        self._rate = np.zeros(6)
+        self._last = measurement
         self._drift = np.zeros((6, 6))
 
     def predict(self, elapsed: float, config: TrackingConfig) -> None:
@@ -151,9 +120,7 @@ class WaterState:
             return True
         block = np.ix_(index, index)
         spread = (
-            self.covariance + measurement.noise
-            + self.common @ self.common.T + measurement.common @ measurement.common.T
-        )[block]
+            self.covariance + self.common @ self.common.T + measurement.covariance)[block]
         if not drifting:
             spread -= self._drifted()[block]
         innovation = (measurement.value - self.mean)[index]
@@ -177,26 +144,26 @@ class WaterState:
         share /= 1.0 + np.max((innovation / scale) ** 2)
         return np.asarray(share * np.outer(innovation, innovation))
 
-    def adapt(self, measurement: Measurement, probability: float) -> None:
+    def adapt(self, measurement: Measurement, config: TrackingConfig) -> None:
         """Adapt the process noise to innovations that the state's covariance does not explain.
 
-        They say so where this one is beyond the gate that the state would have
-        without its drift of late; and where the mean of late ones, which is about
-        zero while the state keeps up with the water, is beyond what noise explains:
-        that is by how much the state lags.
+        They say so where this one surprises the state as it would be without its drift
+        of late; and where the mean of late ones, which is about zero while the state
+        keeps up with the water, is beyond what noise explains: that is by how much the
+        state lags. The rate at which measurements change stays for the frames to come.
 
         Parameters
         ----------
         measurement : Measurement
             About to be taken in.
-        probability : float
-            Of the gate.
+        config : TrackingConfig
         """
         both = self.known & measurement.seen
         if not both.any():
             return
         innovation = measurement.value - self.mean
-        changed = not self.accepts(measurement, probability, drifting=False)
+        changed = not self.accepts(
+            measurement, min(_SURPRISE, config.gate_probability), drifting=False)
         drifted = self._drifted()
         growth, needed = np.zeros((2, 6, 6))
         for part in (ATTENUATION, LIGHT):
@@ -209,11 +176,31 @@ class WaterState:
                 growth[block] = _growth(innovation[index], spread)
                 needed[block] = _growth(innovation[index], spread - drifted[block])
             else:
-                growth[block] = _lag(self._trend[index], _TREND_VARIANCE * spread)
+                growth[block] = _beyond_noise(
+                    self._trend[index], _TREND_VARIANCE * spread, _TREND_LIMIT)
         self.covariance += growth
         self._drift = (
             _DRIFT_KEPT * self._drift + (1.0 - _DRIFT_KEPT) * needed / self._interval**2
+            + self._ramp(measurement, config.exposure_change)
         )
+
+    def _ramp(self, measurement: Measurement, exposure_change: float) -> NDArray[np.float64]:
+        """Take a measurement into the mean rate of change; return what shows of its square."""
+        both = self.known & measurement.seen & self._last.seen
+        change = (measurement.value - self._last.value) / self._unseen
+        # All of the errors, since how much of them frames share is known badly.
+        spread = 0.5 * (measurement.covariance + self._last.covariance)
+        spread[LIGHT, LIGHT] += exposure_change**2
+        spread *= _RATE_VARIANCE / self._unseen**2
+        ramp = np.zeros((6, 6))
+        for part in (ATTENUATION, LIGHT):
+            index = np.arange(6)[part][both]
+            if index.size > 0:
+                block = np.ix_(index, index)
+                self._rate[index] += _RATE_SHARE * (change[index] - self._rate[index])
+                ramp[block] = _beyond_noise(
+                    self._rate[index], spread[block] + _ridge(spread[block]), _RATE_LIMIT)
+        return ramp
 
     def correct(self, measurement: Measurement) -> None:
         """Take a measurement in."""
@@ -227,6 +214,7 @@ class WaterState:
         )
         self.common = kept @ self.common + gain @ measurement.common
         self._age[measurement.seen] = 0.0
+        self._last = measurement
         self._interval = self._unseen = 0.0
 
     def _gain(self, measurement: Measurement) -> NDArray[np.float64]:
@@ -254,7 +242,7 @@ class WaterState:
             self.covariance[:, block] = 0.0
             self.covariance[block, block] = 1e6 * measurement.noise[block, block]
             self.common[block] = measurement.common[block]
-            self._trend[block] = 0.0
+            self._trend[block] = self._rate[block] = 0.0
             self._drift[block, :] = self._drift[:, block] = 0.0
             self.known[channel] = True
 
@@ -281,21 +269,16 @@ def _growth(
     return np.asarray(lack * np.outer(innovation, innovation))
 
 
-def _lag(trend: NDArray[np.float64], spread: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the part of a mean innovation's square that noise of a covariance is not."""
-    degrees = len(trend)
-    distance = float(trend @ np.linalg.solve(spread, trend))
-    noise = degrees + _TREND_LIMIT * math.sqrt(2.0 * degrees)
-    return np.asarray((1.0 - noise / max(distance, noise)) * np.outer(trend, trend))
-
-
-def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the symmetric root of a covariance, which changes little when that does."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
+def _beyond_noise(
+    mean: NDArray[np.float64], spread: NDArray[np.float64], limit: float
+) -> NDArray[np.float64]:
+    """Return the part of a mean's square that noise of a covariance is not."""
+    degrees = len(mean)
+    distance = float(mean @ np.linalg.solve(spread, mean))
+    noise = degrees + limit * math.sqrt(2.0 * degrees)
+    return np.asarray((1.0 - noise / max(distance, noise)) * np.outer(mean, mean))
 
 
 def _ridge(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Diagonal jitter for a near-singular covariance."""
     return np.diag(1e-9 * np.diag(covariance) + 1e-15)
-

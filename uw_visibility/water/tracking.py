@@ -14,7 +14,8 @@ from uw_visibility.config.schema import TrackingConfig
 from uw_visibility.errors import InputError
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
-from uw_visibility.water.kalman import ATTENUATION, LIGHT, Measurement, WaterState
+from uw_visibility.water.kalman import WaterState
+from uw_visibility.water.measurement import ATTENUATION, LIGHT, Measurement
 
 
 class TrackingEvent(Enum):
@@ -137,7 +138,7 @@ class WaterTracker:
                 self._doubt = self._state.reject(measurement, share)
                 return TrackingEvent.OUTLIER
             event = TrackingEvent.RESTARTED
-        self._state.adapt(measurement, self._config.gate_probability)
+        self._state.adapt(measurement, self._config)
         self._state.correct(measurement)
         self._settle()
         return event
