@@ -45,8 +45,19 @@ UNKNOWN_DARKNESS = 0.3
 
 
 @njit(nogil=True)
+def transmit(p: Any, distance: Any, left: Any) -> None:
+    """Write the transmission of each bin, (3, N), for parameters `p`.
+
+    Apart from what takes it, since exponentials are most of a fit's time.
+    """
+    for c in range(3):
+        for i in range(distance.shape[1]):
+            left[c, i] = transmission(p[2 * c], distance[c, i])
+
+
+@njit(nogil=True)
 def set_scales(
-    p: Any, distance: Any, dark: Any, deviation: Any, known: Any, range_error: float,
+    p: Any, distance: Any, left: Any, dark: Any, deviation: Any, known: Any, range_error: float,
     darkness: float, light: Any, scale: Any,
 ) -> None:
     """Set the scales of residuals for parameters `p`.
@@ -57,6 +68,8 @@ def set_scales(
         β_R, I∞_R, β_G, I∞_G, β_B, I∞_B.
     distance, dark, deviation : (3, N) float64 ndarray
         Range, irradiance and its standard deviation of the darkest patches.
+    left : (3, N) float64 ndarray
+        Transmission; see `transmit`.
     known : (3, N) bool ndarray
         Bins that count.
     range_error : float
@@ -72,7 +85,7 @@ def set_scales(
     for c in range(3):
         for i in range(distance.shape[1]):
             d = distance[c, i]
-            veil = p[2 * c + 1] * transmission(p[2 * c], d)
+            veil = p[2 * c + 1] * left[c, i]
             direct = light[c] * veil
             displacement = range_error * d * d * p[2 * c] * veil
             variance = deviation[c, i] ** 2 + displacement * displacement
@@ -80,7 +93,7 @@ def set_scales(
             scale[BELOW, c, i] = np.sqrt(variance + (DARKNESS_BELOW * direct) ** 2)
             scale[ABOVE, c, i] = np.sqrt(variance + (DARKNESS_ABOVE * direct) ** 2)
             scale[LIMIT, c, i] = LIMIT_ABOVE * scale[ABOVE, c, i]
-    typical = typical_darkness(p, distance, dark, known, light, scale)
+    typical = typical_darkness(p, left, dark, known, light, scale)
     for c in range(3):
         shown = np.isfinite(typical[c])
         scale[EXPECTED, c, :] = darkness * light[c] * typical[c] if shown else 0.0
@@ -88,7 +101,7 @@ def set_scales(
 
 @njit(nogil=True)
 def typical_darkness(
-    p: Any, distance: Any, dark: Any, known: Any, light: Any, scale: Any
+    p: Any, left: Any, dark: Any, known: Any, light: Any, scale: Any
 ) -> Any:
     """Median radiance of the darkest patches of bins, in each channel; NaN where none shows."""
     result = np.empty(3)
@@ -96,7 +109,7 @@ def typical_darkness(
     for c in range(3):
         number = 0
         for i in range(dark.shape[1]):
-            veil = p[2 * c + 1] * transmission(p[2 * c], distance[c, i])
+            veil = p[2 * c + 1] * left[c, i]
             direct = light[c] * veil
             if known[c, i] and direct > INFORMATIVE * scale[NOISE, c, i]:
                 excess = dark[c, i] - p[2 * c + 1] + veil
@@ -107,10 +120,9 @@ def typical_darkness(
 
 
 @njit(nogil=True)
-def residual(p: Any, distance: Any, dark: Any, scale: Any, c: int, i: int) -> float:
+def residual(p: Any, left: Any, dark: Any, scale: Any, c: int, i: int) -> float:
     """Residual of a bin: its irradiance above the curve of the darkest patches."""
-    left = transmission(p[2 * c], distance[c, i]) * (1.0 - scale[EXPECTED, c, i])
-    return float(dark[c, i] - veil_of(p[2 * c + 1], left))
+    return float(dark[c, i] - veil_of(p[2 * c + 1], left[c, i] * (1.0 - scale[EXPECTED, c, i])))
 
 
 @njit(nogil=True)
@@ -128,7 +140,7 @@ def loss(r: float, scale: Any, c: int, i: int) -> tuple[float, float]:
 
 @njit(nogil=True)
 def deviance(
-    p: Any, distance: Any, dark: Any, known: Any, scale: Any
+    p: Any, left: Any, dark: Any, known: Any, scale: Any
 ) -> tuple[float, float]:
     """Minus twice the logarithm of the bins' likelihood, and the residuals' part a bin.
 
@@ -138,12 +150,12 @@ def deviance(
     """
     residuals, widths, bins = 0.0, 0.0, 0
     for c in range(3):
-        for i in range(distance.shape[1]):
+        for i in range(dark.shape[1]):
             if not known[c, i]:
                 continue
             above = np.hypot(scale[NOISE, c, i], LIMIT_ABOVE * scale[ABOVE, c, i])
             below = scale[BELOW, c, i]
-            r = residual(p, distance, dark, scale, c, i)
+            r = residual(p, left, dark, scale, c, i)
             if r < 0:
                 residuals += 4.0 * np.log1p((r / below) ** 2 / 3.0)
             else:
@@ -155,7 +167,7 @@ def deviance(
 
 
 @njit(nogil=True)
-def durbin_watson(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -> float:
+def durbin_watson(p: Any, left: Any, dark: Any, known: Any, scale: Any) -> float:
     """Durbin-Watson statistic of the bins' residuals over range, the median channel's.
 
     Squared differences of neighbours over squares: 2 where residuals know nothing of their
@@ -170,7 +182,7 @@ def durbin_watson(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -> f
         for i in range(dark.shape[1]):
             if known[c, i]:
                 course[bins] = np.arcsinh(
-                    residual(p, distance, dark, scale, c, i) / scale[BELOW, c, i])
+                    residual(p, left, dark, scale, c, i) / scale[BELOW, c, i])
                 bins += 1
         if bins == 0:
             continue
@@ -181,31 +193,31 @@ def durbin_watson(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -> f
 
 
 @njit(nogil=True)
-def total_loss(p: Any, distance: Any, dark: Any, known: Any, scale: Any) -> float:
+def total_loss(p: Any, left: Any, dark: Any, known: Any, scale: Any) -> float:
     """Cost of all bins."""
     cost = 0.0
     for c in range(3):
-        for i in range(distance.shape[1]):
+        for i in range(dark.shape[1]):
             if known[c, i]:
-                cost += loss(residual(p, distance, dark, scale, c, i), scale, c, i)[0]
+                cost += loss(residual(p, left, dark, scale, c, i), scale, c, i)[0]
     return cost
 
 
 @njit(nogil=True)
 def add_normal_equations(
-    p: Any, distance: Any, dark: Any, known: Any, scale: Any, hessian: Any, slope: Any
+    p: Any, distance: Any, left: Any, dark: Any, known: Any, scale: Any, hessian: Any, slope: Any
 ) -> float:
     """Add the bins' curvature and descent direction; return their cost."""
     cost = 0.0
     derivative = np.empty(2)
     for c in range(3):
-        for i in range(distance.shape[1]):
+        for i in range(dark.shape[1]):
             if not known[c, i]:
                 continue
-            r = residual(p, distance, dark, scale, c, i)
+            r = residual(p, left, dark, scale, c, i)
             part, weight = loss(r, scale, c, i)
             cost += part
-            differentiate(p, distance, scale, c, i, derivative)
+            differentiate(p, distance, left, scale, c, i, derivative)
             for j in range(2):
                 slope[2 * c + j] += weight * derivative[j] * r
                 for k in range(2):
@@ -214,9 +226,11 @@ def add_normal_equations(
 
 
 @njit(nogil=True)
-def differentiate(p: Any, distance: Any, scale: Any, c: int, i: int, derivative: Any) -> None:
+def differentiate(
+    p: Any, distance: Any, left: Any, scale: Any, c: int, i: int, derivative: Any
+) -> None:
     """Derivatives of the curve by attenuation and ambient light."""
-    fading = transmission(p[2 * c], distance[c, i]) * (1.0 - scale[EXPECTED, c, i])
+    fading = left[c, i] * (1.0 - scale[EXPECTED, c, i])
     derivative[0] = p[2 * c + 1] * distance[c, i] * fading
     derivative[1] = 1.0 - fading
 

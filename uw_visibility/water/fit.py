@@ -130,7 +130,8 @@ def _jacobian(
 def moved(fit: Fit, step: NDArray[np.float64], known: NDArray[np.float64]) -> Fit:
     """Add a step to the parameters, and take what is known now off their covariance."""
     values = fit.parameters + step.reshape(3, 2)
-    values[:, 0] = np.clip(values[:, 0], *ATTENUATION_BOUNDS)
+    least, largest = ATTENUATION_BOUNDS
+    values[:, 0] = np.minimum(np.maximum(values[:, 0], least), largest)
     values[:, 1] = np.maximum(values[:, 1], LEAST_LIGHT * fit.parameters[:, 1])
     covariance = fit.covariance - known
     return replace(fit, parameters=values, covariance=0.5 * (covariance + covariance.T))
@@ -140,6 +141,8 @@ def blank(
     covariance: NDArray[np.float64], active: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """Set what belongs to channels left out to NaN."""
+    if active.all():
+        return covariance
     absent = np.repeat(~active, 2)
     covariance[absent, :] = np.nan
     covariance[:, absent] = np.nan

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
-from uw_visibility.optics.light_model import contrast_gain, radiance_of, transmission
+from uw_visibility.optics.light_model import contrast_gain, radiance_of
 from uw_visibility.water.envelope_loss import (
     EXPECTED_DARKNESS,
     SCALES,
@@ -23,6 +23,7 @@ from uw_visibility.water.envelope_loss import (
     residual,
     set_scales,
     total_loss,
+    transmit,
     typical_darkness,
 )
 from uw_visibility.water.fit import AMBIENT_LIGHT_MAX, ATTENUATION_BOUNDS, Fit, blank
@@ -90,12 +91,11 @@ def fit_lower_envelope(
         The covariance is that of the weighted estimate (sandwich form), plus
         the effect of a scene whose darkest patches are all not black.
     """
-    lower = np.empty(6)
-    lower[0::2] = ATTENUATION_BOUNDS[0]
+    lower, upper = np.empty((2, 6))
+    lower[0::2], upper[0::2] = ATTENUATION_BOUNDS
     lower[1::2] = ambient_min
-    upper = np.tile([ATTENUATION_BOUNDS[1], AMBIENT_LIGHT_MAX], 3)
-    if ambient_max is not None:
-        upper[1::2] = np.maximum(ambient_max, ambient_min)
+    upper[1::2] = (
+        AMBIENT_LIGHT_MAX if ambient_max is None else np.maximum(ambient_max, ambient_min))
     known = active[:, np.newaxis] & np.isfinite(dark)
     values, covariance, iterations, converged, cost, misfit, trend = _minimise(
         np.where(known, distance, 1.0),
@@ -103,7 +103,7 @@ def fit_lower_envelope(
         np.where(known, deviation, 1.0),
         known,
         active,
-        np.clip(start.ravel(), lower, upper),
+        np.minimum(np.maximum(start.ravel(), lower), upper),
         lower,
         upper,
         clear_water,
@@ -125,6 +125,8 @@ def _minimise(
     """Damped Gauss-Newton within bounds; scales follow the parameters at first."""
     p = start.copy()
     scale = np.empty((SCALES, 3, dark.shape[1]))
+    left, trial_left = np.empty(dark.shape), np.empty(dark.shape)
+    transmit(p, distance, left)
     tolerance = 1.0
     damping = 1e-3
     converged = False
@@ -137,11 +139,12 @@ def _minimise(
         iterations += 1
         if iterations <= ADAPTIVE_ITERATIONS:
             darkness = EXPECTED_DARKNESS if iterations > BLACK_ITERATIONS else 0.0
-            set_scales(p, distance, dark, deviation, known, range_error, darkness, light, scale)
+            set_scales(
+                p, distance, left, dark, deviation, known, range_error, darkness, light, scale)
             tolerance = weak_channel_tolerance(p, active, clear_water)
         hessian[:] = 0.0
         slope[:] = 0.0
-        cost = add_normal_equations(p, distance, dark, known, scale, hessian, slope)
+        cost = add_normal_equations(p, distance, left, dark, known, scale, hessian, slope)
         cost += add_weak_priors(
             p, active, clear_water, lower[1::2], tolerance, True, hessian, slope)
         while True:
@@ -150,21 +153,24 @@ def _minimise(
             if move < 1e-8:
                 converged = iterations > BLACK_ITERATIONS
                 break
-            trial_cost = total_loss(trial, distance, dark, known, scale)
+            transmit(trial, distance, trial_left)
+            trial_cost = total_loss(trial, trial_left, dark, known, scale)
             trial_cost += add_weak_priors(
                 trial, active, clear_water, lower[1::2], tolerance, True, scratch, scratch_slope
             )
             if trial_cost <= cost:
                 p = trial
+                left, trial_left = trial_left, left
                 damping = max(damping * 0.1, 1e-9)
                 converged = move < 1e-4 and iterations > BLACK_ITERATIONS
                 break
             damping *= 10.0
-    set_scales(p, distance, dark, deviation, known, range_error, EXPECTED_DARKNESS, light, scale)
-    cost, misfit = deviance(p, distance, dark, known, scale)
+    set_scales(
+        p, distance, left, dark, deviation, known, range_error, EXPECTED_DARKNESS, light, scale)
+    cost, misfit = deviance(p, left, dark, known, scale)
     covariance = _covariance(
-        p, distance, dark, known, active, clear_water, lower, bright, light, scale)
-    trend = durbin_watson(p, distance, dark, known, scale)
+        p, distance, left, dark, known, active, clear_water, lower, bright, light, scale)
+    trend = durbin_watson(p, left, dark, known, scale)
     return p, covariance, iterations, converged, cost, misfit, trend
 
 
@@ -192,8 +198,8 @@ def _step(
 
 @njit(nogil=True)
 def _covariance(
-    p: Any, distance: Any, dark: Any, known: Any, active: Any, clear_water: Any, lower: Any,
-    bright: Any, light: Any, scale: Any,
+    p: Any, distance: Any, left: Any, dark: Any, known: Any, active: Any, clear_water: Any,
+    lower: Any, bright: Any, light: Any, scale: Any,
 ) -> Any:
     """Sandwich covariance, and the effect of darkest patches that are not black."""
     curvature = np.zeros((6, 6))
@@ -204,8 +210,8 @@ def _covariance(
     # A prior's score varies as much as its curvature says; a bin's as much as
     # its residual shows.
     spread = curvature.copy()
-    add_normal_equations(p, distance, dark, known, scale, curvature, slope)
-    typical = typical_darkness(p, distance, dark, known, light, scale)
+    add_normal_equations(p, distance, left, dark, known, scale, curvature, slope)
+    typical = typical_darkness(p, left, dark, known, light, scale)
     common = np.zeros(6)
     derivative = np.empty(2)
     for c in range(3):
@@ -214,10 +220,10 @@ def _covariance(
         for i in range(distance.shape[1]):
             if not known[c, i]:
                 continue
-            r = residual(p, distance, dark, scale, c, i)
+            r = residual(p, left, dark, scale, c, i)
             _, weight = loss(r, scale, c, i)
-            differentiate(p, distance, scale, c, i, derivative)
-            direct = light[c] * p[2 * c + 1] * transmission(p[2 * c], distance[c, i])
+            differentiate(p, distance, left, scale, c, i, derivative)
+            direct = light[c] * p[2 * c + 1] * left[c, i]
             for j in range(2):
                 common[2 * c + j] += weight * derivative[j] * darkness * direct
                 for k in range(2):

@@ -14,10 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.jit import njit
 from uw_visibility.optics.light_model import transmission
 from uw_visibility.water.clear_water import hold_above_clear_water
 from uw_visibility.water.contrast import Decay
@@ -219,7 +221,7 @@ def _fit_ratio(fit: FitVeil, ratio: float, brightest: NDArray[np.float64]) -> Fi
 
 
 def _light_of_ratio(ratio: float) -> NDArray[np.float64]:
-    return np.full(3, np.clip(1.0 / ratio, 1.0, LIGHT_LIMITS[1]))
+    return np.full(3, min(max(1.0 / ratio, 1.0), LIGHT_LIMITS[1]))
 
 
 def _over_ratios(
@@ -344,11 +346,15 @@ def _update(fit: Fit, contrast: Decay) -> Fit:
 
 def _regular(fit: Fit) -> Fit:
     """The fit with a covariance that is positive definite in spite of rounding."""
-    scale = np.sqrt(np.maximum(np.abs(np.diag(fit.covariance)), 1e-18))
-    values, vectors = np.linalg.eigh(fit.covariance / np.outer(scale, scale))
-    values = np.maximum(values, 1e-6)
-    covariance = (vectors * values) @ vectors.T * np.outer(scale, scale)
-    return replace(fit, covariance=covariance)
+    return replace(fit, covariance=_positive_definite(np.ascontiguousarray(fit.covariance)))
+
+
+@njit(nogil=True)
+def _positive_definite(covariance: Any) -> Any:
+    scale = np.sqrt(np.maximum(np.abs(np.diag(covariance)), 1e-18))
+    scales = np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(covariance / scales)
+    return (vectors * np.maximum(values, 1e-6)) @ vectors.T * scales
 
 
 def _mixture(components: list[Fit], weights: NDArray[np.float64]) -> Fit:
