@@ -75,6 +75,10 @@ def describe(found: LampCalibration, frames: int) -> str:
         lines.append(
             f"  lamp {i + 1}  place (m): {place}   axis: {axis}, ± {found.direction_stddev[i]:.1f} "
             f"degrees   beam: {lamp.beam_angle:.0f} degrees ± {100 * found.beam_stddev:.0f} %")
-    # Attenuation is fitted beside the lamps, and too low: it is no estimate of the water.
-    lines += ["", f"  light of a point about the fit: {100 * found.scatter:.1f} %"]
+    water = "  ".join(
+        f"{value:.3f} ± {stddev:.3f}"
+        for value, stddev in zip(found.attenuation, found.attenuation_stddev, strict=True))
+    lines += [
+        "", f"  water of the recording, attenuation (1/m), R G B: {water}",
+        f"  light of a point about the fit: {100 * found.scatter:.1f} %"]
     return "\n".join(lines)

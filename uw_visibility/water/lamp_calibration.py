@@ -26,40 +26,42 @@ from scipy.optimize import least_squares
 from uw_visibility.config.lighting import ISOTROPIC, Lamp
 from uw_visibility.errors import InputError
 from uw_visibility.optics.lamps import LEAST_DISTANCE, beam, phase_function
-from uw_visibility.water.lamp_sightings import TILES, Sightings
+from uw_visibility.water.lamp_sightings import Sightings
+from uw_visibility.water.lamp_track_fit import (
+    ALBEDO,
+    ATTENUATION,
+    EXPONENT,
+    LEAST_FRAMES,
+    OWN_PART,
+    REFLECTANCE,
+    SCATTERING,
+    STEPS,
+    TOGETHER,
+    USUAL_ATTENUATION,
+    USUAL_EXPONENT,
+    pool_tracks,
+)
 
 Array = NDArray[np.float64]
 
 # Sightings that are fitted at most, and at least.
-MOST_CELLS, FEWEST_CELLS = 4000, 300
+MOST_CELLS, FEWEST_CELLS = 8000, 300
 # Farthest over nearest range at least, of quantiles of the sightings.
 LEAST_RATIO, RANGE_QUANTILES = 1.4, (0.05, 0.95)
 # A larger deviation of a place, m, is no calibration.
 MOST_STDDEV = 0.2
 # Deviations of the priors: of places (m), axes (rad), logarithms of the beam's angle and of one
-# lamp's power over another's, the exponent of the cosine, and the logarithm of s.
-PLACE, AXIS, BEAM, RATIO, EXPONENT, SCATTERING = 0.5, math.radians(10.0), 0.2, 0.1, 0.4, 0.7
-USUAL_EXPONENT = 0.8
-# Frames that have to show a point, and steps of the fit at most.
-LEAST_FRAMES, MOST_STEPS = 3, 100
-# Mean reflectance of ground, and share of scattering in attenuation.
-REFLECTANCE, ALBEDO = 0.35, 0.7
-USUAL_ATTENUATION, ATTENUATION = math.log(0.3), 1.0
-# Steps of the integral along the line of sight.
-STEPS = 10
+# lamp's power over another's.
+PLACE, AXIS, BEAM, RATIO = 0.5, math.radians(10.0), 0.2, 0.1
+# Steps of the fit at most.
+MOST_STEPS = 100
 # Scatter of ln E at the start.
 SCATTER = 0.1
-# Root of the number of sightings and channels that share an error.
-TOGETHER = 6.0
-# Part of the light that is the ground's own at least.
-OWN_PART = 0.2
 # Part of the sightings that may be limited so.
 MOST_LIMITED = 0.02
 # Errors of the model that scatter does not show, forms of beam and ground, scales of range: of
 # places (m), axes (degrees), the beam as a part of its angle, and of β (1/m).
 PLACE_ERROR, AXIS_ERROR, BEAM_ERROR, BETA_ERROR = 0.03, 3.0, 0.12, 0.03
-# Groups of frames by tiles of the image, whose errors are taken as independent.
-FRAME_GROUPS = 6
 
 
 @dataclass(frozen=True)
@@ -241,24 +243,13 @@ def _half_fit(model: _Model, start: Array, scatter: float, part: int) -> Array:
 
 def _pooled(frames: Sequence[Sightings]) -> tuple[Sightings, NDArray[np.int64]]:
     """Sightings of points that several frames show, thinned, and the group of each."""
-    joined = {name: np.concatenate([getattr(f, name) for f in frames])
-              for name in ("light", "direction", "normal", "range", "track", "tile")}
-    number = np.repeat(np.arange(len(frames)), [len(f.range) for f in frames])
-    _, track, count = np.unique(joined["track"], return_inverse=True, return_counts=True)
-    several = count >= LEAST_FRAMES
-    total = int(count[several].sum())
+    pooled = pool_tracks(frames, LEAST_FRAMES, MOST_CELLS)
+    total = len(pooled.sightings.range)
     if total < FEWEST_CELLS:
         raise InputError(
             f"lamps cannot be calibrated: points of the ground are seen {total} times by frames "
             f"that follow one another, {FEWEST_CELLS} are needed: record well lit ground, slowly")
-    # Whole tracks are left out.
-    keep = several & (np.arange(len(count)) * MOST_CELLS / max(total, MOST_CELLS) % 1.0
-                      < MOST_CELLS / max(total, MOST_CELLS))
-    chosen = keep[track]
-    joined = {name: values[chosen] for name, values in joined.items()}
-    joined["track"] = np.unique(track[chosen], return_inverse=True)[1]
-    part = number[chosen] * FRAME_GROUPS // len(frames)
-    return Sightings(**joined), np.asarray(part * TILES**2 + joined["tile"])
+    return pooled.sightings, pooled.group
 
 
 def _check_ranges(cells: Sightings) -> None:

@@ -123,7 +123,7 @@ class GroundView:
         step = max(1, width // REDUCED_WIDTH)
         size = width // step, height // step
         top = np.iinfo(pixels.dtype).max
-        clipped = np.asarray((pixels == top).any(axis=2), np.uint8)
+        _, clipped = cv2.threshold(pixels, top - 1, 255, cv2.THRESH_BINARY)
         codes = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
         ranges = range_map[step // 2::step, step // 2::step][:size[1], :size[0]]
         if view.valid is not None:
@@ -136,7 +136,7 @@ class GroundView:
         inset = 0.5 * (full / size - 1.0) / (full - 1.0) * (tangents[1] - tangents[0])
         return cls(
             linear_table(view.transfer, pixels.dtype)[codes].astype(np.float16),
-            cv2.resize(255 * clipped, size, interpolation=cv2.INTER_AREA) > 0,
+            cv2.resize(clipped, size, interpolation=cv2.INTER_AREA).any(axis=2),
             ranges.astype(np.float16), tangents[0] + inset, tangents[1] - inset)
 
     def rays(self) -> Array:
