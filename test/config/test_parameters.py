@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import array
 from dataclasses import dataclass
 from typing import Any
 
@@ -62,6 +63,11 @@ def test_build_takes_what_is_given_and_keeps_the_rest() -> None:
 def test_what_does_not_fit_is_refused_by_name(name: str, value: Any) -> None:
     with pytest.raises(InputError, match=f"parameter {name} is "):
         build(Outer, {name: value})
+
+
+def test_numbers_of_rclpy_are_shown_as_a_list() -> None:
+    with pytest.raises(InputError, match=r"parameter white is \[1\.0, 2\.0\]: give 3 numbers"):
+        build(Outer, {"white": array.array("d", [1.0, 2.0])})
 
 
 @pytest.mark.parametrize(

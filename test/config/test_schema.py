@@ -53,6 +53,20 @@ def test_the_shipped_file_holds_no_name_twice() -> None:
     assert repeated_keys(node) == []
 
 
+@pytest.mark.parametrize(("values", "says"), [
+    ({"camera.vignetting": [-10.0, 0.0, 0.0]}, "camera.vignetting .* no light"),
+    ({"camera.vignetting": [0.0, -8.0, 8.0]}, "camera.vignetting .* no light"),
+    ({"survey.min_frames": 241}, "survey.min_frames is 241 and survey.max_frames 240"),
+])
+def test_parameters_that_cannot_work_together_are_refused(
+    values: dict[str, Any], says: str
+) -> None:
+    with pytest.raises(InputError, match=says):
+        PipelineConfig.from_parameters(values)
+    # What a dark corner needs is allowed.
+    PipelineConfig.from_parameters({"camera.vignetting": [-0.9, 0.0, 0.0]})
+
+
 def repeated_keys(node: yaml.Node) -> list[str]:
     if not isinstance(node, yaml.MappingNode):
         return []

@@ -93,7 +93,9 @@ class ParameterInfo:
             if not isinstance(numbers, tuple) or not self._fits(len(numbers)):
                 wanted = f"{len(self.default)} number{'s' if len(self.default) > 1 else ''}"
                 wanted += " for each, one after the other" if self.repeats else ""
-                raise InputError(f"parameter {self.name} is {value!r}: give {wanted}")
+                # Of rclpy numbers come as an array with a type.
+                shown = list(numbers) if isinstance(numbers, tuple) else value
+                raise InputError(f"parameter {self.name} is {shown!r}: give {wanted}")
             return numbers
         if type(value) is not self.type:
             raise InputError(

@@ -79,6 +79,16 @@ class CameraConfig:
         "", "The right camera's flat field; empty for the same as the left one's.",
     )
 
+    def __post_init__(self) -> None:
+        a, b, c = self.vignetting
+        least = min(1.0 + s * (a + s * (b + s * c)) for s in (i / 64 for i in range(65)))
+        if least <= 0.0:
+            raise InputError(
+                f"parameter camera.vignetting is {list(self.vignetting)}, which leaves no light "
+                "somewhere in the image: give a, b and c of 1 + a r^2 + b r^4 + c r^6, above 0 for "
+                "all r from 0 to 1"
+            )
+
 
 @dataclass(frozen=True)
 class StereoConfig:

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from uw_visibility.config.parameters import parameter
+from uw_visibility.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -121,3 +122,10 @@ class SurveyConfig:
     max_frames: int = parameter(
         240, "Frames that are kept; of more, evenly spaced ones.", minimum=16, maximum=10000,
     )
+
+    def __post_init__(self) -> None:
+        if self.min_frames > self.max_frames:
+            raise InputError(
+                f"parameter survey.min_frames is {self.min_frames} and survey.max_frames "
+                f"{self.max_frames}: keep at least as many frames as are needed"
+            )
