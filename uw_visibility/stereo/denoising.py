@@ -29,6 +29,8 @@ _SCALE, _POWER = 0.25, 0.7
 # Scales that are computed, px; between them the image is interpolated.
 _FIRST, _RATIO, _LEVELS = 0.6, math.sqrt(2.0), 6
 LARGEST = _FIRST * _RATIO ** (_LEVELS - 1)
+# Standard deviations that a Gaussian reaches to.
+_DEVIATIONS = 4.0
 # Entries of the table of scales over gain.
 _TABLE = 1024
 
@@ -83,35 +85,54 @@ class NoiseAdaptiveSmoother:
         self.smoothed = restored > LEAST_NOISE
         if not self.smoothed:
             return restored
-        low, high = float(gain.min()), float(gain.max())
+        # Of each row.
+        largest = gain.max(axis=1)
+        low, high = float(gain.min()), float(largest.max())
         if high <= low * (1.0 + 1e-6):
             cv2.GaussianBlur(grey, (0, 0), _scale_of(restored), dst=grey)
             return restored
         gains = np.linspace(low, high, _TABLE)
-        position = _position_of(np.asarray(_scale_of(noise * gains)))
-        first, last = int(position.min()), math.ceil(float(position.max()))
-        levels = self._blurred(grey, first, last)
+        position = _position_of(np.asarray(_scale_of(noise * gains))).astype(np.float32)
+        per_gain = np.float32((_TABLE - 1) / (high - low))
+        coarsest = position[((largest - np.float32(low)) * per_gain + np.float32(0.5)).astype(int)]
+        scales = self._blurred(
+            grey, int(position.min()), np.minimum(coarsest.astype(int) + 1, _LEVELS))
         workers.rows(
-            _interpolate, grey.shape[0], levels, gain, np.float32(low),
-            np.float32((_TABLE - 1) / (high - low)), position.astype(np.float32), grey,
-        )
+            _interpolate, grey.shape[0], scales, gain, np.float32(low), per_gain, position, grey)
         return restored
 
-    def _blurred(self, grey: NDArray[np.uint16], first: int, last: int) -> NDArray[np.float32]:
-        """The image at the scales from one position to another, each made from the one before.
+    def _blurred(
+        self, grey: NDArray[np.uint16], finest: int, coarsest: NDArray[np.intp]
+    ) -> NDArray[np.float32]:
+        """The image at the scales from the finest to the coarsest that each row needs.
 
-        In floating point, which OpenCV blurs in half the time of 16-bit numbers.
+        Each is made from the one before, in floating point, which OpenCV blurs in half the
+        time of 16-bit numbers, and where it is needed alone: the far part of a scene, which
+        needs the coarse ones, is seldom seen in all rows.
         """
         if self._scales is None:
             self._scales = np.empty((_LEVELS + 1, *self._shape), np.float32)
         scales = self._scales
         scales[0] = grey
-        source, done = scales[0], 0.0
-        for level in range(max(first, 1), last + 1):
-            sigma = _FIRST * _RATIO ** (level - 1)
-            cv2.GaussianBlur(source, (0, 0), math.sqrt(sigma**2 - done**2), dst=scales[level])
-            source, done = scales[level], sigma
+        steps = []
+        start, stop = len(grey), 0
+        # From the coarsest on: rows that are read to make a scale, by the next one's.
+        for level in range(int(coarsest.max()), max(finest, 1) - 1, -1):
+            before = level - 1 if level > max(finest, 1) else 0
+            sigma = math.sqrt(_sigma(level) ** 2 - _sigma(before) ** 2)
+            reach = math.ceil(_DEVIATIONS * sigma) + 1
+            needing = np.flatnonzero(coarsest >= level)
+            start = max(min(start, int(needing[0])) - reach, 0)
+            stop = min(max(stop, int(needing[-1]) + 1) + reach, len(grey))
+            steps.append((before, level, sigma, slice(start, stop)))
+        for before, level, sigma, rows in reversed(steps):
+            cv2.GaussianBlur(scales[before, rows], (0, 0), sigma, dst=scales[level, rows])
         return scales
+
+
+def _sigma(level: int) -> float:
+    """Standard deviation of the Gaussian of a scale, px; scale 0 is the image as it is."""
+    return _FIRST * _RATIO ** (level - 1) if level > 0 else 0.0
 
 
 def noise_gradient(noise: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -64,7 +64,7 @@ def foreground_mask(
     codes = cv2.resize(
         image[:rows * _CELL, :columns * _CELL], (columns, rows), interpolation=cv2.INTER_AREA
     )
-    cells = linear_table(transfer, image.dtype)[codes]
+    irradiance = linear_table(transfer, image.dtype)
     at = points[:, [1, 0]].astype(np.int64) // _CELL
     inside = (at[:, 0] < rows) & (at[:, 1] < columns)
     at, disparity = at[inside], points[inside, 2]
@@ -77,14 +77,16 @@ def foreground_mask(
     scene = (matched > 0) & (_distance(void) > _OUTLINE * width)
     if np.count_nonzero(scene) < _LEAST_AREA * void.size:
         return None
-    low, high = np.quantile(cells[scene], (_OUTSIDE, 1.0 - _OUTSIDE), axis=0)
+    low, high = np.quantile(irradiance[codes[scene]], (_OUTSIDE, 1.0 - _OUTSIDE), axis=0)
     far = disparity <= np.quantile(disparity, _FAR)
-    red = np.median(_red(cells[at[far, 0], at[far, 1]]))
+    red = np.median(_red(irradiance[codes[at[far, 0], at[far, 1]]]))
     least = _BEYOND_LEAST * high.max()
-    darker = (cells < (1.0 - _BEYOND) * low - least).any(axis=2)
-    brighter = (cells > (1.0 + _BEYOND) * high + least).any(axis=2)
-    brighter &= _red(cells) > red + _REDDER
-    found = void & (darker | brighter)
+    unmatched = irradiance[codes[void]]
+    darker = (unmatched < (1.0 - _BEYOND) * low - least).any(axis=1)
+    brighter = (unmatched > (1.0 + _BEYOND) * high + least).any(axis=1)
+    brighter &= _red(unmatched) > red + _REDDER
+    found = void.copy()
+    found[void] = darker | brighter
     if np.count_nonzero(found) < _LEAST_AREA * found.size:
         return None
     reached = (_distance(found) <= _OUTLINE * width).astype(np.uint8)
