@@ -88,13 +88,14 @@ def restoration_water(
         return RestorationWater(attenuation, veil, light)
     farthest = _MOST_THICKNESS / max(float(attenuation.max()), 1e-9)
     codes, distance = _samples(image, range_map, measured, farthest)
-    if len(codes) < _FEWEST:
+    if len(distance) < _FEWEST:
         return RestorationWater(attenuation, veil, light)
     irradiance = linear_table(transfer, image.dtype)[codes].astype(np.float64)
-    gain = contrast_gain(attenuation, distance[:, np.newaxis])
-    radiance = radiance_of(irradiance, gain, veil, light)
+    gain = contrast_gain(attenuation[:, np.newaxis], distance)
+    radiance = radiance_of(irradiance, gain, veil[:, np.newaxis], light[:, np.newaxis])
     factor, balanced = _white(irradiance, radiance)
-    exposure = np.quantile((radiance / factor).mean(axis=1), 1.0 - _OVEREXPOSED)
+    exposure = np.quantile(
+        (radiance / factor[:, np.newaxis]).mean(axis=0), 1.0 - _OVEREXPOSED)
     return RestorationWater(attenuation, veil, light * factor * max(exposure, 1.0), balanced)
 
 
@@ -102,15 +103,15 @@ def _white(
     irradiance: NDArray[np.float64], radiance: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float]:
     """Factor of each channel's light by which the camera's white stays, and how sure it is one."""
-    channels = irradiance.shape[1]
+    channels = len(irradiance)
     unchanged = np.ones(channels), 0.0
-    brightness = irradiance.sum(axis=1)
+    brightness = irradiance.sum(axis=0)
     bright = brightness >= np.quantile(brightness, 1.0 - _BRIGHTEST)
-    shown = np.median(irradiance[bright], axis=0)
+    shown = np.median(irradiance[:, bright], axis=1)
     saturation = 1.0 - shown.min() / max(shown.max(), 1e-6)
     certain, not_at_all = _NEUTRAL
     weight = float(np.clip((not_at_all - saturation) / (not_at_all - certain), 0.0, 1.0))
-    restored = np.median(radiance[bright], axis=0)
+    restored = np.median(radiance[:, bright], axis=1)
     if channels == 1 or weight == 0.0 or restored.min() <= 0.0:
         return unchanged
     factor = (restored / restored.mean()) / (shown / shown.mean())
@@ -123,10 +124,10 @@ def _samples(
     measured: NDArray[np.bool_],
     farthest: float,
 ) -> tuple[NDArray[Any], NDArray[np.float64]]:
-    """Pixel values, (N, C), and ranges, (N,), of unsaturated pixels up to the farthest range."""
+    """Pixel values, (C, N), and ranges, (N,), of unsaturated pixels up to the farthest range."""
     stride = max(1, int(np.sqrt(range_map.size / _SAMPLES)))
     distance = range_map[::stride, ::stride].ravel()
-    codes = image[::stride, ::stride].reshape(distance.size, -1)
+    codes = np.ascontiguousarray(image[::stride, ::stride].reshape(distance.size, -1).T)
     usable = measured[::stride, ::stride].ravel() & (distance > 0) & (distance < farthest)
-    usable &= (codes < np.iinfo(image.dtype).max).all(axis=1)
-    return codes[usable], distance[usable].astype(np.float64)
+    usable &= (codes < np.iinfo(image.dtype).max).all(axis=0)
+    return codes[:, usable], distance[usable].astype(np.float64)

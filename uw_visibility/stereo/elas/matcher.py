@@ -231,9 +231,11 @@ class Matcher:
         if self._left is None:
             return np.zeros((-(-self._shape[0] // CELL), -(-self._shape[1] // CELL)))
         cells = SCALE * self._left.noise_gradient(CELL)
-        # A cell at the border may end before its middle.
-        missing = [(0, -(-n // CELL) - m) for n, m in zip(self._shape, cells.shape, strict=True)]
-        return np.pad(cells, missing, mode="edge")
+        # A cell at the border may end before its middle: it is as the one before.
+        rows, columns = (
+            np.minimum(np.arange(-(-n // CELL)), m - 1)
+            for n, m in zip(self._shape, cells.shape, strict=True))
+        return cells[np.ix_(rows, columns)]
 
     def _settings(self) -> StereoConfig:
         """Settings for the noise of the described pair."""

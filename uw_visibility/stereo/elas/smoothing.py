@@ -48,19 +48,29 @@ class AdaptiveMean:
 
 
 @njit(nogil=True, error_model="numpy")
-def _add(
-    first: int, last: int, shift: int, here: Any, there: Any, difference: Any, weights: Any,
-    sums: Any,
+def _add_both(
+    first: int, last: int, shift: int, here: Any, before: Any, after: Any, difference: Any,
+    weights: Any, sums: Any,
 ) -> None:
-    """Add one neighbour of each pixel of a row; what is NaN adds nothing."""
+    """Add the neighbours on both sides of each pixel of a row; what is NaN adds nothing."""
     for x in range(first, last):
         # Unsigned, since numba looks whether other indices are below zero.
-        at, other = np.uint64(x), np.uint64(x + shift)
-        step = there[other] - here[at]
-        weight = difference - abs(step)
-        weight = weight if weight > 0 else np.float32(0)
-        weights[at] += weight
-        sums[at] += weight * step if weight > 0 else np.float32(0)
+        at = np.uint64(x)
+        d = here[at]
+        step = before[np.uint64(x - shift)] - d
+        weight = _weight(step, difference)
+        total = weights[at] + weight
+        weighted = sums[at] + (weight * step if weight > 0 else np.float32(0))
+        step = after[np.uint64(x + shift)] - d
+        weight = _weight(step, difference)
+        weights[at] = total + weight
+        sums[at] = weighted + (weight * step if weight > 0 else np.float32(0))
+
+
+@njit(nogil=True, error_model="numpy")
+def _weight(step: Any, difference: Any) -> Any:
+    weight = difference - abs(step)
+    return weight if weight > 0 else np.float32(0)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -76,8 +86,7 @@ def _along_rows(
         row = source[y]
         # At the image's border neighbours of one side would draw a slope's mean to it.
         for k in range(1, min(radius, (width - 1) // 2) + 1):
-            _add(k, width - k, -k, row, row, difference, weights, sums)
-            _add(k, width - k, k, row, row, difference, weights, sums)
+            _add_both(k, width - k, k, row, row, row, difference, weights, sums)
         # The pixel itself adds to the weights only.
         for x in range(width):
             target[y, x] = row[x] + sums[x] / (weights[x] + difference)
@@ -95,7 +104,6 @@ def _along_columns(
         sums[:] = 0
         row = source[y]
         for k in range(1, min(radius, y, height - 1 - y) + 1):
-            _add(0, width, 0, row, source[y - k], difference, weights, sums)
-            _add(0, width, 0, row, source[y + k], difference, weights, sums)
+            _add_both(0, width, 0, row, source[y - k], source[y + k], difference, weights, sums)
         for x in range(width):
             target[y, x] = row[x] + sums[x] / (weights[x] + difference)
