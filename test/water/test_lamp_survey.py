@@ -22,6 +22,7 @@ from uw_visibility.images.view import View
 from uw_visibility.status import Status
 from uw_visibility.water.filter import WaterFilter
 from uw_visibility.water.lamp_estimation import LampEstimator
+from uw_visibility.water.lamp_track_fit import TrackFit
 from uw_visibility.water.tracking import TrackingEvent
 
 
@@ -71,3 +72,19 @@ def test_points_that_frames_track_tell_attenuation_surer_than_contrast() -> None
     assert (np.abs(error) < 0.06).all(), error
     by_contrast = without.survey.water.attenuation_stddev if without.survey else np.inf
     assert (with_tracks.water.attenuation_stddev < 0.6 * by_contrast).all()
+
+
+def test_tracks_that_contradict_contrast_do_not_count() -> None:
+    config = PipelineConfig.from_parameters(parameters())
+    reader = LampEstimator(config.water, config.lighting, CLEAR_WATER, RIG.rays_at)
+    shown = render(0.2, seed=3, lamps=LAMPS)
+    lamps = reader.estimate_view(View.of(shown.image), shown.range).lamps
+    assert lamps is not None and lamps.cells is not None
+    alone = reader.estimate_cells(lamps.cells)
+    near = TrackFit(1.05 * alone.attenuation, 0.01**2 * np.eye(3), 500)
+    joined = reader.estimate_cells(lamps.cells, tracks=near)
+    assert (joined.attenuation > 1.01 * alone.attenuation).all()
+    assert (joined.attenuation_stddev < alone.attenuation_stddev).all()
+    far = replace(near, attenuation=2.0 * alone.attenuation)
+    refuted = reader.estimate_cells(lamps.cells, tracks=far)
+    np.testing.assert_array_equal(refuted.attenuation, alone.attenuation)

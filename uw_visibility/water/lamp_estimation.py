@@ -51,6 +51,9 @@ Rays = Callable[[Array, Array], Array]
 
 # What no image can tell, as a part of β: the scale of range, the transfer, a beam's form.
 MODEL_ERROR = 0.07
+# Square of the distance of tracks from contrast, in standard deviations of the three channels,
+# beyond which they are not those of one scene: 0.3 % by chance.
+CONTRADICTION = 14.0
 # Deviation of β, 1/m, of a channel that is not seen.
 UNSEEN = 10.0
 
@@ -290,12 +293,18 @@ class LampEstimator(CellEstimator):
 
 
 def _joined(fit: ContrastFit, tracks: TrackFit) -> ContrastFit:
-    """Attenuation from contrast and from tracks, weighted by their covariances."""
+    """Attenuation from contrast and from tracks, weighted by their covariances.
+
+    Of contrast alone where tracks contradict it.
+    """
     seen = np.isfinite(fit.attenuation)
     covariance = np.where(np.outer(seen, seen), np.nan_to_num(fit.covariance), 0.0)
     covariance += np.diag(np.where(seen, 0.0, UNSEEN**2))
     away = tracks.attenuation - np.where(seen, fit.attenuation, 0.0)
-    gain = covariance @ np.linalg.inv(covariance + tracks.covariance)
+    weight = np.linalg.inv(covariance + tracks.covariance)
+    if away @ weight @ away > CONTRADICTION:
+        return fit
+    gain = covariance @ weight
     found = np.where(seen, fit.attenuation, 0.0) + gain @ away
     return replace(
         fit, attenuation=np.where(seen, found, np.nan), covariance=covariance - gain @ covariance)

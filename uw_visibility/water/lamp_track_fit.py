@@ -35,8 +35,9 @@ MOST_SIGHTINGS, FEWEST_SIGHTINGS, LEAST_FRAMES = 3000, 150, 3
 USUAL_EXPONENT, EXPONENT, SCATTERING, REFLECTANCE, ALBEDO = 0.8, 0.4, 0.7, 0.35, 0.7
 # Median and deviation of the logarithm of attenuation, 1/m.
 USUAL_ATTENUATION, ATTENUATION = math.log(0.3), 1.0
-# Part of the light that is the ground's own at least.
-OWN_PART = 0.2
+# Part of the light that is the ground's own at least, and that of sightings that count:
+# what shines by the water alone tells nothing of the ground behind it.
+OWN_PART, CLEAR_PART = 0.2, 0.5
 # Steps of the integral along the line of sight.
 STEPS = 10
 # Scatter of ln E at the start, the least that is taken for it, and the largest of an estimate:
@@ -95,8 +96,10 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
     p = _start()
     scatter = SCATTER
     for _ in range(ITERATIONS):
-        residual, jacobian = light.residuals(p)
-        scatter = max(1.4826 * float(np.median(np.abs(residual))), LEAST_SCATTER)
+        residual, jacobian, clear = light.residuals(p)
+        if clear.sum() < 3 * FEWEST_SIGHTINGS:
+            return None
+        scatter = max(1.4826 * float(np.median(np.abs(residual[clear]))), LEAST_SCATTER)
         weight = 1.0 / np.sqrt(1.0 + (residual / scatter) ** 2) / (scatter * TOGETHER) ** 2
         curvature = np.einsum("nci,nc,ncj->ij", jacobian, weight, jacobian, optimize=True)
         slope = -np.einsum("nci,nc,nc->i", jacobian, weight, residual, optimize=True)
@@ -115,7 +118,8 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
     covariance = bread @ (summed.T @ summed + np.diag(_PRIOR)) @ bread
     for moved in displaced(lamps, lighting.position_stddev, lighting.direction_stddev):
         change = light.less_means(np.log(
-            _Light(pooled.sightings, moved, steps=1).direct(p)[0] / light.direct(p)[0]))
+            _Light(pooled.sightings, moved, steps=1).direct(p)[0]
+            / light.direct(p)[0])[..., np.newaxis], clear)[..., 0]
         shift = bread @ np.einsum("nci,nc,nc->i", jacobian, weight, change, optimize=True)
         covariance += np.outer(shift, shift)
     beta = np.exp(p[_BETA])
@@ -138,7 +142,7 @@ class _Light:
 
     def __init__(self, cells: Sightings, lamps: Sequence[Lamp], steps: int = STEPS) -> None:
         self._cells = cells
-        self._count = np.bincount(cells.track)
+        self._tracks = int(cells.track.max()) + 1
         nodes, weights = np.polynomial.legendre.leggauss(steps)
         distance = cells.range[:, np.newaxis]
         along = 0.5 * (nodes + 1) * distance
@@ -176,16 +180,20 @@ class _Light:
                 path[:, c] += np.einsum("ns,ns->n", part, way)
         return total, path / np.maximum(total, 1e-30)
 
-    def residuals(self, p: Array) -> tuple[Array, Array]:
-        """ln (E − s S) − ln D less its mean over each track, (N, 3), and Jacobian, (N, 3, 7)."""
+    def residuals(self, p: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """ln (E − s S) − ln D less its mean over each track, Jacobian, and what is clear.
+
+        (N, 3), (N, 3, 7) and (N, 3).
+        """
         light, beta = self._cells.light, np.exp(p[_BETA])
         direct, path, cosine = self.direct(p)
         scattered, path_scattered = self._scattered(p)
         power = np.exp(np.log(light / direct).mean(axis=0)) / REFLECTANCE
         # White shines with 1/π of its irradiance into each direction.
         added = math.pi * ALBEDO * np.exp(p[_SCATTERING]) * beta * power * scattered
-        own = np.maximum(light - added, OWN_PART * light)
-        share = np.where(own > OWN_PART * light, added / own, 0.0)
+        clear = light - added > CLEAR_PART * light
+        own = np.where(clear, light - added, light)
+        share = np.where(clear, added / own, 0.0)
         jacobian = np.zeros((*light.shape, 7))
         jacobian[..., 0] = -cosine + share * cosine.mean(axis=0)
         # Power follows attenuation, for what is seen stays as it is.
@@ -193,17 +201,26 @@ class _Light:
         for c in range(3):
             jacobian[:, c, 1 + c] = by_beta[:, c] * beta[c]
             jacobian[:, c, 4 + c] = -share[:, c]
-        residual = self.less_means(np.log(own / direct))
-        flat = self.less_means(jacobian.reshape(len(light), -1))
-        return residual, flat.reshape(jacobian.shape)
+        residual = self.less_means(np.log(own / direct)[..., np.newaxis], clear)[..., 0]
+        return residual, self.less_means(jacobian, clear), clear
 
-    def less_means(self, values: Array) -> Array:
-        """Values less their mean over each track, as wide as if that were known."""
-        track, count = self._cells.track, self._count
-        means = np.stack([np.bincount(track, each) for each in values.T], axis=1)
-        away = values - (means / count[:, np.newaxis])[track]
-        # A track of n frames has n − 1 ratios.
-        return np.asarray(away * np.sqrt(count / np.maximum(count - 1, 1))[track][:, np.newaxis])
+    def less_means(self, values: Array, clear: NDArray[np.bool_]) -> Array:
+        """Values (N, 3, K) less their mean over each track, as wide as if that were known.
+
+        0 where a sighting is not clear, or the only one of its track.
+        """
+        out = np.zeros_like(values)
+        for c in range(3):
+            seen = clear[:, c]
+            track, some = self._cells.track[seen], values[seen, c]
+            count = np.bincount(track, minlength=self._tracks)
+            summed = np.stack([
+                np.bincount(track, each, self._tracks) for each in some.T], axis=1)
+            means = summed / np.maximum(count, 1)[:, np.newaxis]
+            # A track of n frames has n − 1 ratios.
+            wide = np.sqrt(count / np.maximum(count - 1, 1)) * (count > 1)
+            out[seen, c] = (some - means[track]) * wide[track][:, np.newaxis]
+        return out
 
 
 def _shine(
