@@ -311,12 +311,14 @@ def test_frames_of_a_ramp_are_no_outliers_though_their_errors_are_alike(downward
     """The small difference of the channels leaves the gate long before β does."""
     alphas = 0.05 + 0.25 * (0.5 - 0.5 * np.cos(np.pi * np.minimum(np.arange(20) / 15, 1.0)))
     alphas = alphas[::-1] if downwards else alphas
-    errors = []
+    errors, behind = [], []
     for seed in range(10):
         rng = np.random.default_rng(seed)
         tracker, common = WaterTracker(), 0.25 * (seed - 4.5)
         for k, a in enumerate(alphas):
-            out = tracker.update(alike(rng, KAPPA + a, common), 0.5 * k)
+            frame = alike(rng, KAPPA + a, common)
+            out = tracker.update(frame, 0.5 * k)
+            behind.append((out.attenuation - frame.attenuation) / frame.attenuation_stddev)
             errors.append((out.attenuation - KAPPA - a) / out.attenuation_stddev)
         assert tracker.rejected == 0
         before = tracker.estimate.attenuation
@@ -324,6 +326,7 @@ def test_frames_of_a_ramp_are_no_outliers_though_their_errors_are_alike(downward
         assert tracker.event is TrackingEvent.OUTLIER
         np.testing.assert_allclose(tracker.estimate.attenuation, before)
     assert np.mean(np.abs(errors) < 2.0) > 0.93
+    assert np.sqrt(np.mean(np.square(behind))) < 0.1
 
 
 def test_a_ramp_of_depth_alone_is_followed():
@@ -402,7 +405,9 @@ def test_whatever_the_water_does_the_filter_stays_with_the_frames(
                 assert apart @ np.linalg.solve(spread, apart) < 22.5
 
 
-@settings(max_examples=40, deadline=None)
+# Always the same draws: the gate is one of chance, and one of a thousand transects like these
+# has a frame that is itself beyond four standard deviations, or snow that is just within.
+@settings(max_examples=40, deadline=None, derandomize=True)
 @given(seed=SEEDS, size=st.floats(0.3, 2.0), slope=st.floats(-0.002, 0.002))
 def test_snow_is_left_out_of_water_that_changes_slowly(seed, size, slope):
     rng = np.random.default_rng(seed)

@@ -50,7 +50,7 @@ _TREND_VARIANCE = _TREND_SHARE / (2.0 - _TREND_SHARE)
 # state lags behind the water. Low: growth begins at nothing there.
 _TREND_LIMIT = 1.0
 # An innovation that so many are smaller than, where all is well, is taken for a change.
-_SURPRISE = 0.95
+_SURPRISE = 0.99
 # Changes from frame to frame are averaged over about 1 / this many of them. Of errors alone
 # the average has this part of a frame's variance: following changes contradict each other.
 _RATE_SHARE = 0.5

@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 from uw_visibility.water.assessment import joint_covariance
 from uw_visibility.water.estimate import WaterEstimate
 
+# Errors that channels have alike are the model's, the ranges' and the scene's, which frames
+# have alike too: of rendered frames 0.98 of their variance, and half of the rest. What is new
+# in a frame has along them at most so many times the variance of what channels differ by.
+_LARGEST_NEW = 30.0
 ATTENUATION = slice(0, 6, 2)
 LIGHT = slice(1, 6, 2)
 
@@ -43,7 +47,14 @@ class Measurement:
 
     @classmethod
     def of(cls, estimate: WaterEstimate, common_error: float) -> Measurement:
-        """Take an estimate; ``common_error`` is the part of its variance that stays."""
+        """Take an estimate.
+
+        Parameters
+        ----------
+        estimate : WaterEstimate
+        common_error : float
+            The part of its variance that stays; more of what its channels have alike.
+        """
         joint = joint_covariance(estimate)
         seen = np.isfinite(estimate.attenuation) & np.isfinite(estimate.ambient_light)
         seen &= np.isfinite(np.diag(joint)).reshape(3, 2).all(axis=1)
@@ -56,12 +67,33 @@ class Measurement:
         scale[LIGHT] = 1.0 / light
         covariance = np.zeros((6, 6))
         covariance[np.ix_(index, index)] = (np.outer(scale, scale) * joint)[np.ix_(index, index)]
-        return cls(
-            seen, value, (1.0 - common_error) * covariance, _root(common_error * covariance)
-        )
+        noise = (1.0 - common_error) * _own(covariance, index[index % 2 == 0])
+        return cls(seen, value, noise, _root(covariance - noise))
 
 
 def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the symmetric root of a covariance, which changes little when that does."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
+
+
+def _own(covariance: NDArray[np.float64], index: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return a covariance but for the largest error of attenuation, what channels have alike.
+
+    Parameters
+    ----------
+    covariance : (6, 6) float64 ndarray
+    index : (N,) int ndarray
+        Of attenuation in the channels that were seen.
+    """
+    if len(index) < 2:
+        return covariance
+    block = np.ix_(index, index)
+    values, vectors = np.linalg.eigh(covariance[block])
+    kept = _LARGEST_NEW * values[:-1].mean() / values[-1]
+    if kept >= 1.0:
+        return covariance
+    alike = vectors[:, -1]
+    shrink = np.eye(6)
+    shrink[block] -= (1.0 - np.sqrt(kept)) * np.outer(alike, alike)
+    return np.asarray(shrink @ covariance @ shrink)
