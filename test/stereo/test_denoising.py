@@ -46,6 +46,25 @@ def test_an_even_gain_smooths_by_one_gaussian(restored: float) -> None:
     np.testing.assert_allclose(grey.astype(int), expected, atol=1)
 
 
+@pytest.mark.parametrize("restored", [2.0, 8.0, 200.0])
+def test_what_memory_held_before_does_not_show(
+    restored: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Noise beyond the largest scale is smoothed by that one alone."""
+
+    def not_numbers(shape: tuple[int, ...], dtype: type = float) -> np.ndarray:
+        return np.full(shape, np.nan, dtype)
+
+    grey = noise_image()
+    gain = gain_of(restored) * np.linspace(1.0, 1.1, SHAPE[1], dtype=np.float32)
+    scale = min(0.25 * (1.05 * restored) ** 0.7, LARGEST)
+    expected = cv2.GaussianBlur(grey, (0, 0), scale)
+    smoother = NoiseAdaptiveSmoother(SHAPE)
+    monkeypatch.setattr(np, "empty", not_numbers)
+    smoother.smooth(grey, gain, 600.0, Workers(1))
+    assert abs(grey.astype(int) - expected).max() < 0.5 * np.std(noise_image())
+
+
 def test_each_pixel_is_smoothed_as_its_own_noise_asks_for() -> None:
     grey = noise_image(1)
     gain = gain_of(1.5)

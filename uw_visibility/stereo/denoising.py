@@ -95,8 +95,9 @@ class NoiseAdaptiveSmoother:
         position = _position_of(np.asarray(_scale_of(noise * gains))).astype(np.float32)
         per_gain = np.float32((_TABLE - 1) / (high - low))
         coarsest = position[((largest - np.float32(low)) * per_gain + np.float32(0.5)).astype(int)]
-        scales = self._blurred(
-            grey, int(position.min()), np.minimum(coarsest.astype(int) + 1, _LEVELS))
+        # Two neighbouring scales at least, also where all is beyond the coarsest one.
+        finest = min(int(position.min()), _LEVELS - 1)
+        scales = self._blurred(grey, finest, np.minimum(coarsest.astype(int) + 1, _LEVELS))
         workers.rows(
             _interpolate, grey.shape[0], scales, gain, np.float32(low), per_gain, position, grey)
         return restored
