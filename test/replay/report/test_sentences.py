@@ -143,6 +143,21 @@ def test_the_filter_and_surveys_are_told() -> None:
     assert sentences[-1].startswith("Filtered water of 2 frames is that of a survey: up to 30")
 
 
+def test_frames_that_the_filter_rejected_are_not_called_alike() -> None:
+    frames = [seen(k, 39.0, 9.0, filtered=39.0) for k in range(3)]
+    passing = [
+        seen(3 + k, d, filtered=math.nan, event=TrackingEvent.OUTLIER)
+        for k, d in enumerate((15.4, 8.3))
+    ]
+    sentences, _ = told(*frames, *passing)
+    assert "what differs between frames that the filter took is within" in sentences[1]
+    assert sentences[1].endswith(
+        "Frames that the filter rejected show from 8.30 to 15.4 m by themselves.")
+    sentences, _ = told(*frames)
+    assert "what differs between frames is within" in sentences[1]
+    assert "rejected show" not in sentences[1]
+
+
 def test_the_definition_is_that_of_the_code() -> None:
     for contrast in (0.02, 0.05, 0.1):
         found = re.search(r"= ([\d.]+)/β", definition(contrast))
@@ -153,7 +168,11 @@ def test_the_definition_is_that_of_the_code() -> None:
 
 
 def test_the_synopsis_comes_back_from_its_state() -> None:
-    for frames in ([seen(0, 4.0), seen(1, 8.0)], [seen(0, math.nan, status=Status.TOO_DARK)], []):
+    outlier = seen(2, 2.0, filtered=6.0, event=TrackingEvent.OUTLIER)
+    for frames in (
+        [seen(0, 4.0), seen(1, 8.0)], [seen(0, math.nan, status=Status.TOO_DARK)], [],
+        [seen(1, 6.0, filtered=6.0), outlier],
+    ):
         sentences, summary = told(*frames)
         state = summary.state(Origin("bag", "of its files", "1.0", {}))
         again = Summary.of_finished("bag", "out", state)

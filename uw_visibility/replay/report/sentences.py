@@ -122,17 +122,23 @@ def _distance(synopsis: Synopsis) -> Sentence:
     assert low is not None and high is not None
     how = f"{synopsis.factor:.3g}/β of {_channels(synopsis)}"
     how += ", filtered over frames" if synopsis.filtered else ""
+    apart, others = "", ""
+    if synopsis.filtered and synopsis.rejected_distances:
+        least, most = map(number, synopsis.rejected_distances)
+        shown = f"{least} m" if least == most else f"from {least} to {most} m"
+        apart = f" Frames that the filter rejected show {shown} by themselves."
+        others = "that the filter took "
     if not synopsis.differs:
         spread = synopsis.relative_stddev * synopsis.median
         return [
             f"It was {_value(synopsis.median, spread)} throughout ({how}): what differs between "
-            f"frames is within the standard deviations. Lowest, {number(low.value)} m, in ",
-            Frames(f"frame {low.frame}", low.frame), ".",
+            f"frames {others}is within the standard deviations. Lowest, {number(low.value)} m, in ",
+            Frames(f"frame {low.frame}", low.frame), f".{apart}",
         ]
     return [
         f"It was from {_value(low.value, low.stddev)} to {_value(high.value, high.stddev)}, "
         f"median {number(synopsis.median)} m ({how}); worst in ", *_frames(low), ", best in ",
-        *_frames(high), ".",
+        *_frames(high), f".{apart}",
     ]
 
 

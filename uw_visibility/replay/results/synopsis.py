@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.replay.columns import CHANNELS
 from uw_visibility.replay.records import FrameEstimate, JoinedFrame
+from uw_visibility.water.tracking import TrackingEvent
 
 # Distances that differ by more than this many standard deviations are told apart.
 SIGNIFICANT = 2.0
@@ -74,6 +75,9 @@ class Synopsis:
         Standard deviation over distance in the median frame.
     channels : dict of str to int
         Frames by the channel that decides, the clearest one.
+    rejected_distances : list of float
+        Smallest and largest distance, m, that frames show by themselves which the filter
+        rejected; empty without any.
     """
 
     frames: int
@@ -91,6 +95,7 @@ class Synopsis:
     high: float = math.nan
     relative_stddev: float = math.nan
     channels: dict[str, int] = field(default_factory=dict)
+    rejected_distances: list[float] = field(default_factory=list)
 
     @property
     def factor(self) -> float:
@@ -143,6 +148,7 @@ class Findings:
         self._own, self._filtered = (array("d"), array("d")), (array("d"), array("d"))
         self._channels: Counter[str] = Counter()
         self._ranges = (math.inf, -math.inf)
+        self._rejected: list[float] = []
 
     def count(self, joined: JoinedFrame) -> None:
         """Take the next frame."""
@@ -158,6 +164,9 @@ class Findings:
             of_filter = filtered.visibility.distance, filtered.visibility.distance_stddev
             if filtered.survey is not None and math.isfinite(of_filter[0]):
                 self._extend(filtered.survey.range_min, filtered.survey.range_max)
+            if filtered.event is TrackingEvent.OUTLIER and math.isfinite(own[0]):
+                known = [*self._rejected, own[0]]
+                self._rejected = [min(known), max(known)]
         for columns, pair in ((self._own, own), (self._filtered, of_filter)):
             columns[0].append(pair[0])
             columns[1].append(pair[1])
@@ -176,7 +185,7 @@ class Findings:
             "assessed": int(np.isfinite(own[0]).sum()), "told": int(known.sum()),
             "filtered": of_filter, "contrast": self._contrast,
             "ranges": list(self._ranges) if self._ranges[0] <= self._ranges[1] else [],
-            "channels": dict(self._channels),
+            "channels": dict(self._channels), "rejected_distances": list(self._rejected),
         }
         if not known.any():
             return Synopsis(**counts)
