@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Step 1 of large images: small copies tell as much, in pixels of the images themselves."""
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 import pytest
@@ -105,6 +107,43 @@ def test_disparities_that_are_but_noise_tell_no_water(frame: RenderedFrame) -> N
     result = pipeline().process(frame.left, again)
     assert result.status is Status.RANGE_SPREAD_TOO_SMALL
     assert np.isnan(result.water.attenuation).all()
+
+
+def turned(image: np.ndarray) -> np.ndarray:
+    """As a pair whose cameras stand above one another, or lie on their sides, shows it."""
+    return np.ascontiguousarray(image.transpose(1, 0, 2))
+
+
+def moved(image: np.ndarray) -> np.ndarray:
+    return np.roll(image, 3, axis=0)
+
+
+@pytest.mark.parametrize("change", [turned, moved])
+def test_rows_that_do_not_correspond_tell_no_water(change: Callable[..., np.ndarray]) -> None:
+    camera = StereoCamera(480, 360, 450.0, 0.12)
+    seen = ReefView(camera, water=Water(0.2, 3.0)).frame()
+    left = turned(seen.left) if change is turned else seen.left
+    right = change(seen.right)
+    rig = StereoRig(450.0, 0.12, ((left.shape[1] - 1) / 2, (left.shape[0] - 1) / 2))
+    result = Pipeline(rig).process(left, right)
+    # Chance matches some of them.
+    assert result.stereo.support_points >= 10
+    assert result.status is Status.TOO_FEW_SUPPORT_POINTS
+    assert result.coarse_water.status is Status.TOO_FEW_SUPPORT_POINTS
+    assert np.isnan(result.water.attenuation).all()
+
+
+def test_a_small_thing_in_open_water_is_no_chance(frame: RenderedFrame) -> None:
+    random = np.random.default_rng(0)
+    left, right = (
+        np.clip(np.array([40, 110, 130]) + random.normal(0, 1, frame.left.shape), 0, 255).astype(
+            np.uint8) for _ in range(2))
+    rows, columns, disparity = slice(220, 280), slice(300, 390), 24
+    left[rows, columns] = frame.left[rows, columns]
+    right[rows, columns.start - disparity:columns.stop - disparity] = frame.left[rows, columns]
+    coarse = pipeline().coarse_estimate(left, right)
+    assert 10 <= len(coarse.points) < 400
+    assert not coarse.by_chance
 
 
 @pytest.mark.parametrize("factor", [1, 2, 3])

@@ -164,6 +164,17 @@ def test_blind_pairs_are_refused_with_the_cause_and_the_next_is_processed(pipeli
     assert np.isfinite(pipeline.process(*scene_pair()).disparity).mean() > 0.5
 
 
+@pytest.mark.parametrize("options, says", [
+    ({"valid": np.ones((3, 3), bool)}, "shape .3, 3."),
+    ({"valid": np.ones((120, 160), np.uint8)}, "valid pixels are uint8"),
+    ({"enhance": ["Left"]}, "no image is called 'Left'"),
+])
+def test_options_that_do_not_fit_the_pair_are_named(pipeline, options, says):
+    left, right = warm_up_pair((120, 160), np.dtype(np.uint8))
+    with pytest.raises(InputError, match=says):
+        pipeline.process(left, right, **options)
+
+
 def test_exchanged_images_are_recognised(pipeline):
     left, right = scene_pair()
     with pytest.raises(InputError, match="exchange left and right"):

@@ -191,6 +191,9 @@ def test_a_part_is_replayed(transect: Path, replayed: Path, tmp_path: Path) -> N
     for option, value in (("--every", "0"), ("--start", "-1"), ("--duration", "0"),
                           ("--start", "100")):
         assert run(transect, tmp_path / "none", option, value).code == 2
+    for origin in (("95", "0"), ("nan", "0"), ("0", "400")):
+        options = ("--geo", "/odom", "--origin", *origin)
+        assert run(transect, tmp_path / "none", *options).code == 2
     assert {p.name for p in tmp_path.iterdir()} == {"every", "part"}
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap, Image, Mask, RangeMap
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import check_pair
@@ -128,9 +129,18 @@ class Pipeline:
         Raises
         ------
         InputError
-            If the images do not fit, or show nothing that could be matched.
+            If the images do not fit, or show nothing that could be matched, `valid` is not
+            of their size, or `enhance` names anything else.
         """
         left, right = check_pair(left, right)
+        if valid is not None and (valid.dtype != bool or valid.shape != left.shape[:2]):
+            raise InputError(
+                f"the valid pixels are {valid.dtype} of shape {valid.shape}, the images are "
+                f"{left.shape[1]}x{left.shape[0]} px: give one bool a pixel"
+            )
+        unknown = [side for side in enhance if side not in SIDES]
+        if unknown:
+            raise InputError(f"no image is called {unknown[0]!r}: enhance takes left and right")
         with self._lock:
             clock = StageClock()
             views = self._prepare(left, right, valid, colour, clock)
@@ -289,7 +299,7 @@ class Pipeline:
     ) -> WaterEstimate:
         """Estimate the water again, from the original pixels and the improved range."""
         with clock("visibility estimation 2"):
-            if improved.support_points < FEWEST_SUPPORT_POINTS:
+            if coarse.by_chance or improved.support_points < FEWEST_SUPPORT_POINTS:
                 return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
             water = self._estimator.estimate_view(
                 coarse.view, measured, start=coarse.water,

@@ -99,6 +99,13 @@ class ReplayOptions:
                 f"--join-tolerance is {self.join_tolerance:g}: give seconds above 0, up to "
                 f"{LONGEST_TOLERANCE:g}"
             )
+        if self.origin is not None and not (
+            abs(self.origin[0]) < 90.0 and abs(self.origin[1]) <= 360.0
+        ):
+            raise InputError(
+                f"--origin is {self.origin[0]:g} {self.origin[1]:g}: give latitude and longitude "
+                "in degrees, off the poles"
+            )
         columns = [join.column for join in self.joins]
         twice = [str(join) for join in self.joins if columns.count(join.column) > 1]
         if twice:

@@ -32,6 +32,8 @@ SAME_MINIMUM = 1
 _HUGE = np.int32(1 << 30)
 # Every this many rows of the grid tell the order of the images.
 _ORDER_STRIDE = 8
+# Part of the grid below which its points are few.
+_FEW = 0.1
 # Deviation of a support disparity: this over the curvature of its cost, px.
 _COST_NOISE = np.float32(60.0)
 # A disparity this near to that of an earlier match is the same one, px.
@@ -110,7 +112,8 @@ class SupportGrid:
     ) -> float:
         """Compare how often the pair matches with its images exchanged.
 
-        only every eighth row of the grid is searched.
+        Only every eighth row of the grid is searched, but all where few points match, since
+        a sample of those says little.
 
         Parameters
         ----------
@@ -125,14 +128,16 @@ class SupportGrid:
         """
         settings = self._settings
         height, width = self._shape
-        rows = -(-self._found.shape[0] // _ORDER_STRIDE)
+        few = np.count_nonzero(self._found >= 0) < _FEW * self._found.size
+        stride = 1 if few else _ORDER_STRIDE
+        rows = -(-self._found.shape[0] // stride)
         exchanged = np.empty((2, rows, self._found.shape[1]), np.float32)
         workers.rows(
-            _search, rows, _ORDER_STRIDE, right, left, width, height, settings.step,
+            _search, rows, stride, right, left, width, height, settings.step,
             disparities[0], disparities[1], settings.texture, np.float32(settings.uniqueness),
             *_NO_BOUND, _NOWHERE, exchanged[0], exchanged[1],
         )
-        in_order = np.count_nonzero(self._found[::_ORDER_STRIDE] >= 0)
+        in_order = np.count_nonzero(self._found[::stride] >= 0)
         return float((np.count_nonzero(exchanged[0] >= 0) + 10) / (in_order + 10))
 
     def search(
