@@ -51,7 +51,8 @@ def sightings(
         number = np.flatnonzero(seen)
         normal = np.tile([0.0, 0.0, -1.0], (len(points), 1))
         out.append(Sightings(
-            light, points / distance[:, None], normal, distance, number, number % 16))
+            light, points / distance[:, None], normal, distance, np.zeros(len(number)), number,
+            number % 16))
     return out
 
 
@@ -70,6 +71,33 @@ def test_attenuation_does_not_depend_on_what_the_ground_reflects(exponent: float
         deviation = np.sqrt(np.diag(fit.covariance))
         assert (np.abs(fit.attenuation - BETA) < 2 * deviation).all(), fit.attenuation
         assert (np.abs(fit.attenuation / BETA - 1) < 0.12).all(), fit.attenuation
+
+
+def test_light_of_a_patch_falls_off_to_its_sides() -> None:
+    # One lamp beside the camera: the nearer, the more the middle of a patch outshines its rim.
+    lamp = replace(
+        LIGHTING, positions=(0.1, 0.0, 0.0), directions=(0.0, 0.0, 1.0), beam_angles=(80.0,),
+        colours=(1.0, 1.0, 1.0))
+    seen = []
+    for k in range(20):
+        altitude = 0.6 + 0.1 * k
+        at = np.linspace(-0.16, 0.16, 41)
+        y, x = np.meshgrid(at, at)
+        r = np.sqrt((x - 0.1)**2 + y**2 + altitude**2)
+        path = r + np.sqrt(x**2 + y**2 + altitude**2)
+        theta = np.degrees(np.arccos(altitude / r))
+        lit = np.exp(-math.log(2) * (2 * theta / 80.0) ** 2) / r**2 * (altitude / r)
+        light = np.array([(lit * np.exp(-beta * path)).mean() for beta in BETA])
+        number = np.arange(40)
+        seen.append(Sightings(
+            np.outer(0.02 * (1 + number), light), np.tile([0.0, 0.0, 1.0], (40, 1)),
+            np.tile([0.0, 0.0, -1.0], (40, 1)), np.full(40, altitude),
+            np.full(40, 0.16 / altitude), number, number % 16))
+    whole = fit_tracks(seen, lamp)
+    middle = fit_tracks([replace(each, spread=0.0 * each.spread) for each in seen], lamp)
+    assert whole is not None and middle is not None
+    off, off_middle = (np.abs(fit.attenuation - BETA).mean() for fit in (whole, middle))
+    assert off < 0.6 * off_middle, (off, off_middle)
 
 
 def test_lamps_that_may_be_elsewhere_widen_the_covariance() -> None:
@@ -109,3 +137,5 @@ def test_light_of_a_point_is_that_of_one_patch_of_ground_at_any_range() -> None:
             found.light[0], 0.3 + 0.1 * altitude * 0.7 / focal, atol=1e-5)
         np.testing.assert_allclose(found.range, altitude, rtol=1e-3)
         np.testing.assert_allclose(found.normal, [[0.0, 0.0, -1.0]], atol=1e-3)
+        # The same 0.32 m of it, whatever the altitude.
+        np.testing.assert_allclose(found.spread * altitude, 0.16, rtol=0.1)

@@ -37,6 +37,8 @@ class Sightings:
         Unit vectors: line of sight, and the ground's normal, towards the camera.
     range : (N,) float64 ndarray
         m.
+    spread : (N,) float64 ndarray
+        Half the width about the point that the light is the mean of, as a part of the range.
     track, tile : (N,) int64 ndarray
         Which point, and its part of the image.
     """
@@ -45,6 +47,7 @@ class Sightings:
     direction: Array
     normal: Array
     range: Array
+    spread: Array
     track: NDArray[np.int64]
     tile: NDArray[np.int64]
 
@@ -94,8 +97,8 @@ def observe_points(
     good = plane & (clipped <= SATURATED_PART) & (light.min(axis=1, initial=1.0) >= DARKEST)
     tile = row * TILES // height * TILES + column * TILES // width
     return Sightings(
-        light[good], rays[row, column][good], normal[good], distance[good], tracks[good],
-        tile[good].astype(np.int64))
+        light[good], rays[row, column][good], normal[good], distance[good],
+        half[good] / scale, tracks[good], tile[good].astype(np.int64))
 
 
 def _planes(

@@ -15,6 +15,7 @@ doi:10.1086/144279), and s near π times the share of scattering in β. Robust l
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -148,19 +149,22 @@ class _Light:
         along = 0.5 * (nodes + 1) * distance
         # Of each lamp: g/r² and path on the ground, logarithm of the cosine, and the same of
         # the water in front of it, with its phase function and the weights of the integral.
-        self._lamps = []
+        self._surface, self._water = [], []
+        patch = _patch(cells)
         for lamp in lamps:
-            _, lit, path, cosine = _shine(cells.direction, distance, lamp, cells.normal)
+            for direction, far in patch:
+                _, lit, path, cosine = _shine(direction, far[:, np.newaxis], lamp, cells.normal)
+                self._surface.append((
+                    np.array(lamp.colour) / len(patch), lit[:, 0], path[:, 0],
+                    np.log(cosine[:, 0])))
             forward, lit_water, path_water, _ = _shine(cells.direction, along, lamp, cells.normal)
             back = lit_water * phase_function(forward) * 0.5 * weights * distance
-            self._lamps.append((
-                np.array(lamp.colour), lit[:, 0], path[:, 0], np.log(cosine[:, 0]), back,
-                path_water))
+            self._water.append((np.array(lamp.colour), back, path_water))
 
     def direct(self, p: Array) -> tuple[Array, Array, Array]:
         """D, its mean path and its mean logarithm of the cosine, each (N, 3)."""
         total, path, cosine = np.zeros((3, len(self._cells.range), 3))
-        for colour, lit, way, log_cosine, _, _ in self._lamps:
+        for colour, lit, way, log_cosine in self._surface:
             facing = lit * np.exp(p[0] * log_cosine)
             for c, beta in enumerate(np.exp(p[_BETA])):
                 part = colour[c] * facing * np.exp(-beta * way)
@@ -173,7 +177,7 @@ class _Light:
     def _scattered(self, p: Array) -> tuple[Array, Array]:
         """S and its mean path, each (N, 3)."""
         total, path = np.zeros((2, len(self._cells.range), 3))
-        for colour, _, _, _, back, way in self._lamps:
+        for colour, back, way in self._water:
             for c, beta in enumerate(np.exp(p[_BETA])):
                 part = colour[c] * back * np.exp(-beta * way)
                 total[:, c] += part.sum(axis=1)
@@ -221,6 +225,22 @@ class _Light:
             wide = np.sqrt(count / np.maximum(count - 1, 1)) * (count > 1)
             out[seen, c] = (some - means[track]) * wide[track][:, np.newaxis]
         return out
+
+
+def _patch(cells: Sightings) -> list[tuple[Array, Array]]:
+    """Directions and ranges of four points of each patch, whose mean is that of the patch."""
+    out = []
+    height = np.einsum("nk,nk->n", cells.direction, cells.normal) * cells.range
+    for x, y in itertools.product((-1.0, 1.0), repeat=2):
+        away = cells.direction.copy()
+        # Nodes of Gauss and Legendre's rule.
+        step = cells.spread / math.sqrt(3.0)
+        away[:, 0] += x * step
+        away[:, 1] += y * step
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        slope = np.minimum(np.einsum("nk,nk->n", away, cells.normal), -0.02)
+        out.append((away, np.minimum(height / slope, 3.0 * cells.range)))
+    return out
 
 
 def _shine(
