@@ -23,9 +23,9 @@ FLAT = Status.RANGE_SPREAD_TOO_SMALL
 VISIBILITY = Visibility(FLAT, FLAT)
 
 
-def result(status: Status) -> Any:
+def result(status: Status, distance: Status | None = None) -> Any:
     return SimpleNamespace(
-        status=status, visibility=VISIBILITY, timing_ms={},
+        status=status, visibility=Visibility(distance or status, FLAT), timing_ms={},
         stereo=SimpleNamespace(support_points=100, coverage=0.5, matched_fraction=0.5),
     )
 
@@ -57,3 +57,24 @@ def test_a_survey_says_over_what_it_rests() -> None:
     finding = kept.diagnose("", 0)
     assert finding.level == OK
     assert "60 frames in 59 s, ranges from 1.65 to 2.34 m" in finding.message
+
+
+def test_a_distance_that_is_not_told_has_its_reason() -> None:
+    kept = state()
+    kept.add(result(Status.OK, FLAT), 0.1, 1.0)
+    finding = kept.diagnose("", 0)
+    assert finding.level == WARN
+    assert finding.message == f"the visibility distance is not assessable: {FLAT}"
+
+
+def test_frames_that_were_lost_do_not_hide_why_there_is_no_water() -> None:
+    kept = state()
+    kept.diagnose("", 0)
+    kept.refuse("dropped a frame: left image: too dark")
+    assert kept.diagnose("", 0).message == "dropped a frame: left image: too dark"
+    kept.add(result(FLAT), 0.1, 1.0)
+    finding = kept.diagnose("", 0)
+    assert finding.level == WARN
+    assert finding.message == f"the water is not assessable: {FLAT}; frames were lost lately"
+    kept.add(result(Status.OK), 0.1, 1.0)
+    assert kept.diagnose("", 0).message == "frames were lost lately"

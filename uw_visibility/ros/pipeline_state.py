@@ -147,15 +147,28 @@ class PipelineState:
         if silence:
             stopped = self.processed > 0 or self.refused + self.failed > 0
             return Finding(ERROR if stopped else WARN, f"no output: {silence}", values)
+        missing = self._missing()
         if recent.get("refused") or recent.get("failed"):
             level = ERROR if recent.get("failed") else WARN
-            return Finding(level, self._problem or "frames were lost lately", values)
+            lost = "; ".join(filter(None, (missing, "frames were lost lately")))
+            return Finding(level, self._problem or lost, values)
         survey = self._filtered.survey if self._filtered is not None else None
         if survey is not None:
             return Finding(OK, f"{rate:.1f} frames per second; water of a survey: {survey}", values)
-        if self._result is not None and self._result.status is not Status.OK:
-            return Finding(WARN, f"the water is not assessable: {self._result.status}", values)
+        if missing:
+            return Finding(WARN, missing, values)
         return Finding(OK, f"{rate:.1f} frames per second", values)
+
+    def _missing(self) -> str:
+        """Return what the last frame does not tell, and why; nothing where it tells the water."""
+        if self._result is None:
+            return ""
+        status, distance = self._result.status, self._result.visibility.status
+        if status is not Status.OK:
+            return f"the water is not assessable: {status}"
+        if distance is not Status.OK:
+            return f"the visibility distance is not assessable: {distance}"
+        return ""
 
 
 def _filter_values(filtered: FilteredWater | None) -> dict[str, Any]:
