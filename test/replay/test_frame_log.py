@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,8 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.view import View
 from uw_visibility.replay.frame_log import NAME, FrameLog, read_records
 from uw_visibility.replay.records import FrameRecord
+from uw_visibility.water.estimate import LampLight
+from uw_visibility.water.lamp_tracks import GroundView
 from uw_visibility.water.observations import Envelopes, observe
 
 
@@ -71,6 +73,21 @@ def test_records_come_back_bit_for_bit(tmp_path: Path) -> None:
     assert len(found) == 2
     for one, other in zip(records(), found, strict=True):
         same(one, other)
+
+
+def test_a_frame_under_lamps_comes_back_without_its_image(tmp_path: Path) -> None:
+    estimate = frame_estimate()
+    image = np.full((60, 80, 3), 90, np.uint8)
+    rays = np.tile([0.0, 0.0, 1.0], (4, 5, 1))
+    ground = GroundView.of(View.of(image), np.full((60, 80), 2.0, np.float32), rays)
+    light = LampLight(*np.full((5, 3), 0.2), ground=ground)
+    object.__setattr__(estimate.water, "lamps", light)
+    log = FrameLog(tmp_path)
+    log.write(frame_record(1.5, 3, estimate=estimate))
+    log.close()
+    (found,) = read_records(tmp_path)
+    assert found.estimate is not None
+    same(found.estimate.water.lamps, replace(light, ground=None))
 
 
 def test_a_line_that_is_cut_off_ends_the_log(tmp_path: Path) -> None:

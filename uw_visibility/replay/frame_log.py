@@ -26,6 +26,7 @@ from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.lamp_cells import Cells
+from uw_visibility.water.lamp_tracks import GroundView
 from uw_visibility.water.observations import Envelopes
 
 NAME = "frames.jsonl"
@@ -104,6 +105,9 @@ def _encoded(value: Any) -> Any:
     """Return a record, or what it holds, as what JSON can hold."""
     if value is None or isinstance(value, Status):
         return value
+    if isinstance(value, GroundView):
+        # Ten times as long as all else: a survey that is resumed begins its tracks anew.
+        return None
     if isinstance(value, np.ndarray):
         kind = value.dtype.newbyteorder("<").str
         data = np.ascontiguousarray(value, kind).tobytes()
