@@ -249,9 +249,17 @@ class TestPhysicalSense:
         distance[:96], distance[:80, :120] = 5.0, np.nan
         assert estimate(image, distance).open_water == 0.0
 
-    @pytest.mark.parametrize(("particles", "wall", "seen"), [(0.5, False, 1), (0.05, True, 0)])
-    def test_a_scene_may_fade_into_open_water_and_ends_at_a_wall(self, particles, wall, seen):
-        """Matched up to where nothing is left of it, and as smooth as the water beyond."""
+    @pytest.mark.parametrize(("particles", "fall", "wall", "seen"), [
+        (0.5, 0.0, False, 1), (0.5, 0.4, False, 1), (0.3, 0.5, False, 1), (0.05, 0.0, True, 0),
+        (0.2, 0.0, True, 0), (0.1, 0.4, True, 0),
+    ])
+    def test_a_scene_may_fade_into_open_water_and_ends_at_a_wall(
+        self, particles, fall, wall, seen
+    ):
+        """Matched up to where nothing is left of it, and as smooth as the water beyond.
+
+        The veil may fall by a part of it from above to below.
+        """
         rng = np.random.default_rng(0)
         rows = np.linspace(0.0, 1.0, SHAPE[0])[:, np.newaxis] * np.ones((1, SHAPE[1]))
         ranges = (2.0 / np.maximum(rows - 0.2, 0.1)).astype(np.float32)
@@ -263,7 +271,8 @@ class TestPhysicalSense:
         left = np.exp(-beta * ranges[..., np.newaxis])
         if not wall:
             left[rows < 0.3] = 0.0
-        codes = 255.0 * (0.8 * rho * left + 0.6 * (1.0 - left)) + rng.normal(0, 0.4, rho.shape)
+        veil = 0.6 * (1.0 + fall * (0.5 - rows[..., np.newaxis]))
+        codes = 255.0 * (0.8 * rho * left + veil * (1.0 - left)) + rng.normal(0, 0.4, rho.shape)
         ranges[rows < 0.3] = np.nan
         found = estimate(np.clip(np.round(codes), 0, 255).astype(np.uint8), ranges)
         assert (found.open_water > 0.1) == seen

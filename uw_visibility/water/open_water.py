@@ -42,6 +42,12 @@ LEAST_AREA = 0.005
 FADED, FADED_LEAST = 0.15, 0.01
 FADED_MORE, FADED_LESS = 1.6, 3.0
 FADED_LIGHT = 0.1
+# Of a veil that differs by this part before the far scene, contrast is that of all channels
+# together, less what the veil adds; a large area, by its part of the image, is asked for less.
+UNEVEN = 0.01
+SPREAD = 1.5
+LARGE_AREA = 0.1
+LARGE_FADED, LARGE_FADED_LEAST, LARGE_FADED_MORE = 0.25, 0.08, 1.4
 # Part of its pixels that may be at the largest code value; cells whose mean is above this
 # part of it are none of it.
 SATURATED = 0.02
@@ -98,19 +104,40 @@ class _MatchedLight(NamedTuple):
     contrast: NDArray[np.float64]
     middle: float
 
-    def fades_into(self, veil: NDArray[np.float64]) -> bool:
+    def fades_into(self, veil: NDArray[np.float64], area: float) -> bool:
         """Tell whether the scene fades with range until it is the veil.
 
         A smooth wall has no contrast either, but what is before it has, and as much as near.
+
+        Parameters
+        ----------
+        veil : (3, N) float64 ndarray
+            Before the far scene, over the image, as an area of open water shows it.
+        area : float
+            Part of the image that the area takes.
         """
-        near, middle, far = np.maximum(self.contrast, 1e-9)
-        rest = np.maximum(far / near, FADED_LEAST)
-        alike = middle / near / rest**self.middle
-        if not alike.max() > 1.0 / FADED_LESS:
+        mean = veil.mean(axis=1)
+        same = np.abs(self.bright_far + self.dark_far - 2.0 * mean) < 2.0 * FADED_LIGHT * mean
+        if not same.all():
             return False
-        gone = (rest < FADED) & (alike < FADED_MORE)
-        same = np.abs(self.bright_far + self.dark_far - 2.0 * veil) < 2.0 * FADED_LIGHT * veil
-        return bool((gone & same).all())
+        differs = float((veil.std(axis=1) / mean).mean())
+        if differs < UNEVEN:
+            return self._falls_evenly(self.contrast, 0.0, FADED, FADED_LEAST, FADED_MORE)
+        together = (self.contrast / mean).mean(axis=1, keepdims=True)
+        return area >= LARGE_AREA and self._falls_evenly(
+            together, SPREAD * differs, LARGE_FADED, LARGE_FADED_LEAST, LARGE_FADED_MORE)
+
+    def _falls_evenly(
+        self, seen: NDArray[np.float64], added: float, most: float, least: float, more: float
+    ) -> bool:
+        """Tell whether contrast, (3, C), less what is added falls evenly to a part of it."""
+        seen = np.maximum(seen, 1e-9)
+        near, middle, far = np.maximum(seen - added, 1e-9)
+        rest = far / near
+        fast = seen[1] / seen[0] / np.maximum(rest, FADED_LEAST)**self.middle
+        slow = middle / near / np.maximum(rest, least)**self.middle
+        return bool(
+            fast.max() > 1.0 / FADED_LESS and (rest < most).all() and (slow < more).all())
 
 
 def find_open_water(
@@ -168,6 +195,11 @@ def find_open_water(
     number, labels = _areas(blank & smooth)
     area = np.zeros((rows, columns), np.bool_)
     scene = _matched_light(envelope)
+    nearest = np.quantile(ranges[::4, ::4][known[::4, ::4]], FAR) if known[::4, ::4].any() else 0.0
+    far = cv2.resize(
+        (known & (ranges >= nearest)).astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
+    if not far.any():
+        return None
     for label in range(1, number):
         part = labels == label
         if np.count_nonzero(part) < max(LEAST_AREA * part.size, 6):
@@ -176,22 +208,17 @@ def find_open_water(
         light = _light(means[part], irradiance)
         if _is_water(means[part], light, irradiance, scene) and (
             _continued(part, means, matched, smooth, code) < allowed
-            or scene.fades_into(np.median(light, axis=0))
+            or scene.fades_into(_veil_before(far, part, light), float(part.mean()))
         ):
             area |= part
     if not area.any():
-        return None
-    nearest = np.quantile(ranges[::4, ::4][known[::4, ::4]], FAR) if known[::4, ::4].any() else 0.0
-    far = cv2.resize(
-        (known & (ranges >= nearest)).astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
-    if not far.any():
         return None
     light = _light(means[area], irradiance)
     away = cv2.distanceTransform(
         (~far).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)[area] / columns
     weights = np.exp(-(away - away.min()) / NEAR_TO_FAR)
     weights /= weights.sum()
-    place = (np.argwhere(area) + 0.5) / area.shape
+    place = _places(area)
     gradient = fit_gradient(light, place, weights)
     light /= gradient.at(place).T
     veil = weights @ light
@@ -202,6 +229,19 @@ def find_open_water(
     unsure = np.hypot(DEVIATION, SMALL_DEVIATION / (1.0 + (fraction / SMALL_AREA) ** 2))
     stddev = np.sqrt(variance + (unsure * veil) ** 2 + floor**2)
     return OpenWater(veil, stddev, fraction, gradient)
+
+
+def _places(cells: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Rows and columns of cells, in parts of the image, (N, 2)."""
+    return (np.argwhere(cells) + 0.5) / cells.shape
+
+
+def _veil_before(
+    far: NDArray[np.bool_], part: NDArray[np.bool_], light: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Veil before the far scene, as an area of open water shows it and its gradient, (3, N)."""
+    gradient = fit_gradient(light, _places(part), np.full(len(light), 1.0 / len(light)))
+    return np.median(light, axis=0)[:, np.newaxis] * gradient.at(_places(far))
 
 
 def _areas(blank: NDArray[np.bool_]) -> tuple[int, NDArray[np.int32]]:

@@ -21,7 +21,7 @@ from uw_visibility.water.surfaces import SurfaceStatistics
 
 # Standard deviation of place in an area, in parts of the image, from which on it tells half
 # of a gradient.
-SHORT = 0.03
+SHORT = 0.02
 # Bounds of the veil over that of open water.
 LEAST, MOST = 0.5, 1.6
 # A gradient that changes the veil of the dark patches by less than this part is none.
