@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -43,3 +44,37 @@ def test_the_environment_is_as_before(before: str | None, monkeypatch: pytest.Mo
     with pytest.raises(ZeroDivisionError), process_pool(1, abs, -1):
         raise ZeroDivisionError
     assert os.environ.get("PYTHONSAFEPATH") == before
+
+
+INTERRUPTED = """\
+import os, signal, sys, threading, time
+from multiprocessing import util
+from uw_visibility.compute.processes import process_pool
+start = util.spawnv_passfds
+def interrupted(path, arguments, descriptors):
+    number = start(path, arguments, descriptors)
+    if ("tracker" in arguments[-1]) == (sys.argv[1] == "tracker"):
+        os.kill(os.getpid(), signal.SIGINT)
+    return number
+if __name__ == "__main__":
+    util.spawnv_passfds = interrupted
+    # One that takes signals, as numba's threads do.
+    threading.Thread(target=time.sleep, args=(2.0,), daemon=True).start()
+    with process_pool(2, abs, -1) as pool:
+        print(sum(pool.map(abs, (-1, -2))))
+"""
+
+
+@pytest.mark.parametrize("which", ["tracker", "worker"])
+def test_an_interruption_while_processes_start_ends_them_all_without_a_word(
+    tmp_path: Path, which: str
+) -> None:
+    (tmp_path / "command.py").write_text(INTERRUPTED, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, str(tmp_path / "command.py"), which], capture_output=True, text=True,
+        check=False, timeout=60,
+    )
+    assert (done.stdout, done.returncode) == ("", -signal.SIGINT)
+    # This process's own, and no worker's.
+    assert done.stderr.count("Traceback") == 1
+    assert done.stderr.rstrip().endswith("KeyboardInterrupt")

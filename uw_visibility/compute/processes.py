@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
@@ -24,11 +25,7 @@ SAFE_PATH = {"PYTHONSAFEPATH": "1"}
 
 
 class _Pool(ProcessPoolExecutor):
-    """Pool whose processes take no interruption, from their first moment on.
-
-    Ctrl-C reaches every process of a terminal. One that is still importing would answer with
-    a traceback; with the signal blocked it goes on until this process ends it.
-    """
+    """Pool whose processes start together, and can be ended."""
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
@@ -37,21 +34,35 @@ class _Pool(ProcessPoolExecutor):
         # them when one ends, and fails with a traceback where another is added meanwhile.
         self._safe_to_dynamically_spawn_children = False
 
-    def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
-        # Processes start with the first work, and inherit the mask.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-        try:
-            return super().submit(*arguments, **named)
-        except OSError as error:
-            # A process could not be started, as where there is no room for more.
-            raise BrokenProcessPool(str(error)) from error
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
     def end(self) -> None:
         """End the processes, whatever they are at."""
         for process in list((self._processes or {}).values()):
             process.terminate()
+
+
+@contextmanager
+def _interrupted_later() -> Iterator[None]:
+    """Put an interruption off to the end, and let processes that are started take none.
+
+    Ctrl-C reaches every process of a terminal. One that is still importing would answer with
+    a traceback; with the signal blocked, which is inherited, it goes on until this process
+    ends it. Nor must this process leave it without what it is told to do.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or handler is None:
+        # No other thread is interrupted; and a handler that is not Python's is not known.
+        yield
+        return
+    came: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+    if came:
+        signal.raise_signal(signal.SIGINT)
 
 
 @contextmanager
@@ -75,29 +86,38 @@ def process_pool(
     Raises
     ------
     InputError
-        If one of them was ended from outside.
+        If they cannot be started, or one of them was ended from outside.
     """
     before = {name: os.environ.get(name) for name in SAFE_PATH}
-    # Processes start with the first work, so this holds until the end.
+    # Of Python's processes one starts here, that keeps account of what they share, and it takes
+    # the signal's block back: so the pool's own are started apart from it.
     os.environ.update(SAFE_PATH)
-    pool = _Pool(
-        jobs, get_context("spawn"), initializer=initializer, initargs=arguments
-    )
     try:
-        yield pool
-    except KeyboardInterrupt:
-        # Compiling takes a minute, which nobody who interrupts wants to wait for.
-        pool.end()
-        raise
-    except BrokenProcessPool as error:
-        # Where one could not be started, nothing watches those that were.
-        pool.end()
-        raise InputError(
-            "a process that works on frames was ended from outside, as where memory is short: "
-            "give fewer with --jobs"
-        ) from error
+        with _interrupted_later():
+            pool = _Pool(jobs, get_context("spawn"), initializer=initializer, initargs=arguments)
+        try:
+            try:
+                with _interrupted_later():
+                    pool.submit(os.getpid)
+            except OSError as error:
+                # Nothing watches those that were started before.
+                pool.end()
+                raise InputError(
+                    f"cannot start {jobs} processes, {error}: give fewer with --jobs"
+                ) from error
+            yield pool
+        except KeyboardInterrupt:
+            # Compiling takes a minute, which nobody who interrupts wants to wait for.
+            pool.end()
+            raise
+        except BrokenProcessPool as error:
+            raise InputError(
+                "a process that works on frames was ended from outside, as where memory is "
+                "short: give fewer with --jobs"
+            ) from error
+        finally:
+            pool.shutdown(cancel_futures=True)
     finally:
-        pool.shutdown(cancel_futures=True)
         for name, value in before.items():
             if value is None:
                 del os.environ[name]
