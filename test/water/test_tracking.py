@@ -289,16 +289,16 @@ def test_a_step_is_followed_at_any_size(step, downwards):
     assert np.max(found) < 5.5
 
 
-def alike(rng, attenuation, common):
+def alike(rng, attenuation, common, size=0.1):
     """One frame's estimate whose error is mostly a share of β that all frames have alike.
 
     What channels differ by is known far better than β itself.
     """
     noise = 0.007 * attenuation
-    error = 0.1 * common * attenuation + noise * rng.standard_normal(3)
+    error = size * common * attenuation + noise * rng.standard_normal(3)
     light = LIGHT * (1.0 + 0.01 * rng.standard_normal(3))
     joint = np.zeros((6, 6))
-    joint[0::2, 0::2] = 0.1**2 * np.outer(attenuation, attenuation) + np.diag(noise**2)
+    joint[0::2, 0::2] = size**2 * np.outer(attenuation, attenuation) + np.diag(noise**2)
     joint[1::2, 1::2] = np.diag((0.01 * LIGHT) ** 2)
     return WaterEstimate(
         Status.OK, attenuation + error, light,
@@ -327,6 +327,26 @@ def test_frames_of_a_ramp_are_no_outliers_though_their_errors_are_alike(downward
         np.testing.assert_allclose(tracker.estimate.attenuation, before)
     assert np.mean(np.abs(errors) < 2.0) > 0.93
     assert np.sqrt(np.mean(np.square(behind))) < 0.1
+
+
+@pytest.mark.parametrize("sure", [0, 3, 5])
+def test_a_sure_frame_stands_above_unsure_ones(sure):
+    """Errors that frames have alike do not make them alike: where they lie may differ."""
+    sizes = np.full(6, 0.4)
+    sizes[sure] = 0.1
+    rng = np.random.default_rng(sure)
+    scores, wider = [], []
+    for _ in range(40):
+        common = np.clip(rng.standard_normal(), -2.0, 2.0)
+        tracker = WaterTracker()
+        for k, size in enumerate(sizes):
+            out = tracker.update(alike(rng, BETA, common, size), k * PERIOD)
+        best = alike(rng, BETA, common).attenuation_stddev
+        wider.append(out.attenuation_stddev / best)
+        scores.append((out.attenuation - BETA) / out.attenuation_stddev)
+    # By what is new in each frame alone they would be 3.8 to 4 times as wide.
+    assert np.median(wider) < 1.4
+    assert np.sqrt(np.mean(np.square(scores))) < 1.3
 
 
 def test_a_ramp_of_depth_alone_is_followed():

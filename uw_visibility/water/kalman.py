@@ -58,6 +58,9 @@ _RATE_VARIANCE = 2.0 * _RATE_SHARE**2 / (2.0 - _RATE_SHARE)
 # Standard deviations of its chi squared beyond which it says that the water changes. Not low:
 # outliers pass the gate as far as changes are expected.
 _RATE_LIMIT = 3.0
+# An error is far larger than another one by so many times. Not by less: errors grow with what
+# was measured, and whoever believes the lower ones more is biased.
+_FAR_LARGER = 1.5
 # What stays, from frame to frame, of the process noise that a change has added.
 _DRIFT_KEPT = 0.5
 
@@ -165,11 +168,12 @@ class WaterState:
         changed = not self.accepts(
             measurement, min(_SURPRISE, config.gate_probability), drifting=False)
         drifted = self._drifted()
+        state, noise = self._own(measurement)
         growth, needed = np.zeros((2, 6, 6))
         for part in (ATTENUATION, LIGHT):
             index = np.arange(6)[part][both]
             block = np.ix_(index, index)
-            spread = self.covariance[block] + measurement.noise[block]
+            spread = (state + noise)[block]
             spread += _ridge(spread)
             self._trend[index] += _TREND_SHARE * (innovation[index] - self._trend[index])
             if changed:
@@ -217,6 +221,21 @@ class WaterState:
         self._last = measurement
         self._interval = self._unseen = 0.0
 
+    def _own(self, measurement: Measurement) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Covariance of what the state and what a measurement has for itself, (6, 6) each.
+
+        What is far larger in one of the errors that both have in common is its own: a sure
+        frame stands above unsure ones.
+        """
+        state, noise = self.covariance.copy(), measurement.noise.copy()
+        ours, theirs = (common @ common.T for common in (self.common, measurement.common))
+        for part in (ATTENUATION, LIGHT):
+            index = np.arange(6)[part][self.known & measurement.seen]
+            block = np.ix_(index, index)
+            state[block] += _excess(ours[block], theirs[block])
+            noise[block] += _excess(theirs[block], ours[block])
+        return state, noise
+
     def _gain(self, measurement: Measurement) -> NDArray[np.float64]:
         """Return the part of each innovation that is believed.
 
@@ -226,11 +245,12 @@ class WaterState:
         make errors of attenuation ones of depth.
         """
         gain = np.zeros((6, 6))
+        state, noise = self._own(measurement)
         for part in (ATTENUATION, LIGHT):
             index = np.arange(6)[part][measurement.seen]
             block = np.ix_(index, index)
-            spread = self.covariance[block] + measurement.noise[block]
-            gain[block] = np.linalg.solve(spread + _ridge(spread), self.covariance[block]).T
+            spread = (state + noise)[block]
+            gain[block] = np.linalg.solve(spread + _ridge(spread), state[block]).T
         return gain
 
     def _begin(self, new: NDArray[np.bool_], measurement: Measurement) -> None:
@@ -257,6 +277,12 @@ class WaterState:
         scale[LIGHT] = mean[LIGHT]
         covariance = self.covariance + self.common @ self.common.T + doubt
         return mean, np.outer(scale, scale) * covariance
+
+
+def _excess(larger: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the part of a covariance that is far beyond another one, where it is."""
+    values, vectors = np.linalg.eigh(larger - _FAR_LARGER**2 * other)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def _growth(
