@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import signal
 import tempfile
 from collections.abc import Generator
 from pathlib import Path
@@ -52,6 +53,9 @@ def own_domain() -> int:
 
 # Before ROS is started, here and in the processes that tests start.
 os.environ["ROS_DOMAIN_ID"] = str(own_domain())
+# What a shell starts in the background ignores interruptions, and so would those processes.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(tryfirst=True)
