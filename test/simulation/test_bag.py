@@ -252,6 +252,7 @@ def test_automatic_white_balance_differs_from_frame_to_frame() -> None:
         (["--baseline", "0"], "baseline"),
         (["--attenuation", "-1", "0"], "attenuation"),
         (["--depth-stddev", "0"], "depth sensor"),
+        (["--depth-stddev", "1e200"], "depth sensor"),
         (["--marine-snow", "2"], "marine snow"),
         (["--snow-brightness", "-1"], "marine snow"),
         (["--veil", "0.5", "0.6"], "--veil"),

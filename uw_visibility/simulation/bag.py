@@ -49,6 +49,9 @@ TOPICS = {
 }
 """Type of message by topic."""
 
+MOST_DEPTH_NOISE = 1000.0
+"""Standard deviation of the depth sensor at most, m."""
+
 LAMP_TOPICS = {
     "/ground_truth/lamps": "std_msgs/msg/Float64MultiArray",
     "/ground_truth/reflectance": "sensor_msgs/msg/Image",
@@ -107,9 +110,10 @@ def write_transect(
     InputError
         If the folder exists already or cannot be made, or the noise or the scale is none.
     """
-    if not 0.0 < depth_stddev < math.inf:
+    if not 0.0 < depth_stddev <= MOST_DEPTH_NOISE:
         raise InputError(
-            f"noise of the depth sensor is {depth_stddev:g} m: give a number greater than zero"
+            f"noise of the depth sensor is {depth_stddev:g} m: give a number greater than zero, "
+            f"up to {MOST_DEPTH_NOISE:g}"
         )
     if not 0.0 < range_scale <= 100.0:
         raise InputError(f"range scale is {range_scale:g}: give a number above 0, up to 100")

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -95,6 +96,19 @@ def test_missing_messages_are_counted(
     assert (done.code, frames(done.rows)) == (0, FRAMES - 2)
     assert "dropped: left image unmatched (2)" in done.out
     assert "left image unmatched" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_messages_whose_topic_is_lost_are_counted(transect: Path, tmp_path: Path) -> None:
+    bag = copy_bag(transect, tmp_path / "bag", storage=StoragePlugin.SQLITE3)
+    (file,) = bag.glob("*.db3")
+    database = sqlite3.connect(file)
+    with database:
+        database.execute("DELETE FROM topics WHERE name = '/right/image_rect'")
+    database.close()
+    with BagReader(bag) as reader:
+        assert "/right/image_rect" not in reader.channels
+        (note,) = reader.damage
+    assert f"{FRAMES} messages are of topics that it does not name" in note
 
 
 def test_a_camera_that_dies_ends_the_frames_but_not_the_replay(

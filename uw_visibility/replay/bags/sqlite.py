@@ -142,6 +142,9 @@ class SqliteFile:
         except ERRORS as error:
             counts = None
             self._note(f"is damaged ({error}): read as far as it goes")
+        nowhere = sum(n for number, n in (counts or {}).items() if number not in self._topics)
+        if nowhere:
+            self._note(f"{nowhere} messages are of topics that it does not name")
         self.channels = [
             Channel(c.topic, c.type, c.format, c.definition,
                     None if counts is None else counts.get(number, 0))
