@@ -248,7 +248,6 @@ class WaterEstimator:
             status[channel] = validate_fit(found.fit, envelope, int(channel))
         if found.disagreement > CONTRADICTION:
             status = refuse(status, Status.CUES_DISAGREE)
-        mixed = found.refuted and not cues.coarse
         if halves is not None:
             attenuation, veil = found.fit.parameters.T
             uneven = compare_halves(halves, attenuation, veil, found.scene_light)
@@ -263,7 +262,7 @@ class WaterEstimator:
         if not cues.coarse and other_transfer_fits(
                 envelope, active, self._clear_water, self._transfer, found.likelihood):
             status = refuse(status, Status.OTHER_TRANSFER)
-        if mixed:
+        if found.refuted and not cues.coarse:
             status = refuse(status, Status.NOT_ONE_WATER)
         shown = np.where(active, found.fit.parameters[:, 0], np.nan)
         status = refuse(
@@ -400,6 +399,7 @@ class WaterEstimator:
 
     def _fewest_pixels(self, samples: ColourSamples) -> int:
         return int(samples.count(self._config.min_bin_pixels))
+
 
 def check_arrays(
     image: NDArray[Any], range_map: NDArray[np.floating], valid: NDArray[np.bool_] | None
