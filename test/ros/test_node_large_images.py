@@ -25,7 +25,7 @@ NAMESPACE = "/large"
 # Each pair comes at once and has to find room where it arrives; how many come in a second
 # would only test how busy the machine is.
 FRAMES = 24
-RATE = 8
+RATE = 4
 ROOT = Path(__file__).resolve().parents[2]
 
 
