@@ -44,6 +44,8 @@ SUBSTEPS, FIRST_STEPS = 6, 24
 # Nearer than this to a lamp its glass begins, m; and what counts as no light at all.
 LEAST_DISTANCE = 0.02
 DARKNESS = 1e-12
+# Cosine of incidence at least.
+LEAST_COSINE = 0.05
 
 
 class DirectLight(NamedTuple):
@@ -125,7 +127,6 @@ class LampTables(NamedTuple):
         """
         places = self.place(column, row, distance)
         return trilinear(self.log_direct, *places), trilinear(self.log_scattered, *places)
-
 
     def field(
         self, attenuation: Array, power: Array, scattering: Array, daylight: Array, veil: Array,
@@ -213,10 +214,12 @@ def tabulate(
     size = (len(ATTENUATIONS), 3, len(directions), len(RANGES))
     direct, scattered = np.full(size, DARKNESS), np.full(size, DARKNESS)
     at = FIRST_STEPS + SUBSTEPS * np.arange(len(RANGES)) - 1
+    # The surface is at the end of a step, the water in its middle.
+    ends, middles = (
+        directions[:, np.newaxis] * along[:, np.newaxis] for along in (RANGES, distance))
     for lamp in lamps:
-        # The surface is at the end of a step, the water in its middle.
-        surface, lit, _ = _shine(directions, RANGES, lamp, eye)
-        r, power, forward = _shine(directions, distance, lamp, eye)
+        surface, lit, _ = shine(ends, directions, lamp, eye)
+        r, power, forward = shine(middles, directions, lamp, eye)
         back = power * phase_function(forward) * weight
         colour = np.array(lamp.colour)[:, np.newaxis, np.newaxis]
         for k, beta in enumerate(ATTENUATIONS):
@@ -231,23 +234,44 @@ def tabulate(
 
 def log_direct(rays: Array, lamps: Sequence[Lamp]) -> Table:
     """Logarithm of D of the mean colour, at the reference attenuation, (Y, X, R) float32."""
-    total = np.zeros((rays.size // 3, len(RANGES)))
+    directions = rays.reshape(-1, 3)
+    points = directions[:, np.newaxis] * RANGES[:, np.newaxis]
+    total = np.zeros((len(directions), len(RANGES)))
     for lamp in lamps:
-        r, lit, _ = _shine(rays.reshape(-1, 3), RANGES, lamp, (0.0, 0.0, 0.0))
+        r, lit, _ = shine(points, directions, lamp)
         rate = ATTENUATIONS[REFERENCE]
         total += np.mean(lamp.colour) * lit * np.exp(-rate * (r + RANGES))
     return np.log(total + DARKNESS).astype(np.float32).reshape(*rays.shape[:2], len(RANGES))
 
 
-def _shine(
-    directions: Array, distance: Array, lamp: Lamp, eye: tuple[float, float, float]
+def shine(
+    points: Array, directions: Array, lamp: Lamp, eye: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> tuple[Array, Array, Array]:
-    """Distance from a lamp, g/r², and the cosine of scattering to the camera, each (N, S)."""
-    away = directions[:, np.newaxis] * distance[:, np.newaxis] - (
-        np.array(lamp.position) - np.array(eye))
+    """Distance from a lamp, g/r², and the cosine of scattering to the camera, each (N, S).
+
+    Parameters
+    ----------
+    points : (N, S, 3) float64 ndarray
+        Along the lines of sight, from the camera's place, m.
+    directions : (N, 3) float64 ndarray
+        Unit directions of these lines.
+    lamp : Lamp
+    eye : tuple of float
+        The camera's place in the lamps' frame, m.
+    """
+    away = points - (np.array(lamp.position) - np.array(eye))
     r = np.maximum(np.linalg.norm(away, axis=2), LEAST_DISTANCE)
     power = beam(away @ np.array(lamp.direction) / r, lamp.beam_angle) / r**2
     return r, power, np.einsum("nsk,nk->ns", away, -directions) / r
+
+
+def incidence(points: Array, normals: Array, lamp: Lamp, r: Array) -> Array:
+    """Cosine of incidence of a lamp's light at points, (N, 3), at distances from it, (N,).
+
+    Not below `LEAST_COSINE`: how ground lies is not known that well.
+    """
+    away = points - np.array(lamp.position)
+    return np.maximum(-np.einsum("nk,nk->n", away, normals) / r, LEAST_COSINE)
 
 
 def displaced(

@@ -25,21 +25,21 @@ from scipy.optimize import least_squares
 
 from uw_visibility.config.lighting import ISOTROPIC, Lamp
 from uw_visibility.errors import InputError
-from uw_visibility.optics.lamps import LEAST_DISTANCE, beam, phase_function
+from uw_visibility.optics.lamps import incidence, phase_function, shine
 from uw_visibility.water.lamp_sightings import Sightings
 from uw_visibility.water.lamp_track_fit import (
-    ALBEDO,
     ATTENUATION,
     EXPONENT,
     LEAST_FRAMES,
     OWN_PART,
-    REFLECTANCE,
     SCATTERING,
     STEPS,
     TOGETHER,
     USUAL_ATTENUATION,
     USUAL_EXPONENT,
+    less_means,
     pool_tracks,
+    scattering_factor,
 )
 
 Array = NDArray[np.float64]
@@ -139,7 +139,6 @@ class _Model:
         self.steps = np.concatenate([0.5 * (nodes + 1) * distance, distance], axis=1)
         self.weights = 0.5 * weights * distance
         self.points = cells.direction[:, np.newaxis] * self.steps[..., np.newaxis]
-        self.count = np.bincount(cells.track)
 
     def found(self, p: Array) -> tuple[Lamp, ...]:
         """The lamps of parameters."""
@@ -166,13 +165,10 @@ class _Model:
         beta = np.exp(p[self.beta])
         direct, scattered = np.zeros((2, len(self.steps), 3))
         for lamp in self.found(p):
-            away = self.points - np.array(lamp.position)
-            r = np.maximum(np.linalg.norm(away, axis=2), LEAST_DISTANCE)
-            lit = beam(away @ np.array(lamp.direction) / r, lamp.beam_angle) / r**2
-            forward = -np.einsum("nsk,nk->ns", away, self.cells.direction) / r
+            r, lit, forward = shine(self.points, self.cells.direction, lamp)
             back = lit[:, :-1] * phase_function(forward[:, :-1]) * self.weights
-            cosine = -np.einsum("nk,nk->n", away[:, -1], self.cells.normal) / r[:, -1]
-            facing = lit[:, -1] * np.maximum(cosine, 0.05) ** p[self.exponent]
+            cosine = incidence(self.points[:, -1], self.cells.normal, lamp, r[:, -1])
+            facing = lit[:, -1] * cosine ** p[self.exponent]
             path = r + self.steps
             for c in range(3):
                 left = np.exp(-beta[c] * path)
@@ -184,19 +180,14 @@ class _Model:
         """ln (E − s S) − ln D less its mean over each track, (N, 3)."""
         direct, own = self.parted(p)
         departure = np.log(own / direct)
-        means = np.stack([
-            np.bincount(self.cells.track, departure[:, c]) / self.count for c in range(3)], axis=1)
-        # A track of n frames has n − 1 ratios.
-        wide = np.sqrt(self.count / np.maximum(self.count - 1, 1))[self.cells.track]
-        return np.asarray((departure - means[self.cells.track]) * wide[:, np.newaxis])
+        return less_means(
+            departure[..., np.newaxis], self.cells.track, np.full(departure.shape, True))[..., 0]
 
     def parted(self, p: Array) -> tuple[Array, Array]:
         """D, and E − s S, which is limited from below, each (N, 3)."""
         direct, scattered = self.light(p)
         light = self.cells.light
-        power = np.exp(np.log(light / direct).mean(axis=0)) / REFLECTANCE
-        # White shines with 1/π of its irradiance into each direction.
-        s = math.pi * ALBEDO * np.exp(p[self.scattering] + p[self.beta]) * power
+        s = scattering_factor(light, direct, p[self.beta], p[self.scattering])
         return direct, np.maximum(light - s * scattered, OWN_PART * light)
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.lighting import Lamp, LightingConfig
-from uw_visibility.optics.lamps import LEAST_DISTANCE, beam, displaced, phase_function
+from uw_visibility.optics.lamps import displaced, incidence, phase_function, shine
 from uw_visibility.water.lamp_sightings import TILES, Sightings
 
 Array = NDArray[np.float64]
@@ -118,9 +118,9 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
     np.add.at(summed, pooled.group, score)
     covariance = bread @ (summed.T @ summed + np.diag(_PRIOR)) @ bread
     for moved in displaced(lamps, lighting.position_stddev, lighting.direction_stddev):
-        change = light.less_means(np.log(
+        change = less_means(np.log(
             _Light(pooled.sightings, moved, steps=1).direct(p)[0]
-            / light.direct(p)[0])[..., np.newaxis], clear)[..., 0]
+            / light.direct(p)[0])[..., np.newaxis], pooled.sightings.track, clear)[..., 0]
         shift = bread @ np.einsum("nci,nc,nc->i", jacobian, weight, change, optimize=True)
         covariance += np.outer(shift, shift)
     beta = np.exp(p[_BETA])
@@ -143,7 +143,6 @@ class _Light:
 
     def __init__(self, cells: Sightings, lamps: Sequence[Lamp], steps: int = STEPS) -> None:
         self._cells = cells
-        self._tracks = int(cells.track.max()) + 1
         nodes, weights = np.polynomial.legendre.leggauss(steps)
         distance = cells.range[:, np.newaxis]
         along = 0.5 * (nodes + 1) * distance
@@ -151,15 +150,18 @@ class _Light:
         # the water in front of it, with its phase function and the weights of the integral.
         self._surface, self._water = [], []
         patch = _patch(cells)
+        before = cells.direction[:, np.newaxis] * along[..., np.newaxis]
         for lamp in lamps:
             for direction, far in patch:
-                _, lit, path, cosine = _shine(direction, far[:, np.newaxis], lamp, cells.normal)
+                points = direction * far[:, np.newaxis]
+                r, lit, _ = (
+                    each[:, 0] for each in shine(points[:, np.newaxis], direction, lamp))
+                cosine = incidence(points, cells.normal, lamp, r)
                 self._surface.append((
-                    np.array(lamp.colour) / len(patch), lit[:, 0], path[:, 0],
-                    np.log(cosine[:, 0])))
-            forward, lit_water, path_water, _ = _shine(cells.direction, along, lamp, cells.normal)
-            back = lit_water * phase_function(forward) * 0.5 * weights * distance
-            self._water.append((np.array(lamp.colour), back, path_water))
+                    np.array(lamp.colour) / len(patch), lit, r + far, np.log(cosine)))
+            r, lit, forward = shine(before, cells.direction, lamp)
+            back = lit * phase_function(forward) * 0.5 * weights * distance
+            self._water.append((np.array(lamp.colour), back, r + along))
 
     def direct(self, p: Array) -> tuple[Array, Array, Array]:
         """D, its mean path and its mean logarithm of the cosine, each (N, 3)."""
@@ -192,9 +194,7 @@ class _Light:
         light, beta = self._cells.light, np.exp(p[_BETA])
         direct, path, cosine = self.direct(p)
         scattered, path_scattered = self._scattered(p)
-        power = np.exp(np.log(light / direct).mean(axis=0)) / REFLECTANCE
-        # White shines with 1/π of its irradiance into each direction.
-        added = math.pi * ALBEDO * np.exp(p[_SCATTERING]) * beta * power * scattered
+        added = scattering_factor(light, direct, p[_BETA], p[_SCATTERING]) * scattered
         clear = light - added > CLEAR_PART * light
         own = np.where(clear, light - added, light)
         share = np.where(clear, added / own, 0.0)
@@ -205,26 +205,40 @@ class _Light:
         for c in range(3):
             jacobian[:, c, 1 + c] = by_beta[:, c] * beta[c]
             jacobian[:, c, 4 + c] = -share[:, c]
-        residual = self.less_means(np.log(own / direct)[..., np.newaxis], clear)[..., 0]
-        return residual, self.less_means(jacobian, clear), clear
+        track = self._cells.track
+        residual = less_means(np.log(own / direct)[..., np.newaxis], track, clear)[..., 0]
+        return residual, less_means(jacobian, track, clear), clear
 
-    def less_means(self, values: Array, clear: NDArray[np.bool_]) -> Array:
-        """Values (N, 3, K) less their mean over each track, as wide as if that were known.
 
-        0 where a sighting is not clear, or the only one of its track.
-        """
-        out = np.zeros_like(values)
-        for c in range(3):
-            seen = clear[:, c]
-            track, some = self._cells.track[seen], values[seen, c]
-            count = np.bincount(track, minlength=self._tracks)
-            summed = np.stack([
-                np.bincount(track, each, self._tracks) for each in some.T], axis=1)
-            means = summed / np.maximum(count, 1)[:, np.newaxis]
-            # A track of n frames has n − 1 ratios.
-            wide = np.sqrt(count / np.maximum(count - 1, 1)) * (count > 1)
-            out[seen, c] = (some - means[track]) * wide[track][:, np.newaxis]
-        return out
+def scattering_factor(
+    light: Array, direct: Array, log_attenuation: Array, log_scattering: Array
+) -> Array:
+    """What S is to be multiplied by, (3,): s over its usual value is given, as is β.
+
+    Power is that of ground of usual reflectance, by light E and D, (N, 3) each.
+    """
+    power = np.exp(np.log(light / direct).mean(axis=0)) / REFLECTANCE
+    # White shines with 1/π of its irradiance into each direction.
+    return np.asarray(math.pi * ALBEDO * np.exp(log_attenuation + log_scattering) * power)
+
+
+def less_means(values: Array, track: NDArray[np.int64], clear: NDArray[np.bool_]) -> Array:
+    """Values (N, 3, K) less their mean over each track, as wide as if that were known.
+
+    0 where a sighting is not clear, (N, 3), or the only one of its track.
+    """
+    out = np.zeros_like(values)
+    tracks = int(track.max()) + 1
+    for c in range(3):
+        seen = clear[:, c]
+        number, some = track[seen], values[seen, c]
+        count = np.bincount(number, minlength=tracks)
+        summed = np.stack([np.bincount(number, each, tracks) for each in some.T], axis=1)
+        means = summed / np.maximum(count, 1)[:, np.newaxis]
+        # A track of n frames has n − 1 ratios.
+        wide = np.sqrt(count / np.maximum(count - 1, 1)) * (count > 1)
+        out[seen, c] = (some - means[number]) * wide[number][:, np.newaxis]
+    return out
 
 
 def _patch(cells: Sightings) -> list[tuple[Array, Array]]:
@@ -241,17 +255,6 @@ def _patch(cells: Sightings) -> list[tuple[Array, Array]]:
         slope = np.minimum(np.einsum("nk,nk->n", away, cells.normal), -0.02)
         out.append((away, np.minimum(height / slope, 3.0 * cells.range)))
     return out
-
-
-def _shine(
-    direction: Array, along: Array, lamp: Lamp, normal: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Cosine of scattering, g/r², path, and cosine of incidence at ranges, each (N, S)."""
-    away = direction[:, np.newaxis] * along[..., np.newaxis] - np.array(lamp.position)
-    r = np.maximum(np.linalg.norm(away, axis=2), LEAST_DISTANCE)
-    lit = beam(away @ np.array(lamp.direction) / r, lamp.beam_angle) / r**2
-    cosine = np.maximum(-np.einsum("nsk,nk->ns", away, normal) / r, 0.05)
-    return -np.einsum("nsk,nk->ns", away, direction) / r, lit, r + along, cosine
 
 
 @dataclass(frozen=True)
