@@ -46,6 +46,43 @@ def test_the_environment_is_as_before(before: str | None, monkeypatch: pytest.Mo
     assert os.environ.get("PYTHONSAFEPATH") == before
 
 
+REFUSED = """\
+import os, sys
+from multiprocessing import util
+from uw_visibility.compute.processes import process_pool
+from uw_visibility.errors import InputError
+start, started = util.spawnv_passfds, []
+def refused(path, arguments, descriptors):
+    if len(started) == 2:
+        raise OSError(11, "Resource temporarily unavailable")
+    number = start(path, arguments, descriptors)
+    if "tracker" not in arguments[-1]:
+        started.append(number)
+    return number
+if __name__ == "__main__":
+    util.spawnv_passfds = refused
+    try:
+        with process_pool(3, abs, -1):
+            print("begun")
+    except InputError as error:
+        print(error)
+    print(*(os.waitid(os.P_PID, each, os.WEXITED | os.WNOWAIT).si_status for each in started))
+"""
+
+
+def test_what_cannot_be_started_is_told_and_the_others_end(tmp_path: Path) -> None:
+    (tmp_path / "command.py").write_text(REFUSED, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, str(tmp_path / "command.py")], capture_output=True, text=True,
+        check=False, timeout=60,
+    )
+    told, ended = done.stdout.splitlines()
+    assert told.startswith("cannot start 3 processes, [Errno 11] Resource temporarily unavailable")
+    assert told.endswith(": give fewer with --jobs")
+    assert ended == f"{int(signal.SIGTERM)} {int(signal.SIGTERM)}"
+    assert (done.stderr, done.returncode) == ("", 0)
+
+
 INTERRUPTED = """\
 import os, signal, sys, threading, time
 from multiprocessing import util

@@ -27,12 +27,31 @@ SAFE_PATH = {"PYTHONSAFEPATH": "1"}
 class _Pool(ProcessPoolExecutor):
     """Pool whose processes start together, and can be ended."""
 
-    def __init__(self, *arguments: Any, **named: Any) -> None:
-        super().__init__(*arguments, **named)
+    def __init__(self, jobs: int, *arguments: Any, **named: Any) -> None:
+        super().__init__(jobs, *arguments, **named)
+        self.jobs = jobs
         # A private name of Python's, for which there is no public one: all processes start
         # before the thread that watches them, as where they are forked. It iterates over
         # them when one ends, and fails with a traceback where another is added meanwhile.
         self._safe_to_dynamically_spawn_children = False
+
+    def start(self) -> None:
+        """Start the processes.
+
+        Raises
+        ------
+        InputError
+            If the system refuses one.
+        """
+        try:
+            with _interrupted_later():
+                self.submit(os.getpid)
+        except OSError as error:
+            # Nothing watches those that were started before.
+            self.end()
+            raise InputError(
+                f"cannot start {self.jobs} processes, {error}: give fewer with --jobs"
+            ) from error
 
     def end(self) -> None:
         """End the processes, whatever they are at."""
@@ -66,6 +85,21 @@ def _interrupted_later() -> Iterator[None]:
 
 
 @contextmanager
+def _safe_path() -> Iterator[None]:
+    """Let Python start without the current folder among the places of modules."""
+    before = {name: os.environ.get(name) for name in SAFE_PATH}
+    os.environ.update(SAFE_PATH)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
 def process_pool(
     jobs: int, initializer: Callable[..., object], *arguments: Any
 ) -> Iterator[ProcessPoolExecutor]:
@@ -88,23 +122,13 @@ def process_pool(
     InputError
         If they cannot be started, or one of them was ended from outside.
     """
-    before = {name: os.environ.get(name) for name in SAFE_PATH}
-    # Of Python's processes one starts here, that keeps account of what they share, and it takes
-    # the signal's block back: so the pool's own are started apart from it.
-    os.environ.update(SAFE_PATH)
-    try:
+    with _safe_path():
+        # Of Python's processes one starts here, that keeps account of what they share, and it
+        # takes the signal's block back: so the pool's own are started apart from it.
         with _interrupted_later():
             pool = _Pool(jobs, get_context("spawn"), initializer=initializer, initargs=arguments)
         try:
-            try:
-                with _interrupted_later():
-                    pool.submit(os.getpid)
-            except OSError as error:
-                # Nothing watches those that were started before.
-                pool.end()
-                raise InputError(
-                    f"cannot start {jobs} processes, {error}: give fewer with --jobs"
-                ) from error
+            pool.start()
             yield pool
         except KeyboardInterrupt:
             # Compiling takes a minute, which nobody who interrupts wants to wait for.
@@ -117,9 +141,3 @@ def process_pool(
             ) from error
         finally:
             pool.shutdown(cancel_futures=True)
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
