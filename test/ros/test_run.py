@@ -57,6 +57,20 @@ class Failing(Quiet):
 sys.exit(run(Failing, []))
 """
 
+# A signal comes while the node looks at what it will say of itself.
+INTERRUPTED = NODE + """
+from uw_visibility.ros.monitor.diagnostics import DiagnosticsPublisher
+class Diagnosed(Quiet):
+    def prepare(self):
+        DiagnosticsPublisher(self, self.diagnose, self.faults)
+    def diagnose(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+        while rclpy.ok():
+            time.sleep(0.01)
+        return {self.count_publishers("images"): None}
+sys.exit(run(Diagnosed, []))
+"""
+
 
 def run_python(code: str) -> tuple[str, str, int]:
     ended = subprocess.run(
@@ -75,3 +89,7 @@ def test_callbacks_that_fail_are_counted_and_the_node_lives_until_its_signal() -
     assert (said, code) == ("True 19\n", 0)
     assert logged.count("Traceback") == 1
     assert "a callback failed with OverflowError at " in logged
+
+
+def test_what_a_signal_lets_fail_is_no_fault() -> None:
+    assert run_python(INTERRUPTED) == ("", "", 0)

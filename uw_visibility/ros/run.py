@@ -93,9 +93,7 @@ def _spin(node: Any) -> None:
             # The signal's way of ending it.
             break
         except Exception as error:
-            # A signal may also end the context while the executor or a callback uses it.
-            if rclpy.ok():
-                node.faults.add(error)
+            node.faults.add(error)
     executor.remove_node(node)
     node.destroy_timer(wake)
 

@@ -21,7 +21,8 @@ SHOWN_REASONS = 10
 class FaultLog:
     """Log of exceptions that callbacks and timers raised, with their counts.
 
-    Safe to use from several threads.
+    Safe to use from several threads. Once the node's context has ended, which a signal does
+    while callbacks run, whatever uses it fails: that is the signal's doing, and no fault.
 
     Parameters
     ----------
@@ -31,11 +32,14 @@ class FaultLog:
 
     def __init__(self, node: Node) -> None:
         log = node.get_logger()
+        self._context = node.context
         self._reasons = ReasonLog(lambda line: log.error(line))
         self._last: tuple[float, str] | None = None
 
     def add(self, error: BaseException) -> None:
         """Count an exception; its traceback is logged the first time."""
+        if not self._context.ok():
+            return
         reason = describe_fault(error)
         self._last = time.monotonic(), reason
         details = "".join(traceback.format_exception(error))
