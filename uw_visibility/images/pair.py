@@ -66,6 +66,21 @@ def check_pair(left: Any, right: Any) -> tuple[NDArray[Any], NDArray[Any]]:
     return images[0], images[1]
 
 
+def check_valid(valid: NDArray[Any] | None, shape: tuple[int, ...]) -> None:
+    """Check the mask of an image's valid pixels, which kernels read without looking at its size.
+
+    Raises
+    ------
+    InputError
+        If it is not ``(H, W)`` bool; None stands for all pixels.
+    """
+    if valid is not None and (valid.dtype != bool or valid.shape != shape[:2]):
+        raise InputError(
+            f"the valid pixels are {valid.dtype} of shape {valid.shape}, the images are "
+            f"{shape[1]}x{shape[0]} px: give one bool a pixel"
+        )
+
+
 def read_only(image: NDArray[Any]) -> NDArray[Any]:
     """Return a view that cannot be written to.
 

@@ -19,7 +19,7 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap, Image, Mask, RangeMap
 from uw_visibility.images.chroma import ChromaImage
-from uw_visibility.images.pair import check_pair
+from uw_visibility.images.pair import check_pair, check_valid
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.optics.light_model import scene_light_of
@@ -133,11 +133,7 @@ class Pipeline:
             of their size, or `enhance` names anything else.
         """
         left, right = check_pair(left, right)
-        if valid is not None and (valid.dtype != bool or valid.shape != left.shape[:2]):
-            raise InputError(
-                f"the valid pixels are {valid.dtype} of shape {valid.shape}, the images are "
-                f"{left.shape[1]}x{left.shape[0]} px: give one bool a pixel"
-            )
+        check_valid(valid, left.shape)
         unknown = [side for side in enhance if side not in SIDES]
         if unknown:
             raise InputError(f"no image is called {unknown[0]!r}: enhance takes left and right")

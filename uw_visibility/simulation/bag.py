@@ -27,6 +27,7 @@ from uw_visibility.messages.estimates import UNMEASURED_VARIANCE
 from uw_visibility.messages.images import MessageFactory, write_image
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.bags.writer import BagWriter
+from uw_visibility.replay.inputs.positions import wrap_longitude
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.lamps import Lamp, lighting_parameters
 from uw_visibility.simulation.transect import Transect, TransectFrame
@@ -233,7 +234,7 @@ class _Messages:
             header=header,
             status=self._make("sensor_msgs/msg/NavSatStatus", status=0, service=1),
             latitude=start[0],
-            longitude=(start[1] + math.degrees(east / radius) + 180.0) % 360.0 - 180.0,
+            longitude=wrap_longitude(start[1] + math.degrees(east / radius)),
             altitude=0.0,
             position_covariance=np.zeros(9),
             position_covariance_type=0,

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.config.schema import WaterConfig
 from uw_visibility.errors import InputError
+from uw_visibility.images.pair import check_valid
 from uw_visibility.images.view import ColourSamples, View
 from uw_visibility.status import Status
 from uw_visibility.water.contrast import Decay
@@ -413,8 +414,7 @@ def check_arrays(
             f"the range map has the shape {range_map.shape}, the image {image.shape[:2]}: "
             "give one range per pixel"
         )
-    if valid is not None and (valid.shape != range_map.shape or valid.dtype != np.bool_):
-        raise InputError("the mask of valid pixels must be boolean, of the image's size")
+    check_valid(valid, image.shape)
 
 
 def _codes(image: NDArray[Any], transfer: str) -> tuple[NDArray[Any], str]:

@@ -193,6 +193,8 @@ def find_open_water(
     smooth = np.zeros((rows, columns), np.bool_)
     _smooth(image, side, asked, limit, smooth)
     number, labels = _areas(blank & smooth)
+    if number < 2:
+        return None
     area = np.zeros((rows, columns), np.bool_)
     scene = _matched_light(envelope)
     nearest = np.quantile(ranges[::4, ::4][known[::4, ::4]], FAR) if known[::4, ::4].any() else 0.0
