@@ -230,7 +230,7 @@ def test_whatever_comes_in_no_unannounced_nan_comes_out(image, distance, method)
         (np.zeros((4, 5, 3), np.int32), np.zeros((4, 5)), None, "int32"),
         (np.zeros((4, 5, 2), np.uint8), np.zeros((4, 5)), None, r"\(4, 5, 2\)"),
         (np.zeros((4, 5, 3), np.uint8), np.zeros((4, 6)), None, "one range per pixel"),
-        (np.zeros((4, 5, 3), np.uint8), np.zeros((4, 5)), np.ones((4, 5), int), "valid pixels are int64"),
+        (np.zeros((4, 5, 3), np.uint8), np.zeros((4, 5)), np.ones((4, 5), int), "pixels are int64"),
         (np.zeros((4, 5, 3), np.uint8), np.zeros((4, 5)), np.ones((4, 4), bool),
          r"bool of shape \(4, 4\), the images are 5x4 px"),
     ],
