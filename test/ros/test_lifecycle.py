@@ -33,6 +33,8 @@ LEADS = {
 }
 # The node's own and nobody's among them.
 ASKED = (CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE, 0, 8, 10, 42, 62, 255)
+# What an operator waits for, with a margin for a machine under load, s.
+LONGEST_END = 10.0
 # More of them take longer: TRANSITIONS=500 makes it a minute and a half.
 TRANSITIONS = int(os.environ.get("TRANSITIONS", "90"))
 
@@ -84,7 +86,7 @@ class Managed:
     def end(self, number: int) -> None:
         code, seconds = self.process.stop(number)
         assert (code, "Traceback" in self.process.log) == (0, False), self.process.log
-        assert seconds < 5.0
+        assert seconds < LONGEST_END
 
 
 @pytest.fixture

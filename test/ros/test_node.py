@@ -17,6 +17,8 @@ from uw_visibility.messages.images import read_image
 from uw_visibility.messages.outputs import TOPICS
 
 STAMPED = [topic for topic, name in TOPICS.items() if name != "std_msgs/msg/Float64"]
+# What an operator waits for, with a margin for a machine under load, s.
+LONGEST_END = 10.0
 IMAGES = [topic for topic in STAMPED if not topic.startswith("visibility/")]
 
 
@@ -316,7 +318,7 @@ def test_signal_ends_the_node_soon_and_quietly(
     node.wait_for("preparing the pipeline")
     code, seconds = node.stop(number)
     assert (code, "Traceback" in node.log) == (0, False), node.log
-    assert seconds < 2.0
+    assert seconds < LONGEST_END
 
 
 def test_signal_ends_a_busy_node_soon(
@@ -330,7 +332,7 @@ def test_signal_ends_a_busy_node_soon(
         client.publish(*parts)
     code, seconds = node.stop(signal.SIGINT)
     assert (code, "Traceback" in node.log) == (0, False), node.log
-    assert seconds < 2.0
+    assert seconds < LONGEST_END
 
 
 @pytest.mark.parametrize(("arguments", "message"), [

@@ -31,14 +31,9 @@ class Quiet(Node):
         return True
 """
 
-# What rclpy's thread for signals does last; it has woken the executor before.
-LOST_WAKE = NODE + """
-def end():
-    time.sleep(1.0)
-    handle = rclpy.get_default_context().handle
-    with handle:
-        handle.shutdown()
-threading.Thread(target=end).start()
+# A signal while the executor sleeps, which no callback of the node's wakes.
+ASLEEP = NODE + """
+threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGTERM)).start()
 sys.exit(run(Quiet, []))
 """
 
@@ -57,31 +52,67 @@ class Failing(Quiet):
 sys.exit(run(Failing, []))
 """
 
+# What rclpy's own handlers do to a context, they have done after so long.
+INTERRUPT = """
+def interrupt():
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(0.3)
+"""
+
 # A signal comes while the node looks at what it will say of itself.
-INTERRUPTED = NODE + """
+IN_A_CALLBACK = NODE + INTERRUPT + """
 from uw_visibility.ros.monitor.diagnostics import DiagnosticsPublisher
 class Diagnosed(Quiet):
     def prepare(self):
         DiagnosticsPublisher(self, self.diagnose, self.faults)
     def diagnose(self):
-        os.kill(os.getpid(), signal.SIGTERM)
-        while rclpy.ok():
-            time.sleep(0.01)
-        return {self.count_publishers("images"): None}
+        interrupt()
+        print(rclpy.ok(), self.count_publishers("/diagnostics"))
+        return {}
 sys.exit(run(Diagnosed, []))
+"""
+
+# A signal comes once the node is made, before anything is called back.
+BEFORE_CALLBACKS = NODE + INTERRUPT + """
+class Made(Quiet):
+    def create_timer(self, *arguments, **options):
+        interrupt()
+        return super().create_timer(*arguments, **options)
+sys.exit(run(Made, []))
+"""
+
+# Signals come while the worker computes, of whose threads Python's exit would wait.
+IN_THE_WORKER = NODE + INTERRUPT + """
+from concurrent.futures import ThreadPoolExecutor
+from uw_visibility.ros.worker import NewestWorker
+class Computing(Quiet):
+    def prepare(self):
+        self.worker = NewestWorker(print, self.compute)
+        self.worker.start()
+        interrupt()
+        self.create_publisher(self.kind(), "late", 1)
+    def kind(self):
+        from std_msgs.msg import Float64
+        return Float64
+    def compute(self):
+        ThreadPoolExecutor(1).submit(time.sleep, 60.0).result()
+    def stop(self, timeout):
+        interrupt()
+        return self.worker.stop(timeout)
+sys.exit(run(Computing, []))
 """
 
 
 def run_python(code: str) -> tuple[str, str, int]:
     ended = subprocess.run(
-        [sys.executable, "-c", code], env=ENVIRONMENT, text=True, timeout=60, check=False,
+        [sys.executable, "-c", code], env=ENVIRONMENT, text=True, timeout=40, check=False,
         capture_output=True, cwd=Path(__file__).resolve().parents[2],
     )
     return ended.stdout, ended.stderr, ended.returncode
 
 
-def test_node_without_timers_ends_though_the_wake_came_too_early() -> None:
-    assert run_python(LOST_WAKE) == ("", "", 0)
+def test_signal_ends_a_node_without_timers() -> None:
+    assert run_python(ASLEEP) == ("", "", 0)
 
 
 def test_callbacks_that_fail_are_counted_and_the_node_lives_until_its_signal() -> None:
@@ -91,5 +122,14 @@ def test_callbacks_that_fail_are_counted_and_the_node_lives_until_its_signal() -
     assert "a callback failed with OverflowError at " in logged
 
 
-def test_what_a_signal_lets_fail_is_no_fault() -> None:
-    assert run_python(INTERRUPTED) == ("", "", 0)
+def test_signal_takes_nothing_away_from_a_callback() -> None:
+    assert run_python(IN_A_CALLBACK) == ("True 1\n", "", 0)
+
+
+def test_signal_before_the_first_callback() -> None:
+    assert run_python(BEFORE_CALLBACKS) == ("", "", 0)
+
+
+def test_signals_while_the_node_is_made_and_ended_and_its_worker_computes() -> None:
+    # Well before the worker has done.
+    assert run_python(IN_THE_WORKER) == ("", "", 0)

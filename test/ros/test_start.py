@@ -22,19 +22,6 @@ pytestmark = pytest.mark.node
 ENVIRONMENT = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 COMMAND = "import sys; from uw_visibility.ros.start import {0}; sys.exit({0}())"
 
-# A signal while the node is made lets what it makes fail.
-INTERRUPTED = """
-import os, signal, sys, time, rclpy
-from uw_visibility.errors import InputError
-from uw_visibility.ros.run import run
-def make():
-    os.kill(os.getpid(), signal.{signal})
-    while rclpy.ok():
-        time.sleep(0.01)
-    raise {error}("the context is invalid")
-sys.exit(run(make, []))
-"""
-
 # A signal once Python has put back what signals did before it.
 LATE = """
 import os, signal, sys, types
@@ -66,14 +53,10 @@ def test_signal_while_modules_are_imported(name: str, number: int) -> None:
     while "numpy" not in Path(f"/proc/{process.pid}/maps").read_text():
         assert process.poll() is None and time.monotonic() < end
     process.send_signal(number)
-    assert (process.communicate(timeout=30)[0], process.returncode) == ("", 0)
-
-
-@pytest.mark.parametrize("error", ["InputError", "RuntimeError"])
-@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
-def test_signal_while_the_node_is_made(error: str, number: str) -> None:
-    process = start_python(INTERRUPTED.format(signal=number, error=error))
-    assert (process.communicate(timeout=30)[0], process.returncode) == ("", 0)
+    said = process.communicate(timeout=30)[0]
+    # What it is about to do it may tell.
+    unexpected = [line for line in said.splitlines() if not line.startswith("[INFO] ")]
+    assert (unexpected, process.returncode) == ([], 0)
 
 
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])

@@ -12,7 +12,8 @@ from typing import Any
 
 import rclpy
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
 
 from uw_visibility.errors import LONGEST_MESSAGE, InputError, printable
 from uw_visibility.ros.start import SIGNALS
@@ -20,9 +21,8 @@ from uw_visibility.ros.transport.middleware import give_memory, scarce_memory
 
 # How long the exit waits for the frame that is being processed, s.
 STOP_TIMEOUT = 0.5
-# rclpy's thread for signals wakes the executor before it ends the context. An executor that is
-# quick sees nothing changed and sleeps again, for ever where no timer wakes it. s.
-WAKE_PERIOD = 0.5
+# How often an executor that sleeps looks whether a signal has come, s.
+WAKE_PERIOD = 0.2
 # How long the pipeline's thread may keep the interpreter from the callbacks, s. By
 # default it is ten times as long, which is what an answer then waits.
 SWITCH_INTERVAL = 5e-4
@@ -47,32 +47,28 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
         cannot be used.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
-    # rclpy's handlers stop the executor; Python's own would also raise
-    # KeyboardInterrupt at a place of its choice.
+    # A signal only asks for the end. rclpy's handlers would end the context under whatever
+    # uses it, here and in the worker; Python's own raise at a place of their choice.
     asked: list[int] = []
     for number in SIGNALS:
         signal.signal(number, lambda number, _: asked.append(number))
     receives_by_sockets = give_memory()
     try:
-        rclpy.init(args=None if arguments is None else list(arguments))
+        rclpy.init(
+            args=None if arguments is None else list(arguments),
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
     except Exception as error:
         return _refuse(error)
     try:
         node = make_node()
-    except Exception as error:
-        # What fails because a signal has ended the context is the signal's doing.
-        interrupted = bool(asked) or not rclpy.ok()
+    except InputError as error:
         rclpy.try_shutdown()
-        if interrupted:
-            return 0
-        if isinstance(error, InputError):
-            return _refuse(error)
-        raise
+        return _refuse(error)
     scarcity = scarce_memory() if receives_by_sockets else ""
     if scarcity:
         node.get_logger().warning(scarcity)
-    if not asked:
-        _spin(node)
+    _spin(node, asked)
     if not node.stop(STOP_TIMEOUT):
         _leave()
     node.destroy_node()
@@ -80,21 +76,18 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
     return 0
 
 
-def _spin(node: Any) -> None:
-    """Run callbacks until a signal ends the context; what they raise costs none but them."""
-    executor = rclpy.get_global_executor()
+def _spin(node: Any, asked: Sequence[int]) -> None:
+    """Run callbacks until a signal asks for the end; what they raise costs none but them."""
+    executor = SingleThreadedExecutor()
     clock = Clock(clock_type=ClockType.STEADY_TIME)
     wake = node.create_timer(WAKE_PERIOD, lambda: None, clock=clock)
     executor.add_node(node)
-    while rclpy.ok():
+    while not asked and rclpy.ok():
         try:
             executor.spin_once()
-        except ExternalShutdownException:
-            # The signal's way of ending it.
-            break
         except Exception as error:
             node.faults.add(error)
-    executor.remove_node(node)
+    executor.shutdown()
     node.destroy_timer(wake)
 
 

@@ -21,8 +21,8 @@ SHOWN_REASONS = 10
 class FaultLog:
     """Log of exceptions that callbacks and timers raised, with their counts.
 
-    Safe to use from several threads. Once the node's context has ended, which a signal does
-    while callbacks run, whatever uses it fails: that is the signal's doing, and no fault.
+    Safe to use from several threads. Once the node's context has ended, which rclpy's own
+    handlers of signals do while callbacks run, whatever uses it fails: that is no fault.
 
     Parameters
     ----------
