@@ -33,10 +33,14 @@ def opened_browser() -> Iterator[Any]:
         opened.close()
 
 
-def show(browser: Any, path: Path, width: int, scheme: str = "light", height: int = 900) -> Any:
+def show(
+    browser: Any, path: Path, width: int, scheme: str = "light", height: int = 900,
+    scripts: bool = True,
+) -> Any:
     """Open a page; it asks for nothing, and nothing fails in it."""
     context = browser.new_context(
-        viewport={"width": width, "height": height}, color_scheme=scheme)
+        viewport={"width": width, "height": height}, color_scheme=scheme,
+        java_script_enabled=scripts)
     page = context.new_page()
     problems: list[str] = []
     page.on("console", lambda told: problems.append(told.text) if told.type == "error" else None)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -76,7 +77,7 @@ def test_dark_is_dark_figures_too(browser: Any, page_file: Path) -> None:
 
 def test_all_is_reached_by_keys(browser: Any, page_file: Path) -> None:
     page = show(browser, page_file, 390)
-    wanted = page.eval_on_selector_all("a, summary, .scroll", "all => all.length")
+    wanted = page.eval_on_selector_all("a, summary, button, .scroll", "all => all.length")
     page.keyboard.press("Tab")
     assert page.evaluate("document.activeElement.className") == "skip"
     assert page.evaluate("document.activeElement.getBoundingClientRect().left") >= 0.0
@@ -88,6 +89,110 @@ def test_all_is_reached_by_keys(browser: Any, page_file: Path) -> None:
         reached += 1
     hidden = page.eval_on_selector_all("details:not([open]) .scroll", "all => all.length")
     assert reached == wanted - hidden
+
+
+def times_shown(page: Any) -> list[str]:
+    """Labels of the axes of time that are to be seen."""
+    texts = page.eval_on_selector_all(".series svg.plot text", "all => all.filter(one => "
+                                      "one.getClientRects().length).map(one => one.textContent)")
+    return [text for text in texts if re.fullmatch(r"\d\d:\d\d:\d\d(\.\d)?", text)]
+
+
+def points_shown(page: Any) -> list[dict[str, float]]:
+    """Boxes of the first series' points, px, as far as its axes show them."""
+    found: list[dict[str, float]] = page.evaluate("""() => {
+        const plot = [...document.querySelectorAll(".series svg.plot")].find(
+            one => one.getClientRects().length);
+        const axes = plot.querySelector("[id$=patch_2]").getBoundingClientRect();
+        const middle = box => (box.left + box.right) / 2;
+        return [...plot.querySelectorAll(".data use")].map(one => one.getBoundingClientRect())
+            .filter(box => box.width < 20 && middle(box) > axes.left && middle(box) < axes.right)
+            .map(({ left, width, height }) => ({ left, width, height }));
+    }""")
+    return found
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_part_of_the_time_is_shown_in_all_series_by_keys(
+    browser: Any, page_file: Path, width: int
+) -> None:
+    page = show(browser, page_file, width)
+    whole, all_points = times_shown(page), points_shown(page)
+    page.get_by_role("button", name="Zoom in").focus()
+    page.keyboard.press("Enter")
+    shown = page.inner_text(".zoom output")
+    clock = r"(\d\d:\d\d:\d\d(?:\.\d)?)"
+    first, last = re.fullmatch(rf"Shown: \d{{4}}-\d\d-\d\d, {clock} to {clock} UTC", shown).groups()
+    ticks = times_shown(page)
+    assert ticks and ticks != whole
+    assert all(first <= tick <= last for tick in ticks)
+    points = points_shown(page)
+    assert 1 < len(points) < len(all_points)
+    # Farther apart, and as large and round as before.
+    assert points[1]["left"] - points[0]["left"] > 1.3 * (
+        all_points[1]["left"] - all_points[0]["left"])
+    for box in points:
+        assert box["width"] == pytest.approx(all_points[0]["width"], abs=0.3)
+        assert box["width"] == pytest.approx(box["height"], abs=0.3)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.get_by_role("button", name="Earlier").press("Enter")
+    assert page.inner_text(".zoom output") < shown
+    page.get_by_role("button", name="All").press("Enter")
+    assert times_shown(page) == whole
+    assert [box["left"] for box in points_shown(page)] == pytest.approx(
+        [box["left"] for box in all_points], abs=0.1)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_serious_where_a_part_is_shown(
+    browser: Any, page_file: Path, scheme: str
+) -> None:
+    page = show(browser, page_file, 390, scheme)
+    page.get_by_role("button", name="Zoom in").click()
+    assert serious_violations(page) == []
+
+
+def test_a_mouse_over_a_figure_chooses_what_its_values_are_then_told_of(
+    browser: Any, replayed: Path
+) -> None:
+    page = show(browser, replayed / "report.html", 1280)
+    spots = page.locator(".series svg.plot.wide").first.locator(".over rect")
+    frames, chosen = spots.count(), spots.nth(2)
+    axes = page.locator(".series svg.plot.wide [id$=patch_2]").first
+    axes.scroll_into_view_if_needed()
+    text, before, area = chosen.text_content(), chosen.bounding_box(), axes.bounding_box()
+    y = area["y"] + area["height"] / 2.0
+    page.mouse.move(before["x"] - 3.0, y)
+    page.mouse.down()
+    page.mouse.move(area["x"] + 0.8 * area["width"], y)
+    page.mouse.up()
+    after = chosen.bounding_box()
+    assert frames > 4
+    assert after["width"] > 1.1 * before["width"]
+    assert after["x"] == pytest.approx(area["x"], abs=12.0)
+    pointed = page.evaluate(
+        "([x, y]) => document.elementFromPoint(x, y).textContent",
+        [after["x"] + after["width"] / 2.0, y])
+    assert pointed == text
+    assert "by itself" in text
+
+
+def test_without_scripts_the_whole_is_shown_and_no_button(browser: Any, page_file: Path) -> None:
+    page = show(browser, page_file, 1280, scripts=False)
+    assert page.locator(".series svg.plot.wide").first.is_visible()
+    assert page.locator(".series svg.plot.wide text", has_text="time (UTC)").first.is_visible()
+    assert not page.locator("button").first.is_visible()
+
+
+def test_the_part_that_is_shown_is_what_is_printed(browser: Any, page_file: Path) -> None:
+    page = show(browser, page_file, PRINTED[0])
+    page.emulate_media(media="print")
+    assert not page.locator(".zoom").is_visible()
+    page.emulate_media(media="screen")
+    page.get_by_role("button", name="Zoom in").click()
+    page.emulate_media(media="print")
+    assert page.locator(".zoom output").is_visible()
+    assert not page.locator(".zoom button").first.is_visible()
 
 
 def test_headings_are_in_order_and_pictures_have_names(browser: Any, page_file: Path) -> None:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import base64
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -24,8 +25,6 @@ Columns = Mapping[str, NDArray[np.float64]]
 HEIGHT = 2.3
 # Of more frames, so many neighbours are drawn as one that there are no more points.
 MOST_POINTS = 600
-# Frames that can be pointed at.
-MOST_SPOTS = 300
 # Room around the axes, in: left, right, below and above. The same for all, so that their
 # times stand above one another.
 MARGINS = (0.68, 0.1, 0.5, 0.28)
@@ -71,10 +70,17 @@ class Series(NamedTuple):
     ----------
     title : str
     drawing : Markup
+    start, end : float
+        Ends of its axis, s since 1970 (UTC); the same for all.
+    together : int
+        Frames that a point is the median of; the same for all.
     """
 
     title: str
     drawing: Markup
+    start: float
+    end: float
+    together: int
 
 
 def draw_series(columns: Columns, recordings: Sequence[str] = ()) -> list[Series]:
@@ -96,32 +102,39 @@ def draw_series(columns: Columns, recordings: Sequence[str] = ()) -> list[Series
     if not len(columns["stamp"]):
         return []
     needed = (*NEEDED, "recording") if recordings else NEEDED
+    together = neighbours(len(columns["stamp"]), MOST_POINTS)
     thinned = thin({name: columns[name] for name in needed}, MOST_POINTS)
     time = clock_time(thinned["stamp"])
     found = [
-        Series(quantity.title, draw(
+        (quantity.title, draw(
             f"series-{quantity.name.replace('_', '-')}", f"{quantity.title} over time",
             _described(columns, quantity), HEIGHT,
             lambda figure, narrow, quantity=quantity: _paint(  # type: ignore[misc]
-                figure, narrow, time, thinned, quantity, recordings),
+                figure, narrow, time, thinned, quantity, recordings, together),
         ))
         for quantity in QUANTITIES
     ]
     if np.isfinite(columns["nis"]).any():
         beyond = int((columns["nis"] > 3.841).sum())
-        found.append(Series("Depth sensor against the estimate, ν²/S", draw(
+        found.append(("Depth sensor against the estimate, ν²/S", draw(
             "series-nis", "Normalised innovation squared of the depth sensor over time",
             f"{beyond} of {int(np.isfinite(columns['nis']).sum())} values beyond 95 % of χ².",
             HEIGHT, lambda figure, narrow: _paint_nis(figure, time, thinned["nis"]),
         )))
-    return found
+    start, end = (86400.0 * edge for edge in _edges(time))
+    return [Series(title, drawing, start, end, together) for title, drawing in found]
+
+
+def neighbours(count: int, most: int) -> int:
+    """Return how many neighbours of so many frames are one point, of which there are most."""
+    return max(-(-count // most), 1)
 
 
 def thin(columns: Columns, most: int) -> dict[str, NDArray[np.float64]]:
     """Take neighbouring frames together where there are more than so many: medians."""
     count = len(columns["stamp"])
-    together = -(-count // most)
-    if together <= 1:
+    together = neighbours(count, most)
+    if together == 1:
         return dict(columns)
     found = {}
     for name, values in columns.items():
@@ -151,7 +164,7 @@ def clock_axis(axes: Any, narrow: bool) -> None:
 
 def _paint(
     figure: Figure, narrow: bool, time: NDArray[np.float64], columns: Columns,
-    quantity: Quantity, recordings: Sequence[str],
+    quantity: Quantity, recordings: Sequence[str], together: int,
 ) -> list[Spot]:
     axes: Any = figure.subplots()
     name = quantity.name
@@ -178,7 +191,7 @@ def _paint(
     if not (np.isfinite(value).any() or np.isfinite(filtered).any()):
         axes.text(0.5, 0.5, "not assessable", transform=axes.transAxes, ha="center", va="center")
     _finish(axes, time, narrow, f"{quantity.short} [{quantity.unit}]")
-    return _spots(axes, time, columns, quantity, recordings)
+    return _spots(axes, time, columns, quantity, recordings, together)
 
 
 def _paint_nis(figure: Figure, time: NDArray[np.float64], nis: NDArray[np.float64]) -> list[Spot]:
@@ -199,9 +212,7 @@ def _finish(axes: Any, time: NDArray[np.float64], narrow: bool, label: str) -> N
     left, right, below, above = MARGINS
     axes.figure.subplots_adjust(
         left / width, below / height, 1.0 - right / width, 1.0 - above / height)
-    low, high = float(np.min(time)), float(np.max(time))
-    margin = 0.02 * (high - low) or 1.0 / 86400.0
-    axes.set_xlim(low - margin, high + margin)
+    axes.set_xlim(*_edges(time))
     axes.set_ylabel(label)
     axes.grid(color=RULE, linewidth=0.6)
     axes.set_axisbelow(True)
@@ -212,6 +223,13 @@ def _finish(axes: Any, time: NDArray[np.float64], narrow: bool, label: str) -> N
             loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, fontsize="small",
             frameon=False, columnspacing=1.0, handletextpad=0.4, borderaxespad=0.2,
         )
+
+
+def _edges(time: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the ends of the axis, days."""
+    low, high = float(np.min(time)), float(np.max(time))
+    margin = 0.02 * (high - low) or 1.0 / 86400.0
+    return low - margin, high + margin
 
 
 def _with_gaps(
@@ -229,29 +247,27 @@ def _with_gaps(
 
 def _spots(
     axes: Any, time: NDArray[np.float64], columns: Columns, quantity: Quantity,
-    recordings: Sequence[str],
+    recordings: Sequence[str], together: int,
 ) -> list[Spot]:
-    """Return a strip around each frame, of many frames around some."""
-    spaced = np.linspace(0, len(time) - 1, min(len(time), MOST_SPOTS))
-    chosen = np.unique(spaced.round().astype(int))
-    at = time[chosen]
-    if np.any(np.diff(at) <= 0.0):
+    """Return a strip around each point."""
+    if np.any(np.diff(time) <= 0.0):
         return []
     low, high = axes.get_xlim()
-    edges = np.concatenate(([low], (at[1:] + at[:-1]) / 2.0, [high]))
+    edges = np.concatenate(([low], (time[1:] + time[:-1]) / 2.0, [high]))
     return [
         Spot(axes, float(left), float(right), _spot_text(
-            columns, int(index), quantity, recordings))
-        for left, right, index in zip(edges, edges[1:], chosen, strict=False)
+            columns, index, quantity, recordings, together))
+        for index, (left, right) in enumerate(itertools.pairwise(edges))
     ]
 
 
 def _spot_text(
-    columns: Columns, index: int, quantity: Quantity, recordings: Sequence[str]
+    columns: Columns, index: int, quantity: Quantity, recordings: Sequence[str], together: int
 ) -> str:
     moment = matplotlib.dates.num2date(columns["stamp"][index] / 86400.0)
     name = f"{recordings[int(columns['recording'][index])]}, " if recordings else ""
-    parts = [f"{name}frame {columns['frame'][index]:.0f}, {moment:%H:%M:%S} UTC"]
+    what = "frame" if together == 1 else f"median of {together} frames about"
+    parts = [f"{name}{what} {columns['frame'][index]:.0f}, {moment:%H:%M:%S} UTC"]
     for prefix, title in (("", "by itself"), ("filtered_", "filtered")):
         value = float(columns[f"{prefix}{quantity.name}"][index])
         spread = float(columns[f"{prefix}{quantity.name}_stddev"][index])
