@@ -115,3 +115,27 @@ def test_an_interruption_while_processes_start_ends_them_all_without_a_word(
     # This process's own, and no worker's.
     assert done.stderr.count("Traceback") == 1
     assert done.stderr.rstrip().endswith("KeyboardInterrupt")
+
+
+WAITING = """\
+import time
+from uw_visibility.compute.processes import process_pool
+if __name__ == "__main__":
+    with process_pool(2, abs, -1) as pool:
+        print(sum(pool.map(abs, (-1, -2))), flush=True)
+        time.sleep(60.0)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_pool_ends_with_the_process_that_started_it(tmp_path: Path, number: int) -> None:
+    (tmp_path / "command.py").write_text(WAITING, encoding="utf-8")
+    process = subprocess.Popen(
+        [sys.executable, str(tmp_path / "command.py")], stdout=subprocess.PIPE, text=True,
+        stderr=subprocess.DEVNULL,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "3\n"
+    process.send_signal(number)
+    # The pool's processes hold the pipe open too, for as long as there are any.
+    assert process.communicate(timeout=60) == ("", None)

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from typing import Any
 
 from uw_visibility.errors import InputError
@@ -99,6 +99,23 @@ def _safe_path() -> Iterator[None]:
                 os.environ[name] = value
 
 
+def _begin(initializer: Callable[..., object], *arguments: Any) -> None:
+    """Prepare a process of the pool."""
+    threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
+    initializer(*arguments)
+
+
+def _end_with_parent() -> None:
+    """End this process with the one that started it, however that ends.
+
+    One that is killed tells nobody, and its pool would wait for tasks for ever.
+    """
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
 @contextmanager
 def process_pool(
     jobs: int, initializer: Callable[..., object], *arguments: Any
@@ -126,7 +143,9 @@ def process_pool(
         # Of Python's processes one starts here, that keeps account of what they share, and it
         # takes the signal's block back: so the pool's own are started apart from it.
         with _interrupted_later():
-            pool = _Pool(jobs, get_context("spawn"), initializer=initializer, initargs=arguments)
+            pool = _Pool(
+                jobs, get_context("spawn"), initializer=_begin, initargs=(initializer, *arguments)
+            )
         try:
             pool.start()
             yield pool
