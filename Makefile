@@ -37,9 +37,6 @@ SOURCES := setup.py setup.cfg tools/make_venv
 unexport PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 export RMW_IMPLEMENTATION := rmw_fastrtps_cpp
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
-# Another domain for every run: two runs on one machine never meet. Linux leaves 0 to 101
-# free of ephemeral ports.
-ISOLATED = ROS_DOMAIN_ID=$$(( $$$$ % 100 + 1 ))
 
 .DEFAULT_GOAL := help
 .PHONY: help venv demo test quick soak fuzz lint bench test-oldest docs links browser package parameters clean
@@ -63,19 +60,19 @@ $(VENV_DOCS)/.installed: constraints/constraints-newest.txt constraints/constrai
 	@touch $@
 
 demo: venv
-	$(ISOLATED) $(VENV)/bin/uw_visibility demo -o demo
+	$(VENV)/bin/uw_visibility demo -o demo
 
 test: venv
-	$(ISOLATED) $(VENV)/bin/python -m pytest $(PYTEST)
+	$(VENV)/bin/python -m pytest $(PYTEST)
 
 quick: lint
-	$(ISOLATED) $(VENV)/bin/python -m pytest -m "not node and not long" $(PYTEST)
+	$(VENV)/bin/python -m pytest -m "not node and not long" $(PYTEST)
 
 test-oldest: $(VENV_OLDEST)/.installed
-	$(ISOLATED) $(VENV_OLDEST)/bin/python -m pytest $(PYTEST)
+	$(VENV_OLDEST)/bin/python -m pytest $(PYTEST)
 
 soak: venv
-	$(ISOLATED) $(VENV)/bin/python test/faults/soak.py --minutes $(or $(MINUTES),30) -o soak.json
+	$(VENV)/bin/python test/faults/soak.py --minutes $(or $(MINUTES),30) -o soak.json
 
 fuzz: venv
 	$(VENV)/bin/python test/faults/fuzz.py --minutes $(or $(MINUTES),60) --first $$RANDOM$$RANDOM

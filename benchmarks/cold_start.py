@@ -26,6 +26,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from benchmarks.stereo_messages import stereo_messages
+from uw_visibility.commands.demonstration.isolation import reserved_domain
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.ros.transport.factory import message_type
 
@@ -44,11 +45,11 @@ def main() -> None:
     parser.add_argument("--show", action="store_true", help="print what the node logs")
     options = parser.parse_args()
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
-    rclpy.init(args=[])
-    camera = Camera()
     times = []
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, reserved_domain() as domain:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        rclpy.init(args=[])
+        camera = Camera()
         environment = {**os.environ, **({"NUMBA_CACHE_DIR": folder} if options.cold else {})}
         for number in range(1 if options.cold else options.starts):
             times.append(first_answer(camera, Path(folder), environment))

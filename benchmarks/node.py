@@ -41,6 +41,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
 from benchmarks.stereo_messages import stereo_messages
+from uw_visibility.commands.demonstration.isolation import reserved_domain
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.stamps import header_stamp
@@ -71,11 +72,12 @@ def main() -> int:
     parser.add_argument("--json", metavar="FILE", help="write the numbers there")
     options = parser.parse_args()
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
     arguments = [part for given in options.given for part in ("-p", given)]
     arguments += EVERYTHING if options.everything else ()
-    with tempfile.TemporaryDirectory() as folder, started_node(folder, arguments) as process:
-        report = measure(process, Path(folder), options)
+    with tempfile.TemporaryDirectory() as folder, reserved_domain() as domain:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        with started_node(folder, arguments) as process:
+            report = measure(process, Path(folder), options)
     for name, value in report.items():
         if not isinstance(value, list):
             print(f"{name:38s} {value if isinstance(value, int | str) else f'{value:.2f}'}")

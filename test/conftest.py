@@ -15,11 +15,14 @@ import os
 import signal
 import tempfile
 from collections.abc import Generator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import settings
+
+from uw_visibility.commands.demonstration.isolation import reserved_domain
 
 WORKERS = 2
 NODE_FIXTURES = {"start_node", "make_client"}
@@ -43,16 +46,9 @@ DATA = HERE.parents[1] / "shared" / "data"
 TURNS = pytest.StashKey[tempfile.TemporaryDirectory[str]]()
 
 
-def own_domain() -> int:
-    """Return a ROS domain that neither another run nor the other worker of this one is in."""
-    # Linux leaves the domains 0 to 101 free of ephemeral ports.
-    worker = os.environ.get("PYTEST_XDIST_WORKER")
-    run = os.getppid() if worker else os.getpid()
-    return 1 + (run + 50 * int((worker or "gw0").removeprefix("gw"))) % 99
-
-
-# Before ROS is started, here and in the processes that tests start.
-os.environ["ROS_DOMAIN_ID"] = str(own_domain())
+# Before ROS is started, here and in the processes that tests start; until this process ends.
+RESERVED = ExitStack()
+os.environ["ROS_DOMAIN_ID"] = str(RESERVED.enter_context(reserved_domain()))
 # What a shell starts in the background ignores interruptions, and so would those processes.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -7,11 +7,16 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from types import ModuleType
 
+from uw_visibility.commands.demonstration.isolation import reserved_domain
+
 FOLDER = Path(__file__).resolve().parents[1]
 SIDES = ("left", "right")
+# Until this process ends.
+RESERVED = ExitStack()
 TOPICS = {"image": "image_rect", "camera_info": "camera_info"}
 
 
@@ -20,7 +25,9 @@ def load() -> ModuleType:
     name = "node_parts"
     if name not in sys.modules:
         sys.path.insert(0, str(FOLDER))
-        os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 99))
+        # A test that starts this has one already.
+        if "ROS_DOMAIN_ID" not in os.environ:
+            os.environ["ROS_DOMAIN_ID"] = str(RESERVED.enter_context(reserved_domain()))
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         path = FOLDER / "ros" / "conftest.py"
         specification = importlib.util.spec_from_file_location(name, path)

@@ -90,7 +90,7 @@ def run_node(
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 
-    domain = 1 + os.getpid() % 99
+    domain = int(os.environ["ROS_DOMAIN_ID"])
     command = [*COMMAND, "--ros-args", "--params-file", str(params)]
     for topic in inputs:
         command += ["-p", f"qos_overrides.{topic}.subscription.reliability:=reliable"]

@@ -85,8 +85,8 @@ def core(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     monkeypatch.setattr(module, "Pipeline", Pipeline)
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     context = rclpy.Context()
-    rclpy.init(context=context, domain_id=1 + os.getpid() % 99)
-    node = Node("uw_visibility", context=context)
+    rclpy.init(context=context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
+    node = Node("uw_visibility", namespace="/core", context=context)
     core = module.NodeCore(node, NodeParameters(node))
     core.activate()
     yield core

@@ -21,7 +21,7 @@ from uw_visibility.commands.demonstration.comparison import (
 )
 from uw_visibility.commands.demonstration.figures import draw_frame, draw_series
 from uw_visibility.commands.demonstration.interruption import Interruption
-from uw_visibility.commands.demonstration.isolation import isolate
+from uw_visibility.commands.demonstration.isolation import isolate, reserved_domain
 from uw_visibility.commands.demonstration.node_process import COMMAND, NodeProcess
 from uw_visibility.commands.demonstration.play import Check, play, wait_until_ready
 from uw_visibility.commands.demonstration.recording import (
@@ -82,13 +82,16 @@ def demonstrate(
     NodeDied
         If the node ends before its time.
     InputError
-        If the recording cannot be written.
+        If the recording cannot be written, or no ROS domain is free.
     KeyboardInterrupt
         After a signal that asks for the end.
     """
-    domain = isolate(folder / "fastdds.xml")
+    isolate(folder / "fastdds.xml")
     bag = folder / "transect"
-    with Interruption() as interruption, NodeProcess(folder / "node.log", domain, command) as node:
+    with (
+        reserved_domain() as domain, Interruption() as interruption,
+        NodeProcess(folder / "node.log", domain, command) as node,
+    ):
 
         def check() -> None:
             interruption.check()
