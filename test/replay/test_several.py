@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -87,6 +88,8 @@ def test_of_several_bags_one_that_cannot_be_used_holds_up_no_other(
     assert ended.value.code == 1
     printed = capsys.readouterr()
     assert printed.err.count("no pair of images") == 2
+    assert re.findall("^uw_visibility: (.*?):", printed.err, re.MULTILINE) == [
+        str(single), str(other)]
     assert "transect: Visibility was assessed in all 2 frames, " in printed.out
     assert "2024" not in printed.out
     assert {p.name for p in (tmp_path / "day").iterdir() if p.is_dir()} == {"transect"}

@@ -327,7 +327,8 @@ def _tell(summary: Summary) -> None:
     from uw_visibility.replay.results.refusals import WHOLE_FRAME
 
     if summary.error:
-        say(f"uw_visibility: {summary.error}", error=True)
+        named = "" if summary.bag in summary.error else f"{summary.bag}: "
+        say(f"uw_visibility: {named}{summary.error}", error=True)
         return
     from uw_visibility.replay.report.sentences import verdict
 

@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 
 from uw_visibility.replay import progress
 from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.inputs.scalars import ScalarTopic
 from uw_visibility.replay.report.figures import MOST_POINTS, NEEDED, draw_series
+from uw_visibility.replay.report.joins import fit_joins
 from uw_visibility.replay.report.meaning import MEANINGS, REMEDIES, meaning
 from uw_visibility.replay.report.track import (
     TRACK_COLUMNS,
@@ -355,6 +357,22 @@ def test_a_figure_shows_clock_time_and_values_to_point_at() -> None:
     used = re.findall(r'(?:href="|url\()#([^")]*)', drawn)
     assert used
     assert set(used) <= set(names)
+
+
+@pytest.mark.parametrize("stddev, left", [
+    (0.05, "is within the standard deviations"), (1e-4, "is 0.01 beyond the standard deviations"),
+])
+def test_what_a_fit_leaves_is_told_beside_what_the_estimates_may_be_off_by(
+    stddev: float, left: str, tmp_path: Path
+) -> None:
+    """A scatter of nothing would contradict the residuals in the figure beside it."""
+    lines = [
+        f"{k},{0.1 + 0.02 * k},{stddev},{0.1 + 0.02 * k + 0.01 * (-1) ** k}" for k in range(20)]
+    (tmp_path / "frames.csv").write_text("\n".join(
+        ["stamp,beam_attenuation,beam_attenuation_stddev,joined_c", *lines]))
+    (section,) = fit_joins(tmp_path, [ScalarTopic("/c")])
+    assert left in section["text"]
+    assert "scatter 0" not in section["text"]
 
 
 @pytest.mark.parametrize("longest, length", [(3.2, 2.0), (5.0, 5.0), (0.99, 0.5), (1e4, 1e4)])

@@ -72,6 +72,7 @@ def test_when_where_and_how_far_one_could_see() -> None:
         "over ranges from 0.50 to 10 m.")
     assert sentences[1].startswith("It was from 4.00 ± 0.10 m to 8.10 ± 0.10 m, median 7.45 m")
     assert "2.35/β of green, the clearest channel" in sentences[1]
+    assert "sure to be" not in sentences[2]
     assert sentences[1].endswith("worst in frames 4-5, best in frames 0-2.")
     assert "beyond" not in sentences[2]
     linked = [part.frame for part in verdict(summary)[1] if not isinstance(part, str)]
@@ -83,6 +84,9 @@ def test_a_value_that_is_hardly_known_is_neither_worst_nor_best() -> None:
     sentences, _ = told(seen(0, 6.0), seen(1, 40.0, 35.0), seen(2, 8.0), seen(3, 1.0, 9.0))
     assert sentences[1].startswith("It was from 6.00 ± 0.10 m to 8.00 ± 0.10 m")
     assert sentences[1].endswith("worst in frame 0, best in frame 2.")
+    # The page shows the quantiles too, which lie beyond.
+    assert ("are sure to be by one standard deviation; 90 % of all show 1.75 to 35.2 m."
+            in sentences[2])
 
 
 def test_what_differs_within_sigma_is_no_change() -> None:
@@ -164,6 +168,7 @@ def test_the_definition_is_that_of_the_code() -> None:
         assert found
         assert float(found[1]) == pytest.approx(visibility_distance(1.0, contrast), abs=0.005)
     assert "a contrast of 5 %" in definition(0.05)
+    assert "before open water as bright as the white one" in definition(0.05)
     assert "ln(1/C)/c = 3.0/c" in definition(0.05)
 
 

@@ -71,9 +71,15 @@ def _sentence(fit: LineFit | None, both: int, values: NDArray[np.float64]) -> st
     return (
         f"{fit.source} = ({fit.intercept:.3g} ± {fit.intercept_stddev:.2g}) + "
         f"({fit.slope:.3g} ± {fit.slope_stddev:.2g}) m · beam attenuation, over {fit.frames} "
-        f"frames from {fit.low:.3g} to {fit.high:.3g} 1/m; correlation {fit.correlation:.2f}, "
-        f"scatter {fit.residual_stddev:.2g}."
+        f"frames from {fit.low:.3g} to {fit.high:.3g} 1/m; correlation {fit.correlation:.2f}. What "
+        f"is left of the values is {_left(fit)}."
     )
+
+
+def _left(fit: LineFit) -> str:
+    if not fit.residual_stddev:
+        return "within the standard deviations of the estimates"
+    return f"{fit.residual_stddev:.2g} beyond the standard deviations of the estimates"
 
 
 def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Markup:

@@ -70,11 +70,12 @@ def definition(contrast: float) -> str:
     factor = Synopsis(0, 0, 0, 0, 0, False, contrast).factor
     return (
         "Visibility distance: how far off a white and a black patch side by side still differ by "
-        f"a contrast of {100.0 * contrast:g} % (Michelson), ln((1 + C)/(2C))/β = {factor:.3g}/β, "
-        "with C that contrast and β the attenuation of the clearest channel (Roser, Dunbabin and "
-        "Geiger 2014, eq. 12). It is not Koschmieder's distance of a black object before open "
-        f"water, ln(1/C)/c = {number(math.log(1.0 / contrast), 2)}/c (Duntley 1963), nor the 4.8/c "
-        "at which a diver loses a black disc (Davies-Colley 1988, "
+        f"a contrast of {100.0 * contrast:g} % (Michelson), before open water as bright as the "
+        "white one (farther where it is darker): ln((1 + C)/(2C))/β = "
+        f"{factor:.3g}/β, with C that contrast and β the attenuation of the clearest channel "
+        "(Roser, Dunbabin and Geiger 2014, eq. 12). It is not Koschmieder's distance of a black "
+        f"object before open water, ln(1/C)/c = {number(math.log(1.0 / contrast), 2)}/c (Duntley "
+        "1963), nor the 4.8/c at which a diver loses a black disc (Davies-Colley 1988, "
         "doi:10.4319/lo.1988.33.4_part_1.0616)."
     )
 
@@ -148,6 +149,13 @@ def _trust(synopsis: Synopsis) -> Sentence:
         "(one standard deviation), which holds noise and what the scene leaves open, but no wrong "
         "calibration or camera setting."
     )
+    low, high = synopsis.lowest, synopsis.highest
+    assert low is not None and high is not None
+    if synopsis.differs and (synopsis.low < low.value or synopsis.high > high.value):
+        text += (
+            " The worst and the best frame are those that are sure to be by one standard "
+            f"deviation; 90 % of all show {number(synopsis.low)} to {number(synopsis.high)} m."
+        )
     if synopsis.ranges and synopsis.median > synopsis.ranges[1]:
         text += (
             f" Nothing was seen beyond {number(synopsis.ranges[1], 2)} m: farther than that, it is "
