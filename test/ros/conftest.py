@@ -160,6 +160,7 @@ class Client:
             kind = CompressedImage if topic.endswith("/compressed") else types[name.split("/")[1]]
             self.publishers[name] = self.node.create_publisher(kind, topic, QoSProfile(depth=50))
         self._subscriptions: dict[str, Any] = {}
+        self._services: dict[str, Any] = {}
         for topic in self.received:
             self.listen(topic)
         self._seconds = 100
@@ -240,13 +241,14 @@ class Client:
 
     def call(self, service: str, request: Any) -> Any:
         """Call a service of the node, by its name and with its request."""
-        name = type(request).__name__.removesuffix("_Request")
-        module = sys.modules[type(request).__module__.rsplit(".", 1)[0]]
-        client = self.node.create_client(getattr(module, name), service)
-        assert client.wait_for_service(timeout_sec=RESULT_TIMEOUT), service
-        future = client.call_async(request)
+        if service not in self._services:
+            name = type(request).__name__.removesuffix("_Request")
+            module = sys.modules[type(request).__module__.rsplit(".", 1)[0]]
+            # Kept, since a node that does not know its client yet answers into the void.
+            self._services[service] = self.node.create_client(getattr(module, name), service)
+        assert self._services[service].wait_for_service(timeout_sec=RESULT_TIMEOUT), service
+        future = self._services[service].call_async(request)
         self.wait(future.done, service)
-        self.node.destroy_client(client)
         return future.result()
 
     def has(self, topic: str, stamp: int) -> bool:
@@ -273,13 +275,24 @@ class Client:
         numbers = {value.key: value.value for value in status.values}
         return SimpleNamespace(level=status.level, message=status.message, numbers=numbers)
 
-    def diagnosed(self, part: str, message: str, timeout: float = RESULT_TIMEOUT) -> Any:
-        """Wait until a part of the node says something; return that status."""
+    def diagnosed(
+        self, part: str, message: str, timeout: float = RESULT_TIMEOUT, **numbers: int | str
+    ) -> Any:
+        """Wait until a part of the node says something, with its numbers; return that status.
+
+        In names of numbers, underscores stand for spaces.
+        """
+        wanted = {name.replace("_", " "): str(number) for name, number in numbers.items()}
         end = time.monotonic() + timeout
-        while (status := self.diagnosis(part)).level is None or message not in status.message:
-            assert time.monotonic() < end, f"{message!r} was not said, but {status}"
+        while True:
+            status = self.diagnosis(part)
+            if (
+                status.level is not None and message in status.message
+                and wanted.items() <= status.numbers.items()
+            ):
+                return status
+            assert time.monotonic() < end, f"{message!r} {wanted} was not said, but {status}"
             time.sleep(0.05)
-        return status
 
     def stamps(self, topic: str) -> list[int]:
         return [stamp_to_nanoseconds(m.header.stamp) for m in self.received[topic]]

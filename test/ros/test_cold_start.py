@@ -21,7 +21,7 @@ def test_says_that_it_compiles_and_how_far_it_is(
     node = start_node("-r", "__ns:=/cold", ready=False)
     node.wait_for(f"kernels are kept in {tmp_path / 'uw_visibility'}")
     first = client.diagnosed("pipeline", "the pipeline is being compiled, ").message
-    client.wait(lambda: client.diagnosis("pipeline").message != first, "another count")
+    client.wait(lambda: client.diagnosis("pipeline").message != first, "another count", 100.0)
     counts = [
         re.search(r"is being compiled, (\d+) kernels so far$", message)
         for message in (first, client.diagnosis("pipeline").message)

@@ -412,7 +412,7 @@ def test_recorded_raw_pairs_are_rectified_and_processed(
         complete.append(stamp)
     # The estimates of the last frame follow its images at once.
     client.wait(
-        lambda: len(client.received["visibility/attenuation"]) >= 8, "8 estimates", timeout=5
+        lambda: len(client.received["visibility/attenuation"]) >= 8, "8 estimates"
     )
     answered = {
         topic: sum(client.has(topic, stamp) for stamp in complete) for topic in STAMPED

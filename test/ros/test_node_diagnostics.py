@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
@@ -40,14 +41,16 @@ def client(node: Any, make_client: Callable[..., Any], parts: Any) -> Any:
     """Go through a bad start, which the first test looks at, and end with a working node."""
     client = make_client(namespace=NAMESPACE)
     client.story = [client.diagnosed("input", "no left/image_rect yet")]
-    for _ in range(3):
+    end = time.monotonic() + 20.0
+    while "no right/camera_info yet" not in client.diagnosis("input").message:
+        assert time.monotonic() < end, client.diagnosis("input")
         stamp = client.next_stamp()
-        for name, message in zip(("left/image", "right/image"), parts[:2], strict=True):
+        inputs = ("left/image", "right/image", "left/camera_info")
+        for name, message in zip(inputs, parts[:3], strict=True):
             message.header.stamp.sec = stamp
             client.publishers[name].publish(message)
         time.sleep(0.2)
-    client.publishers["left/camera_info"].publish(parts[2])
-    client.story.append(client.diagnosed("input", "no right/camera_info yet"))
+    client.story.append(client.diagnosis("input"))
     node.wait_for("no output: ")
     client.connect(*parts)
     return client
@@ -81,8 +84,6 @@ def test_missing_input_is_named_until_it_comes(node: Any, client: Any) -> None:
 def test_numbers_of_a_working_node(client: Any, parts: Any) -> None:
     client.result(client.publish(*parts), "disparity")
     before = int(client.diagnosis("pipeline").numbers["frames processed"])
-    arrays = len(client.received["/diagnostics"])
-    started = time.monotonic()
     for _ in range(12):
         client.result(client.publish(*parts), "disparity")
         time.sleep(0.1)
@@ -90,8 +91,11 @@ def test_numbers_of_a_working_node(client: Any, parts: Any) -> None:
         lambda: int(client.diagnosis("pipeline").numbers["frames processed"]) >= before + 12,
         "12 frames in the diagnostics",
     )
-    seconds = time.monotonic() - started
-    assert len(client.received["/diagnostics"]) - arrays == pytest.approx(seconds, abs=1.5)
+    arrays = client.received["/diagnostics"]
+    client.wait(lambda: len(arrays) > 5, "diagnostics")
+    # One may be late where the machine is busy; most are not.
+    gaps = np.diff([1e-9 * stamp for stamp in client.stamps("/diagnostics")])
+    assert np.median(gaps) == pytest.approx(1.0, abs=0.3), gaps
     pipeline = client.diagnosis("pipeline")
     assert pipeline.level == DiagnosticStatus.OK
     assert pipeline.numbers["status"] == "ok"
@@ -103,7 +107,7 @@ def test_numbers_of_a_working_node(client: Any, parts: Any) -> None:
     )
     assert all(float(pipeline.numbers[stage]) > 0 for stage in stages)
     client.wait(
-        lambda: float(client.diagnosis("input").numbers["left rate (Hz)"]) > 1.0, "a rate"
+        lambda: float(client.diagnosis("input").numbers["left rate (Hz)"]) > 0.0, "a rate"
     )
     given = client.diagnosis("input").numbers
     assert given["left received"] == given["right received"]
@@ -125,6 +129,7 @@ def test_unusable_frame_is_counted_with_its_reason(
 
 def test_images_without_common_stamps_are_explained(node: Any, client: Any, parts: Any) -> None:
     unmatched = int(client.diagnosis("input").numbers["unmatched images"])
+    pairs = 0
     end = time.monotonic() + 20.0
     message = "left and right images have no stamps in common: set synchronization.tolerance"
     while message not in client.diagnosis("input").message:
@@ -133,6 +138,7 @@ def test_images_without_common_stamps_are_explained(node: Any, client: Any, part
         for side, part, nanoseconds in (("left", parts[0], 0), ("right", parts[1], 12_000_000)):
             part.header.stamp.sec, part.header.stamp.nanosec = stamp, nanoseconds
             client.publishers[f"{side}/image"].publish(part)
+        pairs += 1
         time.sleep(0.2)
     status = client.diagnosis("input")
     assert status.level == DiagnosticStatus.ERROR
@@ -141,20 +147,25 @@ def test_images_without_common_stamps_are_explained(node: Any, client: Any, part
     # What waited leaves with the next pair, counted.
     client.result(client.publish(*parts), "disparity")
     client.wait(
-        lambda: int(client.diagnosis("input").numbers["unmatched images"]) > unmatched + 10,
+        lambda: int(client.diagnosis("input").numbers["unmatched images"]) > unmatched + pairs,
         "the count of unmatched images",
     )
 
 
 def test_images_without_stamps_are_explained(client: Any, parts: Any) -> None:
-    end = time.monotonic() + 20.0
+    end, pairs = time.monotonic() + 20.0, 0
     while "images have no stamp: fill header.stamp" not in client.diagnosis("input").message:
         assert time.monotonic() < end, client.diagnosis("input")
+        pairs += 1
         for side, part in (("left", parts[0]), ("right", parts[1])):
             part.header.stamp.sec = part.header.stamp.nanosec = 0
             client.publishers[f"{side}/image"].publish(part)
         time.sleep(0.2)
-    assert int(client.diagnosis("input").numbers["dropped: left image without a stamp"]) > 10
+    client.wait(
+        lambda: client.diagnosis("input").numbers["dropped: left image without a stamp"]
+        == str(pairs),
+        "the count of images without stamps",
+    )
     client.result(client.publish(*parts), "disparity")
 
 
@@ -180,8 +191,10 @@ def test_parameters_are_answered_while_a_frame_is_processed(
         info("left", scale=2), info("right", scale=2),
     )
     client.result(client.publish(*parts), "disparity")
-    frames, answers = 6, 0
-    for _ in range(frames):
+    wanted, answers = 6, 0
+    end = time.monotonic() + 20.0
+    while answers < wanted:
+        assert time.monotonic() < end, f"{answers} of {wanted} answers"
         stamp, answered = client.publish(*parts), 0
         while not client.has("disparity", stamp):
             future = service.call_async(request)
@@ -190,7 +203,6 @@ def test_parameters_are_answered_while_a_frame_is_processed(
             answered += not client.has("disparity", stamp)
         answers += max(answered - 1, 0)
     client.node.destroy_client(service)
-    assert answers >= frames
 
 
 class Sensor:
@@ -217,7 +229,7 @@ class Sensor:
 def test_depth_sensor_is_checked(client: Any, parts: Any) -> None:
     client.diagnosed("plausibility", "stale: no depth_sensor yet")
     # The known scene says little of its depth, so the gate may be wide.
-    set_parameters(client, plausibility__max_gate=100.0, plausibility__timeout=5.0)
+    set_parameters(client, plausibility__max_gate=100.0, plausibility__timeout=60.0)
     sensor = Sensor(client)
     nis = client.received["depth_plausibility/nis"]
     stamped_nis = client.received["depth_plausibility/nis_stamped"]
@@ -229,7 +241,7 @@ def test_depth_sensor_is_checked(client: Any, parts: Any) -> None:
         stddev = math.sqrt(stamped_nis[-1].vector.z) if count else 0.3
         depth = -client.result(stamp, "visibility/raw/depth")[0].pose.pose.position.z
         sensor.publish(stamp, depth + deviations * stddev)
-        client.wait(lambda: len(stamped_nis) > count, "a NIS")
+        client.wait(lambda: len(stamped_nis) == len(nis) == count + 1, "a NIS")
         return float(nis[-1].data)
 
     assert frame(0.0) == pytest.approx(0.0, abs=1e-9)
@@ -237,12 +249,13 @@ def test_depth_sensor_is_checked(client: Any, parts: Any) -> None:
     assert stamped_nis[-1].vector.z > 0.01 + 0.25**2
     for _ in range(4):
         assert frame(0.5) == pytest.approx(0.25, rel=1e-3)
-    status = client.diagnosed("plausibility", "ok: sensor +")
+    status = client.diagnosed("plausibility", "ok: sensor +", comparisons=5)
     assert status.level == DiagnosticStatus.OK
     stamped = stamped_nis[-1]
     assert stamped.vector.x == nis[-1].data
     assert stamped.vector.y**2 / stamped.vector.z == pytest.approx(stamped.vector.x)
-    assert stamped.header.stamp == client.received["disparity"][-1].header.stamp
+    disparity = client.result(client._seconds, "disparity")[0]
+    assert stamped.header.stamp == disparity.header.stamp
     assert stamped.header.frame_id == "map"
     innovation, variance = (
         float(status.numbers[name]) for name in ("innovation (m)", "innovation variance (m^2)")
@@ -255,13 +268,13 @@ def test_depth_sensor_is_checked(client: Any, parts: Any) -> None:
     assert status.level == DiagnosticStatus.WARN
     for _ in range(4):
         frame(-4.0)
-    status = client.diagnosed("plausibility", "error: ")
+    status = client.diagnosed("plausibility", "error: ", beyond_the_gate_in_a_row=8)
     assert status.level == DiagnosticStatus.ERROR
-    assert int(status.numbers["beyond the gate in a row"]) == 8
     sensor.publish(client.next_stamp(), math.nan)
     status = client.diagnosed("plausibility", "depth_sensor says nan")
     assert status.numbers["refused sensor messages"] == "1"
     sensor.close()
+    set_parameters(client, plausibility__timeout=1.0)
     status = client.diagnosed("plausibility", "stale: no ")
     assert status.level == DiagnosticStatus.STALE
 
@@ -274,7 +287,7 @@ def test_jump_of_the_sensor_on_a_simulated_transect(
         camera=StereoCamera(240, 180, 225.0, 0.12),
     )
     set_parameters(
-        client, plausibility__max_gate=1.5, plausibility__timeout=10.0, stereo__max_disparity=48
+        client, plausibility__max_gate=1.5, plausibility__timeout=60.0, stereo__max_disparity=48
     )
     cx, cy = transect.camera.principal_point
     infos = [
@@ -293,7 +306,10 @@ def test_jump_of_the_sensor_on_a_simulated_transect(
         sensor.publish(stamp, frame.depth + (1.5 if index >= jump else 0.0))
         client.wait(lambda n=count: len(nis) > n, "a NIS")
         if index == jump - 1:
-            client.diagnosed("plausibility", "ok: ")
-    status = client.diagnosed("plausibility", "error: ")
-    assert int(status.numbers["beyond the gate in a row"]) >= 6
+            client.diagnosed("plausibility", "", verdict="ok", beyond_the_gate_in_a_row=0)
+    client.wait(
+        lambda: int(client.diagnosis("plausibility").numbers["beyond the gate in a row"]) >= 6,
+        "a jump",
+    )
+    client.diagnosed("plausibility", "", verdict="error")
     sensor.close()

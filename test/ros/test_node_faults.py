@@ -233,16 +233,25 @@ def test_short_recording_is_answered_each_time_it_is_played(
     client = make_client(namespace="/again")
     topics = {name: (p.msg_type, p.topic_name) for name, p in client.publishers.items()}
     frames, plays = 9, 3
+
+    def adapted(reliability: str) -> None:
+        """Wait until the node has noticed that publishers are there, or that they are gone."""
+        names = [f"reliability of {side}/image_rect" for side in ("left", "right")]
+        client.wait(
+            lambda: [client.diagnosis("input").numbers.get(name) for name in names]
+            == [reliability] * 2, f"{reliability} subscriptions",
+        )
+
     for play in range(plays):
         if play:
             # As a player does that is started anew.
             for name, (kind, topic) in topics.items():
                 client.publishers[name] = client.node.create_publisher(kind, topic, 50)
+        adapted("reliable")
         client.wait(
             lambda: all(p.get_subscription_count() == 1 for p in client.publishers.values()),
             "a subscription to each input",
         )
-        time.sleep(0.8)
         before = len(client.received["disparity"])
         for number in range(frames):
             for part in parts:
@@ -261,7 +270,7 @@ def test_short_recording_is_answered_each_time_it_is_played(
         assert len(client.received["disparity"]) - before >= frames - 1
         for publisher in client.publishers.values():
             client.node.destroy_publisher(publisher)
-        time.sleep(1.5)
+        adapted("best effort")
 
     def numbers(part: str) -> dict[str, str]:
         return client.diagnosed(part, "").numbers
