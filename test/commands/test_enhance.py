@@ -25,7 +25,7 @@ NUMBERS = ("--focal-length", "400", "--baseline", "0.12")
 OUTPUTS = {
     "left_enhanced.png", "right_enhanced.png", "disparity.pfm", "confidence.pfm",
     "disparity_filled.pfm",
-    "range.pfm", "report.json",
+    "range.pfm", "report.json", "overview.png",
 }
 DISPARITY = 12
 Pair = Sequence[NDArray[Any]]
@@ -65,6 +65,11 @@ def check_outputs(folder: Path, image: NDArray[Any]) -> dict[str, Any]:
     for side in ("left", "right"):
         enhanced = read(folder / f"{side}_enhanced.png")
         assert (enhanced.shape, enhanced.dtype) == (image.shape, image.dtype)
+    overview = read(folder / "overview.png")
+    height, width = image.shape[:2]
+    assert (overview.shape, overview.dtype) == ((height, 3 * width, 3), np.uint8)
+    before = (image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image
+    assert (overview[:, :width] == (before if image.ndim == 3 else before[..., None])).all()
     for name in ("disparity", "disparity_filled", "range"):
         values = read(folder / f"{name}.pfm")
         assert values.shape == image.shape[:2]

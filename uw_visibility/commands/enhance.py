@@ -35,6 +35,7 @@ Images are 8 or 16 bit, colour or grey, and already rectified."""
 
 EPILOG = """\
 written to DIR:
+  overview.png           the left image, itself without the water, disparity in colours
   left_enhanced.png, right_enhanced.png   the images without the water
   disparity.pfm          matched pixels, px; inf = unmatched
   confidence.pfm         probability that disparity is within 1 px; 0 = unmatched
@@ -100,7 +101,7 @@ def run(arguments: argparse.Namespace) -> None:
         except InputError as error:
             raise InputError(f"{arguments.left}, {arguments.right}: {error}") from error
         with gathered(arguments.output, last=REPORT) as folder:
-            report = _write(folder, result)
+            report = _write(folder, result, left)
     say(_summary(report, arguments.output))
 
 
@@ -193,14 +194,16 @@ def _prepare_folder(folder: Path) -> None:
         raise InputError(f"cannot write to folder {folder}: give another one with -o")
 
 
-def _write(folder: Path, result: FrameResult) -> dict[str, Any]:
+def _write(folder: Path, result: FrameResult, left: NDArray[Any]) -> dict[str, Any]:
     import numpy as np
 
     from uw_visibility.commands.frame_report import frame_report
     from uw_visibility.images.files import write_pfm, write_png
+    from uw_visibility.images.overview import overview
 
     write_png(folder / "left_enhanced.png", result.left_enhanced)
     write_png(folder / "right_enhanced.png", result.right_enhanced)
+    write_png(folder / "overview.png", overview(left, result.left_enhanced, result.disparity))
     matched = np.where(np.isfinite(result.disparity), result.disparity, np.float32(np.inf))
     write_pfm(folder / "disparity.pfm", matched)
     if result.stereo.confidence is not None:

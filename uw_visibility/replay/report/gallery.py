@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.files import write_png
+from uw_visibility.images.overview import shown
 from uw_visibility.messages.compressed import read_compressed
 from uw_visibility.messages.images import read_image
 from uw_visibility.messages.stamps import header_stamp
@@ -121,9 +122,9 @@ def pictures(
             raw = _at(reader, selection.left, time, nanoseconds(row["stamp"]))
             if enhanced is None or disparity is None or raw is None:
                 continue
-            shown = _shown(_pixels(enhanced))
-            drawn = np.zeros_like(shown) if scale is None else scale.draw(disparity)
-            yield Picture(row, _shown(_pixels(raw)), shown, drawn)
+            after = shown(_pixels(enhanced))
+            drawn = np.zeros_like(after) if scale is None else scale.draw(disparity)
+            yield Picture(row, shown(_pixels(raw)), after, drawn)
 
 
 def write_pictures(
@@ -150,14 +151,14 @@ def write_pictures(
         _write_video(folder, pictures(folder, reader, selection, scale))
 
 
-def _write_video(folder: Path, shown: Iterator[Picture]) -> None:
+def _write_video(folder: Path, frames: Iterator[Picture]) -> None:
     stamps = read_columns(folder / "frames.csv", ["stamp"])["stamp"]
     steps = np.diff(stamps)
     steps = steps[steps > 0.0]
     rate = float(np.clip(1.0 / np.median(steps), 0.5, 60.0)) if steps.size else 5.0
     writer: Any = None
     size = (0, 0)
-    for picture in shown:
+    for picture in frames:
         image = picture.side_by_side()
         if writer is None:
             width = min(image.shape[1], LARGEST_VIDEO_WIDTH) // 2 * 2
@@ -183,13 +184,6 @@ def _pixels(message: Any) -> NDArray[Any]:
     if hasattr(message, "format"):
         return read_compressed(message)[0]
     return read_image(message)
-
-
-def _shown(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return an image as 8 bit RGB."""
-    if image.dtype == np.uint16:
-        image = (image >> 8).astype(np.uint8)
-    return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) if image.ndim == 2 else image
 
 
 def _fit(image: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:

@@ -1,0 +1,80 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Overview of a frame: before, after and disparity in colours, side by side.
+
+Viridis: it rises in lightness, so that who is colour-blind, and a grey print, tell far from near.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+# The colours reach over the disparities that this share of the matched pixels has, %.
+DRAWN_SHARE = (1.0, 99.0)
+NOT_MATCHED = (0, 0, 0)
+
+
+def overview(
+    image: NDArray[Any], enhanced: NDArray[Any], disparity: NDArray[np.float32]
+) -> NDArray[np.uint8]:
+    """Put an image, itself without the water, and its disparity side by side.
+
+    Parameters
+    ----------
+    image, enhanced : (H, W, 3) or (H, W) uint8 or uint16 ndarray
+        RGB or grey.
+    disparity : (H, W) float32 ndarray
+        px; NaN where nothing matched, which is black.
+
+    Returns
+    -------
+    (H, 3 W, 3) uint8 ndarray
+        RGB.
+    """
+    known = np.isfinite(disparity)
+    low, high = np.percentile(disparity[known], DRAWN_SHARE) if known.any() else (0.0, 0.0)
+    drawn = draw_disparity(disparity, known, float(low), float(high))
+    return np.concatenate((shown(image), shown(enhanced), drawn), axis=1)
+
+
+def draw_disparity(
+    disparity: NDArray[np.float32], known: NDArray[np.bool_], low: float, high: float
+) -> NDArray[np.uint8]:
+    """Draw disparities in colours.
+
+    Parameters
+    ----------
+    disparity : (H, W) float32 ndarray
+        px.
+    known : (H, W) bool ndarray
+        Where something matched; elsewhere it is black.
+    low, high : float
+        Disparities at the ends of the colours, px.
+
+    Returns
+    -------
+    (H, W, 3) uint8 ndarray
+        RGB.
+    """
+    share = (np.where(known, disparity, low) - low) / max(high - low, 1e-6)
+    drawn = viridis(np.clip(share, 0.0, 1.0))
+    drawn[~known] = NOT_MATCHED
+    return drawn
+
+
+def viridis(share: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return colours, (H, W, 3) RGB, of shares from 0 to 1, (H, W)."""
+    coloured = cv2.applyColorMap((255.0 * share).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
+    return np.asarray(cv2.cvtColor(coloured, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def shown(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return an image as 8 bit RGB."""
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    return np.asarray(
+        cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) if image.ndim == 2 else image, np.uint8)
