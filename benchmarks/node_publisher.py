@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import pickle
+import sys
 import time
 from pathlib import Path
 
@@ -29,6 +30,8 @@ def main() -> None:
     parser.add_argument("--best-effort", action="store_true", help="publish as sensor data")
     parser.add_argument("--wait", type=float, default=2.0, metavar="SECONDS",
                         help="from being subscribed to until the first pair")
+    parser.add_argument("--paced", action="store_true",
+                        help="say when ready, then publish a pair for each line of input")
     options = parser.parse_args()
     types, messages = pickle.loads(Path(options.frame).read_bytes())
     rclpy.init(args=[])
@@ -40,12 +43,17 @@ def main() -> None:
     while player.unheard():
         time.sleep(0.05)
     time.sleep(options.wait)
+    if options.paced:
+        print("ready", flush=True)
     stamps, late = [], 0
     start = time.monotonic()
     for index in range(options.frames):
-        due = start + index / options.rate
-        time.sleep(max(due - time.monotonic(), 0.0))
-        late += time.monotonic() - due > 0.5 / options.rate
+        if options.paced:
+            sys.stdin.readline()
+        else:
+            due = start + index / options.rate
+            time.sleep(max(due - time.monotonic(), 0.0))
+            late += time.monotonic() - due > 0.5 / options.rate
         stamps.append(player.publish(messages))
     # What was sent last is still on its way.
     time.sleep(1.0)

@@ -32,6 +32,8 @@ import numpy as np
 START_SHARE, LONGEST_START = 0.3, 120.0
 # How much may come on top of it.
 MOST_MEMORY_MIB, MOST_DESCRIPTORS, MOST_THREADS = 10.0, 4, 2
+# How long what has come in may take to be accounted for, on a busy machine, s.
+SETTLED_TIMEOUT = 30.0
 # Memory at any time, MiB.
 MEMORY_LIMIT_MIB = 1024.0
 # Pairs per second, of which one in so many is good.
@@ -211,8 +213,26 @@ class Soak:
         """Publish a good pair, wait for its answer, and return the diagnostics after it."""
         self._stamp += 10
         self.client.connect(*self.pair())
-        time.sleep(3.0)
-        return self.collect()
+        end = time.monotonic() + SETTLED_TIMEOUT
+        while True:
+            # Until what is said is of after the answer, and a frame that waited has its turn.
+            time.sleep(3.0)
+            numbers = self.collect()
+            if (all(numbers.values()) and balanced(numbers)) or time.monotonic() > end:
+                return numbers
+
+
+def balanced(numbers: dict[str, dict[str, str]]) -> bool:
+    """Return whether every frame that went in is accounted for."""
+    return sum(outcomes(numbers).values()) == int(numbers["input"]["stereo frames"])
+
+
+def outcomes(numbers: dict[str, dict[str, str]]) -> dict[str, int]:
+    """Return what became of the frames."""
+    return {
+        name: int(numbers["pipeline"][f"frames {name}"])
+        for name in ("processed", "refused", "failed", "skipped")
+    }
 
 
 def rng_count(rng: random.Random) -> int:
@@ -288,10 +308,9 @@ def faults(
     if "Traceback" in log:
         found.append(f"a traceback: {log[log.index('Traceback'):][:2000]}")
     if numbers:
-        done = {key: int(numbers["pipeline"][f"frames {key}"])
-                for key in ("processed", "refused", "failed", "skipped")}
-        frames = int(numbers["input"]["stereo frames"])
-        if sum(done.values()) != frames:
+        done = outcomes(numbers)
+        if not balanced(numbers):
+            frames = numbers["input"]["stereo frames"]
             found.append(f"{frames} frames went in, and {done} are accounted for")
         if done["failed"]:
             found.append(f"{done['failed']} frames were lost to errors inside")

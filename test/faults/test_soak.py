@@ -67,7 +67,7 @@ def test_short_run_is_survived_and_accounted_for(soak: Any, seed: int) -> None:
     result = soak.run(0.3, seed)
     assert result["good pairs"] > 20 and result["bad pairs"] > 60
     assert result["frames with a distance"] > 0
-    assert result["course"][-1]["until (min)"] == pytest.approx(0.3, abs=0.1)
+    assert result["course"][-1]["until (min)"] >= 0.2
     assert all(row["memory"] > 50 and row["threads"] > 1 for row in result["course"])
     # All of it is start.
     assert [fault for fault in result["faults"] if " grew by " not in fault] == []

@@ -88,13 +88,20 @@ def test_what_lost_workers_left_is_gone_on_with(
 ) -> None:
     out, killed = tmp_path / "day", []
 
+    def begun() -> bool:
+        """Whether a worker is within a recording; its folder may get its name meanwhile."""
+        try:
+            return any(path.stat().st_size for path in out.rglob(f"*.partial/{NAME}"))
+        except FileNotFoundError:
+            return False
+
     def kill() -> None:
         """End the workers by force once one of them is within a recording."""
         # What else runs here must not take it for its own.
         with distributed.Client(cluster.scheduler_address, set_as_default=False) as client:
             processes = client.run(os.getpid)
             for _ in range(3000):
-                if any(path.stat().st_size for path in out.rglob(f"*.partial/{NAME}")):
+                if begun():
                     break
                 time.sleep(0.01)
             for process in processes.values():

@@ -347,9 +347,11 @@ def start_node(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..
     pytest.importorskip("rclpy", reason="ROS is not installed")
     nodes: list[NodeProcess] = []
 
-    def start(*arguments: str, ready: bool = True, module: str = "node") -> NodeProcess:
+    def start(
+        *arguments: str, ready: bool = True, module: str = "node", code: str = ""
+    ) -> NodeProcess:
         folder = tmp_path_factory.mktemp("node")
-        nodes.append(NodeProcess(folder, *arguments, module=module))
+        nodes.append(NodeProcess(folder, *arguments, module=module, code=code))
         if ready:
             nodes[-1].wait_for("ready after", READY_TIMEOUT)
         return nodes[-1]
