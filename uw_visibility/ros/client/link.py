@@ -9,8 +9,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
 from uw_visibility.ros.client.collector import Collector
 from uw_visibility.ros.client.player import Player
@@ -44,22 +45,19 @@ def open_link(
     node = rclpy.create_node("uw_visibility_demo", context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
-    thread = threading.Thread(target=_spin, args=(executor,), name="collector", daemon=True)
+    ending = Future()
+    thread = threading.Thread(
+        target=executor.spin_until_future_complete, args=(ending,), name="collector", daemon=True
+    )
     try:
         player, collector = Player(node, played), Collector(node, collected)
         thread.start()
         yield player, collector
     finally:
-        executor.shutdown()
+        # The executor takes away what it waits with, from under whoever still spins it.
+        ending.set_result(None)
         if thread.is_alive():
             thread.join()
+        executor.shutdown()
         node.destroy_node()
         rclpy.shutdown(context=context)
-
-
-def _spin(executor: SingleThreadedExecutor) -> None:
-    try:
-        executor.spin()
-    except ExternalShutdownException:
-        # The end of the link, whichever thread notices it first.
-        return

@@ -1,0 +1,38 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The link of the demonstration: joined and left without a word."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS is not installed")
+
+from rclpy.executors import SingleThreadedExecutor
+
+from uw_visibility.ros.client.link import open_link
+
+
+def test_leaving_waits_for_the_collector(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    failures: list[Any] = []
+    monkeypatch.setattr(threading, "excepthook", failures.append)
+    looking = threading.Event()
+    get_nodes = SingleThreadedExecutor.get_nodes
+
+    def slow_get_nodes(executor: SingleThreadedExecutor) -> Any:
+        # Between a look whether the executor goes on and what it then needs of it.
+        looking.set()
+        time.sleep(0.3)
+        return get_nodes(executor)
+
+    monkeypatch.setattr(SingleThreadedExecutor, "get_nodes", slow_get_nodes)
+    with open_link(int(os.environ["ROS_DOMAIN_ID"]), {}, {}):
+        assert looking.wait(20)
+    assert failures == []
+    assert not any(thread.name == "collector" for thread in threading.enumerate())
