@@ -85,8 +85,8 @@ def test_a_value_that_is_hardly_known_is_neither_worst_nor_best() -> None:
     assert sentences[1].startswith("It was from 6.00 ± 0.10 m to 8.00 ± 0.10 m")
     assert sentences[1].endswith("worst in frame 0, best in frame 2.")
     # The page shows the quantiles too, which lie beyond.
-    assert ("are sure to be by one standard deviation; 90 % of all show 1.75 to 35.2 m."
-            in sentences[2])
+    assert ("are sure to be by one standard deviation; 90 % of the distances are from 1.75 to "
+            "35.2 m." in sentences[2])
 
 
 def test_what_differs_within_sigma_is_no_change() -> None:
@@ -94,6 +94,18 @@ def test_what_differs_within_sigma_is_no_change() -> None:
     assert sentences[1].startswith("It was 6.03 ± 0.10 m throughout")
     assert "within the standard deviations. Lowest, 6.00 m, in frame 0." in sentences[1]
     assert "worst" not in sentences[1]
+
+
+def test_what_was_carried_over_frames_that_saw_nothing_is_not_said_of_them() -> None:
+    """Water that has become too murky to match is not as clear as before."""
+    blind = [
+        seen(k, math.nan, status=Status.TOO_FEW_SUPPORT_POINTS, filtered=6.0,
+             event=TrackingEvent.PREDICTED) for k in range(1, 9)]
+    sentences, _ = told(seen(0, 6.0, filtered=6.0, event=TrackingEvent.STARTED), *blind)
+    assert sentences[1].startswith("It was 6.00 ± 0.10 m in the frames that show it (")
+    assert "throughout" not in "".join(sentences)
+    sentences, _ = told(*blind)
+    assert sentences[1].startswith("It was 6.00 ± 0.10 m in these (")
 
 
 def test_nothing_assessed_is_said_first_and_why() -> None:
@@ -133,7 +145,8 @@ def test_the_filter_and_surveys_are_told() -> None:
     )
     assert "from 6.00 ± 0.10 m to 6.30 ± 0.10 m" in sentences[1]
     assert "filtered over frames" in sentences[1]
-    assert "1 frame without a distance of its own has that of the frames around" in sentences[2]
+    assert ("1 frame without a distance of its own is given that of others: what the water did "
+            "meanwhile was not seen." in sentences[2])
     assert "The filter rejected 1 of 3 frames." in sentences
     sentences, _ = told(seen(0, 5.0, filtered=6.0, event=event.STARTED))
     assert sentences[-1] == "The filter over frames rejected none of 1 estimate."

@@ -72,10 +72,11 @@ def _numbers(
         count = f"{synopsis.frames} frame{'s' if synopsis.frames > 1 else ''}"
         numbers.append((percent(synopsis.share), f"of {count} show visibility by themselves"))
     if synopsis is not None and synopsis.told:
+        whose = "the frames" if synopsis.told == synopsis.frames else "those that have one"
         numbers.append((
             f"{rounded(synopsis.median, synopsis.relative_stddev * synopsis.median)} m",
             f"visibility distance, {short} of the clearest channel; median, "
-            f"{number(synopsis.low)} to {number(synopsis.high)} m in 90 % of the frames",
+            f"{number(synopsis.low)} to {number(synopsis.high)} m in 90 % of {whose}",
         ))
     for name, unit, title in (
         ("mean_attenuation", "1/m", "mean attenuation α, beyond that of clear water"),

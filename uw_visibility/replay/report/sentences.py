@@ -131,8 +131,11 @@ def _distance(synopsis: Synopsis) -> Sentence:
         others = "that the filter took "
     if not synopsis.differs:
         spread = synopsis.relative_stddev * synopsis.median
+        where = "throughout"
+        if synopsis.assessed < synopsis.frames:
+            where = "in the frames that show it" if synopsis.assessed else "in these"
         return [
-            f"It was {_value(synopsis.median, spread)} throughout ({how}): what differs between "
+            f"It was {_value(synopsis.median, spread)} {where} ({how}): what differs between "
             f"frames {others}is within the standard deviations. Lowest, {number(low.value)} m, in ",
             Frames(f"frame {low.frame}", low.frame), f".{apart}",
         ]
@@ -154,7 +157,8 @@ def _trust(synopsis: Synopsis) -> Sentence:
     if synopsis.differs and (synopsis.low < low.value or synopsis.high > high.value):
         text += (
             " The worst and the best frame are those that are sure to be by one standard "
-            f"deviation; 90 % of all show {number(synopsis.low)} to {number(synopsis.high)} m."
+            f"deviation; 90 % of the distances are from {number(synopsis.low)} to "
+            f"{number(synopsis.high)} m."
         )
     if synopsis.ranges and synopsis.median > synopsis.ranges[1]:
         text += (
@@ -163,9 +167,9 @@ def _trust(synopsis: Synopsis) -> Sentence:
         )
     if synopsis.filtered and synopsis.assessed and synopsis.told > synopsis.assessed:
         bridged = synopsis.told - synopsis.assessed
-        own = "its own has" if bridged == 1 else "their own have"
-        text += f" {amount(bridged, 'frame')} without a distance of {own} that of the frames "
-        text += "around."
+        own = "its own is" if bridged == 1 else "their own are"
+        text += f" {amount(bridged, 'frame')} without a distance of {own} given that of others: "
+        text += "what the water did meanwhile was not seen."
     return [text]
 
 
