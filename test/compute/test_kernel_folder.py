@@ -73,6 +73,16 @@ def test_kernels_of_modules_that_are_gone_are_deleted_beside_the_package(warm: A
     assert elsewhere.is_dir() and len(list(warm.cache.iterdir())) > 1
 
 
+def test_what_another_process_has_deleted_first_costs_no_kernel(warm: Any) -> None:
+    (kept,) = [path.name for path in warm.kernels.iterdir() if ".outer-" in path.name]
+    module, _, version = kept.rpartition("-")
+    # It is still listed, and is there no more.
+    (warm.kernels / f"{module}-{'0' * len(version)}").symlink_to("nowhere")
+    warm.replace("outer", "+ 1", "+ 2")
+    assert "cannot keep" not in warm.run().said
+    assert warm.run().compiled == 0
+
+
 @pytest.mark.parametrize("writers", [0o020, 0o002])
 def test_a_folder_that_others_may_write_is_not_touched(warm: Any, writers: int) -> None:
     warm.kernels.chmod(0o755 | writers)

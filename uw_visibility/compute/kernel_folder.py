@@ -137,7 +137,7 @@ def _remove_old_versions(folder: Path) -> None:
         other for other in folder.parent.glob(f"{module}-{'[0-9a-f]' * len(version)}")
         if other != folder
     ]
-    newest_first = sorted(others, key=lambda other: other.stat().st_mtime, reverse=True)
+    newest_first = sorted(others, key=_modified, reverse=True)
     old = newest_first[KEPT_VERSIONS:]
     if folder.parent == package_folder():
         # Other folders may serve other checkouts, with other modules.
@@ -147,6 +147,14 @@ def _remove_old_versions(folder: Path) -> None:
         ]
     for other in old:
         shutil.rmtree(other, ignore_errors=True)
+
+
+def _modified(folder: Path) -> float:
+    """Return when a folder was written to, s, or 0 where another process has deleted it."""
+    try:
+        return folder.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
 
 
 def _chosen_folder() -> Path | None:
