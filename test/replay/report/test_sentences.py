@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from frame_records import frame_estimate, frame_record
 
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.records import JoinedFrame
+from uw_visibility.replay.report.overview import OVERVIEW_COLUMNS, overview
 from uw_visibility.replay.report.sentences import definition, number, rounded, verdict
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.summary import Summary
@@ -134,6 +136,33 @@ def test_what_lies_beyond_all_that_was_seen_is_said_to_be_extrapolated() -> None
     assert "Nothing was seen beyond 9.0 m" in sentences[2]
     assert "to ± 0.50 % (one standard deviation)" in sentences[2]
     assert "no wrong calibration or camera setting" in sentences[2]
+
+
+@pytest.mark.parametrize("start", [0.0, 5e5, 315_964_800.0])
+def test_times_of_a_clock_that_was_not_set_are_not_those_of_the_day(
+    start: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.modules[__name__], "BASE", start)
+    assert any("clock was not set" in sentence for sentence in told(seen(0, 6.0))[0])
+    monkeypatch.setattr(sys.modules[__name__], "BASE", 1.7e9)
+    assert not any("clock" in sentence for sentence in told(seen(0, 6.0))[0])
+
+
+def test_numbers_say_in_how_many_frames_they_are_known() -> None:
+    """A depth of a single frame of many is not that of the recording."""
+    nan = math.nan
+    columns = {name: np.full(12, nan) for name in OVERVIEW_COLUMNS}
+    columns["depth"][3], columns["depth_stddev"][3] = 2.0, 0.5
+    columns["mean_attenuation"][:5], columns["mean_attenuation_stddev"][:5] = 0.3, 0.1
+    _, summary = told(seen(0, 6.0), seen(1, nan, status=Status.TOO_DARK), seen(2, 6.0))
+    summary.provenance = {"parameters": {"assessment.contrast": 0.05}}
+    texts = [name for _, name in overview(columns, summary, ())["numbers"]]
+    assert texts[1].endswith("median of 2 of 3 frames, 6.00 to 6.00 m in 90 % of them")
+    assert texts[2].endswith("median of 5 of 12 frames, 0.300 to 0.300 1/m in 90 % of them")
+    assert texts[3] == "depth by colour; in 1 of 12 frames"
+    columns["depth"][:] = 2.0
+    texts = [name for _, name in overview(columns, summary, ())["numbers"]]
+    assert texts[3] == "depth by colour; median, 2.00 to 2.00 m in 90 % of the frames"
 
 
 def test_the_filter_and_surveys_are_told() -> None:

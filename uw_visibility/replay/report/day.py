@@ -14,6 +14,8 @@ import numpy as np
 from uw_visibility.replay.report.figures import NEEDED, Columns, draw_series
 from uw_visibility.replay.report.page import write_page
 from uw_visibility.replay.report.sentences import (
+    CLOCK_NOT_SET,
+    FIRST_DATE,
     amount,
     definition,
     formula,
@@ -105,6 +107,8 @@ def _verdict(synopses: dict[str, Synopsis], recordings: int) -> list[list[dict[s
         f"{upto} (one standard deviation), which holds noise and what the scene leaves open, but "
         "no wrong calibration or camera setting; the reports of the recordings say why not more."
     )])
+    if any(synopsis.start < FIRST_DATE for synopsis in synopses.values() if synopsis.frames):
+        parts.append([_text(CLOCK_NOT_SET)])
     none = [name for name, s in synopses.items() if not s.told]
     if none:
         parts.append([_text(f"Without any visibility: {', '.join(none)}.")])

@@ -72,11 +72,10 @@ def _numbers(
         count = f"{synopsis.frames} frame{'s' if synopsis.frames > 1 else ''}"
         numbers.append((percent(synopsis.share), f"of {count} show visibility by themselves"))
     if synopsis is not None and synopsis.told:
-        whose = "the frames" if synopsis.told == synopsis.frames else "those that have one"
         numbers.append((
             f"{rounded(synopsis.median, synopsis.relative_stddev * synopsis.median)} m",
-            f"visibility distance, {short} of the clearest channel; median, "
-            f"{number(synopsis.low)} to {number(synopsis.high)} m in 90 % of {whose}",
+            f"visibility distance, {short} of the clearest channel; "
+            f"{_extent(synopsis.told, synopsis.frames, synopsis.low, synopsis.high, 'm')}",
         ))
     for name, unit, title in (
         ("mean_attenuation", "1/m", "mean attenuation α, beyond that of clear water"),
@@ -88,7 +87,7 @@ def _numbers(
             spread = float(np.nanmedian(columns[f"{name}_stddev"]))
             numbers.append((
                 f"{rounded(middle, spread)} {unit}",
-                f"{title}; median, {number(low)} to {number(high)} {unit} in 90 % of the frames",
+                f"{title}; {_extent(known.size, len(columns[name]), low, high, unit)}",
             ))
     enhanced, original = (columns[name][np.isfinite(columns[name])] for name in MATCHED)
     if original.size:
@@ -97,6 +96,15 @@ def _numbers(
             f"matched, median; {percent(float(np.median(original)))} of the pairs as recorded",
         ))
     return numbers
+
+
+def _extent(known: int, frames: int, low: float, high: float, unit: str) -> str:
+    """Say in how many frames a quantity is known, and within which limits in most of them."""
+    if known == 1 < frames:
+        return f"in 1 of {frames} frames"
+    median = "median" if known == frames else f"median of {known} of {frames} frames"
+    of_them = "the frames" if known == frames else "them"
+    return f"{median}, {number(low)} to {number(high)} {unit} in 90 % of {of_them}"
 
 
 def percent(share: float) -> str:

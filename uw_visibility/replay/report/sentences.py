@@ -15,8 +15,12 @@ from uw_visibility.replay.results.summary import TAKEN, Summary
 from uw_visibility.replay.results.synopsis import Extreme, Synopsis
 from uw_visibility.water.tracking import TrackingEvent
 
+# Of 1990: clocks that nobody set begin at 1970, and some at 1980.
+FIRST_DATE = 631_152_000 * 10**9
 # Reasons that are said in words; the table of refusals has all of them.
 MOST_REASONS = 3
+CLOCK_NOT_SET = (
+    "The recording's clock was not set: times are from when it began, not those of the day.")
 
 
 class Frames(NamedTuple):
@@ -61,6 +65,8 @@ def verdict(summary: Summary) -> list[Sentence]:
     found = [_seen(synopsis)]
     if synopsis.told:
         found += [_distance(synopsis), _trust(synopsis)]
+    if synopsis.start < FIRST_DATE:
+        found.append([CLOCK_NOT_SET])
     refused = _refused(summary, synopsis)
     return [*found, *([refused] if refused else []), *_filtering(summary)]
 
