@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from uw_visibility.commands.demonstration.isolation import reserved_domain
 
@@ -37,8 +37,13 @@ LONG = {
     "replay/test_calibrate_lighting.py", "water/test_lamp_survey.py",
 }
 
-# The first example of a compiled kernel includes its compilation.
-settings.register_profile("project", deadline=None)
+# The first example of a compiled kernel includes its compilation, and how long the making of
+# examples takes is a matter of how busy the machine is. The same examples in every run; with
+# `--hypothesis-profile=explore` others, and more.
+UNTIMED: dict[str, Any] = {
+    "deadline": None, "suppress_health_check": [HealthCheck.too_slow], "print_blob": True}
+settings.register_profile("project", derandomize=True, **UNTIMED)
+settings.register_profile("explore", max_examples=500, **UNTIMED)
 settings.load_profile("project")
 
 HERE = Path(__file__).resolve().parent

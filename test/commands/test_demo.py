@@ -47,7 +47,7 @@ def nodes_of(folder: Path) -> list[int]:
 def test_short_demo_through_the_real_node(tmp_path: Path) -> None:
     done = subprocess.run(
         [*COMMAND, "-o", str(tmp_path), "--frames", "3", "--rate", "1"],
-        capture_output=True, text=True, timeout=400, env=ENVIRONMENT, check=False,
+        capture_output=True, text=True, timeout=900, env=ENVIRONMENT, check=False,
     )
     log = tmp_path / "node.log"
     assert done.returncode == 0, done.stderr + (log.read_text() if log.exists() else "")
@@ -81,7 +81,7 @@ def test_ending_the_demo_ends_the_node(tmp_path: Path) -> None:
     assert nodes_of(tmp_path)
     demo.send_signal(signal.SIGTERM)
     # It ends after the frame at hand, and before that kernels may have to be compiled.
-    _, error = demo.communicate(timeout=200)
+    _, error = demo.communicate(timeout=600)
     assert demo.returncode == 130
     assert error.strip() == "uw_visibility: interrupted"
     assert nodes_of(tmp_path) == []

@@ -200,7 +200,7 @@ def test_two_processes_give_the_same_result(run, scene_folder, tmp_path):
     folder = tmp_path / "out"
     words = ["evaluate", str(scene_folder), "-o", str(folder), *OPTIONS, "--jobs", "2"]
     command = [sys.executable, "-m", "uw_visibility.cli", *words]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, done.stderr
     # What takes long tells how far it is.
     assert all(line.startswith("evaluate: ") for line in done.stderr.splitlines()), done.stderr

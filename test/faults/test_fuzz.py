@@ -22,7 +22,7 @@ def test_whatever_is_damaged_is_read_or_refused_or_counted(kind: str) -> None:
     if kind in WITH_NODES:
         pytest.importorskip("rclpy", reason="ROS is not installed")
     done = subprocess.run(
-        [sys.executable, str(SCRIPT), kind], capture_output=True, text=True, timeout=300
+        [sys.executable, str(SCRIPT), kind], capture_output=True, text=True, timeout=900
     )
     outcomes = [json.loads(line) for line in done.stdout.splitlines()]
     # Where it ends before its last case, a case has ended it.

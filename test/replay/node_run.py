@@ -15,8 +15,8 @@ from typing import Any
 from uw_visibility.commands.demonstration.node_process import COMMAND, NodeProcess
 from uw_visibility.replay.bags.storage import Recorded
 
-# The first start compiles every kernel.
-READY_TIMEOUT = 300.0
+# The first start compiles every kernel: three minutes of processor time, others' beside it.
+READY_TIMEOUT = 900.0
 ANSWER_TIMEOUT = 30.0
 
 

@@ -45,8 +45,8 @@ OUTPUTS = all_topics(NodeConfig(publish_depth_image=True, publish_points=True)) 
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
 }
 
-# The first start compiles every kernel.
-READY_TIMEOUT = 300.0
+# The first start compiles every kernel: three minutes of processor time, others' beside it.
+READY_TIMEOUT = 900.0
 RESULT_TIMEOUT = 20.0
 
 WIDTH, HEIGHT, FOCAL, BASELINE, CENTRE = 160, 120, 200.0, 0.1, (79.5, 59.5)
@@ -131,7 +131,7 @@ class NodeProcess:
     def end(self) -> None:
         """Wait for the end that a signal has asked for, and enforce it if it does not come."""
         try:
-            self.process.wait(5)
+            self.process.wait(20)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()

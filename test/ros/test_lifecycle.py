@@ -114,7 +114,7 @@ def test_lifecycle(manage: Callable[[str], Managed], parts: Any) -> None:
         # In every state there is a heartbeat.
         assert client.diagnosed("lifecycle", "unconfigured").level == DiagnosticStatus.WARN
         assert managed.change(CONFIGURE)
-        client.wait(lambda n=round_: log().count("ready after") == n, "compiling", timeout=300.0)
+        client.wait(lambda n=round_: log().count("ready after") == n, "compiling", timeout=900.0)
         assert managed.state == INACTIVE
         status = client.diagnosed("input", "the node is not active: activate it")
         assert status.level == DiagnosticStatus.WARN
@@ -179,7 +179,7 @@ def test_signal_after_clean_up(manage: Callable[[str], Managed], number: int) ->
 def test_signal_while_a_worker_that_was_cleaned_up_still_compiles() -> None:
     # Python's exit would wait for whatever runs in a pool of threads.
     ended = subprocess.run(
-        [sys.executable, "-c", COMPILING], timeout=30, check=False, text=True, capture_output=True,
+        [sys.executable, "-c", COMPILING], timeout=50, check=False, text=True, capture_output=True,
         env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
         cwd=Path(__file__).resolve().parents[2],
     )

@@ -351,7 +351,7 @@ def test_bad_start_is_one_sentence_and_exit_code_2(
     start_node: Callable[..., Any], arguments: tuple[str, ...], message: str
 ) -> None:
     node = start_node(*arguments, ready=False)
-    assert node.process.wait(timeout=30) == 2
+    assert node.process.wait(timeout=60) == 2
     said = [line for line in node.log.splitlines() if line.startswith("uw_visibility: ")]
     assert len(said) == 1 and message in said[0], node.log
     assert "Traceback" not in node.log

@@ -175,7 +175,7 @@ def test_node_does_not_start_with_what_cannot_work(
     start_node: Callable[..., Any], value: str
 ) -> None:
     node = start_node("-p", value, ready=False)
-    assert node.process.wait(30) == 2
+    assert node.process.wait(60) == 2
     name = value.split(":=")[0]
     assert node.log.startswith("uw_visibility: ") and name in node.log
     assert "Traceback" not in node.log

@@ -174,6 +174,7 @@ def test_lazy_node_rests_until_somebody_wants_a_result(
     parts = (image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right"))
     # It hears this client, which wants everything.
     client.connect(*parts)
+    begun = len(node.log)
     for topic in [topic for topic in client.received if topic != "/diagnostics"]:
         client.forget(topic)
 
@@ -189,4 +190,4 @@ def test_lazy_node_rests_until_somebody_wants_a_result(
         lambda: client.publish(*parts) and time.sleep(0.2) is None
         and len(client.received["visibility/attenuation"]) > 0, "an answer",
     )
-    assert "no output" not in node.log
+    assert "no output" not in node.log[begun:]

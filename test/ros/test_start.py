@@ -49,11 +49,11 @@ def start_python(code: str) -> subprocess.Popen[str]:
 @pytest.mark.parametrize("name", ["node", "lifecycle_node"])
 def test_signal_while_modules_are_imported(name: str, number: int) -> None:
     process = start_python(COMMAND.format(name))
-    end = time.monotonic() + 30
+    end = time.monotonic() + 60
     while "numpy" not in Path(f"/proc/{process.pid}/maps").read_text():
         assert process.poll() is None and time.monotonic() < end
     process.send_signal(number)
-    said = process.communicate(timeout=30)[0]
+    said = process.communicate(timeout=60)[0]
     # What it is about to do it may tell.
     unexpected = [line for line in said.splitlines() if not line.startswith("[INFO] ")]
     assert (unexpected, process.returncode) == ([], 0)
@@ -62,7 +62,7 @@ def test_signal_while_modules_are_imported(name: str, number: int) -> None:
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
 def test_second_signal_does_not_kill_what_ends(number: str) -> None:
     process = start_python(LATE.format(signal=number))
-    assert (process.communicate(timeout=30)[0], process.returncode) == ("", 3)
+    assert (process.communicate(timeout=60)[0], process.returncode) == ("", 3)
 
 
 def test_executables_are_those_that_setup_names() -> None:

@@ -21,8 +21,8 @@ Check = Callable[[], None]
 ANSWER = "disparity"
 """Topic that the node answers every frame with, whatever it can assess."""
 
-START_TIMEOUT = 300.0
-"""How long in s the node may take to start: it may have to compile its kernels."""
+START_TIMEOUT = 900.0
+"""How long in s the node may take to start: it may have to compile its kernels, and not alone."""
 
 PROBE_INTERVAL = 10.0
 DRAIN_TIMEOUT = 15.0
