@@ -158,13 +158,13 @@ def _samples(
         if chroma.scale > 1:
             # A mean has no more noise than the camera's pixels, but its neighbours are
             # farther away, so that texture looks more like it.
-            shown = np.minimum(shown, _code(samples) * (noise / _code(pixels)))
+            shown = np.minimum(shown, code_value(samples) * (noise / code_value(pixels)))
         noise = shown
     if chroma.hidden_noise is not None:
-        noise = np.hypot(noise, _code(samples) * chroma.hidden_noise)
+        noise = np.hypot(noise, code_value(samples) * chroma.hidden_noise)
     return ColourSamples(samples, transfer, noise, chroma.scale, True)
 
 
-def _code(pixels: Image) -> float:
-    """Code values for one of 8 bits."""
+def code_value(pixels: Image) -> float:
+    """Return how many code values of an image, uint8 or uint16, are one of 8 bits."""
     return float((np.iinfo(pixels.dtype).max + 1) / 256)

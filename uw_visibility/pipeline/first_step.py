@@ -115,7 +115,7 @@ class FirstStep:
         estimator: WaterEstimator | LampEstimator,
         workers: Workers,
     ) -> None:
-        self._pyramid = Pyramid(_reduction_factor(shape, config), workers)
+        self._pyramid = Pyramid(reduction_factor(shape, config), workers)
         self._rig = rig
         self._small_rig = self._pyramid.rig(rig, shape)
         small = self._pyramid.shape(shape)
@@ -123,7 +123,8 @@ class FirstStep:
         self._support_step = stereo.support_step
         limits = disparity_limits(stereo, small[1])
         self._matcher = MATCHERS[MATCHER](small, limits, stereo, workers)
-        self._contrast = (ContrastNormalizer(small), ContrastNormalizer(small))
+        factor = self._pyramid.factor(shape)
+        self._contrast = (ContrastNormalizer(small, factor), ContrastNormalizer(small, factor))
         self._matting = Matting(config.enhancement, workers)
         self._estimator = estimator
         self._workers = workers
@@ -237,7 +238,8 @@ class FirstStep:
         return ratio > _CHANCE_RATIO and len(support) < _SPARSE * grid
 
 
-def _reduction_factor(shape: tuple[int, int], config: PipelineConfig) -> int:
+def reduction_factor(shape: tuple[int, int], config: PipelineConfig) -> int:
+    """Return the side of the squares of pixels that step 1 makes one of, px."""
     low, high = disparity_limits(config.stereo, shape[1])
     # At least as small as what step 2 matches.
     factor = Pyramid(config.stereo.reduction, Workers(1)).factor(shape)

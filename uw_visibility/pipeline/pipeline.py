@@ -220,6 +220,10 @@ class Pipeline:
         """
         left, right = warm_up_pair(shape, np.dtype(dtype), grey=grey)
         self.process(left, right, match_original=True)
+        if np.dtype(dtype) == np.uint8:
+            # As small copies of noisy images are.
+            fine = warm_up_pair(shape, np.dtype(np.uint16), grey=grey)
+            self.process(*fine, enhance=(), confidence=False)
         if not grey:
             # Of a small image too little is seen to reach all that an estimate may need.
             image, ranges = warm_up_scene(left)

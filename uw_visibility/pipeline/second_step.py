@@ -1,6 +1,9 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Step 2 of Fig. 4: dense matching of the pair with its contrast restored."""
+"""Step 2 of Fig. 4: dense matching of the pair with its contrast restored.
+
+Where noise leaves the coarse part of a scene only, it is matched on a small copy of the pair.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +14,22 @@ import numpy as np
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.arrays import DisparityMap, PerChannel, Points
-from uw_visibility.images.view import StereoViews, View
+from uw_visibility.images.view import StereoViews, View, code_value
 from uw_visibility.optics.lamps import DirectLight
-from uw_visibility.pipeline.first_step import CoarseEstimate
+from uw_visibility.pipeline.first_step import CoarseEstimate, reduction_factor
 from uw_visibility.pipeline.timing import StageClock
 from uw_visibility.stereo.airlight import Airlight, AirlightPrior
-from uw_visibility.stereo.contrast import ContrastNormalizer
+from uw_visibility.stereo.contrast import LUMA, ContrastNormalizer, least_noise_weights
+from uw_visibility.stereo.denoising import ROUNDING
 from uw_visibility.stereo.elas import DenseMatch
 from uw_visibility.stereo.interpolation import GapFiller, inpaint
 from uw_visibility.stereo.matchers import MATCHER, MATCHERS
+from uw_visibility.stereo.noise_scale import matching_scale
 from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.search_range import disparity_limits
 from uw_visibility.stereo.views import in_right_view
+from uw_visibility.water.estimate import WaterEstimate
 
 
 @dataclass(frozen=True)
@@ -46,6 +52,8 @@ class ImprovedDisparity:
         Both views, at the size at which they were matched.
     support_points : int
         Support points of the restored pair.
+    scale : int
+        Side of the squares of pixels whose means were matched, px.
     """
 
     disparity: DisparityMap
@@ -54,10 +62,46 @@ class ImprovedDisparity:
     original: DisparityMap | None
     match: DenseMatch
     support_points: int
+    scale: int = 1
+
+
+class _Scale:
+    """What matches small copies of images of one size; buffers preallocated.
+
+    Parameters
+    ----------
+    factor : int
+        Side of the squares of pixels whose means are matched, px.
+    shape, rig, config, workers
+        See `SecondStep`.
+    """
+
+    def __init__(
+        self, factor: int, shape: tuple[int, int], rig: StereoRig, config: PipelineConfig,
+        workers: Workers,
+    ) -> None:
+        self.pyramid = Pyramid(factor, workers)
+        self.factor = self.pyramid.factor(shape)
+        stereo = self.pyramid.settings(config.stereo, shape)
+        small = self.pyramid.shape(shape)
+        limits = disparity_limits(stereo, small[1])
+        self.matcher = MATCHERS[MATCHER](small, limits, stereo, workers)
+        self.contrast = (
+            ContrastNormalizer(small, self.factor), ContrastNormalizer(small, self.factor))
+        self.airlight = Airlight(
+            small, self.pyramid.rig(rig, shape), limits[1] + 2, config.camera.transfer, workers
+        )
+        self.gaps = GapFiller(small, config.enhancement.max_gap, workers)
+
+    def downsample(self, views: StereoViews) -> StereoViews:
+        """Return the pair at this scale."""
+        return StereoViews(*(self.pyramid.downsample_view(view) for view in views))
 
 
 class SecondStep:
     """Dense matching of the restored pair; buffers preallocated for one size of image.
+
+    Those of a coarser scale, which noise may ask for, are allocated when it first does.
 
     Parameters
     ----------
@@ -83,19 +127,19 @@ class SecondStep:
         lamps: DirectLight | None = None,
     ) -> None:
         self._shape = shape
+        self._rig = rig
+        self._config = config
         self._workers = workers
         self._lamps = lamps
-        self._pyramid = Pyramid(config.stereo.reduction, workers)
-        stereo = self._pyramid.settings(config.stereo, shape)
-        small = self._pyramid.shape(shape)
-        limits = disparity_limits(stereo, small[1])
-        self._matcher = MATCHERS[MATCHER](small, limits, stereo, workers)
-        self._contrast = (ContrastNormalizer(small), ContrastNormalizer(small))
-        self._airlight = Airlight(
-            small, self._pyramid.rig(rig, shape), limits[1] + 2, config.camera.transfer, workers
-        )
+        self._finest = self._scale(config.stereo.reduction)
+        self._scales = {self._finest.factor: self._finest}
+        # Noise may ask for one as coarse as step 1 has.
+        self._sides = [self._finest.factor]
+        side = 2 * self._finest.factor
+        while Pyramid(side, workers).factor(shape) == side <= reduction_factor(shape, config):
+            self._sides.append(side)
+            side *= 2
         self._airlight_used = config.stereo.airlight_prior > 0
-        self._gaps = GapFiller(small, config.enhancement.max_gap, workers)
 
     def run(
         self,
@@ -125,48 +169,69 @@ class SecondStep:
         -------
         ImprovedDisparity
         """
-        left, right = self._downsample(views, clock)
         original = None
         if match_original:
             with clock("original disparity"):
-                original = self._match_raw(left, right)
+                original = self._match_raw(views)
+        scale = self._scale_for(views.left, coarse)
+        small = views
+        if scale.factor > 1:
+            with clock("reduction"):
+                small = scale.downsample(views)
         with clock("image enhancement 1"):
-            self._describe_restored(left, right, coarse)
-            points = self._pyramid.downsample_points(coarse.points, self._shape)
-            airlight = self._airlight_prior(left, coarse, points)
+            self._describe_restored(scale, small, coarse)
+            points = scale.pyramid.downsample_points(coarse.points, self._shape)
+            airlight = self._airlight_prior(scale, small.left, coarse, points)
         with clock("improved disparity"):
-            support = self._matcher.support_points(airlight, points)
-            match = self._matcher.dense_disparity(support, airlight, confidence=confidence)
-        return self._upsample(match, original, len(support), clock)
+            support = scale.matcher.support_points(airlight, points)
+            match = scale.matcher.dense_disparity(support, airlight, confidence=confidence)
+        return self._upsample(scale, match, original, len(support), clock)
 
     def fill(self, improved: ImprovedDisparity) -> DisparityMap:
         """Fill gaps of the left view's disparity, then large areas; at the images' size, px."""
         match = improved.match
-        filled = inpaint(self._gaps.fill(_whole(match), match.right), self._workers)
-        return self._pyramid.upsample_disparity(filled, self._shape)
+        scale = self._scales[improved.scale]
+        filled = inpaint(scale.gaps.fill(_whole(match), match.right), self._workers)
+        return scale.pyramid.upsample_disparity(filled, self._shape)
 
     def coarse_disparity(self, left: View, right: View) -> DisparityMap:
         """Return the mesh of a raw pair's support points, at the size that is matched, px."""
-        self._matcher.describe_raw(self._contrast, left, right)
-        return self._matcher.coarse_disparity(self._matcher.support_points())
+        matcher = self._finest.matcher
+        matcher.describe_raw(self._finest.contrast, left, right)
+        return matcher.coarse_disparity(matcher.support_points())
 
     def support_points(self, left: View, right: View) -> Points:
         """Return the support points of a raw pair, at the size that is matched, px."""
-        self._matcher.describe_raw(self._contrast, left, right)
-        return self._matcher.support_points().points
+        self._finest.matcher.describe_raw(self._finest.contrast, left, right)
+        return self._finest.matcher.support_points().points
 
-    def _downsample(self, views: StereoViews, clock: StageClock) -> StereoViews:
-        if self._pyramid.factor(self._shape) == 1:
-            return views
-        with clock("reduction"):
-            return StereoViews(*(self._pyramid.downsample_view(view) for view in views))
+    def _scale(self, factor: int) -> _Scale:
+        return _Scale(factor, self._shape, self._rig, self._config, self._workers)
 
-    def _match_raw(self, left: View, right: View) -> DisparityMap:
-        self._matcher.describe_raw(self._contrast, left, right)
-        support = self._matcher.support_points()
-        return self._matcher.dense_disparity(support, confidence=False).disparity
+    def _scale_for(self, left: View, coarse: CoarseEstimate) -> _Scale:
+        """The finest scale at which noise leaves most of what can be seen of the scene."""
+        if len(self._sides) == 1 or np.max(left.noise) <= ROUNDING * code_value(left.pixels):
+            return self._finest
+        water, weights = coarse.water, np.array(LUMA)
+        if self._lamps is None and _is_known(water):
+            ranges = coarse.rig.range_from_disparity(coarse.disparity)
+            weights = least_noise_weights(ranges, water.attenuation, water.ambient_light)
+        factor = matching_scale(left.pixels, left.noise, weights, self._sides)
+        if factor not in self._scales:
+            self._scales[factor] = self._scale(factor)
+        return self._scales[factor]
 
-    def _describe_restored(self, left: View, right: View, coarse: CoarseEstimate) -> None:
+    def _match_raw(self, views: StereoViews) -> DisparityMap:
+        scale = self._finest
+        left, right = scale.downsample(views)
+        scale.matcher.describe_raw(scale.contrast, left, right)
+        support = scale.matcher.support_points()
+        found = scale.matcher.dense_disparity(support, confidence=False).disparity
+        return scale.pyramid.upsample_disparity(found, self._shape)
+
+    def _describe_restored(
+        self, scale: _Scale, views: StereoViews, coarse: CoarseEstimate
+    ) -> None:
         """Describe the pair with its contrast restored; without estimate as it is.
 
         Under lamps it is their known light that falls with range, whatever the water is.
@@ -174,21 +239,21 @@ class SecondStep:
         still shows the scene: without it less is left than of the image as it is.
         """
         water, lamps = coarse.water, self._lamps
-        known = np.isfinite(water.attenuation).any() and not water.refused_in_light.any()
-        if left.colour is None or (lamps is None and not known):
-            self._matcher.describe_raw(self._contrast, left, right)
+        left, right = views
+        if left.colour is None or (lamps is None and not _is_known(water)):
+            scale.matcher.describe_raw(scale.contrast, left, right)
             return
 
         def describe(side: int, view: View, disparity: DisparityMap, gain: PerChannel) -> None:
             ranges = coarse.rig.range_from_disparity(disparity)
             if lamps is None:
-                self._contrast[side].restore(
+                scale.contrast[side].restore(
                     view.pixels, ranges, water.attenuation, gain * water.ambient_light,
                     self._workers, view.noise)
             else:
-                self._contrast[side].restore_lit(
+                scale.contrast[side].restore_lit(
                     view.pixels, ranges, *lamps, self._workers, view.noise)
-            self._matcher.describe_view(side, self._contrast[side])
+            scale.matcher.describe_view(side, scale.contrast[side])
 
         self._workers.together(
             lambda: describe(0, left, coarse.disparity, np.ones(3)),
@@ -197,15 +262,16 @@ class SecondStep:
         )
 
     def _airlight_prior(
-        self, left: View, coarse: CoarseEstimate, points: Points
+        self, scale: _Scale, left: View, coarse: CoarseEstimate, points: Points
     ) -> AirlightPrior | None:
         """Bound ranges by the light that the water adds, as far as matches agree."""
         if left.colour is None or not self._airlight_used:
             return None
-        return self._airlight.prior(left.pixels, coarse.water, points, left.noise)
+        return scale.airlight.prior(left.pixels, coarse.water, points, left.noise)
 
     def _upsample(
         self,
+        scale: _Scale,
         match: DenseMatch,
         original: DisparityMap | None,
         support_points: int,
@@ -214,16 +280,18 @@ class SecondStep:
         """Bring what was matched to the size of the images."""
         disparity, confidence = match.disparity, match.confidence
         whole = _whole(match)
-        if self._pyramid.factor(self._shape) > 1:
+        if scale.factor > 1:
             with clock("full size"):
-                disparity = self._pyramid.upsample_disparity(disparity, self._shape)
-                whole = self._pyramid.upsample_disparity(whole, self._shape)
+                disparity = scale.pyramid.upsample_disparity(disparity, self._shape)
+                whole = scale.pyramid.upsample_disparity(whole, self._shape)
                 if confidence is not None:
-                    confidence = self._pyramid.upsample_confidence(confidence, disparity)
-                if original is not None:
-                    original = self._pyramid.upsample_disparity(original, self._shape)
+                    confidence = scale.pyramid.upsample_confidence(confidence, disparity)
         return ImprovedDisparity(
-            disparity, confidence, whole, original, match, support_points)
+            disparity, confidence, whole, original, match, support_points, scale.factor)
+
+
+def _is_known(water: WaterEstimate) -> bool:
+    return bool(np.isfinite(water.attenuation).any() and not water.refused_in_light.any())
 
 
 def _whole(match: DenseMatch) -> DisparityMap:

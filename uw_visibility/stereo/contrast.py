@@ -21,23 +21,22 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.noise import noise_stddev
 from uw_visibility.optics.light_model import transmission
-from uw_visibility.stereo.denoising import NoiseAdaptiveSmoother, noise_gradient
+from uw_visibility.stereo.denoising import ROUNDING, NoiseAdaptiveSmoother, noise_gradient
 
 # ITU-R BT.601 luma.
-_LUMA = (0.299, 0.587, 0.114)
+LUMA = (0.299, 0.587, 0.114)
 # Levels of the grey image per 8-bit level of the input.
 _FINE = 256.0
 # Part of the pixels outside of the range that the raw contrast is taken from.
 _OUTSIDE = 0.005
-# Beyond this gain, 8-bit levels, gradients are those of quantisation and noise.
+# Beyond this gain, 8-bit levels, gradients are those of quantisation and noise; a mean over a
+# square of pixels has less of both.
 _MAX_GAIN = 16.0
 # Lamp-lit contrast at a typical range is raised so much above that of a raw image.
 _FAR_GAIN = 2.0
 # Contrast that white against black is brought to, 8-bit levels. More than 255:
 # strong gradients clip in the descriptors, and weak ones tell more.
 _FULL_CONTRAST = 1.5 * 255.0
-# Noise up to which an image has been rounded and nothing else, 8-bit codes.
-_ROUNDING = 0.35
 # Entries of the table of contrast over range.
 _TABLE = 512
 
@@ -49,6 +48,8 @@ class ContrastNormalizer:
     ----------
     shape : tuple of int
         Height and width of the images, px.
+    averaged : int
+        A pixel is the mean of a square of so many by so many of the camera's.
 
     Attributes
     ----------
@@ -61,7 +62,8 @@ class ContrastNormalizer:
         8-bit levels of even contrast.
     """
 
-    def __init__(self, shape: tuple[int, int]) -> None:
+    def __init__(self, shape: tuple[int, int], averaged: int = 1) -> None:
+        self._averaged = averaged
         self.grey: NDArray[np.uint16] = np.empty(shape, np.uint16)
         self.gain: NDArray[np.float32] = np.empty(shape, np.float32)
         self.noise = 0.0
@@ -83,9 +85,9 @@ class ContrastNormalizer:
             Standard deviation of each channel's noise, in code values; measured here by
             default. The image is smoothed as far as its restored noise asks for.
         """
-        self._mix(image, _LUMA, workers)
-        self.gain[:] = self._raw_gain()
-        self._smooth(image, _LUMA, workers, noise)
+        self._mix(image, LUMA, workers)
+        self.gain[:] = self._raw_gain(image)
+        self._smooth(image, LUMA, workers, noise)
 
     def restore(
         self,
@@ -118,17 +120,14 @@ class ContrastNormalizer:
         noise : ndarray, optional
             See `stretch`.
         """
-        known = np.isfinite(attenuation) & np.isfinite(ambient_light)
-        attenuation = np.where(known, attenuation, 0.0)
-        ambient_light = np.where(known, ambient_light, 0.0)
-        typical, farthest = _typical_and_farthest(range_map)
-        weights = ambient_light * transmission(attenuation, typical)
-        weights /= weights.sum()
-        self._mix(image, tuple(weights), workers)
+        attenuation, ambient_light = _known(attenuation, ambient_light)
+        weights = least_noise_weights(range_map, attenuation, ambient_light)
+        self._mix(image, weights, workers)
+        _, farthest = _typical_and_farthest(range_map)
         ranges = np.linspace(0.0, farthest, _TABLE)[:, None]
         contrast = np.sum(weights * ambient_light * transmission(attenuation, ranges), axis=1)
         # Far enough away nothing is left of it, not even in 64 bits.
-        contrast = np.maximum(contrast, _FULL_CONTRAST / (255.0 * _MAX_GAIN))
+        contrast = np.maximum(contrast, _FULL_CONTRAST / (255.0 * self._max_gain(image)))
         self._set_gain(_FULL_CONTRAST / (255.0 * contrast), farthest, range_map, workers)
         self._smooth(image, weights, workers, noise)
 
@@ -156,26 +155,30 @@ class ContrastNormalizer:
         typical, farthest = _typical_and_farthest(range_map)
         weights = np.array([np.interp(typical, ranges, channel) for channel in direct])
         weights /= weights.sum()
-        self._mix(image, tuple(weights), workers)
+        self._mix(image, weights, workers)
         steps = np.linspace(0.0, farthest, _TABLE)
         falloff = np.exp(np.interp(steps, ranges, np.log(weights @ direct)))
         falloff /= np.interp(typical, steps, falloff)
-        gain = self._raw_gain() * np.maximum(_FAR_GAIN / falloff, 1.0)
-        self._set_gain(_FINE * gain, farthest, range_map, workers)
+        gain = self._raw_gain(image) * np.maximum(_FAR_GAIN / falloff, 1.0)
+        self._set_gain(
+            np.minimum(_FINE * gain, self._max_gain(image)), farthest, range_map, workers)
         self._smooth(image, weights, workers, noise)
 
-    def _raw_gain(self) -> float:
+    def _max_gain(self, image: NDArray[Any]) -> float:
+        return _MAX_GAIN if image.dtype == np.uint8 else _MAX_GAIN * self._averaged
+
+    def _raw_gain(self, image: NDArray[Any]) -> float:
         """Gain that stretches the contrast of the grey image, and no noise."""
         # Every fourth pixel of every fourth row tells as much about the whole.
         low, high = np.percentile(self.grey[::4, ::4], (100 * _OUTSIDE, 100 * (1 - _OUTSIDE)))
-        return float(min(255.0 / max(high - low, 1.0), _MAX_GAIN / _FINE))
+        return float(min(255.0 / max(high - low, 1.0), self._max_gain(image) / _FINE))
 
     def _set_gain(
         self, table: NDArray[np.float64], farthest: float, range_map: NDArray[np.float32],
         workers: Workers,
     ) -> None:
         """Look up the gain of each pixel in a table over ranges of equal steps, from 0 on."""
-        gain = np.minimum(table, _MAX_GAIN) / _FINE
+        gain = table / _FINE
         workers.rows(
             _look_up, self.gain.shape[0], range_map, self.gain.shape[1] // range_map.shape[1],
             np.float32((_TABLE - 1) / farthest), gain.astype(np.float32), self.gain,
@@ -189,14 +192,23 @@ class ContrastNormalizer:
         noise: NDArray[np.float64] | None,
     ) -> None:
         """Smooth the mix of channels as far as its restored noise asks for."""
+        self._noise_of_grey = self._known_noise(image, weights, noise)
+        self.noise = self._smoother.smooth(self.grey, self.gain, self._noise_of_grey, workers)
+
+    def _known_noise(
+        self,
+        image: NDArray[Any],
+        weights: Sequence[float] | NDArray[np.float64],
+        noise: NDArray[np.float64] | None,
+    ) -> float:
+        """Noise of the mix of channels, in units of `grey`; 0 where it is rounding alone."""
         if noise is None:
             noise = noise_stddev(image)
-        mixed = float(np.hypot.reduce(np.asarray(weights) * noise)) if image.ndim == 3 else noise[0]
-        code = 1.0 if image.dtype == np.uint8 else _FINE
-        # Rounding alone is no noise to smooth.
-        known = float(mixed) if float(mixed) > _ROUNDING * code else 0.0
-        self._noise_of_grey = known * _FINE / code
-        self.noise = self._smoother.smooth(self.grey, self.gain, self._noise_of_grey, workers)
+        mixed = float(np.hypot.reduce(np.asarray(weights) * noise) if image.ndim == 3 else noise[0])
+        if image.dtype == np.uint8:
+            return mixed * _FINE if mixed > ROUNDING else 0.0
+        # What was rounded before it was averaged is finer.
+        return mixed if mixed > ROUNDING * _FINE / self._averaged else 0.0
 
     def noise_gradient(self, step: int) -> NDArray[np.float64]:
         """Standard deviation of the Sobel responses that noise makes, at every so many pixels.
@@ -209,7 +221,10 @@ class ContrastNormalizer:
         return noise_gradient(self._noise_of_grey * gain)
 
     def _mix(
-        self, image: NDArray[Any], weights: tuple[float, float, float], workers: Workers
+        self,
+        image: NDArray[Any],
+        weights: Sequence[float] | NDArray[np.float64],
+        workers: Workers,
     ) -> None:
         scale = _FINE if image.dtype == np.uint8 else 1.0
         red, green, blue = (np.float32(scale * weight) for weight in weights)
@@ -217,6 +232,32 @@ class ContrastNormalizer:
             workers.rows(_mix, image.shape[0], image, red, green, blue, self.grey)
         else:
             np.multiply(image, np.uint16(scale), out=self.grey, casting="unsafe")
+
+
+def least_noise_weights(
+    range_map: NDArray[np.float32],
+    attenuation: NDArray[np.float64],
+    ambient_light: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the weights of the channels ``(3,)`` float64 that `ContrastNormalizer.restore` uses.
+
+    Parameters
+    ----------
+    range_map, attenuation, ambient_light
+        As there.
+    """
+    attenuation, ambient_light = _known(attenuation, ambient_light)
+    typical, _ = _typical_and_farthest(range_map)
+    weights = ambient_light * transmission(attenuation, typical)
+    return np.asarray(weights / weights.sum())
+
+
+def _known(
+    attenuation: NDArray[np.float64], ambient_light: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Attenuation and ambient light, 0 in both where either is unknown."""
+    known = np.isfinite(attenuation) & np.isfinite(ambient_light)
+    return np.where(known, attenuation, 0.0), np.where(known, ambient_light, 0.0)
 
 
 def _typical_and_farthest(range_map: NDArray[np.float32]) -> tuple[float, float]:

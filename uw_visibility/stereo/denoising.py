@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 
+# Noise up to which an image has been rounded and nothing else, 8-bit codes.
+ROUNDING = 0.35
 # Restored noise, in 8-bit levels of even contrast, up to which a view stays as it is.
 LEAST_NOISE = 1.0
 # Standard deviation of the Gaussian, px, for a restored noise of 1 level, and the power

@@ -16,7 +16,11 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.pair import MIN_HEIGHT, MIN_WIDTH, read_only
 from uw_visibility.images.view import View
+from uw_visibility.stereo.denoising import ROUNDING
 from uw_visibility.stereo.rig import StereoRig
+
+# Of 16 bits, one code of 8: white stays white.
+_CODE_16_BIT = 257
 
 
 class Pyramid:
@@ -60,14 +64,19 @@ class Pyramid:
     def downsample_view(self, view: View) -> View:
         """Return the small view; all of its pixels count.
 
+        In noise it has 16 bits, since a mean of noisy pixels tells more than 8 of them do, and
+        far away in turbid water all contrast is a code or two.
         Its noise is what it shows itself, and at most what a mean of so many pixels leaves of
         the large one's: detail that is a pixel wide in the small view looks like noise.
         """
-        small = self.downsample(view.pixels)
-        if small is view.pixels:
+        factor = self.factor(view.shape)
+        if factor == 1:
             return view
-        return View.of(small, view.transfer).with_noise_below(
-            view.noise / self.factor(view.shape))
+        pixels, limit = view.pixels, view.noise / factor
+        if pixels.dtype == np.uint8 and np.max(view.noise) > ROUNDING:
+            pixels = np.multiply(pixels, np.uint16(_CODE_16_BIT), dtype=np.uint16)
+            limit = _CODE_16_BIT * limit
+        return View.of(self.downsample(pixels), view.transfer).with_noise_below(limit)
 
     def upsample_mask(
         self, mask: NDArray[np.bool_] | None, shape: tuple[int, ...]

@@ -36,7 +36,7 @@ _FROM_BLANK = np.float32(math.sqrt(0.5))
 # Texture over that of noise alone, which is known to a fifth or so.
 _SIGNAL = 1.5
 # Mean amount of a normal deviate of unit variance.
-_MEAN_OF_NORMAL = math.sqrt(2.0 / math.pi)
+MEAN_OF_NORMAL = math.sqrt(2.0 / math.pi)
 
 
 class NoiseFilter:
@@ -93,7 +93,7 @@ class NoiseFilter:
         near = (_SIGNAL_NEIGHBOURHOOD, _SIGNAL_NEIGHBOURHOOD)
         texture = cv2.blur(self._texture, near, borderType=cv2.BORDER_CONSTANT)
         count = cv2.blur(self._count, near, borderType=cv2.BORDER_CONSTANT)
-        noisy |= texture < (_SIGNAL * _MEAN_OF_NORMAL * BYTES) * noise * count
+        noisy |= texture < (_SIGNAL * MEAN_OF_NORMAL * BYTES) * noise * count
         workers.rows(_clear, rows, noisy, disparity)
 
 

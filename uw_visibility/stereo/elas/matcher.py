@@ -149,7 +149,7 @@ class Matcher:
         """Find the support points of the described pair; see `SupportGrid.search`."""
         return self._support.search(
             self._views[0].values, self._views[1].values, self._disparities, self._workers,
-            airlight, earlier,
+            airlight, earlier, self._noise_of_grid(),
         )
 
     def swapped_ratio(self) -> float:
@@ -225,6 +225,12 @@ class Matcher:
             disparity[unsure] = with_occlusions[unsure] = np.nan
             rated[unsure] = 0.0
         return DenseMatch(disparity, right, rated, with_occlusions)
+
+    def _noise_of_grid(self) -> NDArray[np.float64] | None:
+        """Noise of the descriptors' bytes at the grid of support points; None without."""
+        if self._left is None or self._left.noise <= LEAST_NOISE:
+            return None
+        return SCALE * self._left.noise_gradient(self._config.support_step)
 
     def _noise_gradient(self) -> NDArray[np.float64]:
         """Noise of the descriptors' bytes in each of the noise filter's cells."""

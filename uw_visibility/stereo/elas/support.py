@@ -19,6 +19,7 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.descriptors import MIDDLE
+from uw_visibility.stereo.elas.evidence import MEAN_OF_NORMAL
 from uw_visibility.stereo.elas.support_filter import keep_consistent, mark_vertices, smooth
 
 FEWEST_SUPPORT_POINTS = 10
@@ -36,6 +37,8 @@ _ORDER_STRIDE = 8
 _FEW = 0.1
 # Deviation of a support disparity: this over the curvature of its cost, px.
 _COST_NOISE = np.float32(60.0)
+# Least texture over that of noise alone: less is hardly ever the scene's.
+_SIGNAL = 0.75
 # A disparity this near to that of an earlier match is the same one, px.
 _SAME_MATCH = np.float32(1.0)
 # Where there is an earlier match the search reaches this far around it, px.
@@ -102,6 +105,7 @@ class SupportGrid:
         self._smoothed = np.empty((rows, columns), np.float32)
         self._vertices = np.empty((rows, columns), np.bool_)
         self._agreed = np.empty((rows, columns), np.float32)
+        self._texture = np.full((rows, columns), settings.texture, np.int32)
 
     def swapped_ratio(
         self,
@@ -134,7 +138,7 @@ class SupportGrid:
         exchanged = np.empty((2, rows, self._found.shape[1]), np.float32)
         workers.rows(
             _search, rows, stride, right, left, width, height, settings.step,
-            disparities[0], disparities[1], settings.texture, np.float32(settings.uniqueness),
+            disparities[0], disparities[1], self._texture, np.float32(settings.uniqueness),
             *_NO_BOUND, _NOWHERE, exchanged[0], exchanged[1],
         )
         in_order = np.count_nonzero(self._found[::stride] >= 0)
@@ -148,6 +152,7 @@ class SupportGrid:
         workers: Workers,
         airlight: AirlightPrior | None = None,
         earlier: NDArray[np.float32] | None = None,
+        noise: NDArray[np.float64] | None = None,
     ) -> SupportPoints:
         """Find the support points of a described pair.
 
@@ -166,6 +171,9 @@ class SupportGrid:
             scene in other images of it. Beside one the search is limited to disparities
             around it, and where the best match is the same, it needs no uniqueness of
             its own.
+        noise : ndarray, optional
+            float64, standard deviation of the gradient responses that noise makes at each
+            point of the grid. Texture that is much less than noise alone would be is none.
 
         Returns
         -------
@@ -178,10 +186,14 @@ class SupportGrid:
         if earlier is not None:
             agreed = self._agreed
             _spread(earlier, settings.step, agreed)
+        self._texture[:] = settings.texture
+        if noise is not None:
+            least = _SIGNAL * MEAN_OF_NORMAL * BYTES * noise[:rows, : width // settings.step]
+            np.maximum(self._texture, least.astype(np.int32), out=self._texture)
         bound = _NO_BOUND if airlight is None else (airlight.farthest, airlight.thickness)
         workers.rows(
             _search, rows, 1, left, right, width, height, settings.step, disparities[0],
-            disparities[1], settings.texture, np.float32(settings.uniqueness), bound[0], bound[1],
+            disparities[1], self._texture, np.float32(settings.uniqueness), bound[0], bound[1],
             agreed, self._found, self._deviation,
         )
         workers.rows(
@@ -303,7 +315,7 @@ def _least_disparity(farthest: Any, thickness: Any, low: int, high: int) -> int:
 @njit(nogil=True)
 def _search(
     start: int, stop: int, stride: int, left: Any, right: Any, width: int, height: int, step: int,
-    lowest: int, high: int, texture: int, uniqueness: Any, farthest: Any, thickness: Any,
+    lowest: int, high: int, texture: Any, uniqueness: Any, farthest: Any, thickness: Any,
     agreed: Any, found: Any, deviation: Any,
 ) -> None:
     cost = np.empty(high - lowest + 1, np.int32)
@@ -315,7 +327,7 @@ def _search(
             u = column * step + step // 2
             if not (REACH <= v < height - REACH and REACH <= u < width - REACH):
                 continue
-            if _texture(left, (v * width + u) * BYTES) < texture:
+            if _texture(left, (v * width + u) * BYTES) < texture[row * stride, column]:
                 continue
             last = min(high, u - REACH)
             low, top = lowest, high

@@ -1,0 +1,57 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where noise leaves the coarse part of a scene only, it is matched by that."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import blurred, in_water, row_ranges, stereo_pair
+
+from uw_visibility import Pipeline, PipelineConfig, StereoRig
+from uw_visibility.evaluation.metrics import correct_fraction
+from uw_visibility.pipeline import second_step
+
+HEIGHT, WIDTH, DISPARITY = 360, 640, 40
+RIG = StereoRig(600.0, 0.4, (319.5, 179.5))
+
+
+def pair(noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """A wall at 12 m above one at 6 m, with texture of 4 px."""
+    disparity = np.full(HEIGHT, DISPARITY)
+    disparity[: HEIGHT // 2] //= 2
+    generator = np.random.default_rng(11)
+    wide = blurred(generator.normal(size=(HEIGHT, WIDTH + DISPARITY, 3)), 4.0)
+    wide = np.clip(0.5 + 0.2 * wide / wide.std(), 0.0, 1.0)
+    sides = stereo_pair(wide, disparity, WIDTH)
+    ranges = row_ranges(RIG, disparity, WIDTH)
+    views = (in_water(side, ranges, [0.55, 0.4, 0.35], [0.7] * 3) for side in sides)
+    left, right = (
+        np.clip(np.round(view + generator.normal(0.0, noise, view.shape)), 0, 255).astype(np.uint8)
+        for view in views
+    )
+    return left, right
+
+
+def process(left: np.ndarray, right: np.ndarray, **parameters: int):
+    values = {"stereo.max_disparity": 95, "threads": 1} | parameters
+    return Pipeline(RIG, PipelineConfig.from_parameters(values)).process(left, right, enhance=())
+
+
+def test_faint_coarse_texture_in_noise_is_matched(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = np.full((HEIGHT, WIDTH), float(DISPARITY), np.float32)
+    truth[: HEIGHT // 2] /= 2
+    left, right = pair(2.0)
+    found = process(left, right)
+    assert found.disparity.shape == found.stereo.confidence.shape == (HEIGHT, WIDTH)
+    correct = correct_fraction(found.disparity, truth)
+    assert correct > 0.7
+    monkeypatch.setattr(second_step, "matching_scale", lambda *arguments: 1)
+    assert correct > correct_fraction(process(left, right).disparity, truth) + 0.2
+
+
+def test_a_coarser_scale_gives_the_same_bits_whatever_the_threads() -> None:
+    one, three = (process(*pair(2.0), threads=threads) for threads in (1, 3))
+    np.testing.assert_array_equal(one.disparity, three.disparity)
+    np.testing.assert_array_equal(one.stereo.confidence, three.stereo.confidence)
+    assert one.timing_ms["reduction"] > 0

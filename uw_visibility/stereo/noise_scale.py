@@ -1,0 +1,96 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Scale selection: the finest scale at which a noisy image shows most of its scene.
+
+Of gradients that hold less signal than noise hardly one is matched, whatever smooths them
+afterwards, and many are matched by chance over a wide search. Means over squares of pixels take
+noise and leave what is coarser. How much signal there is, is seen in the image itself, so that
+neither ranges nor water have to be known for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.images.view import code_value
+from uw_visibility.stereo.denoising import ROUNDING
+
+# Side of the cells that are looked at, px.
+_CELL = 48
+# Variance of a Sobel response to noise of variance 1.
+_SOBEL_VARIANCE = 12.0
+# Deviation of rounding to 8 bits, code values; the noise that is measured is without it.
+_ROUNDING_ERROR = 0.29
+# Energy of gradients over that of noise alone from which a cell shows the scene, and from which
+# it does so at the coarsest scale, at which few pixels are left of a cell. The noise that is
+# measured in the smoothest parts of an image is less by an eighth or so than there is.
+_SHOWN, _SURELY_SHOWN = 1.5, 2.0
+# Part of what is shown at the coarsest scale that a finer one has to show.
+_MOST = 0.9
+
+
+def matching_scale(
+    image: NDArray[Any],
+    noise: NDArray[np.float64],
+    weights: Sequence[float] | NDArray[np.float64],
+    scales: Sequence[int],
+) -> int:
+    """Choose the side of the squares of pixels that are averaged before matching.
+
+    Parameters
+    ----------
+    image : ndarray
+        ``(H, W, 3)`` RGB or ``(H, W)`` grey; uint8 or uint16.
+    noise : ndarray
+        ``(3,)`` or ``(1,)`` float64, standard deviation of each channel's noise, code values.
+    weights : array_like
+        ``(3,)`` weights of the channels that are matched, of sum 1.
+    scales : sequence of int
+        Sides to choose from, px, ascending.
+
+    Returns
+    -------
+    int
+        px; the first of them where there is no noise, and where none shows a scene.
+    """
+    grey = image.ndim == 2
+    deviation = float(noise[0] if grey else np.hypot.reduce(np.asarray(weights) * noise))
+    if len(scales) == 1 or deviation <= ROUNDING * code_value(image):
+        return scales[0]
+    mixed = image.astype(np.float32)
+    if not grey:
+        mixed = cv2.transform(mixed, np.asarray(weights, np.float64)[np.newaxis])
+    if image.dtype == np.uint8:
+        deviation = float(np.hypot(deviation, _ROUNDING_ERROR))
+    finest = _share_shown(mixed, scales[0], _SHOWN * deviation**2)
+    if finest >= _MOST:
+        return scales[0]
+    most = _MOST * _share_shown(mixed, scales[-1], _SURELY_SHOWN * deviation**2)
+    if finest >= most:
+        return scales[0]
+    for scale in scales[1:-1]:
+        if _share_shown(mixed, scale, _SHOWN * deviation**2) >= most:
+            return scale
+    return scales[-1]
+
+
+def _share_shown(image: NDArray[np.float32], scale: int, variance: float) -> float:
+    """Part of the cells whose gradients along rows have more energy than those of white noise.
+
+    `variance` is that of the noise before the image is brought to the scale.
+    """
+    height, width = image.shape
+    small = image
+    if scale > 1:
+        rows, columns = height // scale, width // scale
+        whole = image[: rows * scale, : columns * scale]
+        small = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
+    gradient = cv2.Sobel(small, cv2.CV_32F, 1, 0)
+    cells = (max(width // _CELL, 1), max(height // _CELL, 1))
+    energy = cv2.resize(gradient * gradient, cells, interpolation=cv2.INTER_AREA)
+    return float(np.mean(energy >= _SOBEL_VARIANCE * variance / scale**2))
