@@ -112,6 +112,17 @@ def test_one_range_alone_tells_nothing() -> None:
     assert found.status is Status.RANGE_SPREAD_TOO_SMALL
 
 
+@pytest.mark.parametrize("seed", [16, 21])
+def test_clear_water_is_not_told_where_one_frame_cannot_tell(seed: int) -> None:
+    # By contrast alone these frames are of water clearer than clear water, ± 0.3 1/m; that it
+    # is not, tells no attenuation: it was said to be a tenth of what it is, ± 0.06.
+    rows = np.linspace(-0.3, 0.3, SIZE[0])[:, np.newaxis]
+    tilted = render(0.3, seed=seed, distance=1.8 + rows + np.zeros(SIZE), noise=1e-3)
+    found = estimate(tilted)
+    assert found.status is Status.RANGE_SPREAD_TOO_SMALL
+    assert not np.isfinite(found.attenuation[1:]).any()
+
+
 def test_darkness_and_glare_are_refused() -> None:
     shown = scene(0.15)
     for image, reason in (

@@ -41,7 +41,6 @@ from uw_visibility.water.priors import (
 )
 from uw_visibility.water.validation import (
     MAX_CLIPPED_FRACTION,
-    MAX_RELATIVE_STDDEV,
     MAX_STDDEV,
     refute_clearness,
 )
@@ -49,6 +48,10 @@ from uw_visibility.water.validation import (
 Array = NDArray[np.float64]
 Rays = Callable[[Array, Array], Array]
 
+# Attenuation is not assessable when its standard deviation is beyond this part of it, and beyond
+# `MAX_STDDEV`. Ground straight below is at one range; of its frames, those in which noise makes
+# attenuation too large look well known, and told three times the true one.
+MAX_RELATIVE_STDDEV = 1.0 / 3.0
 # What no image can tell, as a part of β: the scale of range, the transfer, a beam's form.
 MODEL_ERROR = 0.07
 # Square of the distance of tracks from contrast, in standard deviations of the three channels,
@@ -114,8 +117,10 @@ class CellEstimator:
         seen = np.array([reason is Status.OK for reason in status])
         if not seen.any():
             return _with_cells(WaterEstimate.not_assessable(status[0]), cells)
-        beta, covariance = self._fuse(fit, seen)
+        beta, covariance = self._join_channels(fit, seen)
+        # That water is not clearer than clear water tells nothing of this water.
         deviation = np.sqrt(np.diag(covariance))
+        beta, covariance = self._above_clear_water(beta, covariance, seen)
         for c in np.flatnonzero(seen).tolist():
             if deviation[c] > max(MAX_STDDEV, MAX_RELATIVE_STDDEV * beta[c]):
                 status[c] = Status.RANGE_SPREAD_TOO_SMALL
@@ -128,8 +133,8 @@ class CellEstimator:
         water = self._assembled(cells, fit, np.where(known, beta, np.nan), covariance, status)
         return replace(water, cues=cues)
 
-    def _fuse(self, fit: ContrastFit, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Fuse β with what is known of water: channels alike, none clearer than clear water."""
+    def _join_channels(self, fit: ContrastFit, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Fuse β with what is known of water: channels are alike."""
         clear = self._clear_water
         beta = np.where(seen, fit.attenuation, 0.0)
         covariance = np.where(np.outer(seen, seen), fit.covariance, 0.0)
@@ -141,6 +146,13 @@ class CellEstimator:
             row[c] += 1.0
             beta, covariance = _update(
                 beta, covariance, row, float(row @ clear), tolerance)
+        return beta, covariance
+
+    def _above_clear_water(
+        self, beta: Array, covariance: Array, seen: NDArray[np.bool_]
+    ) -> tuple[Array, Array]:
+        """Raise β to clear water's, and add the model's error."""
+        clear = self._clear_water
         for c in np.argsort(beta - clear):
             if seen[c] and beta[c] < clear[c]:
                 beta, covariance = _raised(
