@@ -28,14 +28,18 @@ def browser() -> Iterator[Any]:
         yield opened
 
 
+@pytest.fixture(scope="module")
+def day_file(transect: Path, dive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("days") / "day"
+    assert main(["replay", str(transect), str(dive), "-o", str(out), "--jobs", "1"]) == 0
+    return out / "index.html"
+
+
 @pytest.fixture(scope="module", params=["report", "day"])
-def page_file(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page_file(request: pytest.FixtureRequest) -> Path:
     if request.param == "report":
         return Path(request.getfixturevalue("replayed")) / "report.html"
-    bags = [str(request.getfixturevalue(name)) for name in ("transect", "dive")]
-    out = tmp_path_factory.mktemp("days") / "day"
-    assert main(["replay", *bags, "-o", str(out), "--jobs", "1"]) == 0
-    return out / "index.html"
+    return Path(request.getfixturevalue("day_file"))
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -77,7 +81,7 @@ def test_dark_is_dark_figures_too(browser: Any, page_file: Path) -> None:
 
 def test_all_is_reached_by_keys(browser: Any, page_file: Path) -> None:
     page = show(browser, page_file, 390)
-    wanted = page.eval_on_selector_all("a, summary, button, .scroll", "all => all.length")
+    wanted = page.eval_on_selector_all("a, summary, button, select, .scroll", "all => all.length")
     page.keyboard.press("Tab")
     assert page.evaluate("document.activeElement.className") == "skip"
     assert page.evaluate("document.activeElement.getBoundingClientRect().left") >= 0.0
@@ -175,6 +179,30 @@ def test_a_mouse_over_a_figure_chooses_what_its_values_are_then_told_of(
         [after["x"] + after["width"] / 2.0, y])
     assert pointed == text
     assert "by itself" in text
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_of_several_recordings_one_is_shown(browser: Any, day_file: Path, width: int) -> None:
+    page = show(browser, day_file, width)
+    names = page.locator(".zoom option").all_text_contents()
+    page.get_by_label("Recording that is shown").select_option("transect")
+    shown = page.inner_text(".zoom output")
+    # Of the other recording, which goes on for longer, there is what fell into that time.
+    assert sorted(names) == ["Recording", "dive", "transect"]
+    first, last = re.findall(r"\d\d:\d\d:[\d.]+", shown)
+    assert first <= "22:13:20.0" and "22:13:23.0" > last >= "22:13:22.5"
+    assert page.input_value(".zoom select") == "transect"
+    # Its end is a tick, whose label would reach beyond the drawing.
+    labels, beyond = page.eval_on_selector_all(".series .ticks text", """all => {
+        const right = one => one.getBoundingClientRect().right;
+        const shown = all.filter(one => one.getClientRects().length);
+        return [shown.length, shown.filter(one => right(one) > right(one.ownerSVGElement)).length];
+    }""")
+    assert labels > 4
+    assert beyond == 0
+    page.get_by_role("button", name="All").click()
+    assert page.inner_text(".zoom output").startswith("All is shown")
+    assert page.input_value(".zoom select") == "Recording"
 
 
 def test_without_scripts_the_whole_is_shown_and_no_button(browser: Any, page_file: Path) -> None:

@@ -127,6 +127,7 @@ def _row(summary: Summary, synopsis: Synopsis, columns: Columns) -> dict[str, An
     return {
         "name": name, "href": f"{quote(name)}/report.html",
         "time": time_span(synopsis.start, synopsis.end) if synopsis.frames else "no frames",
+        "start": synopsis.start / 1e9, "end": synopsis.end / 1e9,
         "place": _place(columns), "depth": _depth(columns), "visibility": seen, "trust": trust,
         "worst": _link(name, synopsis.lowest.frame) if synopsis.lowest else None,
         "why": "".join(map(str, verdict(summary)[-1])) if not synopsis.told else "",

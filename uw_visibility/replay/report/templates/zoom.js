@@ -4,6 +4,7 @@ const STEPS = [
   0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200];
 const DAY = 86400;
 const PIXELS_PER_POINT = 96 / 72;
+const HALF_LABEL = 26;
 
 function element(name, attributes, text = "") {
   const made = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -84,7 +85,10 @@ class Plot {
       const time = count * step;
       const x = this.place(time);
       made.push(element("path", { d: `M${x} ${this.y}V${below + 3.5}` }));
-      made.push(element("text", { x, y: below + 14 }, clock(time, first, last)));
+      // Not where the edge of the drawing would cut it off.
+      if (x + HALF_LABEL < this.svg.viewBox.baseVal.width) {
+        made.push(element("text", { x, y: below + 14 }, clock(time, first, last)));
+      }
     }
     made.push(element("text", { x: this.x + this.width / 2, y: below + 27 },
       `time (UTC), ${days(this.shown)}`));
@@ -93,6 +97,7 @@ class Plot {
 }
 
 const tools = document.querySelector(".zoom");
+const recordings = tools.querySelector("select");
 const whole = [Number(tools.dataset.start), Number(tools.dataset.end)];
 const plots = [...document.querySelectorAll(".series svg.plot")].map((svg) => new Plot(svg, whole));
 let [start, end] = whole;
@@ -103,6 +108,7 @@ function show(from, to) {
   start = Math.min(Math.max(middle - length / 2, whole[0]), whole[1] - length);
   end = start + length;
   for (const plot of plots) plot.show([start, end]);
+  if (recordings) recordings.selectedIndex = 0;
   const part = length < whole[1] - whole[0];
   const last = length < 60 ? 21 : 19;
   tools.classList.toggle("part", part);
@@ -123,6 +129,15 @@ for (const button of tools.querySelectorAll("button")) {
     actions[button.value]((end - start) / 2, (start + end) / 2);
   });
 }
+
+recordings?.addEventListener("change", () => {
+  const chosen = recordings.selectedIndex;
+  const { start: first, end: last } = recordings.selectedOptions[0].dataset;
+  const margin = 0.02 * (last - first);
+  if (first) show(Number(first) - margin, Number(last) + margin);
+  else show(...whole);
+  recordings.selectedIndex = chosen;
+});
 
 // A mouse that is drawn over a figure chooses a part; fingers scroll the page.
 for (const plot of plots) {
