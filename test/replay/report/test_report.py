@@ -269,6 +269,9 @@ def test_the_series_is_drawn_whatever_is_known(count: int) -> None:
     drawn = draw_series(columns)
     assert len(drawn) == 4
     assert "not assessable" not in "".join(each.drawing for each in drawn)
+    # More frames than can be told apart: what a point is is told where one points at it.
+    assert drawn[0].together == (2 if count > MOST_POINTS else 1)
+    assert ("<title>median of 2 frames about" in drawn[0].drawing) == (count > MOST_POINTS)
     # The same result has the same page.
     assert count > 1 or drawn == draw_series(columns)
 
