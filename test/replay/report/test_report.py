@@ -341,6 +341,15 @@ def test_no_axis_goes_above_the_surface() -> None:
     assert ">−1</text>" not in drawn
 
 
+def test_the_band_of_the_filtered_values_is_within_the_axis() -> None:
+    columns = {name: np.full(9, np.nan) for name in NEEDED}
+    columns["stamp"], columns["frame"] = 1.7e9 + np.arange(9), np.arange(9.0)
+    columns["filtered_visibility_distance"] = np.full(9, 4.0)
+    columns["filtered_visibility_distance_stddev"] = np.full(9, 2.5)
+    drawn = draw_series(columns)[0].drawing
+    assert all(f">{metres}</text>" in drawn for metres in (2, 4, 6))
+
+
 def test_a_figure_shows_clock_time_and_values_to_point_at() -> None:
     columns = {name: np.full(9, np.nan) for name in NEEDED}
     columns["stamp"], columns["frame"] = 1.7e9 + 60.0 * np.arange(9), np.arange(9.0)

@@ -185,7 +185,7 @@ def _paint(
         x, depth, _ = _with_gaps(time, sensor, sensor)
         axes.plot(x, depth, color=SENSOR, linewidth=1.6, linestyle="--", label="depth sensor",
                   zorder=4)
-    axes.set_ylim(*_limits(value, stddev, filtered, sensor))
+    axes.set_ylim(*_limits(((value, stddev), (filtered, band)), filtered, sensor))
     if name == "depth":
         axes.invert_yaxis()
     if not (np.isfinite(value).any() or np.isfinite(filtered).any()):
@@ -298,29 +298,31 @@ def _described(columns: Columns, quantity: Quantity) -> str:
 
 
 def _limits(
-    value: NDArray[np.float64], stddev: NDArray[np.float64], *others: NDArray[np.float64] | None
+    bands: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    *lines: NDArray[np.float64] | None,
 ) -> tuple[float, float]:
-    """Return limits for an axis that a few wild values do not set."""
-    known = np.isfinite(value)
-    lows, highs = [], []
-    if known.any():
-        spread = np.nan_to_num(stddev[known])
-        # The band of a value that is hardly known at all is cut off.
-        spread = np.minimum(spread, 3.0 * float(np.median(spread)))
-        lows.append(float(np.percentile(value[known] - spread, 2.0)))
-        highs.append(float(np.percentile(value[known] + spread, 98.0)))
-    for other in others:
-        if other is not None and np.isfinite(other).any():
-            lows.append(float(np.nanmin(other)))
-            highs.append(float(np.nanmax(other)))
+    """Return limits for an axis that a few wild values do not set: of bands ± σ and of lines."""
+    lows, highs, least = [], [], []
+    for value, stddev in bands:
+        known = np.isfinite(value)
+        if known.any():
+            spread = np.nan_to_num(stddev[known])
+            # The band of a value that is hardly known at all is cut off.
+            spread = np.minimum(spread, 3.0 * float(np.median(spread)))
+            lows.append(float(np.percentile(value[known] - spread, 2.0)))
+            highs.append(float(np.percentile(value[known] + spread, 98.0)))
+            least.append(float(np.min(value[known])))
+    for line in lines:
+        if line is not None and np.isfinite(line).any():
+            lows.append(float(np.nanmin(line)))
+            highs.append(float(np.nanmax(line)))
     if not lows:
         return 0.0, 1.0
     low, high = min(lows), max(highs)
-    least = float(np.min(value[known])) if known.any() else low
     margin = 0.08 * (high - low) + 1e-3
     low, high = low - margin, high + margin
     # No water is clearer than clear, and no camera above the surface: a band may reach there.
-    return (max(low, 0.0) if least >= 0.0 else low), high
+    return (max(low, 0.0) if min(least, default=low) >= 0.0 else low), high
 
 
 def data_uri(png: bytes) -> str:
