@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable
 from typing import Any
@@ -129,7 +130,6 @@ def test_unusable_frame_is_counted_with_its_reason(
 
 def test_images_without_common_stamps_are_explained(node: Any, client: Any, parts: Any) -> None:
     unmatched = int(client.diagnosis("input").numbers["unmatched images"])
-    pairs = 0
     end = time.monotonic() + 20.0
     message = "left and right images have no stamps in common: set synchronization.tolerance"
     while message not in client.diagnosis("input").message:
@@ -138,7 +138,6 @@ def test_images_without_common_stamps_are_explained(node: Any, client: Any, part
         for side, part, nanoseconds in (("left", parts[0], 0), ("right", parts[1], 12_000_000)):
             part.header.stamp.sec, part.header.stamp.nanosec = stamp, nanoseconds
             client.publishers[f"{side}/image"].publish(part)
-        pairs += 1
         time.sleep(0.2)
     status = client.diagnosis("input")
     assert status.level == DiagnosticStatus.ERROR
@@ -147,7 +146,7 @@ def test_images_without_common_stamps_are_explained(node: Any, client: Any, part
     # What waited leaves with the next pair, counted.
     client.result(client.publish(*parts), "disparity")
     client.wait(
-        lambda: int(client.diagnosis("input").numbers["unmatched images"]) > unmatched + pairs,
+        lambda: int(client.diagnosis("input").numbers["unmatched images"]) > unmatched + 2,
         "the count of unmatched images",
     )
 
@@ -161,11 +160,9 @@ def test_images_without_stamps_are_explained(client: Any, parts: Any) -> None:
             part.header.stamp.sec = part.header.stamp.nanosec = 0
             client.publishers[f"{side}/image"].publish(part)
         time.sleep(0.2)
-    client.wait(
-        lambda: client.diagnosis("input").numbers["dropped: left image without a stamp"]
-        == str(pairs),
-        "the count of images without stamps",
-    )
+    # A node that has no time for them forgets all but the last few.
+    dropped = client.diagnosis("input").numbers["dropped: left image without a stamp"]
+    assert 2 < int(dropped) <= pairs
     client.result(client.publish(*parts), "disparity")
 
 
@@ -199,6 +196,7 @@ def test_parameters_are_answered_while_a_frame_is_processed(
         while not client.has("disparity", stamp):
             future = service.call_async(request)
             while not (future.done() or client.has("disparity", stamp)):
+                assert time.monotonic() < end, f"no answer to {stamp}, or to the request"
                 time.sleep(0.001)
             answered += not client.has("disparity", stamp)
         answers += max(answered - 1, 0)
@@ -213,7 +211,15 @@ class Sensor:
         self._publisher = client.node.create_publisher(
             PoseWithCovarianceStamped, "depth_sensor", QoSProfile(depth=50)
         )
-        client.wait(lambda: self._publisher.get_subscription_count() == 1, "a subscription")
+        # Until the node knows the publisher too, it hears nothing of it.
+        end = time.monotonic() + 20.0
+        client.received["/diagnostics"].clear()
+        while not (said := client.diagnosis("plausibility").message) or re.search(
+            "no depth_sensor (yet|for)", said
+        ):
+            assert time.monotonic() < end, said
+            self.publish(client.next_stamp(), 1.0)
+            time.sleep(0.1)
 
     def publish(self, stamp: int, depth: float) -> None:
         message = PoseWithCovarianceStamped()
@@ -229,8 +235,8 @@ class Sensor:
 def test_depth_sensor_is_checked(client: Any, parts: Any) -> None:
     client.diagnosed("plausibility", "stale: no depth_sensor yet")
     # The known scene says little of its depth, so the gate may be wide.
-    set_parameters(client, plausibility__max_gate=100.0, plausibility__timeout=60.0)
     sensor = Sensor(client)
+    set_parameters(client, plausibility__max_gate=100.0, plausibility__timeout=60.0)
     nis = client.received["depth_plausibility/nis"]
     stamped_nis = client.received["depth_plausibility/nis_stamped"]
 
@@ -286,6 +292,7 @@ def test_jump_of_the_sensor_on_a_simulated_transect(
         frames=11, rate=2.0, depth=(4.0, 5.0), attenuation=(0.15, 0.2), seed=3,
         camera=StereoCamera(240, 180, 225.0, 0.12),
     )
+    sensor = Sensor(client)
     set_parameters(
         client, plausibility__max_gate=1.5, plausibility__timeout=60.0, stereo__max_disparity=48
     )
@@ -297,7 +304,6 @@ def test_jump_of_the_sensor_on_a_simulated_transect(
         )
         for side, tx in (("left", 0.0), ("right", -27.0))
     ]
-    sensor = Sensor(client)
     nis = client.received["depth_plausibility/nis"]
     jump = 4
     for index, (_, frame) in enumerate(transect.render()):
