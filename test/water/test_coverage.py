@@ -162,6 +162,16 @@ class TestPhysicalSense:
         right = [estimate(encoded(one), one.range, "srgb").status for one in draws]
         assert Status.OTHER_TRANSFER not in right
 
+    def test_a_wrong_transfer_that_is_not_told_is_in_the_deviation(self):
+        score = []
+        for seed in range(24):
+            one = draw(seed)
+            found = estimate(encoded(one), one.range)
+            if found.status is Status.OK:
+                score.append(np.abs(found.attenuation - one.attenuation) / found.attenuation_stddev)
+        assert len(score) >= 4
+        assert (np.max(score, axis=1) < 3.0).mean() >= 0.75
+
     @pytest.mark.parametrize("effect", ["vignetting", "plume"])
     def test_uneven_images_are_refused_or_less_sure(self, effect):
         rows, columns = np.mgrid[-1:1:SHAPE[0] * 1j, -1:1:SHAPE[1] * 1j]

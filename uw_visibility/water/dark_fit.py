@@ -9,17 +9,34 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.water.contrast import envelope_decay
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.fit import Fit, fit_plain
 from uw_visibility.water.lower_envelope import fit_lower_envelope
 from uw_visibility.water.observations import Envelopes, quantile_of_known
-from uw_visibility.water.transfer_check import CERTAIN, other_transfer
+from uw_visibility.water.open_water import OpenWater
+from uw_visibility.water.transfer_check import (
+    OtherTransfer,
+    negligible,
+    other_transfer,
+    other_veil,
+)
 from uw_visibility.water.validation import (
     black_attenuation,
     brightest_patch,
     least_ambient_light,
 )
-from uw_visibility.water.veil import FitVeil, envelope_likelihood
+from uw_visibility.water.veil import (
+    EnvelopeFit,
+    FitVeil,
+    VeilFit,
+    fit_best_ratio,
+    fit_open_water,
+    likelihood_of_contrast,
+)
+
+# The most that contrast may say for or against a transfer, as a logarithm of odds.
+MOST_BY_CONTRAST = 3.0
 
 
 def fit_one_light(
@@ -96,15 +113,59 @@ def fit_of_veil(
     return fit
 
 
-def other_transfer_fits(
+def fit_other_transfer(
     envelope: Envelopes, active: NDArray[np.bool_], clear_water: NDArray[np.float64],
-    transfer: str, likelihood: float,
-) -> bool:
-    """Tell whether the envelope is certainly likelier with the other transfer."""
+    transfer: str, as_told: VeilFit, open_water: OpenWater | None,
+) -> OtherTransfer | None:
+    """Fit the envelopes as they are if the camera's transfer is the other one.
+
+    Parameters
+    ----------
+    envelope : Envelopes
+        As the transfer gives them.
+    active : (3,) bool ndarray
+        Channels that count.
+    clear_water : (3,) float64 ndarray
+        κ of the camera, 1/m.
+    transfer : str
+        ``"linear"`` or ``"srgb"``.
+    as_told : VeilFit
+        Fits with that transfer.
+    open_water : OpenWater or None
+        Open water in view: what is likelier has to be so with its veil and without.
+
+    Returns
+    -------
+    OtherTransfer or None
+        None where the other transfer is out of the question.
+    """
     other, change = other_transfer(envelope, transfer)
-    alternative = envelope_likelihood(
-        fit_of_veil(other, active, clear_water), brightest(other, active), clear_water)
-    return alternative + change > likelihood + CERTAIN
+    fit = fit_of_veil(other, active, clear_water)
+
+    def compare(one: EnvelopeFit, told: EnvelopeFit) -> OtherTransfer | None:
+        if one.fit is None or told.fit is None:
+            return None
+        odds = one.likelihood + change - told.likelihood
+        if negligible(odds + MOST_BY_CONTRAST):
+            return None
+        decays = envelope_decay(other, active), envelope_decay(envelope, active)
+        if decays[0] is not None and decays[1] is not None:
+            contrast = likelihood_of_contrast(one.fit, decays[0]) - likelihood_of_contrast(
+                told.fit, decays[1])
+            odds += min(max(contrast, -MOST_BY_CONTRAST), MOST_BY_CONTRAST)
+        if negligible(odds):
+            return None
+        counts = np.where(active[:, np.newaxis], 1.0, np.nan)
+        return OtherTransfer(
+            float(odds), counts * one.fit.parameters, counts * told.fit.parameters)
+
+    found = compare(
+        fit_best_ratio(fit, brightest(other, active), clear_water), as_told.ratio_fit)
+    if found is None or open_water is None or as_told.open_water_fit.fit is None:
+        return found
+    veil = other_veil(open_water.veil, open_water.stddev, transfer)
+    seen = compare(fit_open_water(fit, other, clear_water, *veil)[1], as_told.open_water_fit)
+    return None if seen is None else min(found, seen, key=lambda one: one.log_odds)
 
 
 def brightest(envelope: Envelopes, active: NDArray[np.bool_]) -> NDArray[np.float64]:

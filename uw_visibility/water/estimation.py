@@ -22,7 +22,7 @@ from uw_visibility.water.dark_fit import (
     brightest,
     fit_of_veil,
     fit_one_light,
-    other_transfer_fits,
+    fit_other_transfer,
 )
 from uw_visibility.water.estimate import WaterEstimate, assemble, refuse
 from uw_visibility.water.fit import Fit, blank
@@ -260,9 +260,14 @@ class WaterEstimator:
             light = brightest(envelope, active)
             error = COMPRESSION_ERROR * (1.0 - light / light.max()) * found.fit.parameters[:, 0]
             covariance[0::2, 0::2] += np.diag(error**2)
-        if not cues.coarse and other_transfer_fits(
-                envelope, active, self._clear_water, self._transfer, found.likelihood):
+        other = None if cues.coarse else fit_other_transfer(
+            envelope, active, self._clear_water, self._transfer, found, cues.open_water)
+        if other is not None and other.certain:
             status = refuse(status, Status.OTHER_TRANSFER)
+        elif other is not None and not cues.compressed:
+            # A JPEG bends the envelopes of dim channels too, and its error is in already.
+            parameters, covariance = other.averaged(found.fit.parameters, covariance)
+            found = replace(found, fit=replace(found.fit, parameters=parameters))
         if found.refuted and not cues.coarse:
             status = refuse(status, Status.NOT_ONE_WATER)
         shown = np.where(active, found.fit.parameters[:, 0], np.nan)

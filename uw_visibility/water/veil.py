@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,21 @@ FuseVeil = Callable[
 """Fuse with priors: the fit, W / B, the veil and the deviation of its logarithm."""
 
 
+class EnvelopeFit(NamedTuple):
+    """Fit of the dark envelope for one ratio of veil and brightest patch.
+
+    Attributes
+    ----------
+    fit : Fit or None
+        None where no ratio gives one.
+    likelihood : float
+        Its logarithm, of the dark envelope.
+    """
+
+    fit: Fit | None = None
+    likelihood: float = -math.inf
+
+
 @dataclass(frozen=True)
 class VeilFit:
     """Estimate with the veil apart from the light.
@@ -93,8 +108,8 @@ class VeilFit:
         What each cue says of β, and its standard deviation.
     disagreement : float
         Distance of the cues from each other, in standard deviations.
-    likelihood : float
-        Logarithm of the dark envelope's likelihood for the ratio that fits it best.
+    ratio_fit, open_water_fit : EnvelopeFit
+        The dark envelope's alone, for the ratio that fits it best and with open water's veil.
     misfit : float
         Residuals of the veil that leaves the smallest; see `Fit`.
     durbin_watson : float
@@ -106,7 +121,8 @@ class VeilFit:
     scene_light_stddev: NDArray[np.float64]
     cues: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
     disagreement: float
-    likelihood: float
+    ratio_fit: EnvelopeFit
+    open_water_fit: EnvelopeFit
     misfit: float
     durbin_watson: float
 
@@ -152,11 +168,13 @@ def fit_free_veil(
         None where no veil gives a fit.
     """
     cues: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
-    components, logarithms, likelihood = _over_ratios(
+    in_open_water = EnvelopeFit()
+    components, logarithms, best = _over_ratios(
         fit, fuse, brightest, clear_water, contrast, COARSE_RATIOS if coarse else RATIOS)
     if open_water is not None:
         seen = _with_open_water(fit, fuse, envelope, clear_water, contrast, open_water)
         if seen is not None:
+            in_open_water = seen[2]
             # What looks like open water may be a smooth, far thing, the likelier the smaller.
             mistaken = 1.0 / (1.0 + open_water.fraction / MISTAKEN_AREA)
             logarithms = [value + math.log(mistaken) for value in logarithms]
@@ -179,14 +197,14 @@ def fit_free_veil(
     mixed = _mixture(components, weights)
     light, deviation = _light(components, weights, envelope)
     return VeilFit(
-        _with_model_error(mixed), light, deviation, cues, disagreement, likelihood,
-        nearest.misfit, nearest.durbin_watson)
+        _with_model_error(mixed), light, deviation, cues, disagreement, best,
+        in_open_water, nearest.misfit, nearest.durbin_watson)
 
 
-def envelope_likelihood(
+def fit_best_ratio(
     fit: FitVeil, brightest: NDArray[np.float64], clear_water: NDArray[np.float64],
-) -> float:
-    """Logarithm of the dark envelope's likelihood for the best of a few ratios.
+) -> EnvelopeFit:
+    """Fit the dark envelope for the best of a few ratios.
 
     Parameters
     ----------
@@ -196,13 +214,59 @@ def envelope_likelihood(
         The bright envelope at its brightest.
     clear_water : (3,) float64 ndarray
         κ, 1/m.
+
+    Returns
+    -------
+    EnvelopeFit
     """
-    best = -math.inf
+    best = EnvelopeFit()
     for ratio in COARSE_RATIOS:
         found = _fit_ratio(fit, ratio, brightest)
         if found is not None:
-            best = max(best, _likelihood(found, clear_water))
+            best = _likelier(best, found, _likelihood(found, clear_water))
     return best
+
+
+def fit_open_water(
+    fit: FitVeil, envelope: Envelopes, clear_water: NDArray[np.float64],
+    veil: NDArray[np.float64], stddev: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], EnvelopeFit]:
+    """Fit the dark envelope with the veil that open water shows.
+
+    Parameters
+    ----------
+    fit : callable
+        The fit of the dark envelope.
+    envelope : Envelopes
+        What is fitted.
+    clear_water : (3,) float64 ndarray
+        κ, 1/m.
+    veil, stddev : (3,) float64 ndarray
+        Of open water.
+
+    Returns
+    -------
+    light : (3,) float64 ndarray
+        W / B.
+    fit : EnvelopeFit
+    """
+    lower = np.maximum(veil - DEVIATIONS * stddev, 0.3 * veil)
+    upper = veil + DEVIATIONS * stddev
+    light = np.clip(
+        np.nan_to_num(envelope.bright).max(axis=1) / BRIGHT_RADIANCE / veil, *LIGHT_LIMITS)
+    found = fit(lower, upper, light)
+    if found is None:
+        return light, EnvelopeFit()
+    light = np.clip(
+        _bright_light(found.parameters[:, 0], veil, envelope) / veil, *LIGHT_LIMITS)
+    found = fit(lower, upper, light)
+    if found is None or not found.converged or not np.isfinite(found.covariance).all():
+        return light, EnvelopeFit()
+    return light, EnvelopeFit(found, _likelihood(found, clear_water))
+
+
+def _likelier(best: EnvelopeFit, fit: Fit, likelihood: float) -> EnvelopeFit:
+    return EnvelopeFit(fit, likelihood) if likelihood > best.likelihood else best
 
 
 def _fit_ratio(fit: FitVeil, ratio: float, brightest: NDArray[np.float64]) -> Fit | None:
@@ -227,14 +291,14 @@ def _light_of_ratio(ratio: float) -> NDArray[np.float64]:
 def _over_ratios(
     fit: FitVeil, fuse: FuseVeil, brightest: NDArray[np.float64],
     clear_water: NDArray[np.float64], contrast: Decay | None, ratios: tuple[float, ...],
-) -> tuple[list[Fit], list[float], float]:
+) -> tuple[list[Fit], list[float], EnvelopeFit]:
     """Fit for each ratio of veil and brightest patch.
 
-    Returns fits, their log likelihoods, and the best of the envelope's alone.
+    Returns fits, their log likelihoods, and the best by the envelope alone.
     """
     components: list[Fit] = []
     logarithms: list[float] = []
-    best, hopeless = -math.inf, False
+    best, hopeless = EnvelopeFit(), False
     for ratio in ratios:
         if hopeless and ratio < 1.0:
             continue
@@ -242,13 +306,13 @@ def _over_ratios(
         if found is None:
             continue
         alone = _likelihood(found, clear_water)
-        best = max(best, alone)
-        hopeless = alone < best - HOPELESS
+        best = _likelier(best, found, alone)
+        hopeless = alone < best.likelihood - HOPELESS
         likelihood = alone + math.log(PRIOR[RATIOS.index(ratio)])
         found = _regular(fuse(
             found, _light_of_ratio(ratio), 1.05 * ratio * brightest, np.full(3, RATIO_TOLERANCE)))
         if contrast is not None:
-            likelihood += _likelihood_of_contrast(found, contrast)
+            likelihood += likelihood_of_contrast(found, contrast)
         components.append(found)
         logarithms.append(likelihood)
     return components, logarithms, best
@@ -257,25 +321,19 @@ def _over_ratios(
 def _with_open_water(
     fit: FitVeil, fuse: FuseVeil, envelope: Envelopes, clear_water: NDArray[np.float64],
     contrast: Decay | None, water: OpenWater,
-) -> tuple[Fit, float] | None:
-    """Fit with the veil that open water shows; return the fit and its log likelihood."""
-    lower = np.maximum(water.veil - DEVIATIONS * water.stddev, 0.3 * water.veil)
-    upper = water.veil + DEVIATIONS * water.stddev
-    light = np.clip(
-        np.nan_to_num(envelope.bright).max(axis=1) / BRIGHT_RADIANCE / water.veil, *LIGHT_LIMITS)
-    found = fit(lower, upper, light)
-    if found is None:
+) -> tuple[Fit, float, EnvelopeFit] | None:
+    """Fit with the veil that open water shows.
+
+    Returns the fit with priors and its log likelihood, and the envelope's alone.
+    """
+    light, alone = fit_open_water(fit, envelope, clear_water, water.veil, water.stddev)
+    if alone.fit is None:
         return None
-    light = np.clip(
-        _bright_light(found.parameters[:, 0], water.veil, envelope) / water.veil, *LIGHT_LIMITS)
-    found = fit(lower, upper, light)
-    if found is None or not found.converged or not np.isfinite(found.covariance).all():
-        return None
-    likelihood = _likelihood(found, clear_water)
-    fused = _regular(fuse(found, light, water.veil, water.stddev / water.veil))
+    likelihood = alone.likelihood
+    fused = _regular(fuse(alone.fit, light, water.veil, water.stddev / water.veil))
     if contrast is not None:
-        likelihood += _likelihood_of_contrast(fused, contrast)
-    return fused, likelihood
+        likelihood += likelihood_of_contrast(fused, contrast)
+    return fused, likelihood, alone
 
 
 def _bright_light(
@@ -318,7 +376,7 @@ def _likelihood(fit: Fit, clear_water: NDArray[np.float64]) -> float:
     return -0.5 * (bins + TAIL**2 * math.log1p(off / TAIL**2))
 
 
-def _likelihood_of_contrast(fit: Fit, contrast: Decay) -> float:
+def likelihood_of_contrast(fit: Fit, contrast: Decay) -> float:
     """Logarithm of how likely the decay of contrast is, if the fit holds."""
     innovation = contrast.attenuation - fit.parameters[:, 0]
     covariance = fit.covariance[0::2, 0::2] + contrast.covariance
