@@ -4,19 +4,23 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from scenes import blurred, in_water, row_ranges, stereo_pair
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.evaluation.metrics import correct_fraction
+from uw_visibility.images.chroma import ChromaImage
+from uw_visibility.images.jpeg import jpeg_chroma
 from uw_visibility.pipeline import second_step
+from uw_visibility.pipeline.result import FrameResult
 
 HEIGHT, WIDTH, DISPARITY = 360, 640, 40
 RIG = StereoRig(600.0, 0.4, (319.5, 179.5))
 
 
-def pair(noise: float) -> tuple[np.ndarray, np.ndarray]:
+def pair(noise: float, rig: StereoRig = RIG) -> tuple[np.ndarray, np.ndarray]:
     """A wall at 12 m above one at 6 m, with texture of 4 px."""
     disparity = np.full(HEIGHT, DISPARITY)
     disparity[: HEIGHT // 2] //= 2
@@ -24,7 +28,7 @@ def pair(noise: float) -> tuple[np.ndarray, np.ndarray]:
     wide = blurred(generator.normal(size=(HEIGHT, WIDTH + DISPARITY, 3)), 4.0)
     wide = np.clip(0.5 + 0.2 * wide / wide.std(), 0.0, 1.0)
     sides = stereo_pair(wide, disparity, WIDTH)
-    ranges = row_ranges(RIG, disparity, WIDTH)
+    ranges = row_ranges(rig, disparity, WIDTH)
     views = (in_water(side, ranges, [0.55, 0.4, 0.35], [0.7] * 3) for side in sides)
     left, right = (
         np.clip(np.round(view + generator.normal(0.0, noise, view.shape)), 0, 255).astype(np.uint8)
@@ -33,21 +37,39 @@ def pair(noise: float) -> tuple[np.ndarray, np.ndarray]:
     return left, right
 
 
-def process(left: np.ndarray, right: np.ndarray, **parameters: int):
-    values = {"stereo.max_disparity": 95, "threads": 1} | parameters
-    return Pipeline(RIG, PipelineConfig.from_parameters(values)).process(left, right, enhance=())
+TRUTH = np.full((HEIGHT, WIDTH), float(DISPARITY), np.float32)
+TRUTH[: HEIGHT // 2] /= 2
+
+
+def process(
+    left: np.ndarray, right: np.ndarray, rig: StereoRig = RIG, threads: int = 1,
+    colour: ChromaImage | None = None,
+) -> FrameResult:
+    config = PipelineConfig.from_parameters({"stereo.max_disparity": 95, "threads": threads})
+    return Pipeline(rig, config).process(left, right, enhance=(), colour=colour)
 
 
 def test_faint_coarse_texture_in_noise_is_matched(monkeypatch: pytest.MonkeyPatch) -> None:
-    truth = np.full((HEIGHT, WIDTH), float(DISPARITY), np.float32)
-    truth[: HEIGHT // 2] /= 2
     left, right = pair(2.0)
     found = process(left, right)
     assert found.disparity.shape == found.stereo.confidence.shape == (HEIGHT, WIDTH)
-    correct = correct_fraction(found.disparity, truth)
+    correct = correct_fraction(found.disparity, TRUTH)
     assert correct > 0.7
     monkeypatch.setattr(second_step, "matching_scale", lambda *arguments: 1)
-    assert correct > correct_fraction(process(left, right).disparity, truth) + 0.2
+    assert correct > correct_fraction(process(left, right).disparity, TRUTH) + 0.2
+
+
+def test_what_a_codec_took_counts_as_noise() -> None:
+    """JPEG leaves no noise, and of faint gradients the coarse ones."""
+    near = StereoRig(600.0, 0.2, RIG.principal_point)
+    quality = [cv2.IMWRITE_JPEG_QUALITY, 75]
+    data = [cv2.imencode(".jpg", side[..., ::-1], quality)[1] for side in pair(0.0, near)]
+    left, right = (np.ascontiguousarray(cv2.imdecode(d, 1)[..., ::-1]) for d in data)
+    told, untold = (
+        correct_fraction(process(left, right, near, colour=colour).disparity, TRUTH)
+        for colour in (jpeg_chroma(data[0].tobytes()), None)
+    )
+    assert told > untold + 0.1
 
 
 def test_a_coarser_scale_gives_the_same_bits_whatever_the_threads() -> None:

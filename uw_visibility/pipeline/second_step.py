@@ -210,13 +210,14 @@ class SecondStep:
 
     def _scale_for(self, left: View, coarse: CoarseEstimate) -> _Scale:
         """The finest scale at which noise leaves most of what can be seen of the scene."""
-        if len(self._sides) == 1 or np.max(left.noise) <= ROUNDING * code_value(left.pixels):
+        noise = _whole_noise(left)
+        if len(self._sides) == 1 or np.max(noise) <= ROUNDING * code_value(left.pixels):
             return self._finest
         water, weights = coarse.water, np.array(LUMA)
         if self._lamps is None and _is_known(water):
             ranges = coarse.rig.range_from_disparity(coarse.disparity)
             weights = least_noise_weights(ranges, water.attenuation, water.ambient_light)
-        factor = matching_scale(left.pixels, left.noise, weights, self._sides)
+        factor = matching_scale(left.pixels, noise, weights, self._sides)
         if factor not in self._scales:
             self._scales[factor] = self._scale(factor)
         return self._scales[factor]
@@ -292,6 +293,15 @@ class SecondStep:
 
 def _is_known(water: WaterEstimate) -> bool:
     return bool(np.isfinite(water.attenuation).any() and not water.refused_in_light.any())
+
+
+def _whole_noise(view: View) -> PerChannel:
+    """Noise that the pixels show, and what a codec took of them, which is faint gradients first."""
+    colour = view.colour
+    if colour is None or not colour.codec_known:
+        return view.noise
+    codec = code_value(view.pixels) / code_value(colour.pixels) * colour.noise
+    return np.asarray(np.maximum(view.noise, codec))
 
 
 def _whole(match: DenseMatch) -> DisparityMap:
