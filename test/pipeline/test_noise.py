@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
@@ -11,12 +13,12 @@ from scenes import blurred, in_water, row_ranges, stereo_pair
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.evaluation.metrics import correct_fraction
-from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.jpeg import jpeg_chroma
 from uw_visibility.pipeline import second_step
 from uw_visibility.pipeline.result import FrameResult
 
 HEIGHT, WIDTH, DISPARITY = 360, 640, 40
+WATER = [0.55, 0.4, 0.35]
 RIG = StereoRig(600.0, 0.4, (319.5, 179.5))
 
 
@@ -29,7 +31,7 @@ def pair(noise: float, rig: StereoRig = RIG) -> tuple[np.ndarray, np.ndarray]:
     wide = np.clip(0.5 + 0.2 * wide / wide.std(), 0.0, 1.0)
     sides = stereo_pair(wide, disparity, WIDTH)
     ranges = row_ranges(rig, disparity, WIDTH)
-    views = (in_water(side, ranges, [0.55, 0.4, 0.35], [0.7] * 3) for side in sides)
+    views = (in_water(side, ranges, WATER, [0.7] * 3) for side in sides)
     left, right = (
         np.clip(np.round(view + generator.normal(0.0, noise, view.shape)), 0, 255).astype(np.uint8)
         for view in views
@@ -42,11 +44,10 @@ TRUTH[: HEIGHT // 2] /= 2
 
 
 def process(
-    left: np.ndarray, right: np.ndarray, rig: StereoRig = RIG, threads: int = 1,
-    colour: ChromaImage | None = None,
+    left: np.ndarray, right: np.ndarray, rig: StereoRig = RIG, threads: int = 1, **options: Any
 ) -> FrameResult:
     config = PipelineConfig.from_parameters({"stereo.max_disparity": 95, "threads": threads})
-    return Pipeline(rig, config).process(left, right, enhance=(), colour=colour)
+    return Pipeline(rig, config).process(left, right, enhance=(), **options)
 
 
 def test_faint_coarse_texture_in_noise_is_matched(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,3 +78,13 @@ def test_a_coarser_scale_gives_the_same_bits_whatever_the_threads() -> None:
     np.testing.assert_array_equal(one.disparity, three.disparity)
     np.testing.assert_array_equal(one.stereo.confidence, three.stereo.confidence)
     assert one.timing_ms["reduction"] > 0
+
+
+def test_doubtful_matches_tell_nothing_of_the_water_asked_for_confidence_or_not() -> None:
+    left, right = pair(2.0)
+    rated, unrated = process(left, right), process(left, right, confidence=False)
+    np.testing.assert_array_equal(rated.water.attenuation, unrated.water.attenuation)
+    np.testing.assert_array_equal(rated.disparity, unrated.disparity)
+    assert unrated.stereo.confidence is None
+    off = np.abs(rated.water.attenuation - WATER) / rated.water.attenuation_stddev
+    assert (off < 3.0).all()

@@ -7,7 +7,7 @@ Where noise leaves the coarse part of a scene only, it is matched on a small cop
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from uw_visibility.stereo.search_range import disparity_limits
 from uw_visibility.stereo.views import in_right_view
 from uw_visibility.water.estimate import WaterEstimate
 
+# Confidence from which a match is more likely right than wrong.
+_LIKELY = 0.5
+
 
 @dataclass(frozen=True)
 class ImprovedDisparity:
@@ -45,7 +48,8 @@ class ImprovedDisparity:
         0 where unmatched; None where not asked for.
     with_occlusions : ndarray
         ``(H, W)`` float32, `disparity` with what the right view does not show; see
-        `DenseMatch`.
+        `DenseMatch`. Of a coarser scale than the finest, without matches that are more
+        likely wrong than right.
     original : ndarray or None
         ``(H, W)`` float32, px; the raw pair matched alone, where asked for.
     match : DenseMatch
@@ -184,8 +188,10 @@ class SecondStep:
             airlight = self._airlight_prior(scale, small.left, coarse, points)
         with clock("improved disparity"):
             support = scale.matcher.support_points(airlight, points)
-            match = scale.matcher.dense_disparity(support, airlight, confidence=confidence)
-        return self._upsample(scale, match, original, len(support), clock)
+            rated = confidence or scale is not self._finest
+            match = scale.matcher.dense_disparity(support, airlight, confidence=rated)
+        improved = self._upsample(scale, match, original, len(support), clock)
+        return improved if confidence else replace(improved, confidence=None)
 
     def fill(self, improved: ImprovedDisparity) -> DisparityMap:
         """Fill gaps of the left view's disparity, then large areas; at the images' size, px."""
@@ -281,6 +287,9 @@ class SecondStep:
         """Bring what was matched to the size of the images."""
         disparity, confidence = match.disparity, match.confidence
         whole = _whole(match)
+        if scale is not self._finest and confidence is not None:
+            # So much noise leaves many wrong ones, which would tell of another water.
+            whole = np.where((confidence > 0) & (confidence < _LIKELY), np.float32(np.nan), whole)
         if scale.factor > 1:
             with clock("full size"):
                 disparity = scale.pyramid.upsample_disparity(disparity, self._shape)
