@@ -242,14 +242,28 @@ class Client:
     def call(self, service: str, request: Any) -> Any:
         """Call a service of the node, by its name and with its request."""
         if service not in self._services:
-            name = type(request).__name__.removesuffix("_Request")
-            module = sys.modules[type(request).__module__.rsplit(".", 1)[0]]
-            # Kept, since a node that does not know its client yet answers into the void.
-            self._services[service] = self.node.create_client(getattr(module, name), service)
-        assert self._services[service].wait_for_service(timeout_sec=RESULT_TIMEOUT), service
+            self._services[service] = self._serve(service, type(request))
         future = self._services[service].call_async(request)
         self.wait(future.done, service)
         return future.result()
+
+    def _serve(self, service: str, request: type) -> Any:
+        """Make the client of a service, and wait until the node knows it.
+
+        Until then it answers into the void; so it is asked for nothing until it answers.
+        """
+        name = request.__name__.removesuffix("_Request")
+        module = sys.modules[request.__module__.rsplit(".", 1)[0]]
+        client = self.node.create_client(getattr(module, name), service)
+        end = time.monotonic() + RESULT_TIMEOUT
+        while True:
+            assert client.wait_for_service(timeout_sec=RESULT_TIMEOUT), service
+            answer, patience = client.call_async(request()), time.monotonic() + 1.0
+            while time.monotonic() < patience:
+                if answer.done():
+                    return client
+                time.sleep(0.005)
+            assert time.monotonic() < end, f"{service} does not answer"
 
     def has(self, topic: str, stamp: int) -> bool:
         return any(m.header.stamp.sec == stamp for m in list(self.received[topic]))
