@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors beside depth edges, and what the matcher reaches with the truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,3 +62,14 @@ def test_the_truth_matches_at_least_as_much(seen):
         correct_fraction(match_with_truth(*pair, ranges, turbid, rig, config), scene.disparity_left)
         for ranges in (filled, np.full_like(filled, 60)))
     assert right_ranges > wrong_ranges
+
+
+def test_the_truth_is_matched_on_small_copies_too(seen):
+    scene, truth, left, right, rig, config, _ = seen
+    config = replace(config, stereo=replace(config.stereo, reduction=2))
+    filled = fill_from_background(scene.disparity_left)
+    known = match_with_truth(left, right, filled, truth, rig, config)
+    ours = Pipeline(rig, config).process(left, right).disparity
+    assert known.shape == filled.shape
+    oracle, found = (correct_fraction(d, scene.disparity_left) for d in (known, ours))
+    assert oracle > found - 0.01

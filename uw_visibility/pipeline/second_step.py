@@ -21,7 +21,7 @@ from uw_visibility.pipeline.timing import StageClock
 from uw_visibility.stereo.airlight import Airlight, AirlightPrior
 from uw_visibility.stereo.contrast import LUMA, ContrastNormalizer, least_noise_weights
 from uw_visibility.stereo.denoising import ROUNDING
-from uw_visibility.stereo.elas import DenseMatch
+from uw_visibility.stereo.elas import DenseMatch, SupportPoints
 from uw_visibility.stereo.interpolation import GapFiller, inpaint
 from uw_visibility.stereo.matchers import MATCHER, MATCHERS
 from uw_visibility.stereo.noise_scale import matching_scale
@@ -201,15 +201,19 @@ class SecondStep:
         return scale.pyramid.upsample_disparity(filled, self._shape)
 
     def coarse_disparity(self, left: View, right: View) -> DisparityMap:
-        """Return the mesh of a raw pair's support points, at the size that is matched, px."""
-        matcher = self._finest.matcher
-        matcher.describe_raw(self._finest.contrast, left, right)
-        return matcher.coarse_disparity(matcher.support_points())
+        """Return the mesh of a raw pair's support points, at the images' size, px."""
+        mesh = self._finest.matcher.coarse_disparity(self._raw_support(StereoViews(left, right)))
+        return self._finest.pyramid.upsample_disparity(mesh, self._shape)
 
     def support_points(self, left: View, right: View) -> Points:
-        """Return the support points of a raw pair, at the size that is matched, px."""
-        self._finest.matcher.describe_raw(self._finest.contrast, left, right)
-        return self._finest.matcher.support_points().points
+        """Return the support points of a raw pair, px of the images."""
+        points = self._raw_support(StereoViews(left, right)).points
+        return self._finest.pyramid.upsample_points(points, self._shape)
+
+    def _raw_support(self, views: StereoViews) -> SupportPoints:
+        scale = self._finest
+        scale.matcher.describe_raw(scale.contrast, *scale.downsample(views))
+        return scale.matcher.support_points()
 
     def _scale(self, factor: int) -> _Scale:
         return _Scale(factor, self._shape, self._rig, self._config, self._workers)
@@ -229,12 +233,9 @@ class SecondStep:
         return self._scales[factor]
 
     def _match_raw(self, views: StereoViews) -> DisparityMap:
-        scale = self._finest
-        left, right = scale.downsample(views)
-        scale.matcher.describe_raw(scale.contrast, left, right)
-        support = scale.matcher.support_points()
-        found = scale.matcher.dense_disparity(support, confidence=False).disparity
-        return scale.pyramid.upsample_disparity(found, self._shape)
+        support = self._raw_support(views)
+        found = self._finest.matcher.dense_disparity(support, confidence=False).disparity
+        return self._finest.pyramid.upsample_disparity(found, self._shape)
 
     def _describe_restored(
         self, scale: _Scale, views: StereoViews, coarse: CoarseEstimate
@@ -253,6 +254,10 @@ class SecondStep:
 
         def describe(side: int, view: View, disparity: DisparityMap, gain: PerChannel) -> None:
             ranges = coarse.rig.range_from_disparity(disparity)
+            finer = disparity.shape[1] // view.shape[1]
+            if finer > 1:
+                # True ranges are known of every pixel, of a pair that is matched on small copies.
+                ranges = np.ascontiguousarray(ranges[finer // 2::finer, finer // 2::finer])
             if lamps is None:
                 scale.contrast[side].restore(
                     view.pixels, ranges, water.attenuation, gain * water.ambient_light,
