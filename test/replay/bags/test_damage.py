@@ -111,6 +111,22 @@ def test_messages_whose_topic_is_lost_are_counted(transect: Path, tmp_path: Path
     assert f"{FRAMES} messages are of topics that it does not name" in note
 
 
+def test_messages_whose_topic_an_index_has_lost_are_read(transect: Path, tmp_path: Path) -> None:
+    bag = copy_bag(transect, tmp_path / "bag", mode=CompressionMode.STORAGE)
+    (file,) = bag.glob("*.mcap")
+    content = bytearray(file.read_bytes())
+    # Of its channel in the index, which a checksum does not cover here: op, length, two ids, length.
+    channel = content.rindex(b"/right/image_rect") - 17
+    assert content[channel] == 4
+    content[channel] = 0xF7
+    file.write_bytes(content)
+    with BagReader(bag) as reader:
+        read = [message.topic for message in reader.messages()]
+        (note,) = reader.damage
+    assert read.count("/right/image_rect") == FRAMES
+    assert "its index counts messages of topics that it does not name" in note
+
+
 def test_a_camera_that_dies_ends_the_frames_but_not_the_replay(
     transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -86,6 +86,9 @@ class IndexedFile:
             Channel(c.topic, c.msgtype, FORMATS[c.msgdef.format], c.msgdef.data, c.msgcount)
             for c in self._reader.connections
         ]
+        if self._reader.message_count > sum(channel.count or 0 for channel in self.channels):
+            self._reader.close()
+            raise ValueError("its index counts messages of topics that it does not name")
         begin, end = self._reader.start_time, self._reader.end_time
         self.span = (begin, end - 1) if end > begin else None
 
