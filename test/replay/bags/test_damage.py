@@ -115,7 +115,7 @@ def test_messages_whose_topic_an_index_has_lost_are_read(transect: Path, tmp_pat
     bag = copy_bag(transect, tmp_path / "bag", mode=CompressionMode.STORAGE)
     (file,) = bag.glob("*.mcap")
     content = bytearray(file.read_bytes())
-    # Of its channel in the index, which a checksum does not cover here: op, length, two ids, length.
+    # Of its channel in the index, which no checksum covers here: op, length, two ids, length.
     channel = content.rindex(b"/right/image_rect") - 17
     assert content[channel] == 4
     content[channel] = 0xF7
