@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.files import read_image
+from uw_visibility.images.overview import shown
 from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
 from uw_visibility.simulation.camera import NOISELESS, Sensor
 from uw_visibility.stereo.rig import StereoRig
@@ -238,21 +238,14 @@ def _read_image(folder: Path, name: str) -> NDArray[np.uint8]:
     for suffix in IMAGE_SUFFIXES:
         path = folder / f"{name}{suffix}"
         if path.is_file():
-            return np.ascontiguousarray(_to_8_bit(read_image(path), cv2.COLOR_GRAY2RGB, 2))
+            return np.ascontiguousarray(shown(read_image(path)))
     raise InputError(
         f"scene {folder} has no {name}{IMAGE_SUFFIXES[0]} (or {', '.join(IMAGE_SUFFIXES[1:])})"
     )
 
 
-def _to_8_bit(image: NDArray[Any], conversion: int, dimensions: int) -> NDArray[np.uint8]:
-    """Return an image in 8 bit, converted if it has so many dimensions."""
-    if image.dtype == np.uint16:
-        image = (image >> 8).astype(np.uint8)
-    return np.asarray(cv2.cvtColor(image, conversion) if image.ndim == dimensions else image)
-
-
 def _read_disparity(path: Path, scale: int) -> NDArray[np.float32]:
-    values = _to_8_bit(read_image(path), cv2.COLOR_RGB2GRAY, 3)
+    values = cv2.cvtColor(shown(read_image(path)), cv2.COLOR_RGB2GRAY)
     disparity = values.astype(np.float32) / np.float32(scale)
     disparity[values == 0] = np.nan
     return disparity
