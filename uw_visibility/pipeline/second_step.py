@@ -254,10 +254,6 @@ class SecondStep:
 
         def describe(side: int, view: View, disparity: DisparityMap, gain: PerChannel) -> None:
             ranges = coarse.rig.range_from_disparity(disparity)
-            finer = disparity.shape[1] // view.shape[1]
-            if finer > 1:
-                # True ranges are known of every pixel, of a pair that is matched on small copies.
-                ranges = np.ascontiguousarray(ranges[finer // 2::finer, finer // 2::finer])
             if lamps is None:
                 scale.contrast[side].restore(
                     view.pixels, ranges, water.attenuation, gain * water.ambient_light,

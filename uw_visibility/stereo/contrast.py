@@ -110,8 +110,8 @@ class ContrastNormalizer:
         image : ndarray
             ``(H, W, 3)`` RGB, uint8 or uint16.
         range_map : ndarray
-            ``(h, w)`` float32, m, of the image's size or of a fraction of it by a whole
-            number; not finite where unknown, which takes the gain of the farthest.
+            ``(h, w)`` float32, m, of the image's size or of a fraction or multiple of it by a
+            whole number; not finite where unknown, which takes the gain of the farthest.
         attenuation, ambient_light : ndarray
             ``(3,)`` float64, 1/m and as irradiance 0..1; channels with NaN are left
             out. At least one is known.
@@ -121,9 +121,9 @@ class ContrastNormalizer:
             See `stretch`.
         """
         attenuation, ambient_light = _known(attenuation, ambient_light)
-        weights = least_noise_weights(range_map, attenuation, ambient_light)
+        typical, farthest = _typical_and_farthest(range_map)
+        weights = _weights_at(typical, attenuation, ambient_light)
         self._mix(image, weights, workers)
-        _, farthest = _typical_and_farthest(range_map)
         ranges = np.linspace(0.0, farthest, _TABLE)[:, None]
         contrast = np.sum(weights * ambient_light * transmission(attenuation, ranges), axis=1)
         # Far enough away nothing is left of it, not even in 64 bits.
@@ -179,6 +179,10 @@ class ContrastNormalizer:
     ) -> None:
         """Look up the gain of each pixel in a table over ranges of equal steps, from 0 on."""
         gain = table / _FINE
+        finer = range_map.shape[1] // self.gain.shape[1]
+        if finer > 1:
+            # True ranges are known of every pixel, of images that are matched as small copies.
+            range_map = np.ascontiguousarray(range_map[finer // 2::finer, finer // 2::finer])
         workers.rows(
             _look_up, self.gain.shape[0], range_map, self.gain.shape[1] // range_map.shape[1],
             np.float32((_TABLE - 1) / farthest), gain.astype(np.float32), self.gain,
@@ -246,9 +250,14 @@ def least_noise_weights(
     range_map, attenuation, ambient_light
         As there.
     """
-    attenuation, ambient_light = _known(attenuation, ambient_light)
     typical, _ = _typical_and_farthest(range_map)
-    weights = ambient_light * transmission(attenuation, typical)
+    return _weights_at(typical, *_known(attenuation, ambient_light))
+
+
+def _weights_at(
+    distance: float, attenuation: NDArray[np.float64], ambient_light: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    weights = ambient_light * transmission(attenuation, distance)
     return np.asarray(weights / weights.sum())
 
 
