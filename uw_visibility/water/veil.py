@@ -14,12 +14,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.compute.jit import njit
 from uw_visibility.optics.light_model import transmission
 from uw_visibility.water.clear_water import hold_above_clear_water
 from uw_visibility.water.contrast import Decay
@@ -403,16 +402,16 @@ def _update(fit: Fit, contrast: Decay) -> Fit:
 
 
 def _regular(fit: Fit) -> Fit:
-    """The fit with a covariance that is positive definite in spite of rounding."""
-    return replace(fit, covariance=_positive_definite(np.ascontiguousarray(fit.covariance)))
+    """The fit with a covariance that is positive definite in spite of rounding.
 
-
-@njit(nogil=True)
-def _positive_definite(covariance: Any) -> Any:
-    scale = np.sqrt(np.maximum(np.abs(np.diag(covariance)), 1e-18))
+    By numpy and not in a kernel: there, eigenvectors are those of SciPy's own library, whose
+    last digit depended on its number of threads in Ubuntu 24.04's versions.
+    """
+    scale = np.sqrt(np.maximum(np.abs(np.diag(fit.covariance)), 1e-18))
     scales = np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(covariance / scales)
-    return (vectors * np.maximum(values, 1e-6)) @ vectors.T * scales
+    values, vectors = np.linalg.eigh(fit.covariance / scales)
+    regular = (vectors * np.maximum(values, 1e-6)) @ vectors.T * scales
+    return replace(fit, covariance=regular)
 
 
 def _mixture(components: list[Fit], weights: NDArray[np.float64]) -> Fit:
