@@ -16,7 +16,7 @@ from typing import NoReturn
 
 from uw_visibility import __version__
 from uw_visibility.commands import calibrate, demo, enhance, evaluate, replay, simulate, warmup
-from uw_visibility.errors import InputError, printable
+from uw_visibility.errors import InputError, needing, printable
 
 DONE, FAILED, UNUSABLE = 0, 1, 2
 INTERRUPTED, BROKEN_PIPE = 130, 141
@@ -97,13 +97,8 @@ def _complete(parser: argparse.ArgumentParser) -> None:
     """
     if "_ARGCOMPLETE" not in os.environ:
         return
-    try:
+    with needing("completion", "completion"):
         argcomplete = importlib.import_module("argcomplete")
-    except ImportError as error:
-        raise InputError(
-            "completion needs argcomplete: install the extra completion, "
-            "pip install 'uw_visibility[completion]'"
-        ) from error
     argcomplete.autocomplete(parser)
 
 

@@ -2,6 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Error class of bad input, and text from outside as it may be shown."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 # A sentence that names what is wrong and what to do has room in this; a hostile file's has not.
 LONGEST_MESSAGE = 1000
 LONGEST_NAME = 200
@@ -51,3 +56,31 @@ class InputError(ValueError):
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message, LONGEST_MESSAGE))
+
+
+@contextmanager
+def needing(extra: str, what: str, otherwise: str = "") -> Iterator[None]:
+    """Turn an optional library that is missing into a sentence that names its extra.
+
+    Parameters
+    ----------
+    extra : str
+        Extra of this package, or several with commas, that installs it.
+    what : str
+        What needs it.
+    otherwise : str
+        What can be done instead.
+
+    Raises
+    ------
+    InputError
+        If an import within fails.
+    """
+    try:
+        yield
+    except ImportError as error:
+        named = f"extras {extra.replace(',', ' and ')}" if "," in extra else f"extra {extra}"
+        raise InputError(
+            f"{what} needs {(error.name or str(error)).partition('.')[0]}: install the {named}, "
+            f"pip install 'uw_visibility[{extra}]'{otherwise}"
+        ) from error

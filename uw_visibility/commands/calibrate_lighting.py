@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from uw_visibility.commands.recording_options import read_recording_options, reading
 from uw_visibility.commands.terminal import say
 from uw_visibility.config.files import write_whole
-from uw_visibility.errors import InputError, printable
+from uw_visibility.errors import InputError, needing, printable
 
 if TYPE_CHECKING:
     from uw_visibility.water.lamp_calibration import LampCalibration
@@ -36,13 +36,8 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError(
             f"the picture would replace {picture}: give -o another name, or --force to replace")
     if picture is not None:
-        try:
+        with needing("report", "the picture of the lamps", ", or leave out -o"):
             from uw_visibility.evaluation.lamps.calibration_figure import draw_calibration
-        except ImportError as error:
-            raise InputError(
-                f"the picture of the lamps needs {error.name}: install the extra report, "
-                "pip install 'uw_visibility[report]', or leave out -o"
-            ) from error
     with reading("calibrate"):
         from uw_visibility.replay.lamp_calibration import calibrate_lighting
 

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, needing
 
 DESCRIPTION = """\
 Simulate a short transect, start the node in a process of its own, play the recording
@@ -85,13 +85,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _load() -> tuple[Any, Any]:
     """Import what needs ROS, recordings and figures."""
-    try:
+    with needing("ros,report", "the demo"):
         from uw_visibility.commands.demonstration.node_process import NodeDied
         from uw_visibility.commands.demonstration.run import demonstrate
         from uw_visibility.ros.client import link  # noqa: F401
-    except ImportError as error:
-        raise InputError(
-            f"the demo needs {error.name}: install the extras ros and report, "
-            "pip install 'uw_visibility[ros,report]'"
-        ) from error
     return demonstrate, NodeDied

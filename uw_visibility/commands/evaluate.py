@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from uw_visibility.commands.terminal import say
 from uw_visibility.config.files import gathered, sole_writer
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, needing
 
 if TYPE_CHECKING:
     from logging import Logger
@@ -370,11 +370,6 @@ def _refuse_folder(folder: Path, force: bool) -> None:
 
 
 def _check_figures() -> None:
-    try:
+    with needing("report", "evaluate"):
         import matplotlib  # noqa: F401
         import tqdm  # noqa: F401
-    except ImportError as error:
-        raise InputError(
-            f"evaluate needs {error.name}: install the extra report, "
-            "pip install 'uw_visibility[report]'"
-        ) from error

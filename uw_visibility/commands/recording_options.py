@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from uw_visibility.commands.terminal import say
 from uw_visibility.compute.threads import number_of_threads
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, needing
 
 if TYPE_CHECKING:
     from uw_visibility.replay.inputs.options import ReplayOptions
@@ -96,13 +96,8 @@ def reading(command: str) -> Iterator[None]:
     SystemExit
         With code 1 where nothing of a recording could be read.
     """
-    try:
+    with needing("report", command):
         from uw_visibility.replay.bags.reader import UnreadableError
-    except ImportError as error:
-        raise InputError(
-            f"{command} needs {error.name}: install the extra report, "
-            "pip install 'uw_visibility[report]'"
-        ) from error
     try:
         yield
     except UnreadableError as error:

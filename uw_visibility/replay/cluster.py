@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Any, TextIO, cast
 
 from uw_visibility import __version__
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, needing
 from uw_visibility.replay.batch import replay_bags, settle
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.progress import PERIOD
@@ -60,14 +60,8 @@ def replay_on_cluster(
         If `distributed` is not installed, the scheduler cannot be reached, a worker has
         another version, or every recording or its folder cannot be used.
     """
-    try:
-        # Optional: without --scheduler nothing needs it.
+    with needing("distributed", "--scheduler"):
         distributed = importlib.import_module("distributed")
-    except ImportError as error:
-        raise InputError(
-            "--scheduler needs distributed: install the extra distributed, "
-            "pip install 'uw_visibility[distributed]'"
-        ) from error
     refused = _check_targets(targets, force, resume)
     try:
         client = distributed.Client(address, timeout=TIMEOUT)

@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeAlias
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, needing
 from uw_visibility.replay.results.folder import MARK, check_target, read_state
 
 Place: TypeAlias = Path | str
@@ -261,12 +261,8 @@ def _put(store: Any, path: str, folder: Path) -> None:
 
 def _open(url: Place) -> tuple[Any, str]:
     """Return the store of a URL, and the path within it."""
-    try:
+    with needing("stores", str(url)):
         fsspec = importlib.import_module("fsspec.core")
-    except ImportError as error:
-        raise InputError(
-            f"{url} needs fsspec: install the extra stores, pip install 'uw_visibility[stores]'"
-        ) from error
     with _told(f"cannot use {url}"):
         store, path = fsspec.url_to_fs(str(url))
     # What was listed before may have changed since.

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import needing
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, Column
 from uw_visibility.replay.results.slices import ROWS, slices
 
@@ -108,13 +108,8 @@ def write_netcdf(
 
 
 def _libraries() -> tuple[Any, Any]:
-    try:
+    with needing("netcdf", "--netcdf"):
         return importlib.import_module("xarray"), importlib.import_module("netCDF4")
-    except ImportError as error:
-        raise InputError(
-            f"--netcdf needs {error.name}: install the extra netcdf, "
-            "pip install 'uw_visibility[netcdf]'"
-        ) from error
 
 
 def _name(column: str) -> str:

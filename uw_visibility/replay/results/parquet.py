@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import needing
 from uw_visibility.replay.columns import Column
 from uw_visibility.replay.results.slices import slices
 
@@ -71,13 +71,8 @@ def write_parquet(
 
 
 def _pyarrow() -> tuple[Any, Any]:
-    try:
+    with needing("parquet", "--parquet"):
         return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-    except ImportError as error:
-        raise InputError(
-            "--parquet needs pyarrow: install the extra parquet, "
-            "pip install 'uw_visibility[parquet]'"
-        ) from error
 
 
 def _type(arrow: Any, column: Column) -> Any:
