@@ -111,8 +111,13 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in COMMANDS:
-        command.add_parser(subparsers)
-    for subparser in subparsers.choices.values():
+        subparser = subparsers.add_parser(
+            command.__name__.rpartition(".")[2], help=command.HELP,
+            description=command.DESCRIPTION, epilog=getattr(command, "EPILOG", None),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        command.add_options(subparser)
+        subparser.set_defaults(func=command.run)
         subparser.add_argument(
             "--debug", action="store_true", help="show where an internal error arose"
         )

@@ -7,7 +7,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from uw_visibility.commands import calibrate_lighting
 from uw_visibility.commands.recording_options import (
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from uw_visibility.replay.calibration import CalibrationSeries
     from uw_visibility.water.calibration import Calibration
 
+HELP = "white reference and water type, or lamps, from bags"
 DESCRIPTION = """\
 Find what the depth estimate needs to know of camera and water: the camera's white
 (camera.white_reference) and the type of the water (assessment.water_type), from
@@ -45,15 +46,8 @@ inside"""
 SHOWN_TYPES = 5
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
-    """Add the sub-command `calibrate`."""
-    parser = subparsers.add_parser(
-        "calibrate",
-        help="white reference and water type, or lamps, from bags",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the sub-command."""
     add_recording_options(parser)
     parser.add_argument("-o", "--output", metavar="YAML", type=Path, help="file to write")
     parser.add_argument("--force", action="store_true", help="replace an existing file")
@@ -64,7 +58,6 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         help="with --lighting: 1, 2 or 4 lamps in unknown places (default: those of --params-file "
         "are where the search begins)",
     )
-    parser.set_defaults(func=run)
 
 
 def run(arguments: argparse.Namespace) -> None:

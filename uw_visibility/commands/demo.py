@@ -11,6 +11,7 @@ from typing import Any
 
 from uw_visibility.errors import InputError, needing
 
+HELP = "simulate, run the node, play the bag into it, report"
 DESCRIPTION = """\
 Simulate a short transect, start the node in a process of its own, play the recording
 into it over DDS at the recorded rate, and hold what it publishes against the truth."""
@@ -29,15 +30,8 @@ this machine. Images are stamped as they are sent; the latency is from there to 
 arrival of the last message of their result."""
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
-    """Add the sub-command `demo`."""
-    parser = subparsers.add_parser(
-        "demo",
-        help="simulate, run the node, play the bag into it, report",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the sub-command."""
     parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, default=Path("demo"),
         help="folder for the results (%(default)s)",
@@ -51,7 +45,6 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--seed", metavar="N", type=int, default=0, help="seed of the simulation (%(default)s)"
     )
-    parser.set_defaults(func=run)
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 REPORT = "report.json"
 
+HELP = "one pair from files"
 DESCRIPTION = """\
 Assess the water, enhance the images and match one rectified stereo pair.
 
@@ -47,15 +48,8 @@ written to DIR:
 exit code: 0 done, 2 unusable input or options, 1 a failure inside"""
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
-    """Add the sub-command `enhance`."""
-    parser = subparsers.add_parser(
-        "enhance",
-        help="one pair from files",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the sub-command."""
     parser.add_argument("left", metavar="LEFT", type=Path, help="left image")
     parser.add_argument("right", metavar="RIGHT", type=Path, help="right image")
     parser.add_argument("--focal-length", metavar="PX", type=float, help="focal length, px")
@@ -80,7 +74,6 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "-o", "--output", metavar="DIR", type=Path, required=True,
         help="folder for the results; made where it is missing",
     )
-    parser.set_defaults(func=run)
 
 
 def run(arguments: argparse.Namespace) -> None:

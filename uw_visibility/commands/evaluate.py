@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 MOST_JOBS = 256
 RESULT = "evaluation.json"
 
+HELP = "the paper's simulation experiments, beside peers and oracle"
 DESCRIPTION = """\
 Rerun section III of the paper: put stereo scenes with known disparity under water,
 for each mean attenuation and depth of a grid, and compare what the pipeline makes of
@@ -93,15 +94,8 @@ NOISES, QUICK_NOISES = ("1", "2", "4", "camera"), ("2",)
 FRAMES = 20
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
-    """Add the sub-command `evaluate`."""
-    parser = subparsers.add_parser(
-        "evaluate",
-        help="the paper's simulation experiments, beside peers and oracle",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the sub-command."""
     add = parser.add_argument
     add(
         "datasets", metavar="DATASET", type=Path, nargs="*",
@@ -174,7 +168,6 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         help="disparities: the true ones, which is quick, or those of the pipeline (true; with "
         "--lamps matched, and in a survey always)",
     )
-    parser.set_defaults(func=run)
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from uw_visibility.commands.recording_options import (
     add_recording_options,
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from uw_visibility.replay.results.summary import Summary
     from uw_visibility.replay.stores import Place
 
+HELP = "the node's outputs from recorded bags"
 DESCRIPTION = """\
 Turn recorded bags into what the node would have published, a table and a report.
 
@@ -59,15 +60,8 @@ exit code: 0 done, with a warning where a bag is damaged; 2 unusable input or op
 1 nothing in a bag could be read, or a failure inside; 130 interrupted"""
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
-    """Add the sub-command `replay`."""
-    parser = subparsers.add_parser(
-        "replay",
-        help="the node's outputs from recorded bags",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the sub-command."""
     add = parser.add_argument
     add_recording_options(parser)
     add("-o", "--output", metavar="DIR", type=named_place, help="folder for the results")
@@ -115,7 +109,6 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--origin", metavar=("LAT", "LON"), type=float, nargs=2,
         help="where the origin of --geo's Odometry is, in degrees (x east, y north)",
     )
-    parser.set_defaults(func=run)
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from uw_visibility.errors import InputError
 
@@ -20,6 +20,7 @@ from uw_visibility.commands.terminal import say
 
 MOST_THREADS = 64
 
+HELP = "an underwater stereo transect with its ground truth"
 DESCRIPTION = """\
 Render a stereo camera that swims over a reef while depth and turbidity change, and
 record it as a rosbag2 (mcap): images, calibration and a depth sensor as a vehicle
@@ -56,15 +57,8 @@ with lamps also:
 Ambient and scene light are daylight's alone: 0 at night."""
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
-    """Add the sub-command `simulate`."""
-    parser = subparsers.add_parser(
-        "simulate",
-        help="an underwater stereo transect with its ground truth",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the sub-command."""
     parser.add_argument(
         "-o", "--output", metavar="BAG", type=Path, required=True, help="folder of the new bag"
     )
@@ -115,7 +109,6 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     _add_water(parser)
     _add_disturbances(parser)
     _add_camera(parser)
-    parser.set_defaults(func=run)
 
 
 def _add_lamps(parser: argparse.ArgumentParser) -> None:

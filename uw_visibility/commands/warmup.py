@@ -7,10 +7,10 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
-from typing import Any
 
 from uw_visibility.errors import InputError
 
+HELP = "compile ahead, for a quick first start"
 DESCRIPTION = """\
 Compile the pipeline's kernels for 8- and 16-bit images, colour and grey, and keep
 them on disk, so that the node's first start is as quick as any other. A second call
@@ -21,14 +21,8 @@ user's folder for caches; NUMBA_CACHE_DIR names another one. An administrator wh
 this once for an installation does so for all its users."""
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
-    """Add the sub-command `warmup`."""
-    parser = subparsers.add_parser(
-        "warmup",
-        help="compile ahead, for a quick first start",
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the sub-command."""
     parser.add_argument(
         "--size", metavar="WxH", type=_size, default=(640, 480),
         help="images to try it with, px; kernels serve every size (640x480)",
@@ -38,7 +32,6 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         help="parameters, in the form of config/uw_visibility.yaml: other methods need "
         "other kernels",
     )
-    parser.set_defaults(func=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
