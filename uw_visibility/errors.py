@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 # A sentence that names what is wrong and what to do has room in this; a hostile file's has not.
@@ -56,6 +57,46 @@ class InputError(ValueError):
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message, LONGEST_MESSAGE))
+
+
+def check_range(
+    what: str, values: float | Sequence[float], low: float, high: float = math.inf,
+    unit: str = "", *, above: bool = False,
+) -> None:
+    """Refuse a number, or one of several, that is not within a range.
+
+    Parameters
+    ----------
+    what : str
+        What the number is.
+    values : float or sequence of float
+        One finite number, or several, but not none.
+    low, high : float
+        Ends of the range, in `unit`.
+    unit : str
+        As it follows a number; empty for none.
+    above : bool
+        Whether `low` itself is beyond the range.
+
+    Raises
+    ------
+    InputError
+        Naming the range.
+    """
+    several = isinstance(values, Sequence)
+    numbers = values if isinstance(values, Sequence) else (values,)
+    if numbers and all(
+        low <= n <= high and math.isfinite(n) and not (above and n == low) for n in numbers
+    ):
+        return
+    given = ", ".join(f"{n:g}" for n in numbers) or "missing"
+    unit = f" {unit}" if unit else ""
+    wanted = f"give {'numbers' if several else 'a number'} between {low:g} and {high:g}{unit}"
+    if above:
+        wanted += f", not {low:g}"
+    if high == math.inf:
+        wanted = f"give {'more than ' if above else ''}{low:g}{unit}{'' if above else ' or more'}"
+    raise InputError(f"{what} {'are' if several else 'is'} {given}{unit}: {wanted}")
 
 
 @contextmanager

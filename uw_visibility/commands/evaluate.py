@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from uw_visibility.commands.terminal import say
 from uw_visibility.config.files import gathered, sole_writer
-from uw_visibility.errors import InputError, needing
+from uw_visibility.errors import InputError, check_range, needing
 
 if TYPE_CHECKING:
     from logging import Logger
@@ -178,8 +178,7 @@ def run(arguments: argparse.Namespace) -> None:
     InputError
         If an option, a scene or the output folder cannot be used.
     """
-    if not 1 <= arguments.jobs <= MOST_JOBS:
-        raise InputError(f"--jobs is {arguments.jobs}: give from 1 to {MOST_JOBS}")
+    check_range("--jobs", arguments.jobs, 1, MOST_JOBS)
     _refuse_folder(arguments.output, arguments.force)
     if arguments.adverse and arguments.lamps:
         raise InputError("--adverse and --lamps are two studies: give one of them")

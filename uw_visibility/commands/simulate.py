@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, check_range
 
 if TYPE_CHECKING:
     from uw_visibility.simulation.camera import Sensor
@@ -281,8 +281,7 @@ def run(arguments: argparse.Namespace) -> None:
     from uw_visibility.simulation.frame import Effects
     from uw_visibility.simulation.transect import Transect
 
-    if not 0 <= arguments.threads <= MOST_THREADS:
-        raise InputError(f"--threads is {arguments.threads}: give from 0 to {MOST_THREADS}")
+    check_range("--threads", arguments.threads, 0, MOST_THREADS)
     focal_length = arguments.focal_length
     if focal_length is None:
         focal_length = arguments.width * 15 / 16

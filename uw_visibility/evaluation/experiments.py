@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.errors import InputError
+from uw_visibility.errors import check_range
 from uw_visibility.evaluation.cases import Case, CaseResult, evaluate_case
 from uw_visibility.evaluation.noise_axis import sensor_of
 from uw_visibility.evaluation.parallel import Progress, run_cases
@@ -72,11 +72,7 @@ class Plan:
             ("attenuations", "1/m", LARGEST_ATTENUATION), ("depths", "m", LARGEST_DEPTH),
         ):
             values = tuple(sorted(set(getattr(self, name))))
-            if not values or not all(0.0 <= value <= largest for value in values):
-                raise InputError(
-                    f"{name} are {', '.join(f'{v:g}' for v in values) or 'missing'}: "
-                    f"give numbers between 0 and {largest:g} {unit}"
-                )
+            check_range(name, values, 0.0, largest, unit)
             object.__setattr__(self, name, values)
         noisy = [noise for noise in dict.fromkeys(self.noises) if sensor_of(noise) != NOISELESS]
         object.__setattr__(self, "noises", tuple(noisy))

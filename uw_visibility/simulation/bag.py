@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.config.parameter_file import render_values
 from uw_visibility.config.water import AssessmentConfig
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, check_range
 from uw_visibility.messages.estimates import UNMEASURED_VARIANCE
 from uw_visibility.messages.images import MessageFactory, write_image
 from uw_visibility.optics.light_model import visibility_distance
@@ -111,13 +111,9 @@ def write_transect(
     InputError
         If the folder exists already or cannot be made, or the noise or the scale is none.
     """
-    if not 0.0 < depth_stddev <= MOST_DEPTH_NOISE:
-        raise InputError(
-            f"noise of the depth sensor is {depth_stddev:g} m: give a number greater than zero, "
-            f"up to {MOST_DEPTH_NOISE:g}"
-        )
-    if not 0.0 < range_scale <= 100.0:
-        raise InputError(f"range scale is {range_scale:g}: give a number above 0, up to 100")
+    check_range(
+        "noise of the depth sensor", depth_stddev, 0.0, MOST_DEPTH_NOISE, "m", above=True)
+    check_range("range scale", range_scale, 0.0, 100.0, above=True)
     if position is not None and not (abs(position[0]) <= 89.0 and abs(position[1]) <= 180.0):
         raise InputError(
             f"the position is {position[0]:g} {position[1]:g}: give latitude and longitude in "

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, check_range
 from uw_visibility.stereo.rig import StereoRig
 
 # A frame of that size takes minutes already.
@@ -44,8 +44,7 @@ class StereoCamera:
                 f"{LARGEST_SIDE}x{LARGEST_SIDE} pixels"
             )
         for name, value in (("focal length", self.focal_length), ("baseline", self.baseline)):
-            if not 0.0 < value < math.inf:
-                raise InputError(f"{name} is {value:g}: give a number greater than zero")
+            check_range(name, value, 0.0, above=True)
 
     @property
     def principal_point(self) -> tuple[float, float]:
@@ -110,8 +109,7 @@ class Sensor:
         """Validate full well and read noise."""
         if not self.full_well > 0.0:
             raise InputError(f"full well is {self.full_well:g} electrons: give more than zero")
-        if not 0.0 <= self.read_noise < math.inf:
-            raise InputError(f"read noise is {self.read_noise:g} electrons: give zero or more")
+        check_range("read noise", self.read_noise, 0.0, unit="electrons")
 
     def expose(
         self, irradiance: NDArray[np.float32], random: np.random.Generator
@@ -169,8 +167,7 @@ class Sensor:
         InputError
             If it is negative or beyond all codes.
         """
-        if not 0.0 <= codes <= 255.0:
-            raise InputError(f"noise is {codes:g} codes: give a number between 0 and 255")
+        check_range("noise", codes, 0.0, 255.0, "codes")
         if codes == 0.0:
             return NOISELESS
         # So large a well that its shot noise does not count.

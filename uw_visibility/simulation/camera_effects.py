@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, check_range
 from uw_visibility.optics.transfer import from_linear
 from uw_visibility.simulation.camera import Sensor
 
@@ -57,20 +57,10 @@ class CameraEffects:
         """Validate the effects."""
         if self.transfer not in ("linear", "srgb"):
             raise InputError(f"transfer is {self.transfer!r}: give linear or srgb")
-        if not all(0.0 < gain <= 10.0 for gain in self.white_balance):
-            gains = ", ".join(f"{gain:g}" for gain in self.white_balance)
-            raise InputError(f"white balance is {gains}: give gains above 0, up to 10")
-        if not 0.0 <= self.vignetting < 1.0:
-            raise InputError(
-                f"vignetting is {self.vignetting:g}: give a number from 0 to below 1"
-            )
-        if not -0.9 <= self.exposure_difference <= 9.0:
-            raise InputError(
-                f"exposure difference is {self.exposure_difference:g}: "
-                "give a number between -0.9 and 9"
-            )
-        if not 0 <= self.jpeg <= 100:
-            raise InputError(f"JPEG quality is {self.jpeg}: give 1 to 100, or 0 for none")
+        check_range("gains of white balance", self.white_balance, 0.0, 10.0, above=True)
+        check_range("vignetting", self.vignetting, 0.0, 0.999)
+        check_range("exposure difference", self.exposure_difference, -0.9, 9.0)
+        check_range("JPEG quality", self.jpeg, 0, 100)
 
     def gains(self, irradiance: Map) -> Vector:
         """Return the gains of white balance for a frame, by its left image, RGB."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
-from uw_visibility.errors import InputError
+from uw_visibility.errors import check_range
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
 from uw_visibility.simulation.camera_effects import CameraEffects
@@ -52,19 +52,9 @@ class Effects:
 
     def __post_init__(self) -> None:
         """Refuse shares that are none."""
-        if not 0.0 <= self.marine_snow <= 0.5:
-            raise InputError(
-                f"share of marine snow is {self.marine_snow:g}: give a number between 0 and 0.5"
-            )
-        if not 0.0 <= self.caustics <= 1.0:
-            raise InputError(
-                f"strength of caustics is {self.caustics:g}: give a number between 0 and 1"
-            )
-        if not 0.0 <= self.snow_brightness <= 20.0:
-            raise InputError(
-                f"brightness of marine snow is {self.snow_brightness:g}: "
-                "give a number between 0 and 20"
-            )
+        check_range("share of marine snow", self.marine_snow, 0.0, 0.5)
+        check_range("strength of caustics", self.caustics, 0.0, 1.0)
+        check_range("brightness of marine snow", self.snow_brightness, 0.0, 20.0)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, check_range
 from uw_visibility.simulation.phase_functions import HENYEY_GREENSTEIN, phase_table
 
 Triple = tuple[float, float, float]
@@ -135,20 +135,14 @@ class Lighting:
 
     def __post_init__(self) -> None:
         """Validate the lighting."""
-        if len(self.lamps) > MOST_LAMPS:
-            raise InputError(f"number of lamps is {len(self.lamps)}: give up to {MOST_LAMPS}")
+        check_range("number of lamps", len(self.lamps), 0, MOST_LAMPS)
         if not self.lamps and not self.daylight:
             raise InputError("there is neither daylight nor a lamp: give lamps for a night")
-        if not all(0.0 <= share <= 1.0 for share in self.scattering_albedo):
-            raise InputError(
-                f"scattering albedo is {_listed(self.scattering_albedo)}: "
-                "give numbers between 0 and 1"
-            )
+        check_range("shares of the scattering albedo", self.scattering_albedo, 0.0, 1.0)
         phase_table(self.phase_function)
         if self.strobe not in STROBES:
             raise InputError(f"strobe is {self.strobe!r}: give one of {', '.join(STROBES)}")
-        if not 0.0 <= self.jitter <= 1.0:
-            raise InputError(f"jitter of lamps is {self.jitter:g}: give a number from 0 to 1")
+        check_range("jitter of lamps", self.jitter, 0.0, 1.0)
 
     def of_frame(self, index: int, seed: int) -> tuple[Lamp, ...]:
         """Return the lamps that light a frame, with their power in it.

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from uw_visibility.compute.threads import Workers
-from uw_visibility.errors import InputError
+from uw_visibility.errors import check_range
 from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
 from uw_visibility.simulation.camera_effects import CameraEffects
 from uw_visibility.simulation.frame import Effects, RenderedFrame, Renderer
@@ -79,19 +79,11 @@ class Transect:
 
     def __post_init__(self) -> None:
         """Validate the plan."""
-        if not 1 <= self.frames <= MOST_FRAMES:
-            raise InputError(f"number of frames is {self.frames}: give from 1 to {MOST_FRAMES}")
-        if not 1e-3 <= self.rate <= 1000.0:
-            raise InputError(f"rate is {self.rate:g} Hz: give a number from 0.001 to 1000")
-        if not 0.0 <= self.speed <= 10.0:
-            raise InputError(f"speed is {self.speed:g} m/s: give a number between 0 and 10")
-        if self.seed < 0:
-            raise InputError(f"seed is {self.seed}: give zero or more")
-        if not all(0.5 <= height <= 20.0 for height in self.altitude):
-            raise InputError(
-                f"altitude is {self.altitude[0]:g} to {self.altitude[1]:g} m: "
-                "give numbers between 0.5 and 20"
-            )
+        check_range("number of frames", self.frames, 1, MOST_FRAMES)
+        check_range("rate", self.rate, 1e-3, 1000.0, "Hz")
+        check_range("speed", self.speed, 0.0, 10.0, "m/s")
+        check_range("seed", self.seed, 0)
+        check_range("ends of the altitude", self.altitude, 0.5, 20.0, "m")
         for progress in (0.0, 1.0):
             self._water(progress)
 

@@ -4,13 +4,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, check_range
 from uw_visibility.optics.light_model import ambient_light_at_depth
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.simulation.spectrum import BandAverages, band_averages, spectral_types
@@ -74,30 +73,15 @@ class WaterEffects:
     def __post_init__(self) -> None:
         """Validate the effects."""
         for name, largest, unit in (
-            ("particle_slope", 4.0, ""), ("cdom", 10.0, " 1/m"), ("blur", 20.0, " px/m"),
-            ("layer", 10.0, " 1/m"), ("plume", 10.0, " 1/m"), ("plume_share", 1.0, ""),
+            ("particle_slope", 4.0, ""), ("cdom", 10.0, "1/m"), ("blur", 20.0, "px/m"),
+            ("layer", 10.0, "1/m"), ("plume", 10.0, "1/m"), ("plume_share", 1.0, ""),
         ):
-            value = getattr(self, name)
-            if not 0.0 <= value <= largest:
-                raise InputError(
-                    f"{name.replace('_', ' ')} is {value:g}{unit}: "
-                    f"give a number between 0 and {largest:g}"
-                )
+            check_range(name.replace("_", " "), getattr(self, name), 0.0, largest, unit)
         for name in ("veil_gradient", "light_gradient"):
-            value = getattr(self, name)
-            if not -1.9 <= value <= 1.9:
-                raise InputError(
-                    f"{name.replace('_', ' ')} is {value:g}: give a number between -1.9 and 1.9"
-                )
-        if not math.isfinite(self.layer_height):
-            raise InputError(f"layer height is {self.layer_height:g} m: give a finite number")
-        if not all(0.0 < ratio <= 10.0 for ratio in self.veil):
-            raise InputError(f"veil is {_listed(self.veil)}: give ratios above 0, up to 10")
-        if not all(0.0 <= value <= 10.0 for value in self.channel_attenuation):
-            raise InputError(
-                f"channel attenuation is {_listed(self.channel_attenuation)} 1/m: "
-                "give numbers between 0 and 10"
-            )
+            check_range(name.replace("_", " "), getattr(self, name), -1.9, 1.9)
+        check_range("layer height", self.layer_height, -1e6, 1e6, "m")
+        check_range("ratios of the veil", self.veil, 0.0, 10.0, above=True)
+        check_range("channel attenuations", self.channel_attenuation, 0.0, 10.0, "1/m")
         if self.water_type is not None and self.water_type not in spectral_types():
             raise InputError(
                 f"no water type {self.water_type!r}: give one of {', '.join(spectral_types())}"
@@ -138,14 +122,10 @@ class Water:
 
     def __post_init__(self) -> None:
         """Validate attenuation, depth and exposure."""
-        if not 0.0 <= self.mean_attenuation < math.inf:
-            raise InputError(
-                f"mean attenuation is {self.mean_attenuation:g} 1/m: give zero or more"
-            )
-        if not 0.0 <= self.depth < math.inf:
-            raise InputError(f"depth is {self.depth:g} m: give zero or more, positive down")
-        if self.exposure is not None and not 0.0 < self.exposure < math.inf:
-            raise InputError(f"exposure is {self.exposure:g}: give a number greater than zero")
+        check_range("mean attenuation", self.mean_attenuation, 0.0, unit="1/m")
+        check_range("depth, positive down,", self.depth, 0.0, unit="m")
+        if self.exposure is not None:
+            check_range("exposure", self.exposure, 0.0, above=True)
 
     def attenuation(self) -> Vector:
         """Return β in 1/m, RGB, without layer and plume; of a spectrum, that at range zero."""
@@ -181,7 +161,3 @@ class Water:
         if bands is not None:
             return bands.light
         return ambient_light_at_depth(self.attenuation(), self.depth)
-
-
-def _listed(values: Triple) -> str:
-    return ", ".join(f"{value:g}" for value in values)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.errors import InputError
+from uw_visibility.errors import check_range
 from uw_visibility.evaluation.adverse.cases import (
     AdverseCase,
     AdverseResult,
@@ -52,16 +52,9 @@ class AdversePlan:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be simulated."""
-        if self.seeds < 1:
-            raise InputError(f"number of seeds is {self.seeds}: give 1 or more")
-        for name, values, largest in (
-            ("attenuations", self.attenuations, 5.0), ("depths", self.depths, 100.0),
-        ):
-            if not values or not all(0.0 <= value <= largest for value in values):
-                raise InputError(
-                    f"{name} are {', '.join(f'{v:g}' for v in values) or 'missing'}: "
-                    f"give numbers between 0 and {largest:g}"
-                )
+        check_range("number of seeds", self.seeds, 1)
+        check_range("attenuations", self.attenuations, 0.0, 5.0, "1/m")
+        check_range("depths", self.depths, 0.0, 100.0, "m")
         chosen(self.effects, matched=self.matched)
 
     def cases(self) -> list[AdverseCase]:

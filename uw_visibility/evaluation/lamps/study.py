@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.errors import InputError
+from uw_visibility.errors import check_range
 from uw_visibility.evaluation.lamps.cases import (
     SURFACES,
     LampCase,
@@ -56,13 +56,8 @@ class LampPlan:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be rendered."""
-        if self.seeds < 1:
-            raise InputError(f"number of seeds is {self.seeds}: give 1 or more")
-        if not self.attenuations or not all(0.0 <= a <= 5.0 for a in self.attenuations):
-            raise InputError(
-                f"attenuations are {', '.join(f'{a:g}' for a in self.attenuations) or 'missing'}: "
-                "give numbers between 0 and 5"
-            )
+        check_range("number of seeds", self.seeds, 1)
+        check_range("attenuations", self.attenuations, 0.0, 5.0, "1/m")
 
     def cases(self) -> list[LampCase]:
         """Return the cases, reef by reef."""

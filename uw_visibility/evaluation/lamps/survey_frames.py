@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.errors import InputError
+from uw_visibility.errors import check_range
 from uw_visibility.evaluation.lamps.cases import DEPTH
 from uw_visibility.evaluation.lamps.ground import ground_cells
 from uw_visibility.simulation.camera import Pose, StereoCamera
@@ -64,11 +64,7 @@ class SurveyPlan:
 
     def __post_init__(self) -> None:
         """Refuse a survey of too few frames."""
-        if not FEWEST_FRAMES <= self.frames <= 10_000:
-            raise InputError(
-                f"number of frames of the survey is {self.frames}: give from {FEWEST_FRAMES} to "
-                "10000, or 0 for none"
-            )
+        check_range("number of frames of the survey", self.frames, FEWEST_FRAMES, 10_000)
 
     @property
     def lighting(self) -> Lighting:

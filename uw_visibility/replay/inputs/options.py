@@ -10,7 +10,7 @@ from typing import Any
 
 from uw_visibility.config.parameters import flatten
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, check_range
 from uw_visibility.replay.inputs.scalars import LONGEST_TOLERANCE, ScalarTopic
 from uw_visibility.replay.inputs.topics import Wanted
 from uw_visibility.replay.line_fit import LineFit
@@ -83,22 +83,14 @@ class ReplayOptions:
 
     def __post_init__(self) -> None:
         """Validate the options."""
-        if not 0.0 <= self.start <= LONGEST:
-            raise InputError(f"--start is {self.start:g}: give the seconds to leave out")
-        if not 0.0 < self.duration <= LONGEST and self.duration != math.inf:
-            raise InputError(
-                f"--duration is {self.duration:g}: give a number of seconds above 0, "
-                f"up to {LONGEST:g}"
-            )
-        if self.every < 1:
-            raise InputError(f"--every is {self.every}: give 1 or more")
-        if self.images < 0:
-            raise InputError(f"--images is {self.images}: give 1 or more")
-        if not 0.0 < self.join_tolerance <= LONGEST_TOLERANCE:
-            raise InputError(
-                f"--join-tolerance is {self.join_tolerance:g}: give seconds above 0, up to "
-                f"{LONGEST_TOLERANCE:g}"
-            )
+        check_range("--start", self.start, 0.0, LONGEST, "s")
+        if self.duration != math.inf:
+            check_range("--duration", self.duration, 0.0, LONGEST, "s", above=True)
+        check_range("--every", self.every, 1)
+        if self.images:
+            check_range("--images", self.images, 1)
+        check_range(
+            "--join-tolerance", self.join_tolerance, 0.0, LONGEST_TOLERANCE, "s", above=True)
         if self.origin is not None and not (
             abs(self.origin[0]) < 90.0 and abs(self.origin[1]) <= 360.0
         ):
