@@ -57,7 +57,8 @@ frames.csv and the messages do not depend on --jobs. Each job takes one thread, 
 the parameter threads says otherwise.
 
 exit code: 0 done, with a warning where a bag is damaged; 2 unusable input or options;
-1 nothing in a bag could be read, or a failure inside; 130 interrupted"""
+1 nothing in a bag could be read, one of several bags lacks what was to be joined and has
+its result without it, or a failure inside; 130 interrupted"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -119,7 +120,8 @@ def run(arguments: argparse.Namespace) -> None:
     InputError
         If an option or a recording cannot be used.
     SystemExit
-        With code 1 where nothing of a recording could be read.
+        With code 1 where nothing of a recording could be read, or where it lacks what
+        was to be joined.
     """
     with reading("replay"):
         options = _options(arguments)
@@ -143,7 +145,7 @@ def run(arguments: argparse.Namespace) -> None:
     _tell_definition(summaries)
     if len(targets) > 1:
         say(f"{arguments.output}: index.html and frames.csv are over all recordings")
-    if any(summary.frames == summary.failed for summary in summaries):
+    if any(summary.lacks or summary.frames == summary.failed for summary in summaries):
         raise SystemExit(1)
 
 
@@ -224,6 +226,7 @@ def _list_all(bags: list[Place], options: ReplayOptions) -> None:
     from uw_visibility.replay.stores import recording_here
 
     unread = 0
+    options = replace(options, several=len(bags) > 1)
     for bag in bags:
         try:
             with recording_here(bag) as recording:
@@ -237,6 +240,7 @@ def _list_all(bags: list[Place], options: ReplayOptions) -> None:
 
 def _list(bag: Path, options: ReplayOptions) -> None:
     from uw_visibility.replay.bags.reader import BagReader
+    from uw_visibility.replay.inputs.lacks import without_lacking
     from uw_visibility.replay.inputs.topics import find_topics, is_raw
 
     with BagReader(bag) as reader:
@@ -250,6 +254,9 @@ def _list(bag: Path, options: ReplayOptions) -> None:
         for topic, channel in sorted(reader.channels.items()):
             count = "?" if channel.count is None else str(channel.count)
             say(f"  {topic:{width}}  {count:>7}  {channel.type}")
+        lacks: dict[str, str] = {}
+        if options.several:
+            options, lacks = without_lacking(reader, options)
         try:
             used = find_topics(
                 reader.channels, options.wanted, rectify=options.node.rectify,
@@ -263,7 +270,7 @@ def _list(bag: Path, options: ReplayOptions) -> None:
             given = name.endswith("info") and options.infos is not None
             topic = "as --calibration says" if given else getattr(used, name) or "none"
             say(f"  {name.replace('_', ' '):{width}}  {topic}")
-        for note in used.notes:
+        for note in [*used.notes, *lacks.values()]:
             say(f"  {note}")
         if not options.node.rectify and is_raw(used.left):
             say(f"  {used.left} is raw by its name: add --rectify")
@@ -345,5 +352,7 @@ def _tell(summary: Summary) -> None:
         say(f"  {what} ({refusal.count}), {frames} {refusal.frames}")
     for reason, count in summary.dropped.most_common():
         say(f"  dropped: {reason} ({count})")
+    for note in summary.lacks:
+        say(f"uw_visibility: {summary.bag}: {note}", error=True)
     for note in summary.damage:
         say(f"uw_visibility: warning: {note}", error=True)

@@ -11,6 +11,7 @@ from typing import Any
 from uw_visibility import __version__
 from uw_visibility.errors import InputError
 from uw_visibility.replay.bags.layout import find_files
+from uw_visibility.replay.inputs.lacks import check_in_any
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.pool import FramePool
 from uw_visibility.replay.progress import MakeCounter, Progress
@@ -62,13 +63,18 @@ def replay_bags(
     Raises
     ------
     InputError
-        If a folder or every recording cannot be used. Of several recordings, one
-        that cannot be used holds up no other: its summary says why.
+        If a folder or every recording cannot be used, or no recording has a topic to
+        join. Of several recordings, one that cannot be used holds up no other: its
+        summary says why, and what a recording lacks of the topics to join.
     """
+    options = replace(options, several=options.several or len(targets) > 1)
     finished = {
         bag: _finished(bag, target, options) if resume and not force else None
         for bag, target in targets.items()
     }
+    # What is finished was made with the same topics, and to look for them may be to fetch.
+    if len(targets) > 1 and not any(finished.values()):
+        check_in_any(targets, options)
     for bag, target in targets.items():
         # Before hours of work on the others, not after.
         if finished[bag] is None:

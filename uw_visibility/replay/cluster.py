@@ -10,11 +10,13 @@ import threading
 import time
 import uuid
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, TextIO, cast
 
 from uw_visibility import __version__
 from uw_visibility.errors import InputError, needing
 from uw_visibility.replay.batch import replay_bags, settle
+from uw_visibility.replay.inputs.lacks import check_in_any
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.progress import PERIOD
 from uw_visibility.replay.results.folder import partial_of
@@ -58,11 +60,16 @@ def replay_on_cluster(
     ------
     InputError
         If `distributed` is not installed, the scheduler cannot be reached, a worker has
-        another version, or every recording or its folder cannot be used.
+        another version, every recording or its folder cannot be used, or no recording
+        has a topic to join.
     """
     with needing("distributed", "--scheduler"):
         distributed = importlib.import_module("distributed")
     refused = _check_targets(targets, force, resume)
+    if len(targets) > 1:
+        if not resume:
+            check_in_any(targets, options)
+        options = replace(options, several=True)
     try:
         client = distributed.Client(address, timeout=TIMEOUT)
     except (OSError, ValueError) as error:

@@ -14,6 +14,7 @@ from uw_visibility.config.files import sole_writer
 from uw_visibility.errors import InputError
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.filtering import split_topics
+from uw_visibility.replay.inputs.lacks import without_lacking
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.positions import write_geojson
 from uw_visibility.replay.inputs.stream import Event, InputStream, RecordedFrame
@@ -78,10 +79,12 @@ def replay_bag(
     if options.parquet:
         check_parquet()
     with BagReader(bag) as reader, sole_writer(target):
-        stream = InputStream(reader, options)
+        used, lacks = without_lacking(reader, options) if options.several else (options, {})
+        stream = InputStream(reader, used)
         folder = ResultFolder(target, force=force, resume=resume)
         try:
             replay = _Replay(reader, stream, options, folder)
+            replay.summary.lacks = [f"{name} is not joined: {why}" for name, why in lacks.items()]
             with replay:
                 replay.run(pool, counter)
         except OSError as error:

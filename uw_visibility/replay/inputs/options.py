@@ -59,6 +59,9 @@ class ReplayOptions:
         Values of theirs further apart than this are not neighbours, s.
     turbidity : LineFit or None
         What turns attenuation into the turbidity that a sensor would read.
+    several : bool
+        Whether this is one of several recordings: what it lacks of the topics to join is told,
+        and the rest has its result.
     """
 
     pipeline: PipelineConfig = field(default_factory=PipelineConfig)
@@ -80,6 +83,7 @@ class ReplayOptions:
     joins: tuple[ScalarTopic, ...] = ()
     join_tolerance: float = 2.0
     turbidity: LineFit | None = None
+    several: bool = False
 
     def __post_init__(self) -> None:
         """Validate the options."""

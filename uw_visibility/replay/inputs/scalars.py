@@ -200,6 +200,22 @@ def numbers_of(reader: BagReader, topic: str) -> list[str]:
         return []
 
 
+def check_join(reader: BagReader, join: ScalarTopic) -> None:
+    """Refuse a number that a recording does not have, by its first message.
+
+    Raises
+    ------
+    InputError
+        Naming the topic, and the numbers that there are.
+    """
+    if join.topic not in reader.channels:
+        raise InputError(
+            f"there is no topic {join.topic} in the recording: --list shows what there is")
+    first = next(reader.messages([join.topic]), None)
+    if first is not None:
+        join.check(reader.deserialize(first))
+
+
 def _part(value: Any, part: str) -> Any:
     """Return a field, or an element of an array; None where there is none."""
     if part.isdigit():

@@ -22,7 +22,7 @@ from uw_visibility.plausibility.samples import DepthSample
 from uw_visibility.replay.bags.reader import BagReader, Recorded
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.positions import Position, read_position
-from uw_visibility.replay.inputs.scalars import ScalarTopic, ScalarValue
+from uw_visibility.replay.inputs.scalars import ScalarTopic, ScalarValue, check_join
 from uw_visibility.replay.inputs.topics import ODOMETRY, Selection, find_topics
 from uw_visibility.replay.reasons import count_reason
 from uw_visibility.stereo.calibration import CameraCalibration
@@ -204,13 +204,8 @@ class InputStream:
         """
         channels, position = self._reader.channels, self.selection.position
         for join in self._options.joins:
-            if join.topic not in channels:
-                raise InputError(
-                    f"there is no topic {join.topic} in the recording: --list shows what there is")
-            first = next(self._reader.messages([join.topic]), None)
-            if first is not None:
-                # Before hours of work rather than after them.
-                join.check(self._reader.deserialize(first))
+            # Before hours of work rather than after them.
+            check_join(self._reader, join)
         if position is None or not self._options.geo or self._options.origin is not None:
             return
         if channels[position].type == ODOMETRY:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 from uw_visibility.errors import InputError
@@ -129,7 +129,7 @@ def find_topics(
     depth, kind = _find_depth(channels, wanted.depth, sensor_type, notes)
     position = wanted.position
     if position is not None:
-        _check(channels, position, POSITION_TYPES)
+        check_topic(channels, position, POSITION_TYPES)
     return Selection(left, right, infos[0], infos[1], depth, kind, position, notes)
 
 
@@ -163,7 +163,7 @@ def _find_pair(
         if right is None or (wanted.right is None and right not in channels):
             raise InputError(f"no right image belongs to {wanted.left} by its name: give --right")
         for topic in (wanted.left, right):
-            _check(channels, topic, (IMAGE, COMPRESSED))
+            check_topic(channels, topic, (IMAGE, COMPRESSED))
         return wanted.left, right
     candidates = [
         (topic, other)
@@ -206,19 +206,18 @@ def _find_info(channels: Mapping[str, Channel], image: str, given: str | None) -
             f"there is no {topic} beside {image}: name the topic with --left-info and "
             "--right-info, or give --calibration"
         )
-    _check(channels, topic, (INFO,))
+    check_topic(channels, topic, (INFO,))
     return topic
 
 
 def _find_depth(
     channels: Mapping[str, Channel], given: str | None, kind: str | None, notes: list[str]
 ) -> tuple[str | None, str]:
-    names = {message: name for name, message in SENSOR_TYPES.items()}
     if kind == "none":
         return None, "none"
-    types = names if kind is None else {SENSOR_TYPES[kind]: kind}
+    types = depth_types(kind)
     if given is not None:
-        _check(channels, given, tuple(types))
+        check_topic(channels, given, tuple(types))
         return given, types[channels[given].type]
     found = [
         topic for topic, channel in channels.items()
@@ -232,7 +231,20 @@ def _find_depth(
     return found[0], types[channels[found[0]].type]
 
 
-def _check(channels: Mapping[str, Channel], topic: str, types: tuple[str, ...]) -> None:
+def depth_types(kind: str | None) -> dict[str, str]:
+    """Return the types of messages that a depth sensor may have, and what parameters call them."""
+    names = {message: name for name, message in SENSOR_TYPES.items()}
+    return names if kind is None else {SENSOR_TYPES[kind]: kind}
+
+
+def check_topic(channels: Mapping[str, Channel], topic: str, types: Collection[str]) -> None:
+    """Refuse a topic that is missing, or of another type.
+
+    Raises
+    ------
+    InputError
+        Naming it.
+    """
     if topic not in channels:
         raise InputError(f"there is no topic {topic} in the recording: --list shows what there is")
     if channels[topic].type not in types:

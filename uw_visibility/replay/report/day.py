@@ -64,6 +64,8 @@ def write_index(
             for summary in results
         ],
         failed=[{"name": _name(summary), "error": _why(summary)} for summary in failed],
+        lacking=[
+            {"name": _name(summary), "why": why} for summary in results for why in summary.lacks],
         series=draw_series(_together(recordings), list(recordings)),
         maps=draw_tracks(recordings),
     )

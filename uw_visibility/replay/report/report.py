@@ -84,7 +84,7 @@ def write_report(
         **overview(columns, summary, [picture["frame"] for picture in shown]),
         title=f"Visibility: {Path(summary.bag).name}",
         summary=summary,
-        problems=summary.damage,
+        problems=summary.lacks + summary.damage,
         series=draw_series(columns),
         maps=draw_track(columns),
         derived=derived_quantities(folder / "frames.csv"),

@@ -50,6 +50,8 @@ class Summary:
         Images that became part of no frame, by reason.
     damage : list of str
         What could not be read.
+    lacks : list of str
+        What was to be joined and is not in this one of several recordings.
     error : str
         Why there is no result, where that holds up no other recording.
     notes : list of str
@@ -82,6 +84,7 @@ class Summary:
     refusals: Refusals = field(default_factory=Refusals)
     dropped: Counter[str] = field(default_factory=Counter)
     damage: list[str] = field(default_factory=list)
+    lacks: list[str] = field(default_factory=list)
     error: str = ""
     notes: list[str] = field(default_factory=list)
     topics: dict[str, str] = field(default_factory=dict)
@@ -163,7 +166,7 @@ class Summary:
             "survey": self.survey,
             "synopsis": None if self.synopsis is None else self.synopsis.state(),
             "dropped": dict(self.dropped),
-            "damage": self.damage, "plausibility": dict(self.verdicts),
+            "damage": self.damage, "lacks": self.lacks, "plausibility": dict(self.verdicts),
             "seconds": round(self.seconds, 3), "python": sys.version.split()[0],
             "parameters": origin.parameters,
         }
@@ -179,7 +182,8 @@ class Summary:
             refusals=Refusals.of_state(state.get("not_assessable", [])),
             filtering=Counter(state.get("filtering")), survey=dict(state.get("survey", {})),
             dropped=Counter(state["dropped"]),
-            damage=list(state["damage"]), topics=state["topics"],
+            damage=list(state["damage"]), lacks=list(state.get("lacks", [])),
+            topics=state["topics"],
             synopsis=None if state.get("synopsis") is None else Synopsis.of_state(
                 state["synopsis"]),
         )
