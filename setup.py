@@ -107,7 +107,7 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            f"uw_visibility = {NAME}.cli:main",
+            f"uw_visibility = {NAME}.cli:run",
             f"uw_visibility_node = {NAME}.ros.start:node",
             f"uw_visibility_lifecycle_node = {NAME}.ros.start:lifecycle_node",
         ],

@@ -15,7 +15,7 @@ import pytest
 import uw_visibility
 from uw_visibility.cli import main
 
-RUN = (sys.executable, "-c", "import sys; from uw_visibility.cli import main; sys.exit(main())")
+RUN = (sys.executable, "-c", "from uw_visibility.cli import run; run()")
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
@@ -23,6 +23,35 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         main(["--version"])
     assert not ended.value.code
     assert capsys.readouterr().out == f"uw_visibility {uw_visibility.__version__}\n"
+
+
+def test_interruptions_beyond_the_first_change_nothing() -> None:
+    """One while the first is told, and one while Python ends, which would end it by force."""
+    script = """if True:
+        import atexit, signal, sys
+        from uw_visibility.cli import run
+
+        class Impatient:
+            def __init__(self, stream):
+                self.stream = stream
+            def write(self, text):
+                signal.raise_signal(signal.SIGINT)
+                self.stream.write(text)
+            def flush(self):
+                self.stream.flush()
+
+        atexit.register(signal.raise_signal, signal.SIGINT)
+        if sys.argv[2:] == ["impatient"]:
+            sys.stderr = Impatient(sys.stderr)
+        sys.stdout = Impatient(sys.stdout)
+        del sys.argv[2:]
+        run()
+    """
+    for more, told in (([], "uw_visibility: interrupted\n"), (["impatient"], "")):
+        done = subprocess.run(
+            [sys.executable, "-c", script, "--version", *more], capture_output=True, text=True,
+            check=False)
+        assert (done.returncode, done.stdout, done.stderr) == (130, "", told)
 
 
 def completed(line: str, tmp_path: Path) -> subprocess.CompletedProcess[str]:

@@ -89,6 +89,32 @@ def test_ending_the_demo_ends_the_node(tmp_path: Path) -> None:
     assert not (tmp_path / "transect").exists()
 
 
+def test_a_killed_demonstration_takes_its_node_along(tmp_path: Path) -> None:
+    script = """if True:
+        import sys, time
+        from pathlib import Path
+        from uw_visibility.commands.demonstration.node_process import NodeProcess
+
+        node = (sys.executable, "-c", "import time; print('here', flush=True); time.sleep(60)")
+        with NodeProcess(Path(sys.argv[1]), 1, node):
+            time.sleep(60)
+    """
+    log = tmp_path / "node.log"
+    demo = subprocess.Popen([sys.executable, "-c", script, str(log)], env=ENVIRONMENT)
+    end = time.monotonic() + 60.0
+    while time.monotonic() < end and not (log.exists() and log.read_text()):
+        time.sleep(0.05)
+    (node,) = nodes_of(tmp_path)
+    demo.kill()
+    demo.wait()
+    while nodes_of(tmp_path) and time.monotonic() < end:
+        time.sleep(0.05)
+    left = nodes_of(tmp_path)
+    if left:
+        os.kill(node, signal.SIGKILL)
+    assert left == []
+
+
 def test_a_node_that_dies_is_told_with_its_last_lines(tmp_path: Path) -> None:
     script = "print('the lens is fogged', flush=True); raise SystemExit(7)"
     with NodeProcess(tmp_path / "node.log", 1, (sys.executable, "-c", script)) as node:

@@ -249,7 +249,7 @@ def test_an_interruption_at_the_start_of_jobs_is_one_sentence(
     transect: Path, tmp_path: Path
 ) -> None:
     """Ctrl-C reaches every process of the terminal, those that are still importing too."""
-    command = "import sys; from uw_visibility.cli import main; sys.exit(main())"
+    command = "from uw_visibility.cli import run; run()"
     options = ["replay", str(transect), "-o", str(tmp_path / "out"), "--jobs", "2"]
     process = subprocess.Popen(
         [sys.executable, "-c", command, *options], stdout=subprocess.PIPE,

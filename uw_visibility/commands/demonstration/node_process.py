@@ -14,6 +14,14 @@ from uw_visibility.compute.processes import SAFE_PATH
 from uw_visibility.ros.environment import node_environment
 
 COMMAND = (sys.executable, "-m", "uw_visibility.ros.node")
+# Linux ends the node with the demonstration, also where that is killed and ends nothing itself
+# (PR_SET_PDEATHSIG is 1); it stays so when the node takes the place of this script.
+_WITH_PARENT = """\
+import ctypes, os, signal, sys
+getattr(ctypes.CDLL(None), 'prctl', lambda *_: 0)(1, signal.SIGTERM)
+if os.getppid() == int(sys.argv[1]):
+    os.execv(sys.argv[2], sys.argv[2:])
+"""
 LAST_LINES = 15
 PATIENCE = 10.0
 
@@ -50,7 +58,8 @@ class NodeProcess:
             # In a session of its own, Ctrl-C in the terminal does not reach the
             # node: it is ended here, once, whatever ends the demonstration.
             self._process = subprocess.Popen(
-                self._command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
+                (sys.executable, "-ISc", _WITH_PARENT, str(os.getpid()), *self._command),
+                stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
                 env=environment, start_new_session=True,
             )
         return self
