@@ -86,7 +86,7 @@ def test_every_command_has_its_options(pages: dict[str, str]) -> None:
 def test_every_status_says_what_to_do(pages: dict[str, str]) -> None:
     told = {cells[0]: cells[1:] for cells in rows(pages["statuses.md"]).values()}
     for status in set(Status) - {Status.OK}:
-        meaning, remedy = told[f"{status} (`{status.name}`)"]
+        meaning, remedy = told[f"{status} (`{status.name.lower()}`)"]
         assert len(meaning.split()) > 3, status
         assert len(remedy.split()) > 3, status
 

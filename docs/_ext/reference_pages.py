@@ -19,7 +19,7 @@ from uw_visibility.config.parameters import ParameterInfo, describe
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.plausibility.verdict import Verdict
-from uw_visibility.replay.columns import COLUMNS
+from uw_visibility.replay.columns import COLUMNS, word
 from uw_visibility.replay.report.meaning import MEANINGS, REMEDIES
 from uw_visibility.status import Status
 
@@ -89,7 +89,7 @@ def topics() -> Iterator[str]:
 def statuses() -> Iterator[str]:
     """Yield a table of all reasons why something is not assessed, with what to do."""
     rows = [
-        (f"{status} (`{status.name}`)", MEANINGS[status], REMEDIES[status])
+        (f"{status} (`{word(status)}`)", MEANINGS[status], REMEDIES[status])
         for status in Status if status is not Status.OK
     ]
     yield from _table(("As shown", "Meaning", "What to do"), rows)
@@ -169,11 +169,11 @@ def _text(text: str) -> Iterator[str]:
 def _wrapped(usage: str) -> str:
     """Break a usage before its options, at 80 columns."""
     lines, line = [], ""
-    for word in re.findall(r"\[[^\]]*\](?:\s?\.\.\.\])?|\S+", usage):
-        if len(line) + len(word) > 78:
+    for part in re.findall(r"\[[^\]]*\](?:\s?\.\.\.\])?|\S+", usage):
+        if len(line) + len(part) > 78:
             lines.append(line)
             line = "   "
-        line += f" {word}" if line else word
+        line += f" {part}" if line else part
     return "\n".join([*lines, line])
 
 

@@ -54,6 +54,26 @@ def test_secchi_depths_worked_out_apart(
     assert secchi_depth(diffuse, reflectance) == pytest.approx(expected, abs=6e-5)
 
 
+@pytest.mark.parametrize(("diffuse", "reflectance", "published"), [
+    (0.932040078, 0.012286001, 0.980577587), (0.444279535, 0.013437334, 2.050635327),
+    (0.670261686, 0.016316668, 1.352404147), (0.954689364, 0.019392445, 0.933526176),
+    (1.237729635, 0.011719334, 0.742471388), (0.404597760, 0.016009779, 2.234498567),
+    (0.324276417, 0.011263501, 2.841278319), (0.249784366, 0.010693779, 3.69623495),
+    (1.650796381, 0.012339334, 0.55729426), (0.306245305, 0.005735556, 3.05939738),
+])
+def test_secchi_depths_as_others_published_them(
+    diffuse: float, reflectance: float, published: float
+) -> None:
+    """Kd, Rrs and Secchi depths of Landsat 8 over the Virginia Coast Reserve, by others' code.
+
+    S. E. Lang, Modeling Coastal Water Clarity Using Landsat-8 and Sentinel-2, data in the
+    repository ocean-slang/Coastal-OC-Remote-Sensing-V2, lmnonlinear/data (landsat8only.csv,
+    leelandsatsecchi.csv). Where Kd is least between the bands, Lee et al. 2016 (doi
+    10.1016/j.rse.2016.02.033) take the greatest Rrs of all bands, which is up to 0.7 % off.
+    """
+    assert secchi_depth(diffuse, reflectance) == pytest.approx(published, rel=0.008)
+
+
 def test_reflectance_of_clear_and_of_scattering_water():
     # Gordon et al. 1988 in the form of Lee et al. 2002: r = (0.0895 + 0.1247 u) u below water.
     assert remote_sensing_reflectance(1.0, 0.0) == 0.0

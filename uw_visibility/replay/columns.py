@@ -41,9 +41,9 @@ class Column:
     standard_name : str
         That of the CF conventions, where there is one.
     choices : tuple of str
-        What may stand there; empty where it is not known.
-    keys : tuple of str
-        A word for each of `choices`.
+        The words that may stand there; empty where they are not known.
+    meanings : tuple of str
+        What each of `choices` says in reports and messages.
     stddev_of : str
         The column whose standard deviation this is.
     status : str
@@ -56,9 +56,21 @@ class Column:
     description: str = ""
     standard_name: str = ""
     choices: tuple[str, ...] = ()
-    keys: tuple[str, ...] = ()
+    meanings: tuple[str, ...] = ()
     stddev_of: str = ""
     status: str = ""
+
+    def meaning(self, choice: str) -> str:
+        """Return what a word of the table says in reports and messages."""
+        return dict(zip(self.choices, self.meanings, strict=True)).get(choice, choice)
+
+
+def word(value: Enum) -> str:
+    """Return what tables have for a status, a verdict or an event: a word that stays.
+
+    The sentences of statuses may change, and the CF conventions take words alone.
+    """
+    return value.name.lower() if isinstance(value, Status) else str(value).replace(" ", "_")
 
 
 def _integer(title: str, description: str = "") -> Column:
@@ -70,9 +82,8 @@ def _number(title: str, unit: str, description: str = "", standard_name: str = "
 
 
 def _choice(title: str, choices: type[Enum], *more: str) -> Column:
-    texts = tuple(str(each.value) for each in choices)
-    keys = tuple(each.name.lower() for each in choices)
-    return Column("choice", title, choices=(*texts, *more), keys=(*keys, *more))
+    return Column(
+        "choice", title, choices=(*map(word, choices), *more), meanings=(*map(str, choices), *more))
 
 
 def with_stddev(
@@ -134,7 +145,7 @@ def _derived(prefix: str, of: str) -> dict[str, Column]:
     return {
         **found,
         f"{prefix}water_type": Column(
-            "choice", f"nearest Jerlov water type{of}", choices=TYPES, keys=TYPES,
+            "choice", f"nearest Jerlov water type{of}", choices=TYPES, meanings=TYPES,
             description="By the likelihood of the attenuation in the three channels"),
         f"{prefix}water_type_likelihood": _number(
             f"likelihood of that type{of}", "1", "Its share of the likelihood of all ten types"),

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
-from uw_visibility.replay.columns import CHANNELS, FAILED
+from uw_visibility.replay.columns import CHANNELS, FAILED, word
 from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.records import FrameEstimate, JoinedFrame
 from uw_visibility.water.assessment import Visibility
@@ -78,7 +78,7 @@ def row_of(
         "stamp": seconds(record.stamp),
         "right_stamp": seconds(record.right_stamp), "time": seconds(record.time),
         "innovation": number(joined.innovation), "nis": number(joined.nis),
-        "plausibility": "" if joined.verdict is None else str(joined.verdict),
+        "plausibility": "" if joined.verdict is None else word(joined.verdict),
         "plausibility_reason": joined.verdict_reason,
         "longitude": number(joined.longitude), "latitude": number(joined.latitude),
         "x": number(joined.x), "y": number(joined.y),
@@ -95,7 +95,7 @@ def row_of(
         row |= _attenuation_columns("filtered_", joined.filtered.water)
         row |= _visibility_columns("filtered_", joined.filtered.visibility)
         row |= _derived_columns("filtered_", model.derive(joined.filtered.water), turbidity)
-        row["filtering"] = str(joined.filtered.event)
+        row["filtering"] = word(joined.filtered.event)
         if joined.filtered.survey is not None:
             row |= _survey_columns(joined.filtered.survey)
     return row
@@ -105,9 +105,9 @@ def _estimate_columns(estimate: FrameEstimate) -> dict[str, str]:
     water, visibility = estimate.water, estimate.visibility
     original = estimate.matched_fraction_original
     columns = {
-        "status": str(water.status),
-        "visibility_status": str(visibility.status),
-        "depth_status": str(visibility.depth_status),
+        "status": word(water.status),
+        "visibility_status": word(visibility.status),
+        "depth_status": word(visibility.depth_status),
         **_visibility_columns("", visibility),
         "depth_precision": number(visibility.depth_precision),
         "support_points": str(estimate.support_points),
@@ -147,7 +147,7 @@ def _derived_columns(
         **{f"{prefix}{name}": number(getattr(derived, name)) for name in names},
         f"{prefix}water_type": derived.water_type,
         f"{prefix}water_type_likelihood": number(derived.water_type_likelihood),
-        f"{prefix}water_type_status": str(derived.water_type_status),
+        f"{prefix}water_type_status": word(derived.water_type_status),
     }
 
 

@@ -183,10 +183,12 @@ def test_what_was_not_assessable_is_explained(transect: Path, tmp_path: Path) ->
 
     done = run(copy_bag(transect, tmp_path / "bag", edit=grey), tmp_path / "out")
     assert done.code == 0
-    assert {row["status"] for row in done.rows} == {"no colour"}
+    assert {row["status"] for row in done.rows} == {"no_colour"}
     assert {row["visibility_distance"] for row in done.rows} == {""}
     text = Page(tmp_path / "out" / "report.html").text
     assert MEANINGS[Status.NO_COLOUR] in text
+    # The table has a word, and captions the sentence.
+    assert "water: no colour, " in text
     assert said(text).startswith(f"Visibility could not be assessed in any of {FRAMES} frames")
     assert "not assessable" in text
 

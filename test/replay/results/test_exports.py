@@ -26,6 +26,7 @@ from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.results.data_dictionary import SUFFIX
 from uw_visibility.replay.results.netcdf import write_netcdf
 from uw_visibility.replay.table import TableWriter, nanoseconds, read_rows, seconds
+from uw_visibility.status import Status
 
 LAST_FIX = FRAMES - 2
 """Frames with a position."""
@@ -97,8 +98,15 @@ def test_dictionary_describes_every_column(exported: Path, rows: list[dict[str, 
     assert columns["attenuation_red"]["schema:unitText"] == "m-1"
     assert columns["datetime"]["datatype"] == "dateTime"
     assert "4.8/c" in columns["black_disc_visibility"]["dc:description"]
+    told = {
+        value["schema:value"]: value["schema:description"]
+        for value in columns["status"]["schema:valueReference"]}
+    assert told["not_one_water"] == str(Status.NOT_ONE_WATER)
     for name, column in columns.items():
         assert column["dc:title"]
+        for value in column.get("schema:valueReference", []):
+            assert re.fullmatch(r"\w+", value["schema:value"])
+            assert re.fullmatch(column["datatype"]["format"], value["schema:value"])
         if column["datatype"] in ("double", "integer") and not name.startswith("joined_"):
             assert column["schema:unitText"], name
 
@@ -115,6 +123,10 @@ def test_netcdf_is_a_trajectory_with_everything_in_it(
     exported: Path, rows: list[dict[str, str]]
 ) -> None:
     xarray = pytest.importorskip("xarray")
+    content = json.loads((exported / f"frames.csv{SUFFIX}").read_text())
+    described = {
+        column["name"]: column.get("schema:valueReference")
+        for column in content["tableSchema"]["columns"]}
     with xarray.open_dataset(exported / "frames.nc") as data:
         assert data.attrs["Conventions"] == "CF-1.11"
         assert data.attrs["featureType"] == "trajectory"
@@ -134,6 +146,11 @@ def test_netcdf_is_a_trajectory_with_everything_in_it(
         meanings = data["status"].attrs["flag_meanings"].split()
         assert len(meanings) == len(data["status"].attrs["flag_values"])
         assert meanings[int(data["status"].values[0])] == "ok"
+        for name in ("status", "visibility_status", "filtering", "plausibility"):
+            words = data[name].attrs["flag_meanings"].split()
+            flags = dict(zip(data[name].attrs["flag_values"], words, strict=True))
+            assert [flags.get(k, "") for k in data[name].values] == [r[name] for r in rows], name
+            assert words == [value["schema:value"] for value in described[name]]
         types = data["water_type"].attrs["flag_meanings"].split()
         assert [
             types[int(k)] if np.isfinite(k) else "" for k in data["water_type"].values
@@ -217,6 +234,7 @@ def test_parquet_has_types_and_units(exported: Path, rows: list[dict[str, str]])
     assert table["depth"].to_pylist() == [float(row["depth"]) for row in rows]
     assert table["longitude"].null_count == FRAMES - LAST_FIX
     assert table["status"].to_pylist() == ["ok"] * FRAMES
+    assert json.loads(table.schema.field("status").metadata[b"values"])["ok"] == "ok"
     assert table.schema.metadata[b"bag"] == b"bag"
 
 

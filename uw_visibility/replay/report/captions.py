@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from uw_visibility.replay.columns import CHANNELS
+from uw_visibility.replay.columns import CHANNELS, COLUMNS
 from uw_visibility.replay.report.overview import percent
 from uw_visibility.replay.report.sentences import clock, number, rounded
 from uw_visibility.replay.table import nanoseconds
@@ -27,7 +27,8 @@ def caption(row: Mapping[str, str], formula: str) -> str:
     str
     """
     parts = [
-        f"Frame {row['frame']} at {clock(nanoseconds(row['stamp']))}", f"water: {row['status']}"]
+        f"Frame {row['frame']} at {clock(nanoseconds(row['stamp']))}",
+        f"water: {_said(row, 'status')}"]
     for name, title, unit, column in (
         ("visibility_distance", "visibility", "m", "visibility_status"),
         ("mean_attenuation", "α", "1/m", "status"), ("depth", "depth", "m", "depth_status"),
@@ -40,7 +41,7 @@ def caption(row: Mapping[str, str], formula: str) -> str:
                 text += f"; filtered {_value(row, filtered)} m)" if row[filtered] else ")"
             parts.append(text)
         elif row[column] != row["status"]:
-            parts.append(f"{title}: {row[column]}")
+            parts.append(f"{title}: {_said(row, column)}")
     if row["sensor_depth"]:
         parts.append(f"sensor {float(row['sensor_depth']):.2f} m")
     matched = f"{percent(float(row['matched_fraction']))} matched"
@@ -48,6 +49,10 @@ def caption(row: Mapping[str, str], formula: str) -> str:
         matched += f" ({percent(float(row['matched_fraction_original']))} of the pair as recorded)"
     parts.append(matched)
     return ", ".join(parts)
+
+
+def _said(row: Mapping[str, str], column: str) -> str:
+    return COLUMNS[column].meaning(row[column])
 
 
 def _value(row: Mapping[str, str], name: str) -> str:

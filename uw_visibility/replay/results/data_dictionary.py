@@ -50,13 +50,18 @@ def _described(name: str, column: Column) -> dict[str, Any]:
     datatype: Any = _DATATYPES.get(column.kind, "string")
     if column.choices:
         datatype = {"base": "string", "format": "|".join(_literal(c) for c in column.choices)}
-    described = {
+    described: dict[str, Any] = {
         "name": name, "titles": [name], "datatype": datatype, "dc:title": column.title,
         "dc:description": column.description, "schema:unitText": column.unit,
         "schema:propertyID": column.standard_name,
         "schema:measurementMethod":
             f"standard deviation of {column.stddev_of}" if column.stddev_of else "",
     }
+    if column.choices:
+        # What stands in the table, and what it says in reports and messages.
+        described["schema:valueReference"] = [
+            {"schema:value": choice, "schema:description": meaning}
+            for choice, meaning in zip(column.choices, column.meanings, strict=True)]
     return {key: value for key, value in described.items() if value}
 
 

@@ -147,9 +147,15 @@ def _attributes(name: str, columns: Mapping[str, Column]) -> dict[str, Any]:
         places = [_name(place) for place in COORDINATES if place in columns]
         found["coordinates"] = " ".join(places + channel)
     if column.kind == "choice":
+        told = [
+            f"{choice}: {meaning}"
+            for choice, meaning in zip(column.choices, column.meanings, strict=True)
+            if meaning != choice.replace("_", " ")]
+        if told:
+            found["comment"] = ". ".join([column.description] * bool(column.description) + told)
         return found | {
             "flag_values": np.arange(len(column.choices), dtype=np.int8),
-            "flag_meanings": " ".join(column.keys),
+            "flag_meanings": " ".join(column.choices),
         }
     if column.unit:
         found["units"] = column.unit

@@ -100,5 +100,7 @@ def _metadata(column: Column) -> dict[str, str]:
     found = {
         "title": column.title, "unit": column.unit, "description": column.description,
         "standard_name": column.standard_name,
+        "values": json.dumps(dict(zip(column.choices, column.meanings, strict=True)))
+        if column.choices else "",
     }
     return {key: value for key, value in found.items() if value}

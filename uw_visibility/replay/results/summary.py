@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from uw_visibility.plausibility.monitor import Report
-from uw_visibility.replay.columns import FAILED
+from uw_visibility.replay.columns import FAILED, word
 from uw_visibility.replay.reasons import count_reason
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.provenance import Origin
@@ -37,8 +37,8 @@ class Summary:
     frames, resumed : int
         Rows of the table, and those of an earlier part among them.
     status, visibility_status, depth_status, reasons : Counter of str
-        Frames by status, by that of the visibility distance and that of the depth,
-        and those without result by reason.
+        Frames by status, in the words of the table, by that of the visibility distance and
+        that of the depth, and those without result by reason.
     filtering : Counter of str
         Frames by what they did to the water filtered over frames.
     survey : dict of str to float
@@ -106,11 +106,11 @@ class Summary:
 
     def rejections(self) -> str:
         """Number of frames that the filter over frames rejected, in words; empty for none."""
-        rejected = self.filtering[str(TrackingEvent.OUTLIER)]
-        estimates = sum(self.filtering[str(event)] for event in TAKEN) + rejected
+        rejected = self.filtering[word(TrackingEvent.OUTLIER)]
+        estimates = sum(self.filtering[word(event)] for event in TAKEN) + rejected
         if not rejected:
             return ""
-        followed = self.filtering[str(TrackingEvent.RESTARTED)]
+        followed = self.filtering[word(TrackingEvent.RESTARTED)]
         runs = "1 run" if followed == 1 else f"{followed} runs"
         return (
             f"the filter rejected {rejected} of {estimates} frames"
@@ -142,16 +142,16 @@ class Summary:
         self.refusals.count(joined)
         filtered, estimate = joined.filtered, joined.record.estimate
         if filtered is not None:
-            self.filtering[str(filtered.event)] += 1
+            self.filtering[word(filtered.event)] += 1
             if filtered.survey is not None:
                 self._count_survey(filtered.survey)
         if estimate is None:
             self.status[FAILED] += 1
             count_reason(self.reasons, joined.record.reason)
             return
-        self.status[str(estimate.water.status)] += 1
-        self.visibility_status[str(estimate.visibility.status)] += 1
-        self.depth_status[str(estimate.visibility.depth_status)] += 1
+        self.status[word(estimate.water.status)] += 1
+        self.visibility_status[word(estimate.visibility.status)] += 1
+        self.depth_status[word(estimate.visibility.depth_status)] += 1
 
     def state(self, origin: Origin) -> dict[str, Any]:
         """Serialise the summary and its origin for JSON."""
