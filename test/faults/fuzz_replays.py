@@ -17,7 +17,7 @@ from fuzz_bags import DamagedBags
 import uw_visibility.replay.report.report as report
 from uw_visibility.cli import main
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.replay.work import warm_up
+from uw_visibility.messages.processor import warm_up
 
 
 class Cases:

@@ -19,7 +19,7 @@ from small_bags import FRAMES, StoragePlugin, write_ros2
 
 import uw_visibility.replay.report.report as report
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.replay.work import warm_up
+from uw_visibility.messages.processor import warm_up
 
 
 class Cases:

@@ -9,15 +9,57 @@ from typing import Any
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
+from uw_visibility.messages import output_kernels
 from uw_visibility.messages.estimates import ImageHeader
 from uw_visibility.messages.frames import FrameReader, StereoFrame, StereoPair
 from uw_visibility.messages.images import MessageFactory
 from uw_visibility.messages.outputs import Source, each_message, enhanced_sides
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.pipeline.warm_up import warm_up_config
 from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.stereo.search_range import disparity_limits
 from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.filter import FilteredWater
+
+# Kernels are compiled once per type of pixel, not per size or rig; a small image is quicker.
+WARM_UP_RIG = StereoRig(200.0, 0.1, (79.5, 59.5))
+WARM_UP_SHAPE = (120, 160)
+# Before the first image comes any width is possible, px.
+LARGEST_WIDTH = 1 << 16
+
+
+def warm_up(config: PipelineConfig, *, compressed: bool = False) -> None:
+    """Compile what frames of 8 bit need and is not compiled yet, or load it."""
+    pipeline = Pipeline(WARM_UP_RIG, warm_up_config(config))
+    pipeline.warm_up(WARM_UP_SHAPE, compressed=compressed)
+    output_kernels.warm_up()
+
+
+def try_out(
+    config: PipelineConfig, rig: StereoRig | None = None, shape: tuple[int, int] | None = None
+) -> None:
+    """Refuse parameters with which no frame could be processed.
+
+    Parameters
+    ----------
+    config : PipelineConfig
+        The parameters.
+    rig : StereoRig, optional
+        Geometry of the images to come, where it is known.
+    shape : tuple of int, optional
+        Their height and width, px.
+
+    Raises
+    ------
+    InputError
+        Naming the parameter.
+    """
+    pipeline = Pipeline(rig or WARM_UP_RIG, config, Workers(1))
+    if shape is not None:
+        pipeline.allocate(shape)
+    elif config.stereo.max_disparity:
+        disparity_limits(config.stereo, LARGEST_WIDTH)
 
 
 class FrameWork:

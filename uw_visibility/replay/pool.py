@@ -19,7 +19,8 @@ from typing import TypeVar
 
 from uw_visibility.compute.processes import process_pool
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.replay.work import FrameAnswer, FrameTask, answer, check, warm_up
+from uw_visibility.messages.processor import try_out, warm_up
+from uw_visibility.replay.work import FrameAnswer, FrameTask, answer
 
 Other = TypeVar("Other")
 
@@ -75,7 +76,7 @@ class FramePool:
 
     def __enter__(self) -> FramePool:
         # Here and once, rather than in each process or with each frame.
-        check(self._config)
+        try_out(self._config)
         if self.jobs == 1:
             warm_up(self._config)
         else:

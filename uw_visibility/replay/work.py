@@ -10,17 +10,12 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
-from uw_visibility.messages import output_kernels
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.processor import FrameProcessor, FrameWork
-from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
-from uw_visibility.pipeline.warm_up import warm_up_config
 from uw_visibility.replay.bags.decoder import Decoder
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.bags.storage import Channel, Recorded
@@ -29,16 +24,8 @@ from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.stream import RecordedFrame
 from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.records import FrameEstimate, FrameRecord
-from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.stereo.search_range import disparity_limits
 from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.filter import FilteredWater, WaterFilter
-
-# Kernels are compiled once per type of pixel, not per size or rig.
-WARM_UP_RIG = StereoRig(200.0, 0.1, (79.5, 59.5))
-WARM_UP_SHAPE = (120, 160)
-# No image is wider.
-LARGEST_WIDTH = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -203,22 +190,3 @@ def answer(task: FrameTask) -> FrameAnswer:
             del _processors[next(iter(_processors))]
         _processors[key] = RecordingProcessor(task.recording)
     return _processors[key].answer(task.frame, task.known_light)
-
-
-def warm_up(config: PipelineConfig) -> None:
-    """Compile what is not compiled yet, or load it."""
-    Pipeline(WARM_UP_RIG, warm_up_config(config)).warm_up(WARM_UP_SHAPE, np.uint8)
-    output_kernels.warm_up()
-
-
-def check(config: PipelineConfig) -> None:
-    """Refuse parameters with which no frame could be processed.
-
-    Raises
-    ------
-    InputError
-        Naming the parameter.
-    """
-    Pipeline(WARM_UP_RIG, config)
-    if config.stereo.max_disparity:
-        disparity_limits(config.stereo, LARGEST_WIDTH)

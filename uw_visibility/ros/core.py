@@ -11,22 +11,17 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from typing import Any
 
-import numpy as np
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 
 from uw_visibility.compute.jit import counts
 from uw_visibility.compute.kernel_folder import writable_folder
-from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
-from uw_visibility.messages import output_kernels
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.messages.outputs import all_topics
-from uw_visibility.messages.processor import FrameProcessor, FrameWork
-from uw_visibility.pipeline.pipeline import Pipeline
-from uw_visibility.pipeline.warm_up import warm_up_config
+from uw_visibility.messages.processor import FrameProcessor, FrameWork, try_out, warm_up
 from uw_visibility.ros.depth_check import DepthCheck
 from uw_visibility.ros.inputs import RESTING, SILENCE, StereoInput
 from uw_visibility.ros.monitor.faults import describe_fault
@@ -39,7 +34,6 @@ from uw_visibility.ros.transport.qos import publish_on
 from uw_visibility.ros.worker import NewestWorker
 from uw_visibility.stereo.calibration import image_size
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.stereo.search_range import disparity_limits
 from uw_visibility.water.filter import WaterFilter
 
 # A pair waits for CameraInfo of its own stamp for one to two of these, s.
@@ -53,11 +47,6 @@ WARMING = threading.Lock()
 # A clock that goes back by more than this was set back, s.
 CLOCK_JUMP = 0.1
 
-# Kernels are compiled once per type of pixel, not per size or rig; a small image is quicker.
-WARM_UP_RIG = StereoRig(500.0, 0.1, (319.5, 239.5))
-WARM_UP_SHAPE = (120, 160)
-# Before the first image comes any width is possible, px.
-LARGEST_WIDTH = 1 << 16
 
 
 class NodeCore:
@@ -169,17 +158,13 @@ class NodeCore:
         InputError
             If no frame could be processed with them.
         """
-        rig, shape = self._images or (WARM_UP_RIG, None)
+        rig, shape = self._images or (None, None)
         config = settings.pipeline
         if shape is not None:
             check_megapixels(shape[1], shape[0], settings.node.max_megapixels)
         if self._tried == (config, rig, shape):
             return
-        pipeline = Pipeline(rig, config, Workers(1))
-        if shape is not None:
-            pipeline.allocate(shape)
-        elif config.stereo.max_disparity:
-            disparity_limits(config.stereo, LARGEST_WIDTH)
+        try_out(config, rig, shape)
         self._tried = config, rig, shape
 
     def activate(self) -> None:
@@ -238,10 +223,8 @@ class NodeCore:
         )
         started = time.monotonic()
         try:
-            pipeline = Pipeline(WARM_UP_RIG, warm_up_config(self._settings.pipeline))
             compressed = self._settings.node.image_transport == "compressed"
-            pipeline.warm_up(WARM_UP_SHAPE, np.uint8, compressed=compressed)
-            output_kernels.warm_up()
+            warm_up(self._settings.pipeline, compressed=compressed)
         except Exception:
             if self._ending():
                 # The interpreter may be on its way out.
