@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from types import MappingProxyType
 from typing import Any
 
-from uw_visibility.messages.estimates import ImageHeader
+from uw_visibility.messages.estimates import ImageHeader, vector_message
 from uw_visibility.messages.images import MessageFactory
 
 NIS, STAMPED_NIS = "depth_plausibility/nis", "depth_plausibility/nis_stamped"
@@ -42,6 +42,5 @@ def nis_messages(
     message : object
     """
     yield NIS, make(NIS_TOPICS[NIS], data=nis)
-    header = ImageHeader(*divmod(stamp, 1_000_000_000), frame_id)
-    vector = make("geometry_msgs/msg/Vector3", x=nis, y=innovation, z=variance)
-    yield STAMPED_NIS, make(NIS_TOPICS[STAMPED_NIS], header=header.message(make), vector=vector)
+    header = ImageHeader.at(stamp, frame_id).message(make)
+    yield STAMPED_NIS, vector_message(make, header, (nis, innovation, variance))

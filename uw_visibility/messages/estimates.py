@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -42,6 +42,11 @@ class ImageHeader(NamedTuple):
         header = message.header
         return cls(int(header.stamp.sec), int(header.stamp.nanosec), str(header.frame_id))
 
+    @classmethod
+    def at(cls, stamp: int, frame_id: str = "") -> ImageHeader:
+        """Return the header of a stamp, ns."""
+        return cls(*divmod(stamp, 1_000_000_000), frame_id)
+
     @property
     def seconds(self) -> float:
         """The stamp, s."""
@@ -51,6 +56,39 @@ class ImageHeader(NamedTuple):
         """Make it a ``std_msgs/Header``."""
         time = make("builtin_interfaces/msg/Time", sec=self.sec, nanosec=self.nanosec)
         return make("std_msgs/msg/Header", stamp=time, frame_id=self.frame_id)
+
+
+def vector_message(make: MessageFactory, header: Any, values: Iterable[float]) -> Any:
+    """Make a Vector3Stamped of three numbers."""
+    x, y, z = map(float, values)
+    vector = make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+    return make("geometry_msgs/msg/Vector3Stamped", header=header, vector=vector)
+
+
+def depth_message(make: MessageFactory, header: Any, depth: float, variance: float) -> Any:
+    """Make a PoseWithCovarianceStamped, of which only z is measured: m up, variance in m²."""
+    covariance = UNMEASURED_VARIANCE * np.eye(6)
+    covariance[2, 2] = variance
+    pose = make(
+        "geometry_msgs/msg/Pose",
+        position=make("geometry_msgs/msg/Point", x=0.0, y=0.0, z=-float(depth)),
+        orientation=make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+    )
+    return make(
+        "geometry_msgs/msg/PoseWithCovarianceStamped", header=header, pose=make(
+            "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.ravel()),
+    )
+
+
+def region_message(
+    make: MessageFactory, window: tuple[int, int, int, int], do_rectify: bool = False
+) -> Any:
+    """Make a RegionOfInterest of column, row, width and height, px."""
+    x, y, width, height = window
+    return make(
+        "sensor_msgs/msg/RegionOfInterest",
+        x_offset=x, y_offset=y, height=height, width=width, do_rectify=do_rectify,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,12 +167,8 @@ def _vector(estimate: Estimate, values: NDArray[np.float64]) -> Any:
     return _stamped(estimate, *map(float, values))
 
 
-def _stamped(estimate: Estimate, x: float, y: float, z: float) -> Any:
-    vector = estimate.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
-    return estimate.make(
-        "geometry_msgs/msg/Vector3Stamped", header=estimate.header.message(estimate.make),
-        vector=vector,
-    )
+def _stamped(estimate: Estimate, *values: float) -> Any:
+    return vector_message(estimate.make, estimate.header.message(estimate.make), values)
 
 
 def _mean_attenuation(estimate: Estimate) -> Any:
@@ -160,21 +194,9 @@ def _depth(estimate: Estimate) -> Any:
     numbers = (visibility.depth, visibility.depth_stddev)
     if visibility.depth_status is not Status.OK or not all(map(math.isfinite, numbers)):
         return None
-    covariance = UNMEASURED_VARIANCE * np.eye(6)
-    covariance[2, 2] = visibility.depth_stddev**2
-    pose = estimate.make(
-        "geometry_msgs/msg/Pose",
-        position=estimate.make("geometry_msgs/msg/Point", x=0.0, y=0.0, z=-float(visibility.depth)),
-        orientation=estimate.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
-    )
     header = estimate.header._replace(frame_id=estimate.config.depth_frame)
-    return estimate.make(
-        "geometry_msgs/msg/PoseWithCovarianceStamped",
-        header=header.message(estimate.make),
-        pose=estimate.make(
-            "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.ravel()
-        ),
-    )
+    return depth_message(
+        estimate.make, header.message(estimate.make), visibility.depth, visibility.depth_stddev**2)
 
 
 _BUILDERS: dict[str, tuple[str, Callable[[Estimate], Any]]] = {

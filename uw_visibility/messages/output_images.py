@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.schema import NodeConfig
-from uw_visibility.messages.estimates import Estimate, ImageHeader, field_of_view
+from uw_visibility.messages.estimates import Estimate, ImageHeader, field_of_view, region_message
 from uw_visibility.messages.frames import StereoFrame, StereoPair
 from uw_visibility.messages.images import MessageFactory, write_image
 from uw_visibility.messages.output_kernels import (
@@ -114,8 +114,8 @@ def _camera_info(source: Source, info: Any, header: Any) -> Any:
         distortion_model=info.distortion_model,
         binning_x=info.binning_x,
         binning_y=info.binning_y,
-        roi=_region(
-            source, (roi.x_offset, roi.y_offset, roi.width, roi.height), bool(roi.do_rectify)
+        roi=region_message(
+            source.make, (roi.x_offset, roi.y_offset, roi.width, roi.height), bool(roi.do_rectify)
         ),
         **{name: matrix_of(info, name) for name in "dkrp"},
     )
@@ -130,7 +130,7 @@ def disparity(source: Source) -> Any:
         image=write_image(source.make, pixels, "32FC1", source.left_header),
         f=source.pair.rig.focal_length,
         t=source.pair.rig.baseline,
-        valid_window=_region(source, _valid_window(source)),
+        valid_window=region_message(source.make, _valid_window(source)),
         min_disparity=low,
         max_disparity=high,
         delta_d=DISPARITY_STEP,
@@ -208,11 +208,3 @@ def _valid_window(source: Source) -> tuple[int, int, int, int]:
     start = max(x, source.result.stereo.min_disparity)
     stop = min(x + width, image_width + source.result.stereo.max_disparity)
     return start, y, max(stop - start, 0), height
-
-
-def _region(source: Source, window: tuple[int, int, int, int], do_rectify: bool = False) -> Any:
-    x, y, width, height = window
-    return source.make(
-        "sensor_msgs/msg/RegionOfInterest",
-        x_offset=x, y_offset=y, height=height, width=width, do_rectify=do_rectify,
-    )

@@ -23,11 +23,16 @@ from numpy.typing import NDArray
 from uw_visibility.config.parameter_file import render_values
 from uw_visibility.config.water import AssessmentConfig
 from uw_visibility.errors import InputError, check_range
-from uw_visibility.messages.estimates import UNMEASURED_VARIANCE
+from uw_visibility.messages.estimates import (
+    ImageHeader,
+    depth_message,
+    region_message,
+    vector_message,
+)
 from uw_visibility.messages.images import MessageFactory, write_image
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.bags.writer import BagWriter
-from uw_visibility.replay.inputs.positions import wrap_longitude
+from uw_visibility.replay.inputs.positions import geographic
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.lamps import Lamp, lighting_parameters
 from uw_visibility.simulation.transect import Transect, TransectFrame
@@ -74,7 +79,6 @@ START = 1_700_000_000
 LEFT_FRAME = "stereo_left_optical_frame"
 RIGHT_FRAME = "stereo_right_optical_frame"
 DEPTH_FRAME = "map"
-EARTH_RADIUS = 6371008.8
 
 
 def write_transect(
@@ -137,28 +141,29 @@ def write_transect(
             for side, frame_id, pixels in (
                 ("left", LEFT_FRAME, frame.left), ("right", RIGHT_FRAME, frame.right)
             ):
-                header = messages.header(stamp, frame_id)
+                header = ImageHeader.at(stamp, frame_id).message(bag.make)
                 image = write_image(bag.make, pixels, "rgb8", header)
                 bag.write(f"/{side}/image_rect", image, stamp)
                 bag.write(f"/{side}/camera_info", messages.camera_info(side, header), stamp)
-            header = messages.header(stamp, LEFT_FRAME)
-            surface = messages.header(stamp, DEPTH_FRAME)
+            header = ImageHeader.at(stamp, LEFT_FRAME).message(bag.make)
+            surface = ImageHeader.at(stamp, DEPTH_FRAME).message(bag.make)
             noisy = frame.depth + depth_stddev * random.standard_normal()
-            bag.write("/depth_sensor", messages.depth(surface, noisy, depth_stddev**2), stamp)
+            sensed = depth_message(bag.make, surface, noisy, depth_stddev**2)
+            bag.write("/depth_sensor", sensed, stamp)
             beam = frame.attenuation[1] * (1 + TRANSMISSOMETER_NOISE * optical.standard_normal())
             bag.write("/transmissometer", bag.make("std_msgs/msg/Float64", data=beam), stamp)
             if position is not None:
                 fix = messages.fix(header, position, transect.speed * time)
                 bag.write(POSITION_TOPIC, fix, stamp)
             truth = {
-                "attenuation": messages.vector(header, frame.attenuation),
-                "ambient_light": messages.vector(header, frame.ambient_light),
-                "scene_light": messages.vector(header, frame.scene_light),
+                "attenuation": vector_message(bag.make, header, frame.attenuation),
+                "ambient_light": vector_message(bag.make, header, frame.ambient_light),
+                "scene_light": vector_message(bag.make, header, frame.scene_light),
                 "visibility": bag.make(
                     "std_msgs/msg/Float64", data=visibility_distance(
                         float(frame.attenuation.min()), AssessmentConfig().contrast)),
                 "mean_attenuation": bag.make("std_msgs/msg/Float64", data=frame.mean_attenuation),
-                "depth": messages.depth(surface, frame.depth, 0.0),
+                "depth": depth_message(bag.make, surface, frame.depth, 0.0),
                 "disparity": messages.disparity(header, frame.disparity_left),
             }
             if lighting.lamps:
@@ -178,11 +183,6 @@ class _Messages:
         self._make = make
         self._camera = camera
         self._calibrated_baseline = range_scale * camera.baseline
-
-    def header(self, stamp: int, frame_id: str) -> Any:
-        seconds, nanoseconds = divmod(stamp, 1_000_000_000)
-        time = self._make("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
-        return self._make("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
 
     def camera_info(self, side: str, header: Any) -> Any:
         focal_length = self._camera.focal_length
@@ -204,44 +204,20 @@ class _Messages:
             p=projection.ravel(),
             binning_x=0,
             binning_y=0,
-            roi=self._region(0, 0),
-        )
-
-    def depth(self, header: Any, depth: float, variance: float) -> Any:
-        covariance = UNMEASURED_VARIANCE * np.eye(6)
-        covariance[2, 2] = variance
-        pose = self._make(
-            "geometry_msgs/msg/Pose",
-            position=self._make("geometry_msgs/msg/Point", x=0.0, y=0.0, z=-float(depth)),
-            orientation=self._make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
-        )
-        return self._make(
-            "geometry_msgs/msg/PoseWithCovarianceStamped",
-            header=header,
-            pose=self._make(
-                "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.ravel()
-            ),
+            roi=region_message(self._make, (0, 0, 0, 0)),
         )
 
     def fix(self, header: Any, start: tuple[float, float], east: float) -> Any:
-        radius = EARTH_RADIUS * math.cos(math.radians(start[0]))
+        longitude, latitude = geographic(east, 0.0, start)
         return self._make(
             POSITION_TYPE,
             header=header,
             status=self._make("sensor_msgs/msg/NavSatStatus", status=0, service=1),
-            latitude=start[0],
-            longitude=wrap_longitude(start[1] + math.degrees(east / radius)),
+            latitude=latitude,
+            longitude=longitude,
             altitude=0.0,
             position_covariance=np.zeros(9),
             position_covariance_type=0,
-        )
-
-    def vector(self, header: Any, values: NDArray[np.float64]) -> Any:
-        x, y, z = (float(v) for v in values)
-        return self._make(
-            "geometry_msgs/msg/Vector3Stamped",
-            header=header,
-            vector=self._make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
         )
 
     def lamps(self, lamps: tuple[Lamp, ...]) -> Any:
@@ -269,15 +245,9 @@ class _Messages:
             image=write_image(self._make, known, "32FC1", header),
             f=camera.focal_length,
             t=camera.baseline,
-            valid_window=self._region(camera.width, camera.height),
+            valid_window=region_message(self._make, (0, 0, camera.width, camera.height)),
             # A ray is at least as long as the distance that disparity tells.
             min_disparity=camera.focal_length * camera.baseline / MAX_RANGE,
             max_disparity=float(max(math.ceil(known.max()), 1)),
             delta_d=float(np.finfo(np.float32).eps * max(known.max(), 1.0)),
-        )
-
-    def _region(self, width: int, height: int) -> Any:
-        return self._make(
-            "sensor_msgs/msg/RegionOfInterest",
-            x_offset=0, y_offset=0, height=height, width=width, do_rectify=False,
         )

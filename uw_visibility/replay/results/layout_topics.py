@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from uw_visibility.messages.estimates import ImageHeader
 from uw_visibility.messages.images import MessageFactory
 from uw_visibility.replay.bags.storage import Channel
 from uw_visibility.replay.inputs.topics import COMPRESSED, Selection
@@ -79,7 +80,5 @@ def diagnostics(make: MessageFactory, joined: JoinedFrame) -> Any:
         )
         for name, message in states.items()
     ]
-    seconds, nanoseconds = divmod(joined.record.stamp, 1_000_000_000)
-    stamp = make("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
-    header = make("std_msgs/msg/Header", stamp=stamp, frame_id="")
-    return make(DIAGNOSTICS_TYPE, header=header, status=status)
+    header = ImageHeader.at(joined.record.stamp)
+    return make(DIAGNOSTICS_TYPE, header=header.message(make), status=status)
