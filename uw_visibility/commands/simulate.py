@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from uw_visibility.commands.terminal import say
 from uw_visibility.errors import InputError, check_range
 
 if TYPE_CHECKING:
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
     from uw_visibility.simulation.lamps import Lighting
     from uw_visibility.simulation.water import WaterEffects
 
-from uw_visibility.commands.terminal import say
+Made = TypeVar("Made")
 
 MOST_THREADS = 64
 
@@ -285,29 +287,15 @@ def run(arguments: argparse.Namespace) -> None:
     focal_length = arguments.focal_length
     if focal_length is None:
         focal_length = arguments.width * 15 / 16
-    transect = Transect(
-        frames=arguments.frames,
-        rate=arguments.rate,
-        depth=tuple(arguments.depth),
-        attenuation=tuple(arguments.attenuation),
-        speed=arguments.speed,
+    transect = _of_arguments(
+        Transect, arguments,
         altitude=_altitude(arguments.altitude),
         tilt=90.0 if arguments.downward else Transect.tilt,
-        seed=arguments.seed,
-        exposure=arguments.exposure,
-        camera=StereoCamera(arguments.width, arguments.height, focal_length, arguments.baseline),
+        camera=_of_arguments(StereoCamera, arguments, focal_length=focal_length),
         sensor=_sensor(arguments),
-        effects=Effects(arguments.marine_snow, arguments.caustics, arguments.snow_brightness),
+        effects=_of_arguments(Effects, arguments),
         workers=Workers(arguments.threads),
-        camera_effects=CameraEffects(
-            transfer=arguments.transfer,
-            white_balance=tuple(arguments.white_balance),
-            automatic_white_balance=arguments.automatic_white_balance,
-            vignetting=arguments.vignetting,
-            exposure_difference=arguments.exposure_difference,
-            bayer=arguments.bayer,
-            jpeg=arguments.jpeg,
-        ),
+        camera_effects=_of_arguments(CameraEffects, arguments),
         water_effects=_water_effects(arguments),
         lighting=_lighting(arguments),
     )
@@ -321,6 +309,19 @@ def run(arguments: argparse.Namespace) -> None:
         progress=lambda frames: progress_bar(frames, "simulate", transect.frames),
     )
     say(f"{arguments.output}: {transect.frames} stereo frames at {transect.rate:g} Hz")
+
+
+def _of_arguments(
+    kind: Callable[..., Made], arguments: argparse.Namespace, **others: Any
+) -> Made:
+    """Make a dataclass of the arguments that are named as its fields, and of others."""
+    given = {
+        field.name: getattr(arguments, field.name) for field in fields(kind)  # type: ignore[arg-type]
+        if field.name not in others and hasattr(arguments, field.name)
+    }
+    values = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
+    return kind(**values, **others)
 
 
 def _altitude(heights: list[float]) -> tuple[float, float]:
@@ -353,14 +354,9 @@ def _lighting(arguments: argparse.Namespace) -> Lighting:
         lamps = tuple(replace(lamp, direction=axis) for lamp, axis in zip(lamps, axes, strict=True))
     if arguments.night and not lamps:
         raise InputError("--night has no light without lamps: give --lamps 2, say")
-    return Lighting(
-        lamps=lamps,
-        daylight=arguments.daylight or not lamps,
-        shaded=not arguments.no_shading,
-        scattering_albedo=tuple(arguments.scattering_albedo),
-        phase_function=arguments.phase_function,
-        strobe=arguments.strobe,
-        jitter=arguments.lamp_jitter,
+    return _of_arguments(
+        Lighting, arguments, lamps=lamps, daylight=arguments.daylight or not lamps,
+        shaded=not arguments.no_shading, jitter=arguments.lamp_jitter,
     )
 
 
@@ -379,7 +375,7 @@ def _sensor(arguments: argparse.Namespace) -> Sensor:
         return NOISELESS
     if arguments.noise_codes is not None:
         return Sensor.gaussian(arguments.noise_codes)
-    return Sensor(arguments.full_well, arguments.read_noise)
+    return _of_arguments(Sensor, arguments)
 
 
 def _water_effects(arguments: argparse.Namespace) -> WaterEffects:
@@ -388,17 +384,8 @@ def _water_effects(arguments: argparse.Namespace) -> WaterEffects:
     veil = tuple(arguments.veil)
     if len(veil) not in (1, 3):
         raise InputError(f"--veil has {len(veil)} values: give one ratio, or three for R, G, B")
-    return WaterEffects(
-        veil=veil * (3 // len(veil)),
-        channel_attenuation=tuple(arguments.channel_attenuation),
-        water_type=arguments.water_type,
-        particle_slope=arguments.particle_slope,
-        cdom=arguments.cdom,
-        blur=arguments.blur,
-        layer=arguments.layer[0],
-        layer_height=arguments.layer[1],
-        plume=arguments.plume[0],
-        plume_share=arguments.plume[1],
-        veil_gradient=arguments.veil_gradient,
-        light_gradient=arguments.light_gradient,
+    (layer, layer_height), (plume, plume_share) = arguments.layer, arguments.plume
+    return _of_arguments(
+        WaterEffects, arguments, veil=veil * (3 // len(veil)),
+        layer=layer, layer_height=layer_height, plume=plume, plume_share=plume_share,
     )
