@@ -31,7 +31,6 @@ from uw_visibility.evaluation.oracle_matching import match_with_truth
 from uw_visibility.evaluation.readings import Reading, Truth, flat
 from uw_visibility.evaluation.reliability import Reliability
 from uw_visibility.evaluation.scenes import SceneSource, search_limit, tolerance
-from uw_visibility.optics.spectra import load_response
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.water.assessment import Assessor
@@ -184,11 +183,10 @@ class CaseResult:
 
     def row(self) -> dict[str, Any]:
         """Return the case as a row of a table."""
-        columns: dict[str, Any] = {"scene": self.scene, "noise": self.noise}
-        columns |= flat("true", self.truth)
-        columns |= {"tolerance": self.tolerance, "refusal": self.refusal}
-        for name, reading in self.readings.items():
-            columns |= flat(name, reading)
+        columns: dict[str, Any] = {
+            "scene": self.scene, "noise": self.noise, **flat({"true": self.truth}),
+            "tolerance": self.tolerance, "refusal": self.refusal, **flat(self.readings),
+        }
         groups: tuple[tuple[str, Mapping[str, float]], ...] = (
             ("matched", self.matched), ("correct", self.correct), ("wrong", self.wrong),
             ("colour_difference", self.colour_difference),
@@ -303,9 +301,7 @@ class _Bench:
         self.pipeline = Pipeline(self.rig, self.config)
         self.exact_range = scene.range_of(scene.disparity_left)
         camera = config.camera
-        self.assessor = Assessor(
-            config.assessment, load_response(camera.response), camera.white_reference
-        )
+        self.assessor = Assessor.from_config(config)
         self._estimators = {
             method: WaterEstimator(
                 replace(config.water, method=method),
@@ -331,7 +327,7 @@ class _Bench:
         else:
             found = self.rig.range_from_disparity(result.disparity)
             readings["step1"] = self._reading(result.coarse_water)
-            readings["pipeline"] = Reading.of(result.water, result.visibility)
+            readings["pipeline"] = Reading.of_result(result)
             readings["paper_pipeline"] = self._reading(
                 # Which takes every range as exact.
                 self._estimators["paper"].estimate(left, found, range_error=0.0)

@@ -4,16 +4,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import InputError
 from uw_visibility.optics.light_model import ambient_light_at_depth, visibility_distance
+from uw_visibility.pipeline.estimate_water import WaterResult
+from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.status import Status
+from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.filter import FilteredWater
 
 CHANNELS = ("red", "green", "blue")
 Triple = tuple[float, float, float]
@@ -129,6 +137,11 @@ class Reading:
         )
 
     @classmethod
+    def of_result(cls, result: FrameResult | WaterResult | FilteredWater) -> Reading:
+        """Reading of a result's water and visibility."""
+        return cls.of(result.water, result.visibility)
+
+    @classmethod
     def refused(cls, reason: str) -> Reading:
         """Reading in which nothing was assessed, with the reason."""
         visibility = Visibility(Status.NO_TEXTURE, Status.NO_TEXTURE)
@@ -137,17 +150,35 @@ class Reading:
         return cls(**{**vars(reading), **statuses})
 
 
-def flat(prefix: str, record: Truth | Reading) -> dict[str, Any]:
-    """Return a record's fields as columns of a table, one for each channel."""
+def flat(records: Mapping[str, Truth | Reading]) -> dict[str, Any]:
+    """Return the fields of records as columns of a table, one for each channel, by prefix."""
     columns: dict[str, Any] = {}
-    for name, value in vars(record).items():
-        if isinstance(value, tuple):
-            columns |= {
-                f"{prefix}.{name}.{c}": v for c, v in zip(CHANNELS, value, strict=True)
-            }
-        else:
-            columns[f"{prefix}.{name}"] = value
+    for prefix, record in records.items():
+        for name, value in vars(record).items():
+            if isinstance(value, tuple):
+                columns |= {
+                    f"{prefix}.{name}.{c}": v for c, v in zip(CHANNELS, value, strict=True)
+                }
+            else:
+                columns[f"{prefix}.{name}"] = value
     return columns
+
+
+def match_and_read(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig,
+    disparity: NDArray[np.float32], config: PipelineConfig,
+) -> tuple[Reading, NDArray[np.float32] | None]:
+    """Let the pipeline match a pair, as far as the true disparities (px) go.
+
+    Returns the reading, and what was matched, px; None for a pair that is refused.
+    """
+    largest = int(np.nanmax(disparity)) + 8
+    config = replace(config, stereo=replace(config.stereo, max_disparity=largest))
+    try:
+        result = Pipeline(rig, config).process(left, right)
+    except InputError as error:
+        return Reading.refused(f"pair refused: {error}"), None
+    return Reading.of_result(result), result.disparity
 
 
 def triple(values: ArrayLike) -> Triple:

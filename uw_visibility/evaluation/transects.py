@@ -93,8 +93,10 @@ class TransectRow:
     def row(self) -> dict[str, Any]:
         """Return the frame as a row of a table."""
         return {
-            "time": self.time, **flat("true", self.truth), **flat("pipeline", self.reading),
-            **flat("tracked", self.tracked), **flat("exact", self.exact),
+            "time": self.time, **flat({
+                "true": self.truth, "pipeline": self.reading, "tracked": self.tracked,
+                "exact": self.exact,
+            }),
         }
 
 
@@ -146,11 +148,11 @@ def _read(
     except InputError as error:
         refused = Reading.refused(f"pair refused: {error}")
         return refused, refused
-    alone = Reading.of(result.water, result.visibility)
+    alone = Reading.of_result(result)
     filtered = water_filter.update(result.water, time)
     if filtered is None:
         return alone, Reading.refused("tracking is off")
-    return alone, Reading.of(filtered.water, filtered.visibility)
+    return alone, Reading.of_result(filtered)
 
 
 def frame_to_frame(truths: Sequence[Truth], readings: Sequence[Reading]) -> float:

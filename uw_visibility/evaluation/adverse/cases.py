@@ -13,14 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.errors import InputError
 from uw_visibility.evaluation.adverse.effects import Level
 from uw_visibility.evaluation.adverse.scenes import AdverseScene, AdverseSource
 from uw_visibility.evaluation.backscatter import fit_backscatter
-from uw_visibility.evaluation.readings import Reading, Truth, flat
-from uw_visibility.optics.spectra import load_response
+from uw_visibility.evaluation.readings import Reading, Truth, flat, match_and_read
 from uw_visibility.pipeline.estimate_water import estimate_water
-from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.effects import marine_snow
 from uw_visibility.simulation.formation import effective_attenuation, form_image
@@ -104,14 +101,11 @@ class AdverseResult:
 
     def row(self) -> dict[str, Any]:
         """Return the case as a row of a table."""
-        columns: dict[str, Any] = {
+        return {
             "effect": self.effect, "level": self.level, "scene": self.scene,
             "open_water": self.open_water, "seed": self.seed,
+            **flat({"true": self.truth, **self.readings}),
         }
-        columns |= flat("true", self.truth)
-        for name, reading in self.readings.items():
-            columns |= flat(name, reading)
-        return columns
 
 
 def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> AdverseResult:
@@ -195,8 +189,7 @@ class _Methods:
     def __init__(self, config: PipelineConfig) -> None:
         camera = config.camera
         self._config = config
-        self.assessor = Assessor(
-            config.assessment, load_response(camera.response), camera.white_reference)
+        self.assessor = Assessor.from_config(config)
         kappa = self.assessor.clear_water_attenuation
         paper = WaterEstimator(
             replace(config.water, method="paper"), kappa, camera.transfer, self.assessor.daylight)
@@ -209,8 +202,7 @@ class _Methods:
     def read(self, image: Image, disparity: Map, rig: StereoRig) -> dict[str, Reading]:
         """Let the methods estimate the water from an image and exact disparities."""
         result = estimate_water(image, disparity, rig, self._config, disparity_stddev=0.0)
-        ours = Reading.of(result.water, result.visibility)
-        return {"ours": ours, **self._read_peers(image, disparity, rig)}
+        return {"ours": Reading.of_result(result), **self._read_peers(image, disparity, rig)}
 
     def _read_peers(self, image: Image, disparity: Map, rig: StereoRig) -> dict[str, Reading]:
         ranges = rig.range_from_disparity(disparity)
@@ -224,14 +216,10 @@ class _Methods:
         self, left: Image, right: Image, rig: StereoRig, disparity: Map
     ) -> dict[str, Reading]:
         """Let the pipeline match a pair, and the peers take its disparities."""
-        largest = int(np.nanmax(disparity)) + 8
-        config = replace(self._config, stereo=replace(self._config.stereo, max_disparity=largest))
-        try:
-            result = Pipeline(rig, config).process(left, right)
-        except InputError as error:
-            return dict.fromkeys(METHODS, Reading.refused(f"pair refused: {error}"))
-        ours = Reading.of(result.water, result.visibility)
-        return {"ours": ours, **self._read_peers(left, result.disparity, rig)}
+        ours, matched = match_and_read(left, right, rig, disparity, self._config)
+        if matched is None:
+            return dict.fromkeys(METHODS, ours)
+        return {"ours": ours, **self._read_peers(left, matched, rig)}
 
 
 @lru_cache(maxsize=8)

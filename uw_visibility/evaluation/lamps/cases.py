@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.errors import InputError
-from uw_visibility.evaluation.readings import Reading, Truth, flat
+from uw_visibility.evaluation.readings import Reading, Truth, flat, match_and_read
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.pipeline.estimate_water import estimate_water
-from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.simulation.camera import Pose, StereoCamera
 from uw_visibility.simulation.frame import RenderedFrame, Renderer
 from uw_visibility.simulation.lamps import (
@@ -90,14 +88,11 @@ class LampResult:
 
     def row(self) -> dict[str, Any]:
         """Return the case as a row of a table."""
-        columns: dict[str, Any] = {
+        return {
             "seed": self.case.seed, "lamps": self.case.lamps,
             "mean_attenuation": self.case.mean_attenuation, "surfaces": self.case.surfaces,
+            **flat({"true": self.truth, **self.readings}),
         }
-        columns |= flat("true", self.truth)
-        for name, reading in self.readings.items():
-            columns |= flat(name, reading)
-        return columns
 
 
 def pose_of(seed: int) -> Pose:
@@ -161,11 +156,6 @@ def _read(frame: RenderedFrame, config: PipelineConfig, matched: bool) -> Readin
     if not matched:
         found = estimate_water(
             frame.left, frame.disparity_left, CAMERA.rig, config, disparity_stddev=0.0)
-        return Reading.of(found.water, found.visibility)
-    largest = int(np.nanmax(frame.disparity_left)) + 8
-    config = replace(config, stereo=replace(config.stereo, max_disparity=largest))
-    try:
-        result = Pipeline(CAMERA.rig, config).process(frame.left, frame.right)
-    except InputError as error:
-        return Reading.refused(f"pair refused: {error}")
-    return Reading.of(result.water, result.visibility)
+        return Reading.of_result(found)
+    return match_and_read(
+        frame.left, frame.right, CAMERA.rig, frame.disparity_left, config)[0]

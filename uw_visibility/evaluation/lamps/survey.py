@@ -72,8 +72,8 @@ class SurveyRow:
     def row(self, index: int) -> dict[str, Any]:
         """Return the frame as a row of a table."""
         return {
-            "frame": index, **flat("true", self.truth), **flat("single", self.single),
-            **flat("pooled", self.pooled),
+            "frame": index,
+            **flat({"true": self.truth, "single": self.single, "pooled": self.pooled}),
         }
 
 
@@ -171,11 +171,9 @@ def _process(
 
     for index, survey_frame in progress(iter(enumerate(frames)), len(frames)):
         result = see(survey_frame.frame, "online")
-        single = Reading.of(result.water, result.visibility)
+        single = Reading.of_result(result)
         filtered = water_filter.update(result.water, float(index))
-        pooled = single
-        if filtered is not None:
-            pooled = Reading.of(filtered.water, filtered.visibility)
+        pooled = single if filtered is None else Reading.of_result(filtered)
         rows.append(SurveyRow(truth, single, pooled))
     # As for a mosaic: with the light of all frames, as the statistical method has it too.
     for _, survey_frame in progress(iter(enumerate(frames)), len(frames)):
