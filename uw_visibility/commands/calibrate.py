@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uw_visibility.commands import calibrate_lighting
+from uw_visibility.commands.progress import say
 from uw_visibility.commands.recording_options import (
     add_recording_options,
     jobs,
     read_recording_options,
     reading,
 )
-from uw_visibility.commands.terminal import say
 from uw_visibility.config.files import write_whole
 from uw_visibility.errors import InputError, printable
 

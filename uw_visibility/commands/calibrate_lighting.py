@@ -8,8 +8,8 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
+from uw_visibility.commands.progress import say
 from uw_visibility.commands.recording_options import read_recording_options, reading
-from uw_visibility.commands.terminal import say
 from uw_visibility.config.files import write_whole
 from uw_visibility.errors import InputError, needing, printable
 

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from uw_visibility.commands.terminal import say
+from uw_visibility.commands.progress import say
 from uw_visibility.config.files import gathered, sole_writer, write_whole
 from uw_visibility.errors import InputError
 

@@ -8,7 +8,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from uw_visibility.commands.terminal import say
+from uw_visibility.commands.progress import say
 from uw_visibility.config.files import gathered, sole_writer
 from uw_visibility.errors import InputError, check_range, needing
 

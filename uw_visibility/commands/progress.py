@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Progress on standard error, a bar on a terminal and lines elsewhere, and in a log."""
+"""Lines on the terminal, and progress on standard error: a bar or lines, and in a log."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import LONGEST_MESSAGE, InputError, printable
 
 Item = TypeVar("Item")
 
@@ -78,3 +78,16 @@ def tell(text: str) -> None:
     """Write a line to standard error, where that is a terminal."""
     if sys.stderr.isatty():
         print(text, file=sys.stderr)
+
+
+def say(line: str, *, error: bool = False) -> None:
+    """Print a line, which may hold text from outside: names of topics, files and frames.
+
+    Parameters
+    ----------
+    line : str
+        The line.
+    error : bool
+        Whether it goes to standard error.
+    """
+    print(printable(line, LONGEST_MESSAGE), file=sys.stderr if error else sys.stdout)

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from uw_visibility.commands.terminal import say
+from uw_visibility.commands.progress import say
 from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.errors import InputError, needing
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from uw_visibility.commands.progress import say
 from uw_visibility.commands.recording_options import (
     add_recording_options,
     jobs,
@@ -16,7 +17,6 @@ from uw_visibility.commands.recording_options import (
     read_recording_options,
     reading,
 )
-from uw_visibility.commands.terminal import say
 from uw_visibility.errors import InputError
 
 # Numbers of a topic that --list names.

@@ -10,7 +10,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from uw_visibility.commands.terminal import say
+from uw_visibility.commands.progress import say
 from uw_visibility.errors import InputError, check_range
 
 if TYPE_CHECKING:

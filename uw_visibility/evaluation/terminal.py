@@ -11,8 +11,8 @@ from uw_visibility.evaluation.cases import IMAGES, MATCHES, READINGS
 from uw_visibility.evaluation.depth_edges import DISTANCE, MAPS
 from uw_visibility.evaluation.methods import of_kind
 from uw_visibility.evaluation.noise_axis import title_of
-from uw_visibility.evaluation.numbers_as_text import number
 from uw_visibility.evaluation.summary import TURBID, Summary
+from uw_visibility.evaluation.tables import number
 
 # Places that are listed of one reason; evaluation.json has them all.
 PLACES_SHOWN = 4

@@ -11,7 +11,7 @@ from __future__ import annotations
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.estimates import ESTIMATES, Estimate
 from uw_visibility.messages.outputs import FILTERED, all_topics
-from uw_visibility.replay.bags.types import jazzy_types
+from uw_visibility.replay.bags.decoder import jazzy_types
 from uw_visibility.replay.records import FrameEstimate
 from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.filter import FilteredWater, WaterFilter

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
@@ -15,13 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
-from uw_visibility.replay.columns import CHANNELS, FAILED, word
+from uw_visibility.replay.columns import CHANNELS, FAILED, Column, word
 from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.records import FrameEstimate, JoinedFrame
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.derived import QUANTITIES, DerivedModel, DerivedQuantities
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.survey import SurveyEstimate
+
+ROWS = 1024
+"""Rows of a slice."""
 
 
 def seconds(nanoseconds: int) -> str:
@@ -236,3 +240,39 @@ def read_columns(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float
     rows = [[float(row[name] or "nan") for name in names] for row in read_rows(path)]
     values = np.array(rows, np.float64).reshape(-1, len(names))
     return {name: values[:, index] for index, name in enumerate(names)}
+
+
+def slices(
+    path: Path, columns: Mapping[str, Column], rows: int = ROWS
+) -> Iterator[dict[str, NDArray]]:
+    """Yield a table's columns in slices of rows; one without rows where there are none.
+
+    Parameters
+    ----------
+    path : Path
+        The table.
+    columns : mapping of str to Column
+    rows : int
+        Rows of a slice.
+
+    Yields
+    ------
+    dict of str to ndarray, (n,)
+        float64 for numbers, NaN where they are not known; object (str) for texts.
+
+    Raises
+    ------
+    InputError
+        If the table is damaged.
+    """
+    found = read_rows(path)
+    for number in itertools.count():
+        part = list(itertools.islice(found, rows))
+        if not part and number:
+            return
+        yield {
+            name: np.array([float(row[name] or "nan") for row in part])
+            if column.kind in ("integer", "number")
+            else np.array([row[name] for row in part], dtype=object)
+            for name, column in columns.items()
+        }

@@ -16,10 +16,9 @@ from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.processor import FrameProcessor, FrameWork
 from uw_visibility.pipeline.result import FrameResult
-from uw_visibility.replay.bags.decoder import Decoder
+from uw_visibility.replay.bags.decoder import Decoder, jazzy_types
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.bags.storage import Channel, Recorded
-from uw_visibility.replay.bags.types import jazzy_types
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.stream import RecordedFrame
 from uw_visibility.replay.inputs.topics import Selection

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -13,7 +15,6 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from uw_visibility.errors import InputError, printable
-from uw_visibility.ros.memory import release_memory
 from uw_visibility.ros.monitor.finding import OK, WARN, Finding
 from uw_visibility.ros.run import STOP_TIMEOUT, run
 
@@ -143,6 +144,22 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         label = self._state_machine.current_state[1]
         finding = Finding(OK if label == "active" else WARN, label)
         return {"lifecycle": finding} | dict(self._core.diagnose() if self._core else {})
+
+
+def release_memory() -> None:
+    """Return unused memory to the system, as after a clean-up.
+
+    Each thread frees into an arena of its own, so that without this every new worker would
+    leave one frame's memory behind.
+    """
+    # What the work consists of refers to one another, so that counting alone frees nothing.
+    gc.collect()
+    try:
+        trim = ctypes.CDLL(None).malloc_trim
+    except AttributeError:
+        # Another C library than glibc.
+        return
+    trim(0)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -10,9 +10,8 @@ from typing import Any
 from uw_visibility.evaluation.adverse.cases import METHODS, AdverseResult
 from uw_visibility.evaluation.adverse.study import AdversePlan
 from uw_visibility.evaluation.adverse.summary import Summary
-from uw_visibility.evaluation.numbers_as_text import number, percent
 from uw_visibility.evaluation.summary import columns_of
-from uw_visibility.evaluation.tables import as_csv, told, write_report
+from uw_visibility.evaluation.tables import as_csv, number, percent, told, write_report
 
 
 def adverse_text(summary: Summary) -> str:

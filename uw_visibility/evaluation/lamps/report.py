@@ -11,9 +11,8 @@ from uw_visibility.evaluation.lamps.cases import TOLD, LampResult
 from uw_visibility.evaluation.lamps.study import LampPlan
 from uw_visibility.evaluation.lamps.summary import Summary
 from uw_visibility.evaluation.lamps.survey import PICTURES, SurveyResult
-from uw_visibility.evaluation.numbers_as_text import number, percent
 from uw_visibility.evaluation.readings import CHANNELS
-from uw_visibility.evaluation.tables import as_csv, told, write_report
+from uw_visibility.evaluation.tables import as_csv, number, percent, told, write_report
 
 
 def lamps_text(summary: Summary) -> str:

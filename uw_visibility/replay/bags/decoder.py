@@ -10,6 +10,7 @@ from typing import Any
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from uw_visibility.errors import InputError, printable
+from uw_visibility.messages.images import MessageFactory, typestore_factory
 from uw_visibility.replay.bags.storage import Channel, Recorded
 
 IDL_SEPARATOR = "=" * 80 + "\n"
@@ -88,3 +89,9 @@ def _types(channel: Channel) -> dict[str, Any]:
         text = part.split("\n", 1)[1] if part.startswith("IDL: ") else part
         types.update(get_types_from_idl(text))
     return types
+
+
+def jazzy_types() -> tuple[Any, MessageFactory]:
+    """Return the type store of ROS 2 Jazzy, which serialises, and a factory of its messages."""
+    store = common_types(ros1=False)
+    return store, typestore_factory(store.types)

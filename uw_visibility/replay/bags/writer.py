@@ -21,7 +21,7 @@ from rosbags.rosbag2 import (
 
 from uw_visibility.config.files import aside_of, sole_writer
 from uw_visibility.errors import InputError
-from uw_visibility.replay.bags.types import jazzy_types
+from uw_visibility.replay.bags.decoder import jazzy_types
 
 
 class BagWriter:

@@ -13,8 +13,8 @@ from types import MappingProxyType
 from typing import Any
 
 from uw_visibility.messages.comparisons import NIS_TOPICS, nis_messages
+from uw_visibility.replay.bags.decoder import jazzy_types
 from uw_visibility.replay.bags.reader import BagReader, Recorded, UnreadableError
-from uw_visibility.replay.bags.types import jazzy_types
 from uw_visibility.replay.bags.writer import BagWriter
 from uw_visibility.replay.frame_log import read_records
 from uw_visibility.replay.records import JoinedFrame

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.errors import needing
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, Column
-from uw_visibility.replay.results.slices import ROWS, slices
+from uw_visibility.replay.table import ROWS, slices
 
 CONVENTIONS = "CF-1.11"
 DIMENSION = "obs"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.errors import needing
 from uw_visibility.replay.columns import Column
-from uw_visibility.replay.results.slices import slices
+from uw_visibility.replay.table import slices
 
 
 def check_parquet() -> None:
