@@ -310,6 +310,32 @@ class TestPhysicalSense:
         # A single veil leaves them three tenths too small.
         assert abs(np.median(errors)) < 0.1
 
+    @pytest.mark.parametrize("far", [6.0, 9.0])
+    def test_a_brighter_veil_above_that_the_whole_scene_has_faded_into(self, far):
+        """Nothing tells the water above from a smooth wall but that all follows from it."""
+        scores, ratios = [], []
+        for seed in self.SEEDS:
+            rng = np.random.default_rng(seed)
+            beta = KAPPA + rng.uniform(0.35, 0.6)
+            rows = np.linspace(0.0, 1.0, SHAPE[0], dtype=np.float32)[:, np.newaxis]
+            heights = cv2.resize(
+                rng.uniform(0.8, 1.2, (6, 8)).astype(np.float32), SHAPE[::-1])
+            ranges = np.minimum(far, 2.4 * heights / np.maximum(rows - 0.2, 0.05))
+            gradient = (1.0 + rng.uniform(0.3, 0.6) * (0.5 - rows))[..., np.newaxis]
+            grey = cv2.resize(rng.random((SHAPE[0] // 3, SHAPE[1] // 3)), SHAPE[::-1])
+            rho = 0.9 * (grey[..., np.newaxis] - grey.min()) ** 2
+            left = np.exp(-beta * np.where(rows < 0.45, np.inf, ranges)[..., np.newaxis])
+            codes = 255.0 * 0.6 * (rho * left + gradient * (1.0 - left))
+            codes += rng.normal(0.0, 0.5, codes.shape)
+            ranges[: int(0.45 * SHAPE[0])] = np.nan
+            found = estimate(np.clip(np.round(codes), 0, 255).astype(np.uint8), ranges)
+            scores.append((found.attenuation - beta) / found.attenuation_stddev)
+            ratios.append(beta.min() / found.attenuation.min())
+        assert np.isfinite(scores).all(axis=1).mean() > 0.8
+        # Without that water visibility is 1.7 and 1.2 times the true one.
+        assert (np.abs(scores) > 3.0).any(axis=1).mean() < 0.1
+        assert abs(np.nanmedian(ratios) - 1.0) < 0.15
+
     def test_a_veil_that_changes_much_is_refused_without_open_water(self):
         """Twice as bright above, where far things are, as below, or five times."""
         statuses = []

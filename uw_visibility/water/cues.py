@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -24,10 +25,35 @@ from uw_visibility.water.observations import Envelopes
 from uw_visibility.water.open_water import OpenWater, find_open_water
 from uw_visibility.water.position import HalfEnvelopes, observe_halves
 from uw_visibility.water.surfaces import surface_statistics
-from uw_visibility.water.veil_gradient import PlaceCourse, VeilGradient, matters, place_course
+from uw_visibility.water.veil_gradient import (
+    PlaceCourse,
+    VeilGradient,
+    level_envelope,
+    level_halves,
+    level_samples,
+    matters,
+    place_course,
+)
 
 # Blockiness from which on pixels went through a JPEG: without one it is 1.02 at most.
 BLOCKS = 1.08
+
+
+class Observations(NamedTuple):
+    """What an image shows of its dark and bright patches over range.
+
+    Attributes
+    ----------
+    envelope : Envelopes
+    contrast : Decay or None
+        Decay of contrast with range.
+    halves : HalfEnvelopes or None
+        Dark envelopes of halves of the image.
+    """
+
+    envelope: Envelopes
+    contrast: Decay | None
+    halves: HalfEnvelopes | None
 
 
 class Cues(NamedTuple):
@@ -47,6 +73,8 @@ class Cues(NamedTuple):
         Where in the image the ranges lie.
     compressed : bool
         Whether the pixels went through a JPEG that was not told of.
+    level : Observations or None
+        Of the image with open water's veil all over, where its gradient matters.
     """
 
     contrast: Decay | None = None
@@ -55,6 +83,13 @@ class Cues(NamedTuple):
     coarse: bool = False
     places: PlaceCourse | None = None
     compressed: bool = False
+    level: Observations | None = None
+
+    @property
+    def certain_water(self) -> OpenWater | None:
+        """Open water in view that is certainly such."""
+        water = self.open_water
+        return water if water is not None and water.certain else None
 
     @property
     def gradient(self) -> VeilGradient | None:
@@ -74,6 +109,7 @@ def gather_cues(
     valid: NDArray[np.bool_] | None,
     envelope: Envelopes,
     active: NDArray[np.bool_],
+    observe_samples: Callable[[ColourSamples], Envelopes],
 ) -> Cues:
     """Gather decay of contrast with range, open water in view, and envelopes of halves.
 
@@ -88,6 +124,8 @@ def gather_cues(
         Of the same image.
     active : (3,) bool ndarray
         Channels that count.
+    observe_samples : callable
+        Takes envelopes of other pixels at the same ranges.
 
     Returns
     -------
@@ -98,12 +136,19 @@ def gather_cues(
     mask = np.ones((1, 1), np.bool_) if valid is None else valid
     rounding = np.sqrt(samples.noise**2 + ROUNDING_VARIANCE)
     surfaces = surface_statistics(codes, ranges, mask, irradiance, envelope.limits)
-    contrast = fuse_decays(
-        decay(*contrast_course(surfaces, rounding), active), envelope_decay(envelope, active))
-    return Cues(
-        contrast,
+    local = decay(*contrast_course(surfaces, rounding), active)
+    cues = Cues(
+        fuse_decays(local, envelope_decay(envelope, active)),
         find_open_water(codes, ranges, valid, irradiance, envelope),
         observe_halves(surfaces, rounding * np.nan_to_num(envelope.step).max(axis=1)),
         places=place_course(surfaces),
         compressed=not samples.codec_known and blocking(codes) > BLOCKS,
     )
+    gradient = cues.gradient
+    if gradient is None or cues.places is None or cues.halves is None:
+        return cues
+    level = level_envelope(
+        observe_samples(level_samples(samples, gradient)), gradient, cues.places)
+    contrast = fuse_decays(local, envelope_decay(level, active))
+    return cues._replace(
+        level=Observations(level, contrast, level_halves(cues.halves, gradient)))

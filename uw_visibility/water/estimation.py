@@ -17,7 +17,7 @@ from uw_visibility.images.pair import check_valid
 from uw_visibility.images.view import ColourSamples, View
 from uw_visibility.status import Status
 from uw_visibility.water.contrast import Decay
-from uw_visibility.water.cues import Cues, coarse_cues, gather_cues
+from uw_visibility.water.cues import Cues, Observations, coarse_cues, gather_cues
 from uw_visibility.water.dark_fit import (
     brightest,
     fit_of_veil,
@@ -28,6 +28,7 @@ from uw_visibility.water.estimate import WaterEstimate, assemble, refuse
 from uw_visibility.water.fit import Fit, blank
 from uw_visibility.water.grey_average import is_grey_on_average
 from uw_visibility.water.observations import Envelopes, observe
+from uw_visibility.water.open_water import OpenWater
 from uw_visibility.water.position import compare_halves
 from uw_visibility.water.priors import Daylight, fuse
 from uw_visibility.water.validation import (
@@ -38,8 +39,8 @@ from uw_visibility.water.validation import (
     refute_clearness,
     validate_fit,
 )
-from uw_visibility.water.veil import CONTRADICTION, VeilFit, fit_free_veil
-from uw_visibility.water.veil_gradient import UNCERTAIN, level_envelope, level_halves
+from uw_visibility.water.veil import CONTRADICTION, VeilFit, average, fit_free_veil
+from uw_visibility.water.veil_gradient import UNCERTAIN
 
 # Dark envelope: its quantile, and the pixels below it at least. The paper takes
 # 1 % (eq. 4). The darkest 5 pixels are a patch rather than a speck; where ranges
@@ -159,7 +160,9 @@ class WaterEstimator:
         estimate = self._estimate(
             envelope, self._fewest_pixels(colour), start,
             lambda active: coarse_cues(envelope, active) if coarse else gather_cues(
-                colour, np.asarray(range_map, np.float32), view.valid, envelope, active))
+                colour, np.asarray(range_map, np.float32), view.valid, envelope, active,
+                lambda pixels: self._observe(
+                    pixels, range_map, view.valid, range_error, coarse)))
         return replace(estimate, grey_on_average=is_grey_on_average(view.pixels))
 
     def estimate_envelope(
@@ -233,18 +236,12 @@ class WaterEstimator:
         cues: Cues,
     ) -> WaterEstimate:
         """Estimate with the veil apart from the light."""
-        found = self._fit_free_veil(envelope, active, cues)
-        if found is None:
+        fitted = self._fit_free_veil(
+            Observations(envelope, cues.contrast, cues.halves), active, cues)
+        if fitted is None:
             return WaterEstimate.not_assessable(Status.FIT_FAILED, envelope)
-        halves, covariance = cues.halves, found.fit.covariance.copy()
-        if cues.gradient is not None and cues.places is not None:
-            envelope = level_envelope(envelope, cues.gradient, cues.places)
-            level = self._fit_free_veil(envelope, active, cues)
-            if level is None:
-                return WaterEstimate.not_assessable(Status.FIT_FAILED, envelope)
-            change = UNCERTAIN * (level.fit.parameters - found.fit.parameters).ravel()
-            found, covariance = level, level.fit.covariance + np.outer(change, change)
-            halves = None if halves is None else level_halves(halves, cues.gradient)
+        found, (envelope, _, halves) = fitted
+        covariance = found.fit.covariance.copy()
         for channel in np.flatnonzero(active):
             status[channel] = validate_fit(found.fit, envelope, int(channel))
         if found.disagreement > CONTRADICTION:
@@ -261,7 +258,8 @@ class WaterEstimator:
             error = COMPRESSION_ERROR * (1.0 - light / light.max()) * found.fit.parameters[:, 0]
             covariance[0::2, 0::2] += np.diag(error**2)
         other = None if cues.coarse else fit_other_transfer(
-            envelope, active, self._clear_water, self._transfer, found, cues.open_water)
+            envelope, active, self._clear_water, self._transfer, found,
+            cues.certain_water)
         if other is not None and other.certain:
             status = refuse(status, Status.OTHER_TRANSFER)
         elif other is not None and not cues.compressed:
@@ -281,11 +279,35 @@ class WaterEstimator:
             light=np.where(known, found.scene_light, np.nan),
             light_stddev=np.where(known, found.scene_light_stddev, np.nan),
             cues=found.cues,
-            open_water=0.0 if cues.open_water is None else cues.open_water.fraction,
+            open_water=0.0 if cues.certain_water is None else cues.certain_water.fraction,
         )
 
     def _fit_free_veil(
-        self, envelope: Envelopes, active: NDArray[np.bool_], cues: Cues
+        self, seen: Observations, active: NDArray[np.bool_], cues: Cues
+    ) -> tuple[VeilFit, Observations] | None:
+        """Fit with the veil apart from the light, and with open water's gradient levelled.
+
+        Returns the fit, and what it rests on, levelled or not; None where there is no fit.
+        """
+        certain = cues.certain_water
+        found = self._fit_observations(seen, active, certain, cues.coarse)
+        if found is None or cues.open_water is None or (certain and cues.level is None):
+            return None if found is None else (found, seen)
+        level = cues.level or seen
+        in_water = self._fit_observations(level, active, cues.open_water, cues.coarse)
+        if in_water is None:
+            return None if certain else (found, seen)
+        if cues.level is not None:
+            change = UNCERTAIN * (in_water.fit.parameters - found.fit.parameters).ravel()
+            in_water = replace(in_water, fit=replace(
+                in_water.fit, covariance=in_water.fit.covariance + np.outer(change, change)))
+        if certain:
+            return in_water, level
+        log_odds = in_water.likelihood - found.likelihood
+        return average(found, in_water, log_odds), level if log_odds > 0 else seen
+
+    def _fit_observations(
+        self, seen: Observations, active: NDArray[np.bool_], water: OpenWater | None, coarse: bool
     ) -> VeilFit | None:
         """Fit with the veil apart from the light; None where there is no fit."""
 
@@ -298,9 +320,8 @@ class WaterEstimator:
                 self._config.daylight_tolerance, light, veil, tolerance)
 
         return fit_free_veil(
-            fit_of_veil(envelope, active, self._clear_water), fuse_priors, envelope,
-            brightest(envelope, active), self._clear_water, cues.contrast, cues.open_water,
-            cues.coarse)
+            fit_of_veil(seen.envelope, active, self._clear_water), fuse_priors, seen.envelope,
+            brightest(seen.envelope, active), self._clear_water, seen.contrast, water, coarse)
 
     def estimate_grey(
         self,

@@ -47,6 +47,7 @@ FADED_LIGHT = 0.1
 UNEVEN = 0.01
 SPREAD = 1.5
 LARGE_AREA = 0.1
+POSSIBLE_AREA = 0.06
 LARGE_FADED, LARGE_FADED_LEAST, LARGE_FADED_MORE = 0.25, 0.08, 1.4
 # Part of its pixels that may be at the largest code value; cells whose mean is above this
 # part of it are none of it.
@@ -82,12 +83,15 @@ class OpenWater:
         Part of the image.
     gradient : VeilGradient
         How the veil changes over the image.
+    certain : bool
+        Whether outlines or the scene's fading say so; else it may as well be a smooth wall.
     """
 
     veil: NDArray[np.float64]
     stddev: NDArray[np.float64]
     fraction: float
     gradient: VeilGradient
+    certain: bool = True
 
 
 class _MatchedLight(NamedTuple):
@@ -104,6 +108,12 @@ class _MatchedLight(NamedTuple):
     contrast: NDArray[np.float64]
     middle: float
 
+    def as_far(self, veil: NDArray[np.float64]) -> bool:
+        """Tell whether the far scene is as bright as a veil before it, (3, N)."""
+        mean = veil.mean(axis=1)
+        same = np.abs(self.bright_far + self.dark_far - 2.0 * mean) < 2.0 * FADED_LIGHT * mean
+        return bool(same.all())
+
     def fades_into(self, veil: NDArray[np.float64], area: float) -> bool:
         """Tell whether the scene fades with range until it is the veil.
 
@@ -116,10 +126,9 @@ class _MatchedLight(NamedTuple):
         area : float
             Part of the image that the area takes.
         """
-        mean = veil.mean(axis=1)
-        same = np.abs(self.bright_far + self.dark_far - 2.0 * mean) < 2.0 * FADED_LIGHT * mean
-        if not same.all():
+        if not self.as_far(veil):
             return False
+        mean = veil.mean(axis=1)
         differs = float((veil.std(axis=1) / mean).mean())
         if differs < UNEVEN:
             return self._falls_evenly(self.contrast, 0.0, FADED, FADED_LEAST, FADED_MORE)
@@ -195,7 +204,7 @@ def find_open_water(
     number, labels = _areas(blank & smooth)
     if number < 2:
         return None
-    area = np.zeros((rows, columns), np.bool_)
+    area, possible = np.zeros((2, rows, columns), np.bool_)
     scene = _matched_light(envelope)
     nearest = np.quantile(ranges[::4, ::4][known[::4, ::4]], FAR) if known[::4, ::4].any() else 0.0
     far = cv2.resize(
@@ -208,11 +217,17 @@ def find_open_water(
             continue
         allowed = np.interp(np.count_nonzero(part) / part.size, REACH_AREAS, CONTINUED)
         light = _light(means[part], irradiance)
-        if _is_water(means[part], light, irradiance, scene) and (
-            _continued(part, means, matched, smooth, code) < allowed
-            or scene.fades_into(_veil_before(far, part, light), float(part.mean()))
+        if not _is_water(means[part], light, irradiance, scene):
+            continue
+        if _continued(part, means, matched, smooth, code) < allowed or scene.fades_into(
+            _veil_before(far, part, light), float(part.mean())
         ):
             area |= part
+        elif part.mean() >= POSSIBLE_AREA and scene.as_far(_veil_before(far, part, light)):
+            possible |= part
+    certain = bool(area.any())
+    if not certain:
+        area = possible
     if not area.any():
         return None
     light = _light(means[area], irradiance)
@@ -230,7 +245,7 @@ def find_open_water(
     fraction = float(np.count_nonzero(area)) / area.size
     unsure = np.hypot(DEVIATION, SMALL_DEVIATION / (1.0 + (fraction / SMALL_AREA) ** 2))
     stddev = np.sqrt(variance + (unsure * veil) ** 2 + floor**2)
-    return OpenWater(veil, stddev, fraction, gradient)
+    return OpenWater(veil, stddev, fraction, gradient, certain)
 
 
 def _places(cells: NDArray[np.bool_]) -> NDArray[np.float64]:

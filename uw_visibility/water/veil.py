@@ -113,6 +113,8 @@ class VeilFit:
         Residuals of the veil that leaves the smallest; see `Fit`.
     durbin_watson : float
         That of these residuals.
+    likelihood : float
+        Its logarithm, of all veils together.
     """
 
     fit: Fit
@@ -124,6 +126,7 @@ class VeilFit:
     open_water_fit: EnvelopeFit
     misfit: float
     durbin_watson: float
+    likelihood: float
 
     @property
     def refuted(self) -> bool:
@@ -182,6 +185,7 @@ def fit_free_veil(
     if not components:
         return None
     weights = np.exp(np.array(logarithms) - max(logarithms))
+    likelihood = max(logarithms) + math.log(weights.sum())
     weights /= weights.sum()
     nearest = min(components, key=lambda component: component.misfit)
     alone = _mixture(components, weights)
@@ -197,7 +201,33 @@ def fit_free_veil(
     light, deviation = _light(components, weights, envelope)
     return VeilFit(
         _with_model_error(mixed), light, deviation, cues, disagreement, best,
-        in_open_water, nearest.misfit, nearest.durbin_watson)
+        in_open_water, nearest.misfit, nearest.durbin_watson, likelihood)
+
+
+def average(first: VeilFit, second: VeilFit, log_odds: float) -> VeilFit:
+    """Average two estimates by the odds of the second.
+
+    Parameters
+    ----------
+    first, second : VeilFit
+    log_odds : float
+        Logarithm of the odds of the second.
+
+    Returns
+    -------
+    VeilFit
+        What is no average is the likelier one's.
+    """
+    weight = 1.0 / (1.0 + math.exp(-min(max(log_odds, -50.0), 50.0)))
+    weights = np.array((1.0 - weight, weight))
+    light = weights @ (first.scene_light, second.scene_light)
+    spread = weights @ [
+        fit.scene_light_stddev**2 + (fit.scene_light - light)**2 for fit in (first, second)]
+    return replace(
+        second if log_odds > 0 else first, fit=_mixture([first.fit, second.fit], weights),
+        scene_light=light, scene_light_stddev=np.sqrt(spread),
+        misfit=first.misfit, durbin_watson=first.durbin_watson,
+        disagreement=max(first.disagreement, second.disagreement))
 
 
 def fit_best_ratio(

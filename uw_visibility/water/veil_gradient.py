@@ -10,18 +10,22 @@ seen above near ones, so that a single veil would leave attenuation too small.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.jit import njit
+from uw_visibility.images.pair import read_only
+from uw_visibility.images.view import ColourSamples
+from uw_visibility.optics.transfer import encode_table, linear_table
 from uw_visibility.water.observations import Envelopes
 from uw_visibility.water.position import HalfEnvelopes
 from uw_visibility.water.surfaces import SurfaceStatistics
 
 # Standard deviation of place in an area, in parts of the image, from which on it tells half
-# of a gradient.
-SHORT = 0.02
+# of a gradient, if it has so many cells: what differs in it is not all gradient.
+SHORT, FEW = 0.02, 40.0
 # Bounds of the veil over that of open water.
 LEAST, MOST = 0.5, 1.6
 # A gradient that changes the veil of the dark patches by less than this part is none.
@@ -87,8 +91,7 @@ def fit_gradient(
     middle = weights @ place
     off = place - place.mean(axis=0)
     relative = light / light.mean(axis=0) - 1.0
-    # As if nothing were known of less than a short area.
-    spread = off.T @ off / len(off) + SHORT**2 * np.eye(2)
+    spread = (off.T @ off + FEW * SHORT**2 * np.eye(2)) / len(off)
     slope = np.linalg.solve(spread, off.T @ relative / len(off)).T
     return VeilGradient(slope, middle)
 
@@ -113,21 +116,68 @@ def matters(gradient: VeilGradient | None, course: PlaceCourse | None) -> bool:
     return bool((np.ptp(veil_along(gradient, course), axis=1) > NEGLIGIBLE).any())
 
 
+def level_samples(samples: ColourSamples, gradient: VeilGradient) -> ColourSamples:
+    """Return pixels as they were, where they show the veil, with that of open water all over.
+
+    Parameters
+    ----------
+    samples : ColourSamples
+    gradient : VeilGradient
+
+    Returns
+    -------
+    ColourSamples
+        Pixels that are saturated stay so.
+    """
+    pixels = samples.pixels
+    height, width = pixels.shape[:2]
+    # Of the first row and column, and how it changes from one to the next.
+    first = 1.0 + gradient.slope @ (np.array((0.5 / height, 0.5 / width)) - gradient.place)
+    level = np.empty_like(pixels)
+    _level(
+        pixels, linear_table(samples.transfer, pixels.dtype),
+        encode_table(samples.transfer, pixels.dtype), first,
+        gradient.slope / (height, width), level)
+    return replace(samples, pixels=read_only(level))
+
+
+@njit(nogil=True)
+def _level(
+    pixels: Any, irradiance: Any, code_of: Any, first: Any, slope: Any, level: Any
+) -> None:
+    top, last = irradiance.size - 1, code_of.size - 1
+    for y in range(pixels.shape[0]):
+        for x in range(pixels.shape[1]):
+            for c in range(3):
+                code = pixels[y, x, c]
+                veil = min(max(first[c] + slope[c, 0] * y + slope[c, 1] * x, LEAST), MOST)
+                light = min(irradiance[code] / veil, 1.0)
+                level[y, x, c] = code if code >= top else code_of[int(light * last + 0.5)]
+
+
 def level_envelope(
-    envelope: Envelopes, gradient: VeilGradient, course: PlaceCourse
+    observed: Envelopes, gradient: VeilGradient, course: PlaceCourse
 ) -> Envelopes:
-    """Return envelopes as they were with the veil of open water all over the image."""
-    along = veil_along(gradient, course)
+    """Return the envelopes of levelled pixels, with contrast as it was before.
+
+    Parameters
+    ----------
+    observed : Envelopes
+        Of the levelled pixels.
+    gradient : VeilGradient
+    course : PlaceCourse
+
+    Returns
+    -------
+    Envelopes
+    """
     factor = np.stack([
-        np.interp(d, course.range, veil)
-        for d, veil in zip(envelope.dark_range, along, strict=True)])
-    dark = envelope.dark / factor
+        np.interp(observed.range, course.range, veil) for veil in veil_along(gradient, course)])
     return replace(
-        envelope,
-        dark=dark,
-        # What the veil adds to dark patches it adds to bright ones.
-        bright=envelope.bright + dark - envelope.dark,
-        deviation=envelope.deviation / factor,
+        observed,
+        # Not the light of the scene: the veil alone is levelled.
+        bright=observed.dark + factor * (observed.bright - observed.dark),
+        deviation=observed.deviation / factor,
     )
 
 
