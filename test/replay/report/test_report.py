@@ -389,6 +389,16 @@ def test_what_a_fit_leaves_is_told_beside_what_the_estimates_may_be_off_by(
     assert "scatter 0" not in section["text"]
 
 
+def test_what_falls_with_attenuation_is_drawn_with_its_deviations(tmp_path: Path) -> None:
+    """Such as the transmission, in percent, that a transmissometer publishes."""
+    lines = [f"{k},{0.1 + 0.02 * k},0.02,{90.0 - 20.0 * (0.1 + 0.02 * k)}" for k in range(20)]
+    (tmp_path / "frames.csv").write_text("\n".join(
+        ["stamp,beam_attenuation,beam_attenuation_stddev,joined_t", *lines]))
+    (section,) = fit_joins(tmp_path, [ScalarTopic("/t")])
+    assert "+ (-20 ± " in section["text"]
+    assert "Slope -20, intercept 90." in section["figure"]
+
+
 @pytest.mark.parametrize("longest, length", [(3.2, 2.0), (5.0, 5.0), (0.99, 0.5), (1e4, 1e4)])
 def test_a_scale_bar_has_a_round_length(longest: float, length: float) -> None:
     assert round_length(longest) == pytest.approx(length)

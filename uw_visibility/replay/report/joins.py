@@ -101,7 +101,7 @@ def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Marku
             _draw_fit(scatter, fit)
             residuals.errorbar(
                 clock_time(chosen["stamp"]), y - fit.intercept - fit.slope * x,
-                fit.slope * x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6)
+                abs(fit.slope) * x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6)
             residuals.axhline(0.0, color=FILTERED, linewidth=1.0)
         clock_axis(residuals, narrow=True)
         scatter.legend(fontsize="small", frameon=False)
