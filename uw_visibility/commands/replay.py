@@ -355,4 +355,4 @@ def _tell(summary: Summary) -> None:
     for note in summary.lacks:
         say(f"uw_visibility: {summary.bag}: {note}", error=True)
     for note in summary.damage:
-        say(f"uw_visibility: warning: {note}", error=True)
+        say(f"uw_visibility: warning: {summary.bag}: {note}", error=True)

@@ -159,6 +159,9 @@ def _check_index(path: Path) -> None:
 
 def _salvage(path: Path, error: Exception) -> Storage:
     reason = printable(" ".join(str(error).split()) or type(error).__name__)
+    if isinstance(error, (OverflowError, struct.error)):
+        # Python's words on numbers and bytes say nothing of a recording.
+        reason = "its index cannot be read, or is cut off"
     storage = _checked(SALVAGE[path.suffix](path), path, reason)
     storage.damage.insert(0, f"{path.name} is damaged ({reason}): read as far as it goes")
     return storage

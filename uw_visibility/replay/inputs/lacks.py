@@ -71,13 +71,16 @@ def check_in_any(bags: Iterable[Place], options: ReplayOptions) -> None:
             name: why if name.partition(".")[0] in reader.channels else before[name]
             for name, why in found.items() if name in before}
     for name, why in (lacking or {}).items():
-        raise InputError(f"no recording has {name}: {why}")
+        raise InputError(f"no recording has {name}: {why}; --list shows what there is")
 
 
 def _lacks(reader: BagReader, options: ReplayOptions) -> Iterator[tuple[str, str]]:
     for join in options.joins:
         try:
-            check_join(reader, join)
+            if join.topic in reader.channels:
+                check_join(reader, join)
+            else:
+                yield str(join), _missing(join.topic)
         except InputError as error:
             yield str(join), str(error)
     wanted = options.wanted
@@ -88,6 +91,13 @@ def _lacks(reader: BagReader, options: ReplayOptions) -> Iterator[tuple[str, str
         if topic is None:
             continue
         try:
-            check_topic(reader.channels, topic, types)
+            if topic in reader.channels:
+                check_topic(reader.channels, topic, types)
+            else:
+                yield topic, _missing(topic)
         except InputError as error:
             yield topic, str(error)
+
+
+def _missing(topic: str) -> str:
+    return f"there is no topic {topic} in the recording"

@@ -31,6 +31,8 @@ LARGEST_HEIGHT = 6.0
 MOST_NAMES = 12
 # That of 89.4 degrees of latitude.
 LEAST_COSINE = 0.01
+# Ends nearer to their start than this part of the map have no label, which would lie on that one.
+LABELLED = 0.08
 METRES_PER_DEGREE = math.radians(EARTH_RADIUS)
 
 
@@ -131,7 +133,12 @@ def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
         axes: Any = figure.subplots()
         points = None
         for track in tracks:
-            points = _paint_track(axes, track, limits, len(tracks) <= MOST_NAMES) or points
+            apart = math.hypot(*(
+                float(places[-1] - places[0]) * length
+                for places, length in zip((track.x, track.y), metres, strict=True)))
+            points = _paint_track(
+                axes, track, limits, len(tracks) <= MOST_NAMES, apart > LABELLED * max(extent),
+            ) or points
         if points is not None:
             figure.colorbar(
                 points, ax=axes, label=label, pad=0.02, shrink=0.9, aspect=30,
@@ -161,8 +168,10 @@ def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
     )
 
 
-def _paint_track(axes: Any, track: _Track, limits: tuple[float, float], named: bool) -> Any:
-    """Draw a track; returns what has colours, if anything has."""
+def _paint_track(
+    axes: Any, track: _Track, limits: tuple[float, float], named: bool, ended: bool
+) -> Any:
+    """Draw a track, its end with a label if `ended`; returns what has colours, if anything has."""
     axes.plot(track.x, track.y, color=HOLLOW, linewidth=0.8, zorder=1)
     seen = np.isfinite(track.seen)
     axes.scatter(track.x[~seen], track.y[~seen], s=22, facecolors="none", edgecolors=HOLLOW,
@@ -176,7 +185,7 @@ def _paint_track(axes: Any, track: _Track, limits: tuple[float, float], named: b
         axes.plot(track.x[place], track.y[place], marker=marker, markersize=9, zorder=4,
                   markerfacecolor="none", markeredgecolor=INK, linewidth=0.0)
         label = f"{track.name} {text}".strip() if named and place == 0 else text
-        if named or not track.name:
+        if (named or not track.name) and (place == 0 or ended):
             # A folder may be called anything: a dollar begins no formula.
             axes.annotate(
                 printable(label), (track.x[place], track.y[place]), xytext=(7, 5),
