@@ -115,28 +115,28 @@ def response_names() -> list[str]:
 
 
 @cache
-def clear_water_spectrum() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Diffuse attenuation K_w of the clearest sea water.
+def clear_water_properties() -> NDArray[np.float64]:
+    """Absorption and scattering of the clearest sea water.
 
     Returns
     -------
-    wavelength : (N,) float64 ndarray
-        nm, 200 to 800.
-    attenuation : (N,) float64 ndarray
-        K_w = a_w + b_sw / 2, 1/m.
+    (3, N) float64 ndarray
+        Wavelength, nm, 200 to 800; a_w and b_sw, 1/m.
 
     References
     ----------
     R. C. Smith and K. S. Baker, Optical properties of the clearest natural
     waters (200-800 nm), Applied Optics 20(2), 1981, doi 10.1364/AO.20.000177.
     """
-    values = tables.numbers(
-        tables.read_shipped("clear_sea_water.csv"),
-        ("wavelength_nm", "absorption_per_m", "scattering_per_m"),
-        "clear_sea_water.csv",
-    )
-    attenuation = values[:, 1] + 0.5 * values[:, 2]
-    return values[:, 0], attenuation
+    name = "clear_sea_water.csv"
+    columns = ("wavelength_nm", "absorption_per_m", "scattering_per_m")
+    return tables.numbers(tables.read_shipped(name), columns, name).T
+
+
+def clear_water_spectrum() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Wavelengths, nm, and diffuse attenuation K_w = a_w + b_sw / 2 of clear sea water, 1/m."""
+    wavelength, absorption, scattering = clear_water_properties()
+    return wavelength, absorption + 0.5 * scattering
 
 
 def clear_water_attenuation(response: CameraResponse) -> NDArray[np.float64]:
@@ -155,44 +155,6 @@ def clear_water_attenuation(response: CameraResponse) -> NDArray[np.float64]:
         κ for R, G, B, 1/m.
     """
     return response.band_average(*clear_water_spectrum())
-
-
-def compose_attenuation(
-    clear_water: ArrayLike,
-    particle_scattering: ArrayLike = 0.0,
-    particle_absorption: ArrayLike = 0.0,
-    dissolved_absorption: ArrayLike = 0.0,
-) -> NDArray[np.float64]:
-    """Total beam attenuation β = K_w + b_p + a_p + a_y (eq. 3, its lower bound).
-
-    Parameters
-    ----------
-    clear_water, particle_scattering, particle_absorption, dissolved_absorption : array_like
-        Coefficients, 1/m, per channel or per wavelength; shapes broadcast.
-
-    Returns
-    -------
-    float64 ndarray
-        β, 1/m.
-
-    Raises
-    ------
-    InputError
-        If a coefficient is negative.
-    """
-    terms = {
-        "clear water attenuation": clear_water,
-        "particle scattering": particle_scattering,
-        "particle absorption": particle_absorption,
-        "absorption of dissolved matter": dissolved_absorption,
-    }
-    total = np.zeros(())
-    for name, term in terms.items():
-        coefficient = np.asarray(term, dtype=np.float64)
-        if not (coefficient >= 0).all():
-            raise InputError(f"{name} is negative: give 1/m, 0 or more")
-        total = total + coefficient
-    return total
 
 
 def daylight_spectrum() -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.optics import tables
 from uw_visibility.optics.jerlov import BACKSCATTERED, water_type_spectrum, water_types
-from uw_visibility.optics.spectra import CameraResponse, daylight_spectrum
+from uw_visibility.optics.spectra import CameraResponse, clear_water_properties, daylight_spectrum
 from uw_visibility.optics.visual_range import remote_sensing_reflectance, secchi_depth
 
 TYPES = ("I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")
@@ -63,7 +63,7 @@ def water_type(name: str) -> WaterType:
     values = np.interp(grid, wavelength, diffuse)
     least = int(values.argmin())
     absorption, scattering = inherent_properties(name, grid[least:least + 1])
-    pure = _clear_water(grid[least:least + 1])[1]
+    pure = clear_water(grid[least:least + 1])[1]
     # Molecules scatter half of their light backwards, particles little.
     backscattering = 0.5 * pure + BACKSCATTERED * np.maximum(scattering - pure, 0.0)
     reflectance = remote_sensing_reflectance(absorption, backscattering)
@@ -100,8 +100,8 @@ def inherent_properties(name: str, wavelength: Vector) -> tuple[Vector, Vector]:
         mine = [row for row in rows if row[0] == name]
         known, absorbed, scattered = tables.numbers(
             (head, mine), ("wavelength_nm", "a_per_m", "b_per_m"), file).T
-    excess = absorbed - _clear_water(known)[0]
-    absorption = _clear_water(wavelength)[0] + np.interp(wavelength, known, excess)
+    excess = absorbed - clear_water(known)[0]
+    absorption = clear_water(wavelength)[0] + np.interp(wavelength, known, excess)
     return np.maximum(absorption, 1e-3), np.interp(wavelength, known, scattered)
 
 
@@ -143,10 +143,7 @@ def effective_wavelengths(response: CameraResponse) -> NDArray[np.float64]:
     return np.asarray(_WAVELENGTHS @ weight / weight.sum(axis=0))
 
 
-def _clear_water(wavelength: Vector) -> tuple[Vector, Vector]:
-    """Absorption and scattering of clear sea water (Smith and Baker 1981), 1/m."""
-    file = "clear_sea_water.csv"
-    known, absorbed, scattered = tables.numbers(
-        tables.read_shipped(file), ("wavelength_nm", "absorption_per_m", "scattering_per_m"),
-        file).T
+def clear_water(wavelength: Vector) -> tuple[Vector, Vector]:
+    """Absorption and scattering of clear sea water at wavelengths, nm, 1/m."""
+    known, absorbed, scattered = clear_water_properties()
     return np.interp(wavelength, known, absorbed), np.interp(wavelength, known, scattered)

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
-from uw_visibility.optics import tables
-from uw_visibility.optics.jerlov import BACKSCATTERED, water_type_spectrum, water_types
+from uw_visibility.optics.jerlov import BACKSCATTERED, water_types
 from uw_visibility.optics.spectra import CameraResponse, daylight_spectrum, load_response
+from uw_visibility.optics.water_type import clear_water, inherent_properties
 
 CLEAR = "clear"
 """Name of clear sea water among the water types."""
@@ -137,20 +137,11 @@ def _spectrum(water_type: str) -> tuple[Vector, Vector, Vector]:
         raise InputError(
             f"no water type {water_type!r}: give one of {', '.join(spectral_types())}"
         )
-    name = "clear_sea_water.csv"
-    pure = tables.numbers(
-        tables.read_shipped(name), ("wavelength_nm", "absorption_per_m", "scattering_per_m"), name
-    )
-    absorption = np.interp(_WAVELENGTHS, pure[:, 0], pure[:, 1])
     if water_type == CLEAR:
+        absorption, scattering = clear_water(_WAVELENGTHS)
         # As in K_w = a_w + b_sw / 2: what molecules scatter forwards is not lost.
-        half = 0.5 * np.interp(_WAVELENGTHS, pure[:, 0], pure[:, 2])
-        return absorption, half, half
-    wavelength, absorbed, scattered = water_type_spectrum(water_type)
-    # Between measurements absorption follows water's own, which rises steeply towards red.
-    excess = absorbed - np.interp(wavelength, pure[:, 0], pure[:, 1])
-    absorption = np.maximum(absorption + np.interp(_WAVELENGTHS, wavelength, excess), 1e-3)
-    scattering = np.interp(_WAVELENGTHS, wavelength, scattered)
+        return absorption, 0.5 * scattering, 0.5 * scattering
+    absorption, scattering = inherent_properties(water_type, _WAVELENGTHS)
     return absorption, scattering, BACKSCATTERED * scattering
 
 
