@@ -125,3 +125,19 @@ def needing(extra: str, what: str, otherwise: str = "") -> Iterator[None]:
             f"{what} needs {(error.name or str(error)).partition('.')[0]}: install the {named}, "
             f"pip install 'uw_visibility[{extra}]'{otherwise}"
         ) from error
+
+
+@contextmanager
+def refusing(what: str, *kinds: type[Exception]) -> Iterator[None]:
+    """Turn what a system, or a store of files, refuses into a sentence that begins with `what`.
+
+    Errors of `kinds` are turned, or OSError without any; an `InputError` is a sentence already.
+    """
+    turned = kinds or (OSError,)
+    try:
+        yield
+    except InputError:
+        raise
+    except turned as error:
+        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        raise InputError(f"{what}: {reason}") from error

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.errors import InputError, needing
+from uw_visibility.errors import needing, refusing
 
 HELP = "simulate, run the node, play the bag into it, report"
 DESCRIPTION = """\
@@ -61,10 +61,8 @@ def run(arguments: argparse.Namespace) -> None:
 
     transect = Transect(frames=arguments.frames, rate=arguments.rate, seed=arguments.seed)
     demonstrate, node_died = _load()
-    try:
+    with refusing(f"cannot make folder {arguments.output}"):
         arguments.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make folder {arguments.output}: {error.strerror}") from error
     try:
         summary = demonstrate(arguments.output, transect)
     except node_died as error:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from uw_visibility.commands.progress import say
 from uw_visibility.config.files import gathered, sole_writer, write_whole
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, refusing
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -179,10 +179,8 @@ def _process(
 
 def _prepare_folder(folder: Path) -> None:
     """Make the folder for the results, before the work rather than after it."""
-    try:
+    with refusing(f"cannot make folder {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make folder {folder}: {error.strerror}") from error
     if not os.access(folder, os.W_OK | os.X_OK):
         raise InputError(f"cannot write to folder {folder}: give another one with -o")
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
-from uw_visibility.errors import LONGEST_MESSAGE, InputError, printable
+from uw_visibility.errors import LONGEST_MESSAGE, printable, refusing
 
 Item = TypeVar("Item")
 
@@ -54,10 +54,8 @@ def progress_log(path: Path | None, name: str) -> Iterator[logging.Logger | None
     if path is None:
         yield None
         return
-    try:
+    with refusing(f"cannot write log {path}"):
         handler = logging.FileHandler(path, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot write log {path}: {error.strerror}") from error
     handler.setFormatter(logging.Formatter("%(asctime)s %(message)s", "%Y-%m-%dT%H:%M:%S%z"))
     # Of no one else's loggers, and no one else's.
     log = logging.Logger("uw_visibility")

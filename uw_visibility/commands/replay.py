@@ -17,7 +17,7 @@ from uw_visibility.commands.recording_options import (
     read_recording_options,
     reading,
 )
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, refusing
 
 # Numbers of a topic that --list names.
 MOST_LISTED = 6
@@ -213,10 +213,8 @@ def _targets(bags: list[Place], output: Place | None) -> dict[Place, Place]:
     if twice:
         raise InputError(f"two bags are named {twice[0]}: replay them one by one")
     if isinstance(output, Path):
-        try:
+        with refusing(f"cannot make folder {output}"):
             output.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot make folder {output}: {error.strerror}") from error
     return {bag: child(output, name) for bag, name in zip(bags, names, strict=True)}
 
 

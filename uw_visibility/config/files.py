@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, refusing
 
 PARTIAL = ".partial"
 # File systems allow 255 bytes to a name.
@@ -45,7 +45,7 @@ def read_regular(path: str | Path, most: int, what: str = "file") -> bytes:
     InputError
         If it cannot be read, is no regular file, or is larger; names the file.
     """
-    try:
+    with refusing(f"cannot read {what} {path}"):
         check_regular(path, what)
         # Between the look and the opening a pipe may have come into its place.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -54,8 +54,6 @@ def read_regular(path: str | Path, most: int, what: str = "file") -> bytes:
                 raise InputError(f"{what} {path} is no regular file: give one")
             # Not its size: some files, as those of /proc, state none.
             content = file.read(most + 1)
-    except OSError as error:
-        raise InputError(f"cannot read {what} {path}: {error.strerror or error}") from error
     if len(content) > most:
         raise InputError(f"{what} {path} is larger than {most} bytes: give a smaller one")
     return content
@@ -69,12 +67,9 @@ def check_regular(path: str | Path, what: str = "file") -> None:
     InputError
         If it is missing, or a folder, a pipe, a socket or a device.
     """
-    try:
+    # ValueError: names that hold a null character.
+    with refusing(f"cannot read {what} {path}", OSError, ValueError):
         mode = Path(path).stat().st_mode
-    except (OSError, ValueError) as error:
-        # ValueError: names that hold a null character.
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot read {what} {path}: {reason}") from error
     if stat.S_ISDIR(mode):
         raise InputError(f"cannot read {what} {path}: {os.strerror(errno.EISDIR)}")
     if not stat.S_ISREG(mode):

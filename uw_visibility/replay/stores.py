@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeAlias
 
-from uw_visibility.errors import InputError, needing
+from uw_visibility.errors import InputError, needing, refusing
 from uw_visibility.replay.results.folder import MARK, check_target, read_state
 
 Place: TypeAlias = Path | str
@@ -46,7 +46,7 @@ def expand(where: Place) -> list[Place]:
     if isinstance(where, Path) or "*" not in where:
         return [where]
     store, path = _open(where)
-    with _told(f"cannot read {where}"):
+    with refusing(f"cannot read {where}", Exception):
         found = [str(store.unstrip_protocol(name)) for name in sorted(store.glob(path))]
     if not found:
         raise InputError(f"nothing is at {where}")
@@ -59,7 +59,7 @@ def recording_name(bag: Place) -> str:
         # A folder's name may have dots in it, a file's ends with its format.
         return bag.resolve().name if bag.is_dir() else bag.stem
     store, path = _open(bag)
-    with _told(f"cannot read {bag}"):
+    with refusing(f"cannot read {bag}", Exception):
         return PurePosixPath(bag).name if store.isdir(path) else PurePosixPath(bag).stem
 
 
@@ -87,7 +87,7 @@ def recording_here(bag: Place) -> Iterator[Path]:
     store, path = _open(bag)
     with tempfile.TemporaryDirectory(prefix=PREFIX) as scratch:
         here = Path(scratch) / PurePosixPath(bag).name
-        with _told(f"cannot read {bag}"):
+        with refusing(f"cannot read {bag}", Exception):
             _fetch(store, path, here)
         if not here.exists():
             raise InputError(f"cannot read bag {bag}: it is missing")
@@ -134,7 +134,7 @@ def result_here(target: Place) -> Iterator[Path]:
         folder = Path(scratch) / PurePosixPath(target).name
         yield folder
         store, path = _open(target)
-        with _told(f"cannot write {target}"):
+        with refusing(f"cannot write {target}", Exception):
             if store.exists(path):
                 store.rm(path, recursive=True)
             _put(store, path, folder)
@@ -173,11 +173,11 @@ def results_here(output: Place, results: Sequence[Place], names: Sequence[str]) 
         for result in results:
             here = folder / PurePosixPath(result).name
             here.mkdir()
-            with _told(f"cannot read {result}"):
+            with refusing(f"cannot read {result}", Exception):
                 for name in names:
                     store.get_file(_open(f"{result}/{name}")[1], str(here / name))
         yield folder
-        with _told(f"cannot write {output}"):
+        with refusing(f"cannot write {output}", Exception):
             for written in sorted(folder.iterdir()):
                 if written.is_file():
                     store.put_file(str(written), f"{path}/{written.name}")
@@ -195,7 +195,7 @@ def read_state_at(target: Place) -> dict[str, Any]:
         return read_state(target)
     store, path = _open(target)
     with tempfile.TemporaryDirectory(prefix=PREFIX) as scratch:
-        with _told(f"cannot read {target}"):
+        with refusing(f"cannot read {target}", Exception):
             store.get_file(f"{path}/{MARK}", f"{scratch}/{MARK}")
         return read_state(Path(scratch))
 
@@ -212,7 +212,7 @@ def check_place(target: Place, force: bool) -> None:
         check_target(target, force)
         return
     store, path = _open(target)
-    with _told(f"cannot read {target}"):
+    with refusing(f"cannot read {target}", Exception):
         there, result = store.exists(path), store.exists(f"{path}/{MARK}")
     if there and not result:
         raise InputError(f"{target} exists already and is no replay: give another name")
@@ -231,7 +231,7 @@ def exists(where: Place) -> bool:
     if isinstance(where, Path):
         return where.exists()
     store, path = _open(where)
-    with _told(f"cannot read {where}"):
+    with refusing(f"cannot read {where}", Exception):
         return bool(store.exists(path))
 
 
@@ -263,19 +263,8 @@ def _open(url: Place) -> tuple[Any, str]:
     """Return the store of a URL, and the path within it."""
     with needing("stores", str(url)):
         fsspec = importlib.import_module("fsspec.core")
-    with _told(f"cannot use {url}"):
+    with refusing(f"cannot use {url}", Exception):
         store, path = fsspec.url_to_fs(str(url))
     # What was listed before may have changed since.
     store.invalidate_cache()
     return store, str(path)
-
-
-@contextmanager
-def _told(what: str) -> Iterator[None]:
-    """Turn whatever a store raises, each by its own classes, into one sentence."""
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:
-        raise InputError(f"{what}: {str(error) or type(error).__name__}") from error

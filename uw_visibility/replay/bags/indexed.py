@@ -15,7 +15,7 @@ from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
-from uw_visibility.errors import InputError, printable
+from uw_visibility.errors import InputError, printable, refusing
 from uw_visibility.replay.bags.salvage_mcap import McapSalvage
 from uw_visibility.replay.bags.salvage_rosbag1 import Rosbag1Salvage
 from uw_visibility.replay.bags.source import RecordingPath, Source, open_regular
@@ -58,12 +58,10 @@ def open_file(path: Path) -> Storage:
         raise InputError(
             f"{path} is no recording: give a .mcap, .db3 or .bag file, or the folder of a bag"
         )
-    try:
+    with refusing(f"cannot read bag {path}"):
         open_regular(path).close()
         if path.suffix == ".db3":
             return _checked(SqliteFile(path), path, "it holds no topics")
-    except OSError as error:
-        raise InputError(f"cannot read bag {path}: {error.strerror or error}") from error
     try:
         return IndexedFile(path)
     except Exception as error:

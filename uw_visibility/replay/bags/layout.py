@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from uw_visibility.config.documents import read_document
 from uw_visibility.config.files import check_regular
-from uw_visibility.errors import InputError, printable
+from uw_visibility.errors import InputError, printable, refusing
 from uw_visibility.replay.bags.indexed import SALVAGE
 
 PACKED = ".zstd"
@@ -149,10 +149,8 @@ def _is_there(file: Path) -> bool:
 
 
 def _files(path: Path) -> list[Path]:
-    try:
+    with refusing(f"cannot read bag {path}"):
         return sorted(f for f in path.iterdir() if suffix(f) in SALVAGE and _is_there(f))
-    except OSError as error:
-        raise InputError(f"cannot read bag {path}: {error.strerror}") from error
 
 
 def suffix(file: Path) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from uw_visibility.config.files import check_regular
-from uw_visibility.errors import InputError, printable
+from uw_visibility.errors import InputError, printable, refusing
 from uw_visibility.replay.bags.decoder import Decoder, common_types
 from uw_visibility.replay.bags.indexed import SALVAGE, open_file
 from uw_visibility.replay.bags.layout import PACKED, Named, UnreadableError, find_files, suffix
@@ -165,12 +165,10 @@ class BagReader:
         if file.suffix != PACKED:
             return file
         check_regular(file, "bag")
-        try:
+        with refusing(f"cannot unpack bag {file}"):
             self._folder = self._folder or tempfile.TemporaryDirectory(prefix="uw_visibility_")
             unpacked = Path(self._folder.name) / file.stem
             note = unpack_file(file, unpacked)
-        except OSError as error:
-            raise InputError(f"cannot unpack bag {file}: {error.strerror or error}") from error
         if note:
             self._notes.append(note)
         return unpacked

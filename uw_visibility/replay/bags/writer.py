@@ -20,7 +20,7 @@ from rosbags.rosbag2 import (
 )
 
 from uw_visibility.config.files import aside_of, sole_writer
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, refusing
 from uw_visibility.replay.bags.decoder import jazzy_types
 
 
@@ -97,10 +97,8 @@ class BagWriter:
         InputError
             If it cannot be written, as on a full disk.
         """
-        try:
+        with refusing(f"cannot write bag {self._target}"):
             self._writer.write(self._connections[topic], time, data)
-        except OSError as error:
-            raise self._unwritten(error) from error
 
     def annotate(self, key: str, value: str) -> None:
         """Add to the custom data in the bag's metadata; until it is closed."""
@@ -115,13 +113,12 @@ class BagWriter:
             If it cannot be written, as on a full disk.
         """
         try:
-            self._writer.close()
-            if self._aside is not None:
-                if self._target.is_dir():
-                    shutil.rmtree(self._target)
-                self.path.rename(self._target)
-        except OSError as error:
-            raise self._unwritten(error) from error
+            with refusing(f"cannot write bag {self._target}"):
+                self._writer.close()
+                if self._aside is not None:
+                    if self._target.is_dir():
+                        shutil.rmtree(self._target)
+                    self.path.rename(self._target)
         finally:
             self._clean_up()
 
@@ -145,9 +142,6 @@ class BagWriter:
         if self._aside is not None:
             shutil.rmtree(self._aside, ignore_errors=True)
         self._open.close()
-
-    def _unwritten(self, error: OSError) -> InputError:
-        return InputError(f"cannot write bag {self._target}: {error.strerror or error}")
 
 
 def _check_room(path: Path, overwrite: bool) -> None:

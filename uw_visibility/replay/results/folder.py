@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from uw_visibility.config.documents import read_document
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, refusing
 
 # Every result has this file; a folder without it is none of ours.
 MARK = "replay.json"
@@ -97,11 +97,9 @@ class ResultFolder:
         self._old = target.with_name(target.name + PARTIAL + OLD)
         self.earlier: Path | None = None
         check_target(target, force)
-        try:
+        with refusing(f"cannot make folder {self.work}"):
             self._make_room(force, resume)
             self.work.mkdir(parents=True)
-        except OSError as error:
-            raise InputError(f"cannot make folder {self.work}: {error.strerror}") from error
 
     def state(self) -> dict[str, Any]:
         """State of the partial result.
