@@ -78,6 +78,20 @@ def test_neither_noise_nor_ground_that_falls_away_biases_attenuation(noise: floa
     assert (np.abs(np.mean(errors, axis=0)[1:]) < 0.025).all()
 
 
+@pytest.mark.parametrize(("noise", "most"), [(5e-4, 0.025), (1e-3, 0.01)])
+def test_rounding_to_8_bits_of_little_noise_does_not_bias_attenuation(
+    noise: float, most: float
+) -> None:
+    # Red of the far ground is a few codes, with a noise of an eighth and a quarter of one.
+    changes = []
+    for seed in range(3):
+        shown = render(0.15, seed=seed, noise=noise)
+        rounded = np.round(shown.image / 257.0).astype(np.uint8)
+        found = estimator().estimate_view(View.of(rounded), shown.range)
+        changes.append(found.attenuation - estimate(shown).attenuation)
+    assert (np.abs(np.mean(changes, axis=0)) < most).all()
+
+
 def test_lamps_that_are_elsewhere_are_in_sigma() -> None:
     shown = scene(0.15)
     off = [(np.add(place, (0.05, -0.03, 0.05)), axis, beam) for place, axis, beam in LAMPS]

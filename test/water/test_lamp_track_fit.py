@@ -9,51 +9,10 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from lamp_scene import LAMPS, parameters
+from lamp_floor import BETA, LIGHTING, sightings
 
-from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.water.lamp_sightings import Sightings, observe_points
 from uw_visibility.water.lamp_track_fit import fit_tracks
-
-BETA = np.array([0.42, 0.26, 0.2])
-LIGHTING = PipelineConfig.from_parameters(parameters()).lighting
-
-
-def sightings(
-    exponent: float = 1.0, noise: float = 0.02, brighter: float = 0.0, frames: int = 24,
-    power: float = 0.0,
-) -> list[Sightings]:
-    """Points of a floor that a camera passes, rising and sinking.
-
-    `brighter`: slope of their reflectance's logarithm over the place along the line, 1/m;
-    `power`: deviation of the logarithm of power from frame to frame.
-    """
-    rng = np.random.default_rng(0)
-    floor = np.stack([rng.uniform(-1.5, 6.0, 400), rng.uniform(-0.8, 0.8, 400)], axis=1)
-    reflectance = rng.lognormal(-1.2, 0.5, (400, 1)) * np.exp(brighter * floor[:, :1])
-    out = []
-    for k in range(frames):
-        altitude = 2.0 + 0.5 * math.sin(0.6 * k)
-        points = np.column_stack([floor - [0.2 * k, 0.0], np.full(400, altitude)])
-        seen = (np.abs(points[:, 0]) < 0.6 * altitude) & (np.abs(points[:, 1]) < 0.45 * altitude)
-        points = points[seen]
-        distance = np.linalg.norm(points, axis=1)
-        direct = np.zeros((len(points), 3))
-        for place, axis, angle in LAMPS:
-            away = points - place
-            r = np.linalg.norm(away, axis=1)
-            theta = np.degrees(np.arccos(away @ axis / np.linalg.norm(axis) / r))
-            lit = np.exp(-math.log(2) * (2 * theta / angle) ** 2) / r**2
-            lit = lit * (away[:, 2] / r) ** exponent
-            direct += lit[:, None] * np.exp(-BETA * (r + distance)[:, None])
-        light = reflectance[seen] * direct * np.exp(
-            rng.normal(0, noise, direct.shape) + power * rng.normal())
-        number = np.flatnonzero(seen)
-        normal = np.tile([0.0, 0.0, -1.0], (len(points), 1))
-        out.append(Sightings(
-            light, points / distance[:, None], normal, distance, np.zeros(len(number)), number,
-            number % 16))
-    return out
 
 
 def _part(seen: Sightings, number: int) -> Sightings:
@@ -114,6 +73,15 @@ def test_too_few_points_and_power_that_changes_tell_nothing() -> None:
     assert fit_tracks(seen[:2], LIGHTING) is None
     assert fit_tracks([_part(each, 5) for each in seen], LIGHTING) is None
     assert fit_tracks(sightings(power=0.5), LIGHTING) is None
+
+
+def test_points_that_the_water_outshines_do_not_count() -> None:
+    # Half of the points are nearly black: what is seen in front of them is the water alone.
+    fit = fit_tracks(sightings(outshone=0.5), LIGHTING)
+    assert fit is not None
+    error = fit.attenuation / BETA - 1.0
+    assert (np.abs(error) < 0.04).all(), error
+    assert fit_tracks(sightings(outshone=1.0), LIGHTING) is None
 
 
 def test_light_of_a_point_is_that_of_one_patch_of_ground_at_any_range() -> None:

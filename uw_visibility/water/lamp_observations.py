@@ -55,6 +55,8 @@ LEVELS, PER_OCTAVE = 208, 8
 PER_E_FOLD = PER_OCTAVE / math.log(2.0)
 LOWEST = 2.0 ** -13
 DARK_QUANTILE, BRIGHT_QUANTILE = 0.02, 0.95
+# Terms of the series of the rounding error: the rest is 3 % of it where there is no noise.
+ROUNDING_TERMS = 20
 
 
 @dataclass(frozen=True)
@@ -156,13 +158,12 @@ def observe(
             samples.pixels, ranges, mask, irradiance, limits[0], limits[1], grid, log_direct,
             log_scattered, width * FAR_PART * FAR_RANGE, width * NEAR_PART, stride,
             row_angle * scale, 1.0 / (LOWEST * median), samples.noise**2 + ROUNDING_VARIANCE,
-            ROUNDING_VARIANCE * np.exp(-2 * (math.pi * samples.noise) ** 2), sums, levels, clipped)
+            _common_rounding(samples.noise), sums, levels, clipped)
     enough = sums[:, 15] >= FEWEST_PIXELS
     sums, levels = sums[enough], levels[:, enough]
     count = sums[:, 15:16]
     variance = sums[:, 0:3] / count
-    # One square and half of two others. Rounding is alike over a square where no noise is
-    # added to it before.
+    # One square and half of two others.
     noise = 1.5 * sums[:, 3:6] / count
     variance = variance - 1.5 * sums[:, 12:15] / count
     contrast = np.sign(variance) * np.sqrt(np.abs(variance))
@@ -175,6 +176,17 @@ def observe(
         dark=_quantile(levels[1], DARK_QUANTILE) * median[1],
         bright=_quantile(levels[0], BRIGHT_QUANTILE) * median[0], saturated=clipped[:3] / pixels,
         zero=clipped[3:6] / pixels, pixels=int(clipped[6]), limits=limits)
+
+
+def _common_rounding(noise: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariance of the rounding errors of two pixels of one value, codes squared.
+
+    By the Fourier series of the rounding error (Widrow and Kollar 2008, Quantization Noise,
+    Cambridge University Press), with independent Gaussian noise of a standard deviation, (3,).
+    """
+    k = np.arange(1, ROUNDING_TERMS + 1)[:, np.newaxis]
+    terms = np.exp(-((2 * math.pi * k * noise) ** 2)) / (2 * (math.pi * k) ** 2)
+    return np.asarray(terms.sum(axis=0))
 
 
 def _median(
@@ -260,6 +272,7 @@ def _accumulate(
     top = irradiance.size - 1
     # Of the outer and of the inner columns of a square, whose noise differs.
     light, inner = np.empty((3, 3), np.float32), np.empty((3, 3), np.float32)
+    least, largest = np.empty(3, np.int32), np.empty(3, np.int32)
     log_low = math.log(low)
     per_log = RANGE_BINS / math.log(max(high / low, LEAST_RATIO))
     for y in range(stride // 2, height, stride):
@@ -290,6 +303,8 @@ def _accumulate(
             tall = int(half / math.sqrt(1 + slant * slant) + 0.5) if slant < MOST_SLANT else half
             light[:] = 0.0
             inner[:] = 0.0
+            least[:] = top
+            largest[:] = 0
             for k in range(3):
                 middle = x + (k - 1) * distance
                 for j in (y - tall, y, y + tall):
@@ -298,6 +313,9 @@ def _accumulate(
                             image[j, middle - half, c], image[j, middle, c],
                             image[j, middle + half, c])
                         full |= max(first, code, last) >= top
+                        if k == 1:
+                            least[c] = min(least[c], first, code, last)
+                            largest[c] = max(largest[c], first, code, last)
                         light[k, c] += irradiance[first] + irradiance[last]
                         inner[k, c] += irradiance[code]
             if full:
@@ -314,8 +332,10 @@ def _accumulate(
                 sums[cell, c] += inverse * inverse / 18.0 * outside * inside
                 code = image[y, x, c]
                 step = inverse * (irradiance[min(code + 1, top)] - irradiance[code])
-                sums[cell, 3 + c] += step * step * (single[c] / (9.0 if tall else 3.0) + common[c])
-                sums[cell, 12 + c] += step * step * common[c]
+                # Where a square is not of one code, rounding errors differ within it.
+                alike = common[c] if largest[c] == least[c] else 0.0
+                sums[cell, 3 + c] += step * step * (single[c] / (9.0 if tall else 3.0) + alike)
+                sums[cell, 12 + c] += step * step * alike
                 light[1, c] += inner[1, c]
                 value = inverse / 9.0 * light[1, c]
                 sums[cell, 6 + c] += value
