@@ -9,7 +9,7 @@ restores with the true water and range.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
@@ -241,31 +241,16 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
     disparities["oracle_ours"] = match_with_truth(
         left, right, fill_from_background(scene.disparity_left), truth, bench.rig, bench.config)
     readings = bench.read(left, bench.exact_range, result, refusal)
+    known = scene.disparity_left, tolerance(scene)
     return CaseResult(
         scene=scene.name,
         truth=truth,
         tolerance=tolerance(scene),
         refusal=refusal,
         readings=readings,
-        matched={
-            name: _if_any(disparities.get(name), metrics.matched_fraction) for name in MATCHES
-        },
-        correct={
-            name: _if_any(
-                disparities.get(name),
-                lambda found: metrics.correct_fraction(
-                    found, scene.disparity_left, tolerance(scene)),
-            )
-            for name in MATCHES
-        },
-        wrong={
-            name: _if_any(
-                disparities.get(name),
-                lambda found: metrics.bad_fraction(found, scene.disparity_left, tolerance(scene)),
-                absent=float("nan"),
-            )
-            for name in MATCHES
-        },
+        matched=_shares(disparities, metrics.matched_fraction),
+        correct=_shares(disparities, metrics.correct_fraction, *known),
+        wrong=_shares(disparities, metrics.bad_fraction, *known, absent=float("nan")),
         colour_difference={
             name: metrics.mean_colour_difference(images[name], scene.left)
             if name in images else float("nan")
@@ -284,7 +269,7 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
             scene, left, right, result, bench.rig, bench.config),
         noise=case.noise,
         reliability=None if result is None or result.stereo.confidence is None else Reliability.of(
-            result.disparity, result.stereo.confidence, scene.disparity_left, tolerance(scene)),
+            result.disparity, result.stereo.confidence, *known),
     )
 
 
@@ -403,5 +388,13 @@ def _peer_matches(
     }
 
 
-def _if_any(found: Map | None, measure: Any, absent: float = 0.0) -> float:
-    return absent if found is None else float(measure(found))
+def _shares(
+    disparities: Mapping[str, Map | None], measure: Callable[..., float], *known: Any,
+    absent: float = 0.0,
+) -> dict[str, float]:
+    """Measure the disparity map of each method; that of a pair that was refused is absent."""
+    found = {name: disparities.get(name) for name in MATCHES}
+    return {
+        name: absent if disparity is None else measure(disparity, *known)
+        for name, disparity in found.items()
+    }

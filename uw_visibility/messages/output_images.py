@@ -52,24 +52,24 @@ class Source:
         )
 
     @functools.cached_property
-    def left_header(self) -> Any:
-        """Stamp and frame of the left image."""
-        return self._header(self.frame.left)
-
-    @functools.cached_property
-    def right_header(self) -> Any:
-        """Stamp and frame of the right image."""
-        return self._header(self.frame.right)
-
-    @functools.cached_property
-    def left_info(self) -> Any:
-        """Calibration of the left image, as a message."""
-        return _camera_info(self, self.frame.left_info, self.left_header)
+    def headers(self) -> dict[str, Any]:
+        """Stamp and frame of the images, as messages by side."""
+        images = {"left": self.frame.left, "right": self.frame.right}
+        return {side: ImageHeader.of(image).message(self.make) for side, image in images.items()}
 
     @functools.cached_property
     def disparity(self) -> tuple[NDArray[np.float32], float, float]:
-        """What `corrected_disparity` returns."""
-        return corrected_disparity(self)
+        """The matched disparity as ``stereo_msgs/DisparityImage`` defines it.
+
+        x_left - x_right - (cx_left - cx_right), ``(H, W)`` float32, px, so that Z = f t /
+        disparity, and ``low - 1`` where nothing was matched; low and high, the range of
+        disparities searched, without what lies behind infinity.
+        """
+        result, rig = self.result, self.pair.rig
+        low = max(result.stereo.min_disparity - rig.offset, 0.0)
+        high = max(result.stereo.max_disparity - rig.offset, low)
+        pixels = published_disparity(result.disparity, self.pair.valid, rig.offset, low, high)
+        return pixels, low, high
 
     @functools.cached_property
     def depth(self) -> NDArray[np.float32]:
@@ -77,38 +77,21 @@ class Source:
         disparity, low, _ = self.disparity
         return depth_of(disparity, low, self.pair.rig.focal_length * self.pair.rig.baseline)
 
-    def _header(self, message: Any) -> Any:
-        return ImageHeader.of(message).message(self.make)
+
+def enhanced_image(side: str, source: Source) -> Any:
+    """Make the enhanced image of a side, left or right."""
+    pixels = getattr(source.result, f"{side}_enhanced")
+    encoding = source.pair.encodings[side == "right"]
+    return write_image(source.make, pixels, encoding, source.headers[side])
 
 
-def left_image(source: Source) -> Any:
-    """Make the enhanced left image."""
-    pixels = source.result.left_enhanced
-    return write_image(source.make, pixels, source.pair.encodings[0], source.left_header)
-
-
-def right_image(source: Source) -> Any:
-    """Make the enhanced right image."""
-    pixels = source.result.right_enhanced
-    return write_image(source.make, pixels, source.pair.encodings[1], source.right_header)
-
-
-def left_info(source: Source) -> Any:
-    """Pass the left calibration on."""
-    return source.left_info
-
-
-def right_info(source: Source) -> Any:
-    """Pass the right calibration on."""
-    return _camera_info(source, source.frame.right_info, source.right_header)
-
-
-def _camera_info(source: Source, info: Any, header: Any) -> Any:
-    """Pass the calibration on: P holds for the rectified image, as image_pipeline has it."""
+def camera_info(side: str, source: Source) -> Any:
+    """Pass a side's calibration on: P holds for the rectified image, as image_pipeline has it."""
+    info = getattr(source.frame, f"{side}_info")
     roi = info.roi
     return source.make(
         "sensor_msgs/msg/CameraInfo",
-        header=header,
+        header=source.headers[side],
         height=info.height,
         width=info.width,
         distortion_model=info.distortion_model,
@@ -126,8 +109,8 @@ def disparity(source: Source) -> Any:
     pixels, low, high = source.disparity
     return source.make(
         "stereo_msgs/msg/DisparityImage",
-        header=source.left_header,
-        image=write_image(source.make, pixels, "32FC1", source.left_header),
+        header=source.headers["left"],
+        image=write_image(source.make, pixels, "32FC1", source.headers["left"]),
         f=source.pair.rig.focal_length,
         t=source.pair.rig.baseline,
         valid_window=region_message(source.make, _valid_window(source)),
@@ -137,37 +120,9 @@ def disparity(source: Source) -> Any:
     )
 
 
-def corrected_disparity(source: Source) -> tuple[NDArray[np.float32], float, float]:
-    """Return the matched disparity as ``stereo_msgs/DisparityImage`` defines it.
-
-    Parameters
-    ----------
-    source : Source
-        The pair and its result.
-
-    Returns
-    -------
-    disparity : ndarray, (H, W) float32
-        x_left - x_right - (cx_left - cx_right), px, so that Z = f t / disparity;
-        ``low - 1`` where nothing was matched.
-    low, high : float
-        The range of disparities searched, without what lies behind infinity.
-    """
-    result, rig = source.result, source.pair.rig
-    low = max(result.stereo.min_disparity - rig.offset, 0.0)
-    high = max(result.stereo.max_disparity - rig.offset, low)
-    pixels = published_disparity(result.disparity, source.pair.valid, rig.offset, low, high)
-    return pixels, low, high
-
-
-def depth_info(source: Source) -> Any:
-    """Pass the calibration of the depth image on: it lies in the left rectified image."""
-    return left_info(source)
-
-
 def depth_image(source: Source) -> Any:
     """Make the depth image (REP 118): Z in m, NaN where nothing was matched."""
-    return write_image(source.make, source.depth, "32FC1", source.left_header)
+    return write_image(source.make, source.depth, "32FC1", source.headers["left"])
 
 
 def points(source: Source) -> Any:
@@ -189,7 +144,7 @@ def points(source: Source) -> Any:
     ]
     return source.make(
         "sensor_msgs/msg/PointCloud2",
-        header=source.left_header,
+        header=source.headers["left"],
         height=height,
         width=width,
         fields=fields,

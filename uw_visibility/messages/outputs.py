@@ -14,6 +14,7 @@ filters by himself wants the raw one: errors of the filtered one last for second
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -21,14 +22,11 @@ from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.estimates import ESTIMATES
 from uw_visibility.messages.output_images import (
     Source,
+    camera_info,
     depth_image,
-    depth_info,
     disparity,
-    left_image,
-    left_info,
+    enhanced_image,
     points,
-    right_image,
-    right_info,
 )
 
 FILTERED, RAW = "visibility", "visibility/raw"
@@ -69,15 +67,16 @@ _OUTPUTS: dict[str, tuple[str, Callable[[Source], Any]]] = {
     **_estimates(FILTERED, True),
     **_estimates(RAW, False),
     "disparity": ("stereo_msgs/msg/DisparityImage", disparity),
-    "left/enhanced/image": ("sensor_msgs/msg/Image", left_image),
-    "left/enhanced/camera_info": ("sensor_msgs/msg/CameraInfo", left_info),
-    "right/enhanced/image": ("sensor_msgs/msg/Image", right_image),
-    "right/enhanced/camera_info": ("sensor_msgs/msg/CameraInfo", right_info),
+    "left/enhanced/image": ("sensor_msgs/msg/Image", partial(enhanced_image, "left")),
+    "left/enhanced/camera_info": ("sensor_msgs/msg/CameraInfo", partial(camera_info, "left")),
+    "right/enhanced/image": ("sensor_msgs/msg/Image", partial(enhanced_image, "right")),
+    "right/enhanced/camera_info": ("sensor_msgs/msg/CameraInfo", partial(camera_info, "right")),
 }
 
 _DEPTH_OUTPUTS: dict[str, tuple[str, Callable[[Source], Any]]] = {
     "depth/image": ("sensor_msgs/msg/Image", depth_image),
-    "depth/camera_info": ("sensor_msgs/msg/CameraInfo", depth_info),
+    # It lies in the left rectified image.
+    "depth/camera_info": ("sensor_msgs/msg/CameraInfo", partial(camera_info, "left")),
 }
 _POINT_OUTPUTS: dict[str, tuple[str, Callable[[Source], Any]]] = {
     "points2": ("sensor_msgs/msg/PointCloud2", points),

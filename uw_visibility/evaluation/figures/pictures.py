@@ -6,12 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from uw_visibility.evaluation.cases import IMAGES, MATCHES, CaseResult
+from uw_visibility.evaluation.cases import IMAGES, MATCHES, CaseResult, Pictures
 from uw_visibility.evaluation.figures.style import save
 
 SHOWN = ("degraded", "histogram", "clahe", "final", "oracle")
@@ -32,26 +33,17 @@ def draw_pictures(path: Path, cases: Sequence[CaseResult]) -> None:
     cases : sequence of CaseResult
         With pictures; one row each.
     """
-    columns = len(SHOWN) + 1
-    shapes = [case.pictures.radiance.shape for case in cases if case.pictures is not None]
-    heights = [WIDTH * shape[0] / shape[1] + 0.3 for shape in shapes]
-    figure = Figure(figsize=(WIDTH * columns, sum(heights) + 0.7), layout="constrained")
-    grid = figure.subplots(
-        len(cases), columns, squeeze=False, gridspec_kw={"height_ratios": heights})
-    for row, case in zip(grid, cases, strict=True):
-        if case.pictures is None:
-            continue
+    figure, rows = _grid(cases, len(SHOWN) + 1)
+    for row, case, pictures in rows:
         for axes, name in zip(row, SHOWN, strict=False):
             difference = case.colour_difference[name]
             if np.isfinite(difference):
-                axes.imshow(case.pictures.images[name])
+                axes.imshow(pictures.images[name])
                 axes.set_title(f"{IMAGES[name]}\nΔE*ab = {difference:.1f}", fontsize=9)
             else:
                 axes.set_title(f"{IMAGES[name]}\npair refused", fontsize=9)
-        row[-1].imshow(case.pictures.radiance)
+        row[-1].imshow(pictures.radiance)
         row[-1].set_title(f"{case.scene} in air", fontsize=9)
-    for axes in grid.flat:
-        axes.set_axis_off()
     truth = cases[0].truth
     figure.suptitle(
         f"Enhancement at α = {truth.mean_attenuation:.3g} 1/m, z = {truth.depth:g} m "
@@ -70,16 +62,11 @@ def draw_disparities(path: Path, cases: Sequence[CaseResult]) -> None:
     cases : sequence of CaseResult
         With pictures; one row each.
     """
-    shapes = [case.pictures.radiance.shape for case in cases if case.pictures is not None]
-    heights = [WIDTH * shape[0] / shape[1] + 0.3 for shape in shapes]
-    figure = Figure(figsize=(WIDTH * 4, sum(heights) + 0.7), layout="constrained")
-    grid = figure.subplots(len(cases), 4, squeeze=False, gridspec_kw={"height_ratios": heights})
-    for row, case in zip(grid, cases, strict=True):
-        if case.pictures is None:
-            continue
-        row[0].imshow(case.pictures.images["degraded"])
+    figure, rows = _grid(cases, 4)
+    for row, case, pictures in rows:
+        row[0].imshow(pictures.images["degraded"])
         row[0].set_title(f"{case.scene} under water", fontsize=9)
-        found = case.pictures.disparities
+        found = pictures.disparities
         known = found["ours"][np.isfinite(found["ours"])] if found else np.empty(0)
         limits = np.percentile(known, [1.0, 99.0]) if known.size else (0.0, 1.0)
         for axes, name in zip(row[1:3], ("ours_raw", "ours"), strict=True):
@@ -90,13 +77,26 @@ def draw_disparities(path: Path, cases: Sequence[CaseResult]) -> None:
                     f"{case.correct[name]:.0%} correct", fontsize=9)
             else:
                 axes.set_title(f"{MATCHES[name]}\npair refused", fontsize=9)
-        if "final" in case.pictures.images:
-            row[3].imshow(case.pictures.images["final"])
+        if "final" in pictures.images:
+            row[3].imshow(pictures.images["final"])
         row[3].set_title(IMAGES["final"], fontsize=9)
-    for axes in grid.flat:
-        axes.set_axis_off()
     figure.suptitle("Disparities and enhancement (as Fig. 5 of the paper); black is not matched")
     save(figure, path)
+
+
+def _grid(
+    cases: Sequence[CaseResult], columns: int
+) -> tuple[Figure, list[tuple[Any, CaseResult, Pictures]]]:
+    """Make a figure with a row of axes for each case that has pictures."""
+    shown = [(case, case.pictures) for case in cases if case.pictures is not None]
+    shapes = [pictures.radiance.shape for _, pictures in shown]
+    heights = [WIDTH * shape[0] / shape[1] + 0.3 for shape in shapes]
+    figure = Figure(figsize=(WIDTH * columns, sum(heights) + 0.7), layout="constrained")
+    grid = figure.subplots(
+        len(shown), columns, squeeze=False, gridspec_kw={"height_ratios": heights})
+    for axes in grid.flat:
+        axes.set_axis_off()
+    return figure, [(row, *each) for row, each in zip(grid, shown, strict=True)]
 
 
 def draw_over_depth(path: Path, cases: Sequence[CaseResult]) -> None:

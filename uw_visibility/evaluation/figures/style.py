@@ -27,60 +27,38 @@ INPUT, HISTOGRAM, CLAHE, ORACLE = "#777777", "#cc79a7", "#e69f00", "#000000"
 Style = dict[str, Any]
 
 
-def _style(name: str, colour: str, marker: str, line: str = "-") -> Style:
+def _styles(
+    titles: dict[str, str], *lines: tuple[str, str, str] | tuple[str, str, str, str]
+) -> dict[str, Style]:
+    """Return the styles of methods: name, colour, marker and line; green for one's own."""
+    names = {name for name, *_ in lines}
+    own = [name for name in titles if name not in names]
+    lines += tuple(
+        (name, OWN, *OWN_LINES[number % len(OWN_LINES)]) for number, name in enumerate(own))
     return {
-        "label": name, "color": colour, "marker": marker, "linestyle": line,
-        "markersize": 5.0, "linewidth": 1.6,
+        name: {
+            "label": titles[name], "color": colour, "marker": marker,
+            "linestyle": line[0] if line else "-", "markersize": 5.0, "linewidth": 1.6,
+        }
+        for name, colour, marker, *line in lines
     }
 
 
-READING_STYLES = {
-    name: _style(READINGS[name], colour, marker, line)
-    for name, colour, marker, line in (
-        ("step1", OURS_BEFORE, "s", "-"),
-        ("pipeline", OURS, "o", "-"),
-        ("exact", OURS, "x", ":"),
-        ("paper_pipeline", PLAIN, "v", "-"),
-        ("paper_exact", PLAIN, "+", ":"),
-    )
-}
-MATCH_STYLES = {
-    name: _style(MATCHES[name], colour, marker, line)
-    for name, colour, marker, line in (
-        ("sgbm", INPUT, "^", "-"),
-        ("clahe_sgbm", CLAHE, "v", "-"),
-        ("oracle_sgbm", ORACLE, "D", ":"),
-        ("ours_raw", OURS_BEFORE, "s", "-"),
-        ("ours", OURS, "o", "-"),
-        ("oracle_ours", OURS, "x", ":"),
-    )
-}
-IMAGE_STYLES = {
-    name: _style(IMAGES[name], colour, marker, line)
-    for name, colour, marker, line in (
-        ("degraded", INPUT, "^", "-"),
-        ("histogram", HISTOGRAM, "P", "-"),
-        ("clahe", CLAHE, "v", "-"),
-        ("step1", OURS_BEFORE, "s", "-"),
-        ("final", OURS, "o", "-"),
-        ("oracle", ORACLE, "D", ":"),
-    )
-}
-# Methods of one's own: greens, which no other has, by line and marker.
+# Methods of one's own: greens, which no other has, by marker and line.
 OWN, OWN_LINES = "#009e73", (("<", "-"), (">", "--"), ("1", "-."), ("2", ":"))
 
-
-def _add_own(styles: dict[str, Style], names: dict[str, str]) -> None:
-    own = [name for name in names if name not in styles]
-    for number, name in enumerate(own):
-        marker, line = OWN_LINES[number % len(OWN_LINES)]
-        styles[name] = _style(names[name], OWN, marker, line)
-
-
-for _styles, _names in (
-    (READING_STYLES, READINGS), (MATCH_STYLES, MATCHES), (IMAGE_STYLES, IMAGES),
-):
-    _add_own(_styles, _names)
+READING_STYLES = _styles(
+    READINGS, ("step1", OURS_BEFORE, "s"), ("pipeline", OURS, "o"), ("exact", OURS, "x", ":"),
+    ("paper_pipeline", PLAIN, "v"), ("paper_exact", PLAIN, "+", ":"),
+)
+MATCH_STYLES = _styles(
+    MATCHES, ("sgbm", INPUT, "^"), ("clahe_sgbm", CLAHE, "v"), ("oracle_sgbm", ORACLE, "D", ":"),
+    ("ours_raw", OURS_BEFORE, "s"), ("ours", OURS, "o"), ("oracle_ours", OURS, "x", ":"),
+)
+IMAGE_STYLES = _styles(
+    IMAGES, ("degraded", INPUT, "^"), ("histogram", HISTOGRAM, "P"), ("clahe", CLAHE, "v"),
+    ("step1", OURS_BEFORE, "s"), ("final", OURS, "o"), ("oracle", ORACLE, "D", ":"),
+)
 
 TRUTH_STYLE = {"label": "truth", "color": "black", "linewidth": 1.2, "linestyle": "--"}
 
