@@ -16,7 +16,7 @@ from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
 from uw_visibility.errors import InputError, printable, refusing
-from uw_visibility.replay.bags.salvage_mcap import McapSalvage
+from uw_visibility.replay.bags.salvage_mcap import MAGIC, McapSalvage
 from uw_visibility.replay.bags.salvage_rosbag1 import Rosbag1Salvage
 from uw_visibility.replay.bags.source import RecordingPath, Source, open_regular
 from uw_visibility.replay.bags.sqlite import SqliteFile
@@ -144,10 +144,13 @@ def _check_index(path: Path) -> None:
     Raises
     ------
     ValueError
-        If they differ.
+        If they differ, or there is no end to find it by.
     """
     with Source.of(path) as source:
-        begin, _, checksum, _ = FOOTER.unpack(source.read(source.size - FOOTER_SIZE, FOOTER_SIZE))
+        end = source.read(source.size - FOOTER_SIZE, FOOTER_SIZE)
+        begin, _, checksum, magic = FOOTER.unpack(end)
+        if magic != MAGIC:
+            raise ValueError("its end is missing")
         if begin and checksum:
             # It is that of all from the index to itself.
             index = source.read(begin, source.size - begin - 12)
@@ -157,9 +160,6 @@ def _check_index(path: Path) -> None:
 
 def _salvage(path: Path, error: Exception) -> Storage:
     reason = printable(" ".join(str(error).split()) or type(error).__name__)
-    if isinstance(error, (OverflowError, struct.error)):
-        # Python's words on numbers and bytes say nothing of a recording.
-        reason = "its index cannot be read, or is cut off"
     storage = _checked(SALVAGE[path.suffix](path), path, reason)
     storage.damage.insert(0, f"{path.name} is damaged ({reason}): read as far as it goes")
     return storage
