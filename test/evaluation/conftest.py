@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from uw_visibility.evaluation.rendered_scenes import render_scene
+from uw_visibility.evaluation.scenes import render_scene
 from uw_visibility.simulation.camera import StereoCamera
 
 # The form fixes focal length and baseline; this camera's disparities fit them, so that

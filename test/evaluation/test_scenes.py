@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.errors import InputError
-from uw_visibility.evaluation.rendered_scenes import render_scene
-from uw_visibility.evaluation.scenes import find_scenes, search_limit, tolerance
+from uw_visibility.evaluation.scenes import find_scenes, render_scene, search_limit, tolerance
 from uw_visibility.simulation.camera import StereoCamera
 
 CAMERA = StereoCamera(160, 120, 150.0, 0.12)

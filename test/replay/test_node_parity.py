@@ -21,7 +21,7 @@ from node_run import run_node
 from rosbags.typesys import Stores, get_typestore
 
 from uw_visibility.config.schema import NodeConfig
-from uw_visibility.messages.comparisons import NIS_TOPICS
+from uw_visibility.messages.estimates import NIS_TOPICS
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import FAILED

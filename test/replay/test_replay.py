@@ -33,7 +33,7 @@ from uw_visibility import replay
 from uw_visibility.cli import main
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
-from uw_visibility.messages.comparisons import NIS_TOPICS
+from uw_visibility.messages.estimates import NIS_TOPICS
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.images import stamp_to_nanoseconds, typestore_factory
 from uw_visibility.messages.outputs import all_topics

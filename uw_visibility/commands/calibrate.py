@@ -7,9 +7,8 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from uw_visibility.commands import calibrate_lighting
 from uw_visibility.commands.progress import say
 from uw_visibility.commands.recording_options import (
     add_recording_options,
@@ -18,11 +17,12 @@ from uw_visibility.commands.recording_options import (
     reading,
 )
 from uw_visibility.config.files import write_whole
-from uw_visibility.errors import InputError, printable
+from uw_visibility.errors import InputError, needing, printable
 
 if TYPE_CHECKING:
     from uw_visibility.replay.calibration import CalibrationSeries
     from uw_visibility.water.calibration import Calibration
+    from uw_visibility.water.lamp_calibration import LampCalibration
 
 HELP = "white reference and water type, or lamps, from bags"
 DESCRIPTION = """\
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError("--lamps is for --lighting: give both, or neither")
     from uw_visibility.replay.stores import recordings_here
 
-    calibrate = calibrate_lighting.run if arguments.lighting else _calibrate
+    calibrate = _calibrate_lighting if arguments.lighting else _calibrate
     with recordings_here(arguments.bags) as arguments.bags:
         calibrate(arguments)
 
@@ -87,17 +87,60 @@ def _calibrate(arguments: argparse.Namespace) -> None:
 
         options = read_recording_options(arguments).with_threads(1)
         found, series = calibrate_recordings(arguments.bags, options, jobs=jobs(arguments))
-    text = _parameter_file(arguments, found)
+    low, high = found.depth_range
+    white = ", ".join(f"{value:.2g}" for value in found.best.white_reference_stddev)
+    _write(
+        arguments, found.parameters(), "White reference and water type by uw_visibility calibrate",
+        f"{len(found.residuals)} frames at {low:.2f} to {high:.2f} m. Standard deviations of the "
+        f"white reference: {white}. Depth against the sensor: {found.best.depth_rms:.2f} m rms.",
+        _describe(found, series), series.damage,
+    )
+
+
+def _calibrate_lighting(arguments: argparse.Namespace) -> None:
+    """Find places, axes and beams of lamps."""
+    output = arguments.output
+    picture = None if output is None else output.with_suffix(".png")
+    if picture is not None and (picture == output or (picture.exists() and not arguments.force)):
+        raise InputError(
+            f"the picture would replace {picture}: give -o another name, or --force to replace")
+    if picture is not None:
+        with needing("report", "the picture of the lamps", ", or leave out -o"):
+            from uw_visibility.evaluation.lamps.calibration_figure import draw_calibration
+    with reading("calibrate"):
+        from uw_visibility.replay.lamp_calibration import calibrate_lighting
+
+        found, frames, damage = calibrate_lighting(
+            arguments.bags, read_recording_options(arguments), arguments.lamps)
+    if picture is not None:
+        draw_calibration(picture, found)
+    _write(
+        arguments, found.parameters(), "Lamps by uw_visibility calibrate --lighting",
+        f"{frames} frames.", _describe_lamps(found, frames), damage,
+        "" if picture is None else f" and {picture}",
+    )
+
+
+def _write(
+    arguments: argparse.Namespace, parameters: dict[str, Any], what: str, how: str, told: str,
+    damage: list[str], more: str = "",
+) -> None:
+    """Write the parameters that were found, and tell of them."""
+    from uw_visibility.commands.params_file import read_params_file
+    from uw_visibility.config.parameter_file import render_values
+
+    names = printable(", ".join(bag.resolve().name for bag in arguments.bags))
+    text = render_values(
+        read_params_file(arguments.params_file) | parameters, f"{what}, of {names}: {how}")
     # What is piped on is the file alone.
-    told = sys.stderr if arguments.output is None else sys.stdout
-    print(_describe(found, series), file=told)
-    for note in series.damage:
+    print(told, file=sys.stderr if arguments.output is None else sys.stdout)
+    for note in damage:
         say(f"uw_visibility: warning: {note}", error=True)
     if arguments.output is None:
         print(text, end="")
         return
     write_whole(arguments.output, text)
-    say(f"written to {arguments.output}")
+    say(f"written to {arguments.output}{more}")
 
 
 def _check_target(path: Path | None, force: bool) -> None:
@@ -109,21 +152,6 @@ def _check_target(path: Path | None, force: bool) -> None:
     # Not resolved: a link that leads to itself raises.
     if not path.absolute().parent.is_dir():
         raise InputError(f"cannot write {path}: its folder is missing")
-
-
-def _parameter_file(arguments: argparse.Namespace, found: Calibration) -> str:
-    from uw_visibility.commands.params_file import read_params_file
-    from uw_visibility.config.parameter_file import render_values
-
-    low, high = found.depth_range
-    names = printable(", ".join(bag.resolve().name for bag in arguments.bags))
-    white = ", ".join(f"{value:.2g}" for value in found.best.white_reference_stddev)
-    comment = (
-        f"White reference and water type by uw_visibility calibrate, of {names}: "
-        f"{len(found.residuals)} frames at {low:.2f} to {high:.2f} m. Standard deviations of the "
-        f"white reference: {white}. Depth against the sensor: {found.best.depth_rms:.2f} m rms."
-    )
-    return render_values(read_params_file(arguments.params_file) | found.parameters(), comment)
 
 
 def _describe(found: Calibration, series: CalibrationSeries) -> str:
@@ -158,4 +186,25 @@ def _describe(found: Calibration, series: CalibrationSeries) -> str:
     after = np.sqrt(np.mean(found.residuals**2))
     lines += ["± is from the scatter over frames; errors that all of them share come on top."]
     lines += ["", f"depth against the sensor, rms: {before} before, {after:.2f} m with *"]
+    return "\n".join(lines)
+
+
+def _describe_lamps(found: LampCalibration, frames: int) -> str:
+    """Return the lamps as text, with their standard deviations."""
+    low, high = found.range.min(), found.range.max()
+    lines = [f"{frames} frames, ground at {low:.2f} to {high:.2f} m", ""]
+    for i, lamp in enumerate(found.lamps):
+        place = "  ".join(
+            f"{value:.3f} ± {stddev:.3f}"
+            for value, stddev in zip(lamp.position, found.position_stddev[i], strict=True))
+        axis = "  ".join(f"{value:.2f}" for value in lamp.direction)
+        lines.append(
+            f"  lamp {i + 1}  place (m): {place}   axis: {axis}, ± {found.direction_stddev[i]:.1f} "
+            f"degrees   beam: {lamp.beam_angle:.0f} degrees ± {100 * found.beam_stddev:.0f} %")
+    water = "  ".join(
+        f"{value:.3f} ± {stddev:.3f}"
+        for value, stddev in zip(found.attenuation, found.attenuation_stddev, strict=True))
+    lines += [
+        "", f"  water of the recording, attenuation (1/m), R G B: {water}",
+        f"  light of a point about the fit: {100 * found.scatter:.1f} %"]
     return "\n".join(lines)

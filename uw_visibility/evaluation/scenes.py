@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sources of scenes of an evaluation: folders, or our own renderer."""
+"""Sources of scenes of an evaluation: folders, or reefs of our own renderer."""
 
 from __future__ import annotations
 
@@ -10,16 +10,25 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.degrade import IMAGE_SUFFIXES, Scene, load_scene
-from uw_visibility.evaluation.rendered_scenes import render_scene
+from uw_visibility.simulation.camera import NOISELESS, Pose, StereoCamera
+from uw_visibility.simulation.frame import Renderer
+from uw_visibility.simulation.scene import reef
+from uw_visibility.simulation.water import Water
 
 RENDERED_SEEDS = (0, 1, 2)
 """Reefs that are rendered where no dataset is given."""
 
 FULL_SIZE_WIDTH = 1000
 """Beyond this width, px, a disparity is correct within 2 px instead of 1."""
+
+# A view down onto the reef, without open water that no recorded scene has either.
+ALTITUDE = 1.6
+TILT = np.radians(30.0)
 
 
 @dataclass(frozen=True)
@@ -116,3 +125,39 @@ def _scene_folders(dataset: Path) -> list[Path]:
 def _is_scene(folder: Path) -> bool:
     """Tell whether a folder is meant as a scene; what is missing in it is told on loading."""
     return any((folder / f"view1{suffix}").is_file() for suffix in IMAGE_SUFFIXES)
+
+
+def render_scene(seed: int, camera: StereoCamera | None = None) -> Scene:
+    """Render a reef in air, with its exact disparity.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the reef; the same seed gives the same bits.
+    camera : StereoCamera, optional
+        640 by 480 px where absent.
+
+    Returns
+    -------
+    Scene
+        Named ``reef<seed>``. Disparity is NaN where there is open water, whose
+        radiance is 1: at any range it is seen as ambient light.
+    """
+    camera = camera or StereoCamera()
+    frame = Renderer(camera, sensor=NOISELESS, workers=Workers(1)).render(
+        reef(seed, length=0.0), Pose((0.0, 0.0, ALTITUDE), tilt=TILT), Water(0.0, 0.0), seed=seed
+    )
+    return Scene(
+        name=f"reef{seed}",
+        left=_as_image(frame.radiance_left),
+        right=_as_image(frame.radiance_right),
+        disparity_left=frame.disparity_left,
+        disparity_right=frame.disparity_right,
+        focal_length=camera.focal_length,
+        baseline=camera.baseline,
+        principal_point=camera.principal_point,
+    )
+
+
+def _as_image(radiance: NDArray[np.float32]) -> NDArray[np.uint8]:
+    return np.asarray(np.clip(radiance * 255 + 0.5, 0, 255), dtype=np.uint8)

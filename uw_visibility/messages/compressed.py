@@ -21,8 +21,12 @@ from uw_visibility.errors import InputError, printable
 from uw_visibility.images.chroma import ChromaImage, mosaic_chroma, subsampled_chroma
 from uw_visibility.images.encoded import JPEG, PNG, TruncatedError, decode, read_header
 from uw_visibility.images.jpeg import jpeg_chroma
-from uw_visibility.messages.images import ENCODINGS, SUBSAMPLED
-from uw_visibility.messages.protocols import CompressedImageMessage, ImageMessage
+from uw_visibility.messages.images import (
+    ENCODINGS,
+    SUBSAMPLED,
+    CompressedImageMessage,
+    ImageMessage,
+)
 
 
 def read_format(kind: str) -> tuple[str, bool]:

@@ -1,11 +1,11 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of an estimate of the water, of a frame alone or filtered over frames."""
+"""Messages of an estimate of the water, and of its comparison with a depth sensor."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.schema import NodeConfig
-from uw_visibility.messages.images import MessageFactory
-from uw_visibility.messages.protocols import Stamped
+from uw_visibility.messages.images import MessageFactory, Stamped
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate
@@ -27,6 +26,13 @@ UNMEASURED_VARIANCE = 1e6
 
 # sensor_msgs/Range.INFRARED: the nearest to visible light that the message knows.
 RADIATION_LIGHT = 1
+
+NIS, STAMPED_NIS = "depth_plausibility/nis", "depth_plausibility/nis_stamped"
+
+NIS_TOPICS = MappingProxyType({
+    NIS: "std_msgs/msg/Float64", STAMPED_NIS: "geometry_msgs/msg/Vector3Stamped",
+})
+"""Type of message by topic."""
 
 
 class ImageHeader(NamedTuple):
@@ -211,3 +217,30 @@ _BUILDERS: dict[str, tuple[str, Callable[[Estimate], Any]]] = {
 
 ESTIMATES = MappingProxyType({name: kind for name, (kind, _) in _BUILDERS.items()})
 """Type of message by output."""
+
+
+def nis_messages(
+    make: MessageFactory, stamp: int, frame_id: str, innovation: float, variance: float, nis: float
+) -> Iterator[tuple[str, Any]]:
+    """Make the messages of a comparison, by topic.
+
+    Parameters
+    ----------
+    make : MessageFactory
+        Makes the messages.
+    stamp : int
+        Of the image that the depth was estimated from, ns.
+    frame_id : str
+        Frame of the depth.
+    innovation, variance, nis : float
+        ν, m; S, m²; ν²/S.
+
+    Yields
+    ------
+    topic : str
+        Of `NIS_TOPICS`.
+    message : object
+    """
+    yield NIS, make(NIS_TOPICS[NIS], data=nis)
+    header = ImageHeader.at(stamp, frame_id).message(make)
+    yield STAMPED_NIS, vector_message(make, header, (nis, innovation, variance))

@@ -14,11 +14,13 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import read_only
 from uw_visibility.messages.compressed import message_chroma, read_compressed, read_size
-from uw_visibility.messages.images import image_view, output_encoding, read_image
-from uw_visibility.messages.protocols import (
+from uw_visibility.messages.images import (
     CameraInfoMessage,
     CompressedImageMessage,
     ImageMessage,
+    image_view,
+    output_encoding,
+    read_image,
 )
 from uw_visibility.stereo.calibration import CameraInfo, image_size, matrix_of
 from uw_visibility.stereo.rectification import Rectifier

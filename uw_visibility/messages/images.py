@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError, printable
-from uw_visibility.messages.protocols import ImageMessage, Stamp
+from uw_visibility.stereo.calibration import CameraInfo
 
 
 class Encoding(NamedTuple):
@@ -62,6 +62,51 @@ ENCODINGS: dict[str, Encoding] = {
 } | _bayer_encodings()
 # Two pixels side by side share their colour.
 SUBSAMPLED = ("uyvy", "yuyv", "yuv422", "yuv422_yuy2")
+
+
+class Stamp(Protocol):
+    """``builtin_interfaces/Time``."""
+
+    sec: int
+    nanosec: int
+
+
+class Header(Protocol):
+    """``std_msgs/Header``."""
+
+    frame_id: str
+
+    @property
+    def stamp(self) -> Stamp: ...
+
+
+class Stamped(Protocol):
+    """Any message with a header."""
+
+    @property
+    def header(self) -> Header: ...
+
+
+class ImageMessage(Stamped, Protocol):
+    """``sensor_msgs/Image``; its data are a buffer of bytes."""
+
+    height: int
+    width: int
+    encoding: str
+    is_bigendian: Any
+    step: int
+    data: Any
+
+
+class CompressedImageMessage(Stamped, Protocol):
+    """``sensor_msgs/CompressedImage``."""
+
+    format: str
+    data: Any
+
+
+class CameraInfoMessage(Stamped, CameraInfo, Protocol):
+    """``sensor_msgs/CameraInfo``."""
 
 
 class MessageFactory(Protocol):

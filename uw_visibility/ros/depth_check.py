@@ -12,8 +12,8 @@ from typing import Any
 from rclpy.node import Node
 
 from uw_visibility.errors import InputError
-from uw_visibility.messages.comparisons import NIS_TOPICS, nis_messages
 from uw_visibility.messages.depth_sensor import SENSOR_TYPES, read_depth
+from uw_visibility.messages.estimates import NIS_TOPICS, nis_messages
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.plausibility.monitor import DepthMonitor

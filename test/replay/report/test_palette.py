@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from uw_visibility.optics.transfer import to_linear
-from uw_visibility.replay.report.colours import gradient
+from uw_visibility.replay.report.gallery import gradient
 from uw_visibility.replay.report.palette import DATA, SURFACES
 
 # Machado, Oliveira and Fernandes 2009, doi:10.1109/TVCG.2009.113, severity 1.0, linear RGB.

@@ -7,8 +7,7 @@ import pytest
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.degrade import load_scene
-from uw_visibility.evaluation.rendered_scenes import render_scene
-from uw_visibility.evaluation.scenes import search_limit
+from uw_visibility.evaluation.scenes import render_scene, search_limit
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.simulation.camera import Sensor

@@ -4,9 +4,11 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,7 +22,6 @@ from uw_visibility.commands.demonstration.comparison import (
     write_csv,
 )
 from uw_visibility.commands.demonstration.figures import draw_frame, draw_series
-from uw_visibility.commands.demonstration.interruption import Interruption
 from uw_visibility.commands.demonstration.isolation import isolate, reserved_domain
 from uw_visibility.commands.demonstration.node_process import COMMAND, NodeProcess
 from uw_visibility.commands.demonstration.play import Check, play, wait_until_ready
@@ -37,6 +38,8 @@ from uw_visibility.simulation.bag import write_transect
 from uw_visibility.simulation.transect import Transect
 
 Item = TypeVar("Item")
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 PICTURES = 4
 """Frames that are drawn, evenly spread over the transect."""
@@ -56,6 +59,38 @@ class Answer:
 
     messages: Mapping[str, Any]
     latency: float
+
+
+class Interruption:
+    """Signal handlers that only note the signal; to be used in a ``with`` statement.
+
+    An exception raised by a signal's handler can come up in a callback of the
+    compiler or of the middleware, which swallows it. So the handler only takes
+    a note, and the work asks for it between two frames. A second signal does
+    not wait that long.
+    """
+
+    def __init__(self) -> None:
+        self._asked = False
+        self._before: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Interruption:
+        self._before = {number: signal.signal(number, self._note) for number in SIGNALS}
+        return self
+
+    def check(self) -> None:
+        """Raise KeyboardInterrupt if a signal has come."""
+        if self._asked:
+            raise KeyboardInterrupt
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        if self._asked:
+            raise KeyboardInterrupt
+        self._asked = True
+
+    def __exit__(self, *details: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
 
 
 def demonstrate(

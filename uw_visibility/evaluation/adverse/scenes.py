@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.evaluation.degrade import Scene, fill_from_background, load_scene
-from uw_visibility.evaluation.rendered_scenes import ALTITUDE, TILT
-from uw_visibility.evaluation.scenes import find_scenes
+from uw_visibility.evaluation.scenes import ALTITUDE, TILT, find_scenes
 from uw_visibility.simulation.camera import Pose, StereoCamera
 from uw_visibility.simulation.formation import Geometry
 from uw_visibility.simulation.scene import reef

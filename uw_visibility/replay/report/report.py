@@ -18,12 +18,15 @@ from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.report.captions import caption
-from uw_visibility.replay.report.colours import ColourScale, gradient
-from uw_visibility.replay.report.derived import derived_quantities
 from uw_visibility.replay.report.figures import NEEDED, data_uri, draw_series
-from uw_visibility.replay.report.gallery import pictures, preview
+from uw_visibility.replay.report.gallery import ColourScale, gradient, pictures, preview
 from uw_visibility.replay.report.meaning import meaning
-from uw_visibility.replay.report.overview import OVERVIEW_COLUMNS, contrast_of, overview
+from uw_visibility.replay.report.overview import (
+    OVERVIEW_COLUMNS,
+    contrast_of,
+    derived_quantities,
+    overview,
+)
 from uw_visibility.replay.report.page import write_page
 from uw_visibility.replay.report.sentences import Frames, formula, verdict
 from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_track

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from uw_visibility.messages.comparisons import NIS_TOPICS, nis_messages
+from uw_visibility.messages.estimates import NIS_TOPICS, nis_messages
 from uw_visibility.replay.bags.decoder import jazzy_types
 from uw_visibility.replay.bags.reader import BagReader, Recorded, UnreadableError
 from uw_visibility.replay.bags.writer import BagWriter
