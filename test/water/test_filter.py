@@ -51,6 +51,15 @@ def test_what_is_filtered_is_assessed_too() -> None:
     assert second.visibility.distance_stddev < first.visibility.distance_stddev
 
 
+def test_a_distance_that_is_no_longer_known_is_refused_for_the_reason_of_the_frame() -> None:
+    kept = WaterFilter(PipelineConfig())
+    kept.update(water(), 0.0)
+    blind = WaterEstimate.not_assessable(Status.NOT_ONE_WATER)
+    found = [kept.update(blind, time) for time in (0.2, 4.5)]
+    assert [one.event for one in found if one] == [TrackingEvent.PREDICTED] * 2
+    assert [one.visibility.status for one in found if one] == [Status.OK, Status.NOT_ONE_WATER]
+
+
 def test_nothing_is_filtered_where_tracking_is_off() -> None:
     off = WaterFilter(PipelineConfig.from_parameters({"tracking.enabled": False}))
     assert off.update(water(), 0.0) is None

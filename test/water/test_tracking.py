@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from uw_visibility.config.schema import AssessmentConfig, TrackingConfig
 from uw_visibility.errors import InputError
-from uw_visibility.optics.light_model import ambient_light_at_depth
+from uw_visibility.optics.light_model import ambient_light_at_depth, visibility_distance
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Assessor
@@ -463,6 +463,58 @@ def test_frames_without_an_estimate_are_predicted_until_the_timeout():
     assert np.isnan(out.attenuation).all()
 
 
+GAPS = st.lists(
+    st.tuples(st.integers(5, 20), st.floats(0.5, 4.8), st.floats(-0.24, 0.24)),
+    min_size=1, max_size=4)
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(seed=SEEDS, period=st.floats(0.1, 0.5), gaps=GAPS)
+def test_water_that_changes_while_frames_do_not_show_it_is_within_the_deviations(
+        seed, period, gaps):
+    """Steady water, then frames without an estimate while it changes by up to e in 4 s."""
+    rng = np.random.default_rng(seed)
+    tracker, stamp, beta = WaterTracker(), 0.0, BETA + rng.uniform(0.0, 0.4)
+    blind = WaterEstimate.not_assessable(Status.NOT_ONE_WATER)
+    for frames, gap, rate in gaps:
+        for _ in range(frames):
+            stamp += period
+            tracker.update(drawn(rng, attenuation=beta, scale=0.7), stamp)
+        end = stamp + gap
+        while stamp + period < end:
+            stamp += period
+            beta = np.maximum(beta * math.exp(rate * period), KAPPA)
+            out = tracker.update(blind, stamp)
+            assert (np.abs(out.attenuation - beta) < 3.3 * out.attenuation_stddev).all()
+            seen = ASSESSOR.assess(out)
+            far = visibility_distance(beta.min(), 0.05)
+            assert np.isnan(seen.distance) or abs(
+                seen.distance - far) < 3.3 * seen.distance_stddev
+
+
+def test_a_distance_is_told_through_short_gaps_and_not_through_long_ones():
+    tracker, stamp = settled(np.random.default_rng(18), attenuation=BETA + 0.3)
+    before = ASSESSOR.assess(tracker.estimate)
+    blind = WaterEstimate.not_assessable(Status.NOT_ONE_WATER)
+    seen = [ASSESSOR.assess(tracker.update(blind, stamp + k * PERIOD)) for k in range(1, 25)]
+    deviations = np.array([one.distance_stddev for one in seen])
+    assert deviations[1] < 1.6 * before.distance_stddev
+    assert np.isfinite(deviations[:10]).all()
+    assert np.isnan(deviations[-5:]).all()
+
+
+@pytest.mark.parametrize("period", [0.2, 1.0, 2.0])
+def test_frames_at_their_usual_pace_are_no_gaps(period):
+    found = []
+    for rate in (0.0, 0.12):
+        rng = np.random.default_rng(19)
+        tracker = WaterTracker(TrackingConfig(unseen_rate=rate))
+        for k in range(30):
+            out = tracker.update(drawn(rng), k * period)
+        found.append(out.attenuation_stddev)
+    np.testing.assert_allclose(found[1], found[0], rtol=0.01)
+
+
 def test_before_any_estimate_there_is_no_state():
     out = WaterTracker().update(WaterEstimate.not_assessable(Status.NO_COLOUR), 0.0)
     assert out.status is Status.NO_COLOUR
@@ -538,8 +590,10 @@ def test_time_adds_the_variance_that_the_rates_say(gap):
     added = (out.joint_covariance - frame.joint_covariance) / np.outer(light, light)
     # Turbidity: three quarters of it are common to the channels.
     wander = (config.turbidity_rate * frame.attenuation.mean()) ** 2 * gap
+    # What changed unawares is all common.
+    unseen = (math.expm1(config.unseen_rate * gap) * frame.attenuation.mean()) ** 2
     np.testing.assert_allclose(
-        added[0::2, 0::2], wander * (0.75 + 0.25 * np.eye(3)), rtol=1e-6)
+        added[0::2, 0::2], wander * (0.75 + 0.25 * np.eye(3)) + unseen, rtol=1e-6)
     # Light: exposure is common to them, colour is not.
     colour = config.light_rate**2 * gap
     np.testing.assert_allclose(

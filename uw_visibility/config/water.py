@@ -78,6 +78,12 @@ class TrackingConfig:
         0.02, "How fast attenuation wanders, as part of itself.",
         unit="1/s^0.5", minimum=1e-4, maximum=10.0,
     )
+    unseen_rate: float = parameter(
+        0.12, "How fast attenuation may change, as part of itself, while frames do not show it; "
+        "0.12 is that of a vehicle that sinks by half a metre a second into water whose "
+        "turbidity doubles in three metres.",
+        unit="1/s", minimum=0.0, maximum=10.0,
+    )
     light_rate: float = parameter(
         0.05, "How fast the colour of the ambient light wanders, as part of each channel.",
         unit="1/s^0.5", minimum=1e-4, maximum=10.0,

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.status import Status
 from uw_visibility.water.assessment import Assessor, Visibility
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.estimation import WaterEstimator
@@ -112,8 +113,12 @@ class WaterFilter:
         if survey is not None:
             filtered, event = survey.water, TrackingEvent.SURVEYED
         filtered = replace(filtered, grey_on_average=grey)
+        visibility = self._assessor.assess(filtered)
+        if event is TrackingEvent.PREDICTED and visibility.status is not Status.OK:
+            # What is no longer known is so for the reason that frames do not show it.
+            visibility = replace(visibility, status=water.status)
         return FilteredWater(
-            filtered, self._assessor.assess(filtered), event, self._tracker.assessed,
+            filtered, visibility, event, self._tracker.assessed,
             self._tracker.rejected, self._tracker.rejected_in_a_row, survey,
         )
 

@@ -49,6 +49,8 @@ _TREND_VARIANCE = _TREND_SHARE / (2.0 - _TREND_SHARE)
 # Standard deviations of its chi squared beyond which the average says that the
 # state lags behind the water. Low: growth begins at nothing there.
 _TREND_LIMIT = 1.0
+# An interval between measurements is a gap from so many times the last one on.
+_GAP = 1.5
 # An innovation that so many are smaller than, where all is well, is taken for a change.
 _SURPRISE = 0.99
 # Changes from frame to frame are averaged over about 1 / this many of them. Of errors alone
@@ -83,6 +85,11 @@ class WaterState:
         self._age = np.zeros(3)
         # Time since the last measurement, and since the last one taken in, s.
         self._interval = self._unseen = 0.0
+        # The last time between measurements, s, whether this one is a gap or frames showed
+        # nothing in it, and the variance that is in the covariance for that.
+        self._last_interval = 0.0
+        self._gap = False
+        self._unawares = 0.0
         # Mean innovation and mean rate of change of late (per s), the measurement that was taken
         # in last, and the covariance of the rate of change, per s².
         self._trend = np.zeros(6)
@@ -90,8 +97,17 @@ class WaterState:
         self._last = measurement
         self._drift = np.zeros((6, 6))
 
-    def predict(self, elapsed: float, config: TrackingConfig) -> None:
-        """Predict the state after some time (s): its covariance grows."""
+    def predict(self, elapsed: float, config: TrackingConfig, shown: bool = True) -> None:
+        """Predict the state after some time: its covariance grows.
+
+        Parameters
+        ----------
+        elapsed : float
+            s.
+        config : TrackingConfig
+        shown : bool
+            Whether the frame that comes shows the water.
+        """
         turbidity = (config.turbidity_rate * self._scale()) ** 2 * elapsed
         self.covariance[ATTENUATION, ATTENUATION] += turbidity * (
             1.0 - _CHANNEL_SHARE**2 + _CHANNEL_SHARE**2 * np.eye(3)
@@ -104,11 +120,23 @@ class WaterState:
         self._unseen += elapsed
         # Who changes goes on to: not a random walk's square root of time.
         self.covariance += self._drifted() - drifted
+        self._gap |= not shown or self._interval > _GAP * self._last_interval
+        unawares = self._changed_unawares(config) if self._gap else 0.0
+        self.covariance[ATTENUATION, ATTENUATION] += unawares - self._unawares
+        self._unawares = unawares
         self.known &= self._age <= config.timeout
 
     def _drifted(self) -> NDArray[np.float64]:
         """Return the part of the covariance by changes since the last measurement taken in."""
         return self._unseen**2 * self._drift
+
+    def _changed_unawares(self, config: TrackingConfig) -> float:
+        """Return the variance of attenuation, (1/m)², by changes while frames fail to show it.
+
+        Water that did not change before may do so now, and be why they fail: at a rate of its
+        logarithm that nobody knows.
+        """
+        return (math.expm1(config.unseen_rate * self._interval) * self._scale()) ** 2
 
     def _scale(self) -> float:
         """Return the attenuation, 1/m, that a change of turbidity is a part of."""
@@ -140,12 +168,17 @@ class WaterState:
             That chance, 0..1, for a small change; it falls as a change gets
             larger than the state itself, which water does not do in a moment.
         """
-        self._interval = 0.0
+        self._end_interval()
         both = np.repeat(self.known & measurement.seen, 2)
         innovation = np.where(both, measurement.value - self.mean, 0.0)
         scale = np.tile((self._scale(), 1.0), 3)
         share /= 1.0 + np.max((innovation / scale) ** 2)
         return np.asarray(share * np.outer(innovation, innovation))
+
+    def _end_interval(self) -> None:
+        """Begin the time to the next measurement."""
+        self._last_interval, self._interval = self._interval, 0.0
+        self._gap, self._unawares = False, 0.0
 
     def adapt(self, measurement: Measurement, config: TrackingConfig) -> None:
         """Adapt the process noise to innovations that the state's covariance does not explain.
@@ -219,7 +252,8 @@ class WaterState:
         self.common = kept @ self.common + gain @ measurement.common
         self._age[measurement.seen] = 0.0
         self._last = measurement
-        self._interval = self._unseen = 0.0
+        self._unseen = 0.0
+        self._end_interval()
 
     def _own(self, measurement: Measurement) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Covariance of what the state and what a measurement has for itself, (6, 6) each.

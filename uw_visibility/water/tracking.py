@@ -104,7 +104,7 @@ class WaterTracker:
         self._stamp = stamp_seconds
         measurement = Measurement.of(estimate, self._config.common_error)
         if self._state is not None:
-            self._state.predict(elapsed, self._config)
+            self._state.predict(elapsed, self._config, bool(measurement.seen.any()))
             if not self._state.known.any():
                 self._forget()
         self.event = self._correct(measurement)
