@@ -7,7 +7,7 @@ Everything is seeded: the same arguments give the same values.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,8 +15,12 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from uw_visibility.config.schema import NodeConfig, PipelineConfig
+from uw_visibility.messages.frames import StereoFrame
+from uw_visibility.messages.processor import FrameProcessor
 from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
 from uw_visibility.optics.transfer import from_linear
+from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
 from uw_visibility.simulation.frame import Effects, RenderedFrame, Renderer
 from uw_visibility.simulation.scene import Scene, reef
@@ -185,3 +189,13 @@ class ReefView:
 def blurred(image: Image, sigma: float) -> Image:
     """Blur as a lens does: texture from pixel to pixel would be measured as noise."""
     return cv2.GaussianBlur(image, (0, 0), sigma)
+
+
+def processed(
+    processor: FrameProcessor, frame: StereoFrame, config: PipelineConfig, node: NodeConfig,
+    topics: Collection[str], **options: bool,
+) -> tuple[FrameResult, dict[str, Any]]:
+    """Result of one frame by itself, and its messages by topic."""
+    work = processor.begin(frame, config)
+    result = work.assess(topics, **options)
+    return result, dict(work.messages(result, node, topics))

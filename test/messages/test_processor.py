@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from scenes import in_water, row_ranges, stereo_pair, texture
+from scenes import in_water, processed, row_ranges, stereo_pair, texture
 
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.frames import StereoFrame
@@ -61,8 +61,8 @@ def frame() -> StereoFrame:
 def test_matches_are_rated_where_asked_for_and_stay_the_same() -> None:
     processor = FrameProcessor(make, rectify=False)
     settings = PipelineConfig(), NodeConfig()
-    without, _ = processor.process(frame(), *settings, TOPICS)
-    rated, _ = processor.process(frame(), *settings, TOPICS, confidence=True)
+    without, _ = processed(processor, frame(), *settings, TOPICS)
+    rated, _ = processed(processor, frame(), *settings, TOPICS, confidence=True)
     assert without.stereo.confidence is None
     assert rated.stereo.confidence is not None
     np.testing.assert_array_equal(rated.stereo.confidence > 0, np.isfinite(rated.disparity))
@@ -72,8 +72,8 @@ def test_matches_are_rated_where_asked_for_and_stay_the_same() -> None:
 def test_images_that_nobody_wants_are_not_made_and_change_no_estimate() -> None:
     processor = FrameProcessor(make, rectify=False)
     settings = PipelineConfig(), NodeConfig()
-    whole, every = processor.process(frame(), *settings, TOPICS)
-    result, few = processor.process(frame(), *settings, ESTIMATES)
+    whole, every = processed(processor, frame(), *settings, TOPICS)
+    result, few = processed(processor, frame(), *settings, ESTIMATES)
     assert set(few) == ESTIMATES & set(every)
     images = result.images
     assert (images.left.size, images.right.size, images.limited.size) == (0, 0, 0)
@@ -82,7 +82,7 @@ def test_images_that_nobody_wants_are_not_made_and_change_no_estimate() -> None:
     np.testing.assert_array_equal(result.disparity, whole.disparity)
     assert np.isfinite(whole.water.attenuation).any()
     for side, other in (("left", "right"), ("right", "left")):
-        result, messages = processor.process(frame(), *settings, {f"{side}/enhanced/image"})
+        result, messages = processed(processor, frame(), *settings, {f"{side}/enhanced/image"})
         shown, hidden = (getattr(result, f"{name}_enhanced") for name in (side, other))
         np.testing.assert_array_equal(shown, getattr(whole, f"{side}_enhanced"))
         assert hidden.size == 0

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from scenes import ReefView
+from scenes import ReefView, processed
 
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.frames import StereoFrame
@@ -109,7 +109,7 @@ def info(offset: float, cx: float) -> SimpleNamespace:
 def process(processor: FrameProcessor, left: Any, right: Any, shift: int = 0) -> dict[str, Any]:
     cx = CAMERA.principal_point[0]
     infos = info(0.0, cx), info(CAMERA.baseline, cx - shift)
-    return processor.process(StereoFrame(left, right, *infos), *SETTINGS, TOPICS)[1]
+    return processed(processor, StereoFrame(left, right, *infos), *SETTINGS, TOPICS)[1]
 
 
 def disparities(message: Any) -> np.ndarray:

@@ -28,6 +28,7 @@ from bag_copies import (
     run,
 )
 from rosbags.typesys import Stores, get_typestore
+from scenes import processed
 
 from uw_visibility import replay
 from uw_visibility.cli import main
@@ -104,7 +105,7 @@ def test_messages_and_table_are_those_of_the_common_path(transect: Path, tmp_pat
     config, topics = PipelineConfig.from_parameters(ALONE), all_topics(NodeConfig())
     rows = read_rows(tmp_path / "out" / "frames.csv")
     for frame, row in zip(frames_of(transect), rows, strict=True):
-        result, messages = processor.process(frame, config, NodeConfig(), topics)
+        result, messages = processed(processor, frame, config, NodeConfig(), topics)
         time = stamp_to_nanoseconds(frame.left.header.stamp)
         for topic, message in messages.items():
             expected = bytes(types.serialize_cdr(message, topics[topic]))
@@ -129,7 +130,7 @@ def test_filtered_messages_are_those_of_a_filter_over_all_frames(
             for m in reader.messages(["/visibility/attenuation"])
         }
     for frame in frames_of(transect):
-        result, _ = processor.process(frame, config, NodeConfig(), [])
+        result, _ = processed(processor, frame, config, NodeConfig(), [])
         time = stamp_to_nanoseconds(frame.left.header.stamp)
         vector = found["/visibility/attenuation", time].vector
         water = tracker.update(result.water, 1e-9 * time)

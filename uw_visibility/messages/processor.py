@@ -103,9 +103,23 @@ class FrameWork:
         confidence: bool = False,
         known_light: LampLight | None = None,
     ) -> FrameResult:
-        """Run the pipeline on the frame; for the parameters see `FrameProcessor.process`.
+        """Run the pipeline on the frame.
 
-        `known_light` is that of the frames before, see `Pipeline.process`.
+        Parameters
+        ----------
+        topics : collection of str
+            Outputs wanted, of `uw_visibility.messages.outputs.all_topics`.
+        match_original : bool
+            Whether to match the raw pair too, for comparison.
+        confidence : bool
+            Whether to rate the disparities; no message carries it.
+        known_light : LampLight, optional
+            That of the frames before, see `Pipeline.process`.
+
+        Raises
+        ------
+        InputError
+            If the frame shows nothing that could be matched.
         """
         pair = self._pair
         return self._pipeline.process(
@@ -197,44 +211,3 @@ class FrameProcessor:
         if self._threads is None or self._threads[0] != threads:
             self._threads = threads, Workers(threads)
         return self._threads[1]
-
-    def process(
-        self,
-        frame: StereoFrame,
-        pipeline_config: PipelineConfig,
-        node_config: NodeConfig,
-        topics: Collection[str],
-        *,
-        match_original: bool = False,
-        confidence: bool = False,
-    ) -> tuple[FrameResult, dict[str, Any]]:
-        """Process one frame for itself, from `begin` to the messages.
-
-        Parameters
-        ----------
-        frame, pipeline_config
-            As for `begin`.
-        node_config : NodeConfig
-            Holds for this frame.
-        topics : collection of str
-            Outputs wanted, of `uw_visibility.messages.outputs.all_topics`.
-        match_original : bool
-            Whether to match the raw pair too, for comparison.
-        confidence : bool
-            Whether to rate the disparities; no message carries it.
-
-        Returns
-        -------
-        result : FrameResult
-            What the pipeline found.
-        messages : dict of str to object
-            Message by topic; what is not assessable is absent.
-
-        Raises
-        ------
-        InputError
-            If the frame cannot be used, or shows nothing that could be matched.
-        """
-        work = self.begin(frame, pipeline_config)
-        result = work.assess(topics, match_original=match_original, confidence=confidence)
-        return result, dict(work.messages(result, node_config, topics))
