@@ -120,6 +120,8 @@ def needing(extra: str, what: str, otherwise: str = "") -> Iterator[None]:
     try:
         yield
     except ImportError as error:
+        if (error.name or "").startswith("uw_visibility"):
+            raise
         named = f"extras {extra.replace(',', ' and ')}" if "," in extra else f"extra {extra}"
         raise InputError(
             f"{what} needs {(error.name or str(error)).partition('.')[0]}: install the {named}, "
