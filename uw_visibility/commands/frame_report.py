@@ -19,11 +19,6 @@ if TYPE_CHECKING:
 def frame_report(result: FrameResult) -> dict[str, Any]:
     """Return the contents of `report.json`.
 
-    Parameters
-    ----------
-    result : FrameResult
-        Outcome of the pipeline.
-
     Returns
     -------
     dict

@@ -79,13 +79,5 @@ def tell(text: str) -> None:
 
 
 def say(line: str, *, error: bool = False) -> None:
-    """Print a line, which may hold text from outside: names of topics, files and frames.
-
-    Parameters
-    ----------
-    line : str
-        The line.
-    error : bool
-        Whether it goes to standard error.
-    """
+    """Print a line, which may hold text from outside: names of topics, files and frames."""
     print(printable(line, LONGEST_MESSAGE), file=sys.stderr if error else sys.stdout)

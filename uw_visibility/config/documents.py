@@ -53,15 +53,6 @@ def read_document(path: str | Path, what: str) -> Any:
 def parse_yaml(text: str) -> Any:
     """Parse YAML, with what ROS 2's own parser takes: no aliases, no tags of programs.
 
-    Parameters
-    ----------
-    text : str
-        One document.
-
-    Returns
-    -------
-    object
-
     Raises
     ------
     InputError
@@ -138,15 +129,6 @@ def _loader(yaml: Any, parser: Any) -> Any:
 
 def parse_json(text: str) -> Any:
     """Parse JSON.
-
-    Parameters
-    ----------
-    text : str
-        One value.
-
-    Returns
-    -------
-    object
 
     Raises
     ------

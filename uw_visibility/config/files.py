@@ -36,10 +36,6 @@ def read_regular(path: str | Path, most: int, what: str = "file") -> bytes:
     what : str
         What errors call the file.
 
-    Returns
-    -------
-    bytes
-
     Raises
     ------
     InputError
@@ -133,10 +129,6 @@ def gathered(folder: Path, last: str, *, clear: bool = False) -> Iterator[Path]:
     clear : bool
         Whether whatever else is in the folder is removed.
 
-    Yields
-    ------
-    Path
-
     Raises
     ------
     InputError
@@ -182,11 +174,6 @@ def lock_of(target: Path) -> Path:
 @contextmanager
 def sole_writer(target: Path) -> Iterator[None]:
     """Keep a folder or file of results to this process; its parent is made where missing.
-
-    Parameters
-    ----------
-    target : Path
-        What is written.
 
     Raises
     ------

@@ -55,10 +55,6 @@ def render_values(values: Mapping[str, Any], comment: str) -> str:
         Values by dotted name.
     comment : str
         What they are, for the first lines.
-
-    Returns
-    -------
-    str
     """
     nested: dict[str, Any] = {}
     for name, value in values.items():

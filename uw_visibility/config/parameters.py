@@ -259,10 +259,6 @@ def read_yaml(path: str | Path, node: str | None = None) -> dict[str, Any]:
     node : str, optional
         Full name of a node, such as ``/auv/uw_visibility``, whose values are wanted alone.
 
-    Returns
-    -------
-    dict of str to object
-
     Raises
     ------
     InputError

@@ -207,10 +207,6 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         Parameters of the pipeline. Where `stereo.max_disparity` is 0, all
         matchers search up to the scene's `search_limit`.
 
-    Returns
-    -------
-    CaseResult
-
     Raises
     ------
     InputError

@@ -102,10 +102,6 @@ def load_scene(folder: str | Path) -> Scene:
     folder : str or Path
         The scene's folder.
 
-    Returns
-    -------
-    Scene
-
     Raises
     ------
     InputError

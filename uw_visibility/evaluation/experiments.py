@@ -145,10 +145,6 @@ def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: it
     progress : callable
         Takes an iterator over what is done and its length, and yields from it.
 
-    Returns
-    -------
-    Evaluation
-
     Raises
     ------
     InputError

@@ -29,11 +29,6 @@ Summary = dict[str, Any]
 def summarise(evaluation: Evaluation) -> Summary:
     """Reduce an evaluation to its summary.
 
-    Parameters
-    ----------
-    evaluation : Evaluation
-        Everything measured.
-
     Returns
     -------
     dict

@@ -38,15 +38,6 @@ def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None
     """Write the tables as CSV, and all of them as JSON.
 
     What is not assessable is an empty field of a CSV file and null in JSON.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to.
-    evaluation : Evaluation
-        Everything measured.
-    summary : dict
-        What `summarise` made of it.
     """
     cases = [case.row() for case in evaluation.cases]
     transect = [row.row() for row in evaluation.transect]

@@ -30,11 +30,6 @@ SHORT_IMAGES = (
 def as_text(summary: Summary) -> str:
     """Return the summary as tables for a terminal.
 
-    Parameters
-    ----------
-    summary : dict
-        What `summarise` returned.
-
     Returns
     -------
     str

@@ -59,10 +59,6 @@ def mosaic_chroma(image: NDArray[Any], pattern: str) -> ChromaImage:
         The interpolated image, RGB.
     pattern : str
         Colours of the mosaic's first two pixels and of those below, such as ``"rggb"``.
-
-    Returns
-    -------
-    ChromaImage
     """
     height, width = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
     cells = np.empty((height // 2, width // 2, 3), image.dtype)
@@ -81,10 +77,6 @@ def subsampled_chroma(image: NDArray[Any]) -> ChromaImage:
     ----------
     image : (H, W, 3) ndarray of uint8
         The interpolated image, RGB.
-
-    Returns
-    -------
-    ChromaImage
     """
     height, width = image.shape[0] // 2, image.shape[1] // 2
     whole = image[: 2 * height, : 2 * width]

@@ -65,15 +65,6 @@ class Header(NamedTuple):
 def read_header(data: bytes) -> Header:
     """Read the size of a PNG, JPEG, TIFF or binary PNM, and whether it is all there.
 
-    Parameters
-    ----------
-    data : bytes
-        The encoded image.
-
-    Returns
-    -------
-    Header
-
     Raises
     ------
     InputError
@@ -101,11 +92,6 @@ def read_header(data: bytes) -> Header:
 
 def decode(data: bytes) -> NDArray[Any]:
     """Decode an image as it is stored: depth and channels are not converted.
-
-    Parameters
-    ----------
-    data : bytes
-        The encoded image.
 
     Returns
     -------

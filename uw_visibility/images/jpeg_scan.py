@@ -85,13 +85,7 @@ class _Component(NamedTuple):
 
 
 class _ScanReader:
-    """Checks the scans of a JPEG as its segments come.
-
-    Parameters
-    ----------
-    data : bytes
-        The JPEG.
-    """
+    """Checks the scans of a JPEG as its segments come."""
 
     def __init__(self, data: bytes) -> None:
         self._data = np.frombuffer(data, np.uint8)

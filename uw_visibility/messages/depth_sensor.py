@@ -48,10 +48,6 @@ def read_depth(message: Any, config: PlausibilityConfig, arrival: int) -> DepthS
     arrival : int
         When the message came, ns; stands for the stamp where it has none.
 
-    Returns
-    -------
-    DepthSample
-
     Raises
     ------
     InputError

@@ -104,10 +104,6 @@ class FrameReader:
         frame : StereoFrame
             Messages of rclpy or rosbags.
 
-        Returns
-        -------
-        StereoPair
-
         Raises
         ------
         InputError

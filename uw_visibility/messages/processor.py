@@ -63,19 +63,7 @@ def try_out(
 
 
 class FrameWork:
-    """Work on one frame: the pair that was read, to be assessed and told of.
-
-    Parameters
-    ----------
-    frame : StereoFrame
-        Input messages.
-    pair : StereoPair
-        What they hold.
-    pipeline : Pipeline
-        For the pair.
-    make : MessageFactory
-        Makes the outgoing messages.
-    """
+    """Work on one frame: the pair that was read, to be assessed and told of."""
 
     def __init__(
         self, frame: StereoFrame, pair: StereoPair, pipeline: Pipeline, make: MessageFactory

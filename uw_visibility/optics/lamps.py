@@ -142,10 +142,6 @@ class LampTables(NamedTuple):
             multiplied by.
         daylight, veil : (3,) float64 ndarray
             W and B of daylight: irradiance of white, and of the water at infinity.
-
-        Returns
-        -------
-        LightField
         """
         log_direct, log_scattered = self.at(attenuation)
         direct = np.exp(log_direct) * _of_channels(power)
@@ -203,10 +199,6 @@ def tabulate(
         In the left camera's frame, whose axes the camera's are.
     eye : tuple of float
         The camera's place in that frame, m.
-
-    Returns
-    -------
-    LampTables
     """
     shape = rays.shape[:2]
     directions = rays.reshape(-1, 3)

@@ -26,10 +26,6 @@ def read_shipped(name: str) -> tuple[list[str], list[list[str]]]:
     ----------
     name : str
         File name, for example ``"clear_sea_water.csv"``.
-
-    Returns
-    -------
-    tuple of (list of str, list of list of str)
     """
     text = resources.files("uw_visibility.data").joinpath(name).read_text(encoding="utf-8")
     return parse(text)

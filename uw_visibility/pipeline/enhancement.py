@@ -30,17 +30,7 @@ class ChannelWater(NamedTuple):
 
 
 class ImageEnhancement:
-    """Restoration of both views with the filled disparity of the left one.
-
-    Parameters
-    ----------
-    rig : StereoRig
-        Geometry of the pair.
-    config : PipelineConfig
-        Parameters.
-    workers : Workers
-        Threads.
-    """
+    """Restoration of both views with the filled disparity of the left one."""
 
     def __init__(self, rig: StereoRig, config: PipelineConfig, workers: Workers) -> None:
         self._rig = rig

@@ -132,17 +132,6 @@ class FirstStep:
     def run(self, views: StereoViews, clock: StageClock) -> CoarseEstimate:
         """Estimate the water and a coarse disparity from the raw pair.
 
-        Parameters
-        ----------
-        views : StereoViews
-            The pair.
-        clock : StageClock
-            Times the stages.
-
-        Returns
-        -------
-        CoarseEstimate
-
         Raises
         ------
         InputError

@@ -51,17 +51,7 @@ def light_by_range(
 
 
 class LampEnhancement:
-    """Restoration of both views under lamps.
-
-    Parameters
-    ----------
-    rig : StereoRig
-        Geometry of the pair.
-    config : PipelineConfig
-        Parameters, with lamps.
-    workers : Workers
-        Threads.
-    """
+    """Restoration of both views under lamps."""
 
     def __init__(self, rig: StereoRig, config: PipelineConfig, workers: Workers) -> None:
         self._rig = rig

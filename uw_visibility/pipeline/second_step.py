@@ -168,10 +168,6 @@ class SecondStep:
             Whether to match the raw pair too, for comparison.
         confidence : bool
             Whether to rate the disparities.
-
-        Returns
-        -------
-        ImprovedDisparity
         """
         original = None
         if match_original:

@@ -103,10 +103,6 @@ def settle(
     outcomes : sequence of Summary or InputError
         What became of each.
 
-    Returns
-    -------
-    list of Summary
-
     Raises
     ------
     InputError

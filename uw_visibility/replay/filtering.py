@@ -27,13 +27,7 @@ def split_topics(pipeline: PipelineConfig, node: NodeConfig) -> tuple[list[str],
 
 
 class FilterStage:
-    """Filter stage: filters estimates in order and makes the messages of the filtered ones.
-
-    Parameters
-    ----------
-    pipeline, node : PipelineConfig, NodeConfig
-        Parameters.
-    """
+    """Filter stage: filters estimates in order and makes the messages of the filtered ones."""
 
     def __init__(self, pipeline: PipelineConfig, node: NodeConfig) -> None:
         self._node = node
@@ -49,11 +43,6 @@ class FilterStage:
         self, estimate: FrameEstimate
     ) -> tuple[list[tuple[str, bytes]], FilteredWater | None]:
         """Take a frame's estimate.
-
-        Parameters
-        ----------
-        estimate : FrameEstimate
-            Of the next frame.
 
         Returns
         -------

@@ -48,13 +48,7 @@ _SHAPES = {
 
 
 class FrameLog:
-    """Log of records, one a line.
-
-    Parameters
-    ----------
-    folder : Path
-        Where the replay writes.
-    """
+    """Log of records, one a line."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / NAME

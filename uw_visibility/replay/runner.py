@@ -63,10 +63,6 @@ def replay_bag(
     counter : callable
         Makes what counts the frames.
 
-    Returns
-    -------
-    Summary
-
     Raises
     ------
     InputError

@@ -72,10 +72,6 @@ def recording_here(bag: Place) -> Iterator[Path]:
     bag : Path or str
         A path is yielded as it is.
 
-    Yields
-    ------
-    Path
-
     Raises
     ------
     InputError

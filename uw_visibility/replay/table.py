@@ -175,19 +175,7 @@ def _survey_columns(survey: SurveyEstimate) -> dict[str, str]:
 
 
 class TableWriter:
-    """Table writer: rows as they come, so that an interruption loses none.
-
-    Parameters
-    ----------
-    path : Path
-        CSV file to write.
-    columns : sequence of str
-        Its columns.
-
-    Attributes
-    ----------
-    columns : tuple of str
-    """
+    """Table writer: rows as they come, so that an interruption loses none."""
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
         self.columns = tuple(columns)
@@ -224,13 +212,6 @@ def read_rows(path: Path) -> Iterator[dict[str, str]]:
 
 def read_columns(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
     """Read columns of numbers.
-
-    Parameters
-    ----------
-    path : Path
-        A table.
-    names : sequence of str
-        Columns.
 
     Returns
     -------

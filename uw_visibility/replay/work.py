@@ -63,19 +63,7 @@ class Recording:
         options: ReplayOptions,
         topics: Collection[str],
     ) -> Recording:
-        """Collect the options and topics that the frames of a recording share.
-
-        Parameters
-        ----------
-        reader : BagReader
-            The recording.
-        selection : Selection
-            Its topics that are used.
-        options : ReplayOptions
-            Parameters.
-        topics : collection of str
-            Outputs to make of each frame.
-        """
+        """Collect the options and topics that the frames of a recording share."""
         used = [reader.channels[t] for t in (*selection.images(), *selection.infos())]
         return cls(
             uuid.uuid4().hex, {channel.type: channel for channel in used}, reader.ros1,
@@ -112,12 +100,7 @@ class FrameAnswer:
 
 
 class RecordingProcessor:
-    """Processor of the frames of one recording.
-
-    Parameters
-    ----------
-    recording : Recording
-    """
+    """Processor of the frames of one recording."""
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording

@@ -30,10 +30,6 @@ def node_environment(given: Mapping[str, str]) -> dict[str, str]:
     ----------
     given : mapping of str to str
         The environment; what it says of the C library's memory, or of how to publish, holds.
-
-    Returns
-    -------
-    dict of str to str
     """
     added: dict[str, str] = {}
     for variables, others in ((MEMORY, {"GLIBC_TUNABLES"}), (PUBLICATION, set())):

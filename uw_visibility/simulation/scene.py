@@ -129,10 +129,6 @@ def reef(seed: int = 0, length: float = 10.0, view: float = 30.0) -> Scene:
         Length of the transect in m, from x = 0 along x.
     view : float
         How far in m things are placed beyond the transect's end.
-
-    Returns
-    -------
-    Scene
     """
     random = np.random.default_rng(seed)
     lattice = noise_lattice(seed)
@@ -161,10 +157,6 @@ def flat_floor(seed: int = 0, *, size: float = 12.0, texture: float = 1.0) -> Sc
         Width in m.
     texture : float
         1 for natural texture, 0 for none.
-
-    Returns
-    -------
-    Scene
     """
     samples = int(size / SPACING)
     heights = np.zeros((samples, samples), np.float32)

@@ -103,10 +103,6 @@ def band_averages(
     response : str
         See `load_response`.
 
-    Returns
-    -------
-    BandAverages
-
     Raises
     ------
     InputError

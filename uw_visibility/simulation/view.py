@@ -113,10 +113,6 @@ def look(
         Threads that do the work.
     surfaces : bool
         Whether reflectance and normals are wanted too.
-
-    Returns
-    -------
-    View
     """
     width = 9 if surfaces else 3
     size = (camera.height, camera.width)
@@ -245,10 +241,6 @@ def assign_to_tiles(
         Axes of the optical frame as columns.
     limit : float
         Range in m beyond which nothing is seen.
-
-    Returns
-    -------
-    Tiles
     """
     offset = bounds[:, :3] - eye
     radius = bounds[:, 3]

@@ -118,10 +118,6 @@ def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> AdverseR
     config : PipelineConfig
         What the estimators are told, but for what the level tells them.
 
-    Returns
-    -------
-    AdverseResult
-
     Raises
     ------
     InputError

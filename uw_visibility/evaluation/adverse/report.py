@@ -15,13 +15,7 @@ from uw_visibility.evaluation.tables import as_csv, number, percent, told, write
 
 
 def adverse_text(summary: Summary) -> str:
-    """Return the summary as tables of up to 100 columns for a terminal.
-
-    Parameters
-    ----------
-    summary : dict
-        What `summarise_adverse` returned.
-    """
+    """Return the summary as tables of up to 100 columns for a terminal."""
     parts = [
         f"{summary['cases']} cases: {', '.join(summary['scenes'])}\n"
         "shares of all cases in %; > 3 σ: published and farther from the truth; ratio: median of\n"
@@ -43,19 +37,7 @@ def adverse_text(summary: Summary) -> str:
 def write_adverse(
     folder: Path, plan: AdversePlan, results: list[AdverseResult], summary: Summary
 ) -> None:
-    """Write ``adverse_cases.csv``, ``adverse.csv`` and ``evaluation.json``.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to.
-    plan : AdversePlan
-        What was asked for.
-    results : list of AdverseResult
-        Everything measured.
-    summary : dict
-        What `summarise_adverse` made of it.
-    """
+    """Write ``adverse_cases.csv``, ``adverse.csv`` and ``evaluation.json``."""
     cases = [result.row() for result in results]
     rows = [
         {"effect": effect, "level": level, "method": method, **_without_reasons(found)}

@@ -30,11 +30,6 @@ Summary = dict[str, Any]
 def summarise_adverse(results: Sequence[AdverseResult]) -> Summary:
     """Reduce a study to its summary.
 
-    Parameters
-    ----------
-    results : sequence of AdverseResult
-        Everything measured.
-
     Returns
     -------
     dict

@@ -35,13 +35,6 @@ def draw_bins(path: Path, case: CaseResult) -> None:
     sees under water, over the true range. The lower curve is eq. 6 with the estimated
     β and I∞, the upper line the estimated I∞ (eq. 7). Envelopes are over the ranges
     that the pipeline found.
-
-    Parameters
-    ----------
-    path : Path
-        PNG file to write.
-    case : CaseResult
-        With pictures.
     """
     pictures = case.pictures
     if pictures is None:

@@ -36,13 +36,6 @@ def draw_over_attenuation(path: Path, evaluation: Evaluation) -> None:
     The paper shows the unmatched fraction alone, of a "conventional stereo matching
     framework" against its own. What is matched may be wrong, so the correct fraction
     stands beside it, once more for each noise of the sensor that was evaluated.
-
-    Parameters
-    ----------
-    path : Path
-        PNG file to write.
-    evaluation : Evaluation
-        Everything measured.
     """
     depth = evaluation.plan.shown[1]
     scenes = _by_scene(evaluation, lambda case: case.truth.depth == depth)
@@ -71,15 +64,7 @@ def draw_over_attenuation(path: Path, evaluation: Evaluation) -> None:
 
 
 def draw_over_depth(path: Path, evaluation: Evaluation) -> None:
-    """Draw Fig. 7: α̂ and ΔE*ab to the scene in air over z, at one α.
-
-    Parameters
-    ----------
-    path : Path
-        PNG file to write.
-    evaluation : Evaluation
-        Everything measured.
-    """
+    """Draw Fig. 7: α̂ and ΔE*ab to the scene in air over z, at one α."""
     attenuation = evaluation.plan.shown[0]
     scenes = _by_scene(
         evaluation, lambda case: bool(np.isclose(case.truth.mean_attenuation, attenuation)))

@@ -25,13 +25,6 @@ def draw_pictures(path: Path, cases: Sequence[CaseResult]) -> None:
 
     Pixels are shown as they are, without encoding, as the paper takes those of its
     scenes.
-
-    Parameters
-    ----------
-    path : Path
-        PNG file to write.
-    cases : sequence of CaseResult
-        With pictures; one row each.
     """
     figure, rows = _grid(cases, len(SHOWN) + 1)
     for row, case, pictures in rows:
@@ -53,15 +46,7 @@ def draw_pictures(path: Path, cases: Sequence[CaseResult]) -> None:
 
 
 def draw_disparities(path: Path, cases: Sequence[CaseResult]) -> None:
-    """Draw Fig. 5: under water, disparities of that pair, improved ones, enhanced image.
-
-    Parameters
-    ----------
-    path : Path
-        File to write.
-    cases : sequence of CaseResult
-        With pictures; one row each.
-    """
+    """Draw Fig. 5: under water, disparities of that pair, improved ones, enhanced image."""
     figure, rows = _grid(cases, 4)
     for row, case, pictures in rows:
         row[0].imshow(pictures.images["degraded"])
@@ -100,15 +85,7 @@ def _grid(
 
 
 def draw_over_depth(path: Path, cases: Sequence[CaseResult]) -> None:
-    """Draw the pictures of Fig. 7: under water and enhanced, over depth.
-
-    Parameters
-    ----------
-    path : Path
-        File to write.
-    cases : sequence of CaseResult
-        With thumbnails.
-    """
+    """Draw the pictures of Fig. 7: under water and enhanced, over depth."""
     scenes: dict[str, list[CaseResult]] = {}
     for case in cases:
         scenes.setdefault(case.scene, []).append(case)

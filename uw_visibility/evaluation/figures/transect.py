@@ -23,15 +23,7 @@ QUANTITIES = (
 
 
 def draw_transect(path: Path, rows: Sequence[TransectRow]) -> None:
-    """Draw the estimates frame by frame, with bands of 1 and 2 σ, over the truth.
-
-    Parameters
-    ----------
-    path : Path
-        PNG file to write.
-    rows : sequence of TransectRow
-        In the order of time.
-    """
+    """Draw the estimates frame by frame, with bands of 1 and 2 σ, over the truth."""
     figure = Figure(figsize=(9.0, 8.2), layout="constrained")
     panels = figure.subplots(len(QUANTITIES), 1, sharex=True)
     time = np.array([row.time for row in rows])

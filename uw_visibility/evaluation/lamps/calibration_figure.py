@@ -16,14 +16,7 @@ ARROW = 0.3
 
 
 def draw_calibration(path: Path, found: LampCalibration) -> None:
-    """Draw where lamps are, from above and from behind, and what of the light is explained.
-
-    Parameters
-    ----------
-    path : Path
-        PNG file to write.
-    found : LampCalibration
-    """
+    """Draw where lamps are, from above and from behind, and what of the light is explained."""
     figure = Figure(figsize=(12.0, 4.2), layout="constrained")
     behind, above, light = figure.subplots(1, 3)
     for axes, (i, j), label in ((behind, (0, 1), "down"), (above, (0, 2), "forward")):

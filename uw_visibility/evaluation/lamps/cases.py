@@ -107,19 +107,7 @@ def pose_of(seed: int) -> Pose:
 
 
 def evaluate_lamp_case(case: LampCase, config: PipelineConfig) -> LampResult:
-    """Render a frame under lamps, and estimate the water by what is told of them.
-
-    Parameters
-    ----------
-    case : LampCase
-        What to render.
-    config : PipelineConfig
-        What else the pipeline is told.
-
-    Returns
-    -------
-    LampResult
-    """
+    """Render a frame under lamps, and estimate the water by what is told of them."""
     lamps = default_rig(case.lamps)
     lighting = Lighting(lamps, daylight=False, shaded=case.surfaces == "lambertian")
     renderer = Renderer(CAMERA, workers=Workers(config.threads), lighting=lighting)

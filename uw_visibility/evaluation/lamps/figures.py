@@ -33,17 +33,7 @@ ORDER = (("right", "within 20 %", OURS), ("other", "assessed, not within 20 %", 
 
 
 def draw_visibility(path: Path, results: Sequence[LampResult], summary: Summary) -> None:
-    """Draw visibility by night over its truth, and how many frames are right or refused.
-
-    Parameters
-    ----------
-    path : Path
-        PNG file to write.
-    results : sequence of LampResult
-        Frames of reefs.
-    summary : dict
-        What `summarise_lamps` made of them.
-    """
+    """Draw visibility by night over its truth, and how many frames are right or refused."""
     figure = Figure(figsize=(11.0, 4.8), layout="constrained")
     scatter, bars = figure.subplots(1, 2, width_ratios=(3, 2))
     truth = np.array([result.truth.distance for result in results])
@@ -88,15 +78,7 @@ def draw_visibility(path: Path, results: Sequence[LampResult], summary: Summary)
 
 
 def draw_survey(path: Path, survey: SurveyResult) -> None:
-    """Draw frames of a survey by each method, and attenuation over its frames.
-
-    Parameters
-    ----------
-    path : Path
-        PNG file to write.
-    survey : SurveyResult
-        The survey.
-    """
+    """Draw frames of a survey by each method, and attenuation over its frames."""
     columns, rows = len(PICTURES), len(survey.shown)
     figure = Figure(figsize=(2.6 * columns, 2.1 * rows + 3.0), layout="constrained")
     upper, lower = figure.subfigures(2, 1, height_ratios=(2.1 * rows + 0.6, 2.4))

@@ -16,13 +16,7 @@ from uw_visibility.evaluation.tables import as_csv, number, percent, told, write
 
 
 def lamps_text(summary: Summary) -> str:
-    """Return the summary as tables of up to 100 columns for a terminal.
-
-    Parameters
-    ----------
-    summary : dict
-        What `summarise_lamps` returned.
-    """
+    """Return the summary as tables of up to 100 columns for a terminal."""
     parts = [
         f"{summary['frames']} frames by night; shares of all frames in %; right: visibility "
         "within 20 %;\n> 3 σ: published and farther from the truth; ratio: median of published "
@@ -48,21 +42,7 @@ def write_lamps(
     folder: Path, plan: LampPlan, results: list[LampResult], survey: SurveyResult | None,
     summary: Summary,
 ) -> None:
-    """Write ``lamp_cases.csv``, ``survey.csv`` and ``evaluation.json``.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to.
-    plan : LampPlan
-        What was asked for.
-    results : list of LampResult
-        Frames of reefs.
-    survey : SurveyResult, optional
-        The survey; without one there is no table of it.
-    summary : dict
-        What `summarise_lamps` made of them.
-    """
+    """Write ``lamp_cases.csv``, ``survey.csv`` and ``evaluation.json``."""
     cases = [result.row() for result in results]
     (folder / "lamp_cases.csv").write_text(as_csv(cases), encoding="utf-8")
     frames = []

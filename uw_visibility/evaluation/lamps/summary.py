@@ -24,13 +24,6 @@ Summary = dict[str, Any]
 def summarise_lamps(results: Sequence[LampResult], survey: SurveyResult | None) -> Summary:
     """Reduce a study to its summary.
 
-    Parameters
-    ----------
-    results : sequence of LampResult
-        Frames of reefs.
-    survey : SurveyResult, optional
-        The survey.
-
     Returns
     -------
     dict

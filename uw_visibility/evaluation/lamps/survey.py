@@ -121,10 +121,6 @@ def run_survey(
         Processes that render; the result is the same for any number.
     progress : callable
         Takes an iterator over what is done and its length, and yields from it.
-
-    Returns
-    -------
-    SurveyResult
     """
     frames = run_all(render_survey_frame, range(plan.frames), (plan,), jobs, progress)
     rows, ours = _process(plan, frames, progress)

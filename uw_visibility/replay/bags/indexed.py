@@ -45,10 +45,6 @@ def open_file(path: Path) -> Storage:
     path : Path
         A .mcap, .db3 or .bag file.
 
-    Returns
-    -------
-    Storage
-
     Raises
     ------
     InputError

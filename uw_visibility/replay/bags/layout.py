@@ -88,10 +88,6 @@ def find_files(path: Path) -> Layout:
     path : Path
         Folder of a ROS 2 bag, one of its files, or file of a ROS 1 bag.
 
-    Returns
-    -------
-    Layout
-
     Raises
     ------
     InputError

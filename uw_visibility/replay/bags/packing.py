@@ -65,10 +65,6 @@ def unpack(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> bytes:
     most : int
         Bytes at which unpacking is given up.
 
-    Returns
-    -------
-    bytes
-
     Raises
     ------
     PackingError

@@ -30,11 +30,6 @@ ROW = re.compile(rb"(messages|topics|message_definitions)\1(.{1,4}?)CREATE TABLE
 def repaired(content: bytes) -> sqlite3.Connection | None:
     """Database in memory whose header and schema are those of a recording.
 
-    Parameters
-    ----------
-    content : bytes
-        The file.
-
     Returns
     -------
     Connection or None

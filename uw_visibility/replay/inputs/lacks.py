@@ -20,12 +20,6 @@ def without_lacking(
 ) -> tuple[ReplayOptions, dict[str, str]]:
     """Return options without the topics to join that a recording lacks.
 
-    Parameters
-    ----------
-    reader : BagReader
-        The recording.
-    options : ReplayOptions
-
     Returns
     -------
     ReplayOptions

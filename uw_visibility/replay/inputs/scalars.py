@@ -72,10 +72,6 @@ class ScalarTopic:
         arrival : int
             When it was received, ns: its time where it has no header.
 
-        Returns
-        -------
-        ScalarValue
-
         Raises
         ------
         InputError

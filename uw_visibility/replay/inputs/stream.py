@@ -73,13 +73,6 @@ Event = RecordedFrame | SensorValue | Position | ScalarValue | Restart
 class InputStream:
     """Stream of stereo frames and sensor values of a recording.
 
-    Parameters
-    ----------
-    reader : BagReader
-        The recording.
-    options : ReplayOptions
-        What of it is wanted.
-
     Attributes
     ----------
     selection : Selection

@@ -108,10 +108,6 @@ def find_topics(
     sensor_type : str, optional
         Type of the depth sensor, as ``plausibility.sensor_type`` has it; None finds one.
 
-    Returns
-    -------
-    Selection
-
     Raises
     ------
     InputError

@@ -21,10 +21,6 @@ def caption(row: Mapping[str, str], formula: str) -> str:
         Of the table.
     formula : str
         Visibility distance as a short formula.
-
-    Returns
-    -------
-    str
     """
     parts = [
         f"Frame {row['frame']} at {clock(nanoseconds(row['stamp']))}",

@@ -38,12 +38,7 @@ DAY = ["", "", "%Y", "%Y-%m-%d", "%Y-%m-%d", "%Y-%m-%d"]
 
 
 class Quantity(NamedTuple):
-    """What is drawn over time.
-
-    Attributes
-    ----------
-    name, title, short, unit : str
-    """
+    """What is drawn over time."""
 
     name: str
     title: str

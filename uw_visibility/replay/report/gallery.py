@@ -123,11 +123,6 @@ def colour_scale(folder: Path) -> ColourScale | None:
     They are chosen from evenly spaced frames, so they do not depend on which
     pictures are wanted.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the result.
-
     Returns
     -------
     ColourScale or None

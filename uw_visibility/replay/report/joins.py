@@ -34,12 +34,6 @@ AGAINST = "beam_attenuation"
 def fit_joins(folder: Path, joins: Sequence[ScalarTopic]) -> list[dict[str, Any]]:
     """Fit each joined topic over the beam attenuation; writes ``fit_TOPIC.json``.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the result, with its table.
-    joins : sequence of ScalarTopic
-
     Returns
     -------
     list of dict

@@ -47,11 +47,6 @@ Sentence = list[str | Frames]
 def verdict(summary: Summary) -> list[Sentence]:
     """Say in sentences what a replay found, how far it may be trusted, and why not more.
 
-    Parameters
-    ----------
-    summary : Summary
-        With its synopsis.
-
     Returns
     -------
     list of list of str or Frames

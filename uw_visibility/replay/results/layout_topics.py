@@ -53,11 +53,6 @@ def copied_topics(
 def diagnostics(make: MessageFactory, joined: JoinedFrame) -> Any:
     """Make a DiagnosticArray of a frame: what was assessed, or why not.
 
-    Parameters
-    ----------
-    make : MessageFactory
-    joined : JoinedFrame
-
     Returns
     -------
     object

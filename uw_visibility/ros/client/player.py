@@ -48,11 +48,6 @@ class Player:
     def publish(self, messages: Mapping[str, bytes]) -> int:
         """Publish messages of one instant, stamped with the present time.
 
-        Parameters
-        ----------
-        messages : mapping of str to bytes
-            Serialised message by topic.
-
         Returns
         -------
         int
