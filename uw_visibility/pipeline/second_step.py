@@ -184,8 +184,11 @@ class SecondStep:
             airlight = self._airlight_prior(scale, small.left, coarse, points)
         with clock("improved disparity"):
             support = scale.matcher.support_points(airlight, points)
-            rated = confidence or scale is not self._finest
-            match = scale.matcher.dense_disparity(support, airlight, confidence=rated)
+            coarser = scale is not self._finest
+            match = scale.matcher.dense_disparity(
+                support, airlight, confidence=confidence or coarser,
+                # So much noise leaves many wrong ones, which would tell of another water.
+                least_for_colour=_LIKELY if coarser else 0.0)
         improved = self._upsample(scale, match, original, len(support), clock)
         return improved if confidence else replace(improved, confidence=None)
 
@@ -284,9 +287,6 @@ class SecondStep:
         """Bring what was matched to the size of the images."""
         disparity, confidence = match.disparity, match.confidence
         whole = _whole(match)
-        if scale is not self._finest and confidence is not None:
-            # So much noise leaves many wrong ones, which would tell of another water.
-            whole = np.where((confidence > 0) & (confidence < _LIKELY), np.float32(np.nan), whole)
         if scale.factor > 1:
             with clock("full size"):
                 disparity = scale.pyramid.upsample_disparity(disparity, self._shape)

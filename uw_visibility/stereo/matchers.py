@@ -47,6 +47,7 @@ class StereoMatcher(Protocol):
         airlight: AirlightPrior | None = None,
         *,
         confidence: bool = True,
+        least_for_colour: float = 0.0,
     ) -> DenseMatch:
         """Match every pixel."""
 

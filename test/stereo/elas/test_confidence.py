@@ -77,24 +77,33 @@ def test_noise_makes_it_less_sure(shared_data, name, codes, mean_attenuation):
 def test_unsure_matches_are_left_out_where_that_is_asked_for(shared_data):
     scene = load_scene(shared_data / "middlebury" / "dolls")
     whole = matched(scene, 0.2, 2.0)
-    sure = matched(scene, 0.2, 2.0, **{"stereo.min_confidence": 0.5})
+    sure = matched(scene, 0.2, 2.0, **{"stereo.min_confidence": 0.6})
     kept = np.isfinite(sure.disparity)
-    np.testing.assert_array_equal(kept, whole.stereo.confidence >= 0.5)
+    np.testing.assert_array_equal(kept, whole.stereo.confidence >= 0.6)
     np.testing.assert_array_equal(sure.disparity[kept], whole.disparity[kept])
     np.testing.assert_array_equal(sure.stereo.confidence > 0, kept)
     hidden = unseen_in_right(scene)
-    assert kept[hidden].mean() < 0.16 < np.isfinite(whole.disparity)[hidden].mean()
+    assert kept[hidden].mean() < 0.16
     tell = np.abs(whole.disparity - scene.disparity_left) <= 1
     assert (tell & kept).sum() > 0.9 * tell.sum()
 
 
-@pytest.mark.parametrize("name", ["art", "dolls", "moebius"])
-def test_hardly_any_of_what_the_right_image_does_not_show_is_matched(shared_data, name):
-    scene = load_scene(shared_data / "middlebury" / name)
-    found = np.isfinite(matched(scene, 0.2).disparity)
-    hidden = unseen_in_right(scene)
-    assert found[hidden].mean() < 0.185
-    assert found[scene.known & ~hidden].mean() > 0.9
+@pytest.mark.parametrize(("codes", "mean_attenuation", "seen"), [
+    (0.0, 0.2, 0.9), (1.0, 0.2, 0.88), (2.0, 0.2, 0.8), (4.0, 0.3, 0.6),
+])
+def test_hardly_any_of_what_the_right_image_does_not_show_is_matched(
+    shared_data, codes, mean_attenuation, seen
+):
+    of_hidden, of_seen = [], []
+    for name in ("art", "dolls", "moebius"):
+        scene = load_scene(shared_data / "middlebury" / name)
+        found = np.isfinite(matched(scene, mean_attenuation, codes).disparity)
+        hidden = unseen_in_right(scene)
+        of_hidden.append(found[hidden].mean())
+        of_seen.append(found[scene.known & ~hidden].mean())
+    # In noise three pixels of ten were, before look-alikes were asked.
+    assert np.mean(of_hidden) < 0.185
+    assert np.mean(of_seen) > seen
 
 
 def unseen_in_right(scene):

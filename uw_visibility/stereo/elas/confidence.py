@@ -35,26 +35,26 @@ _UNMATCHED = 3.169
 _DENIED = 0.895
 _DENIED_OF_ALL = 10.907
 # Up to these they count.
-_MOST_DIFFERENCE = np.float32(2.0)
+MOST_DIFFERENCE = np.float32(2.0)
 _MOST_RANGE = np.float32(3.0)
 # The right view denies a match whose pixel it matches by more than so many px otherwise.
 _AGREES = np.float32(1.0)
 # Marks are summed over the voters: these bits count the matched ones, those above the denied.
-_MATCHED_BITS = 5
-_NO_MARK, _MATCHED, _DENIED_TOO = np.uint16(0), np.uint16(1), np.uint16(1 << _MATCHED_BITS)
+MATCHED_BITS = 5
+_NO_MARK, _MATCHED, _DENIED_TOO = np.uint16(0), np.uint16(1), np.uint16(1 << MATCHED_BITS)
 # Added to the texture, so that noise on a blank wall is no small difference.
-_LEAST_TEXTURE = np.float32(20.0)
+LEAST_TEXTURE = np.float32(20.0)
 # Entries of the table of confidence for a unit of log odds, and the odds it holds.
 _PER_UNIT = 16
-_LEAST_ODDS = -8
-_MOST_ODDS = 8
+LEAST_ODDS = -8
+MOST_ODDS = 8
 
 
 def _tables() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    denied, matched = np.divmod(np.arange((VOTERS + 1) << _MATCHED_BITS), 1 << _MATCHED_BITS)
+    denied, matched = np.divmod(np.arange((VOTERS + 1) << MATCHED_BITS), 1 << MATCHED_BITS)
     share = denied / np.maximum(matched, 1)
     votes = _BASE + _UNMATCHED * (1 - matched / VOTERS) + _DENIED * np.log1p(VOTERS * share)
-    odds = np.arange(_LEAST_ODDS, _MOST_ODDS + 0.5 / _PER_UNIT, 1 / _PER_UNIT)
+    odds = np.arange(LEAST_ODDS, MOST_ODDS + 0.5 / _PER_UNIT, 1 / _PER_UNIT)
     return votes.astype(np.float32), (1 / (1 + np.exp(odds))).astype(np.float32)
 
 
@@ -89,7 +89,7 @@ def rate(
     confidence = np.empty(disparity.shape, np.float32)
     marks = np.empty(disparity.shape, np.uint16)
     counts = np.empty((disparity.shape[0], 2), np.int64)
-    workers.rows(_mark, disparity.shape[0], disparity, best_right, marks, counts)
+    workers.rows(mark, disparity.shape[0], disparity, best_right, marks, counts)
     matched, denied = (int(n) for n in counts.sum(axis=0))
     share = denied / max(matched, 1)
     odds_of_votes = _ODDS_OF_VOTES + np.float32(_DENIED_OF_ALL * share)
@@ -102,7 +102,7 @@ def rate(
 
 
 @njit(nogil=True, error_model="numpy")
-def _mark(
+def mark(
     start: int, stop: int, disparity: Any, best_right: Any, marks: Any, counts: Any
 ) -> None:
     """Mark what is matched, and whether the right view denies it; count both in each row."""
@@ -137,7 +137,7 @@ def _count(marks: Any) -> Any:
     matched, denied = np.int32(0), np.int32(0)
     for x in range(marks.size):
         matched += np.int32(marks[x] & _MATCHED)
-        denied += np.int32(marks[x] >> _MATCHED_BITS)
+        denied += np.int32(marks[x] >> MATCHED_BITS)
     return matched, denied
 
 
@@ -155,7 +155,7 @@ def _rate(
     blank = np.full(BYTES, MIDDLE, np.uint8)
     most = np.float32(table.size - 1)
     per_unit = np.float32(_PER_UNIT)
-    least = np.float32(_LEAST_ODDS)
+    least = np.float32(LEAST_ODDS)
     for y in range(start, stop):
         range_around(disparity, y, low, high, far, near)
         _add_up(marks, y, column, votes)
@@ -168,8 +168,8 @@ def _rate(
             at = (y * width + x) * BYTES
             other = (y * width + max(x - np.int32(d + np.float32(0.5)), 0)) * BYTES
             difference = np.float32(absolute_difference(left, at, right, other))
-            texture = np.float32(absolute_difference(left, at, blank, x & 0)) + _LEAST_TEXTURE
-            odds += _DIFFERENCE * min(difference / texture, _MOST_DIFFERENCE)
+            texture = np.float32(absolute_difference(left, at, blank, x & 0)) + LEAST_TEXTURE
+            odds += _DIFFERENCE * min(difference / texture, MOST_DIFFERENCE)
             entry = (odds - least) * per_unit + np.float32(0.5)
             confidence[y, x] = table[np.int32(min(max(entry, np.float32(0)), most))]
 

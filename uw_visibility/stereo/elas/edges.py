@@ -116,14 +116,14 @@ def _add_votes(
     zero = np.float32(0)
     for x in range(first, last):
         at, other = np.uint64(x), np.uint64(x + shift)
-        weight = closeness * _alike((tone[at] - voter_tone[other]) * scale[at])
+        weight = closeness * alike((tone[at] - voter_tone[other]) * scale[at])
         d = voter[other]
         vote = weight if d > middle[at] else -weight
         balance[at] += vote if d == d else zero
 
 
 @njit(nogil=True, error_model="numpy")
-def _alike(difference: Any) -> Any:
+def alike(difference: Any) -> Any:
     square = difference * difference
     return np.float32(1) / (np.float32(1) + square * square)
 
@@ -232,7 +232,7 @@ def _mean_of_side(
             if 0 <= u < width and before[v, u] == before[v, u]:
                 d = before[v, u]
                 if (d > middle) == near:
-                    weight = _alike((tones[_STEPS, x] - tones[j + _STEPS, u]) * scale)
+                    weight = alike((tones[_STEPS, x] - tones[j + _STEPS, u]) * scale)
                     weight *= np.float32(_STEPS**2 / (_STEPS**2 + i * i + j * j))
                     total += weight
                     weighted += weight * d

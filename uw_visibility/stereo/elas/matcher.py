@@ -17,11 +17,16 @@ from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.denoising import LEAST_NOISE
 from uw_visibility.stereo.elas import dense, mesh, postprocess
 from uw_visibility.stereo.elas.confidence import rate
+from uw_visibility.stereo.elas.confidence_in_noise import drop_doubtful, rate_in_noise
 from uw_visibility.stereo.elas.dense import DenseSearch, DenseSettings
 from uw_visibility.stereo.elas.descriptors import SCALE, Descriptors
 from uw_visibility.stereo.elas.edges import EdgeVote
 from uw_visibility.stereo.elas.evidence import CELL, NoiseFilter
-from uw_visibility.stereo.elas.noise_settings import NOISE_RADIUS, settings_in_noise
+from uw_visibility.stereo.elas.noise_settings import (
+    NOISE_RADIUS,
+    least_confidence,
+    settings_in_noise,
+)
 from uw_visibility.stereo.elas.smoothing import AdaptiveMean
 from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints, SupportSettings
 
@@ -182,6 +187,7 @@ class Matcher:
         airlight: AirlightPrior | None = None,
         *,
         confidence: bool = True,
+        least_for_colour: float = 0.0,
     ) -> DenseMatch:
         """Match every pixel of the described pair.
 
@@ -193,6 +199,9 @@ class Matcher:
             What decides where texture does not.
         confidence : bool
             Whether to rate the matches.
+        least_for_colour : float
+            Least confidence of what stays in `DenseMatch.with_occlusions`, where matches are
+            rated. What noise makes doubtful is no match, but still a guess for colour.
 
         Returns
         -------
@@ -217,14 +226,28 @@ class Matcher:
         best_right = self._search.best[1]
         right = np.empty(self._shape, np.float32)
         self._workers.rows(dense.as_disparity, self._shape[0], best_right, right)
-        least = self._config.min_confidence
+        asked = self._config.min_confidence
+        least = 0.0 if self._left is None else least_confidence(self._left.noise)
         rated = None
-        if confidence or least > 0:
-            rated = rate(disparity, best_right, descriptors, self._workers)
-            unsure = (rated > 0) & (rated < least)
-            disparity[unsure] = with_occlusions[unsure] = np.nan
-            rated[unsure] = 0.0
+        if confidence or asked > 0 or least > 0:
+            rated = self._rate(disparity, best_right, descriptors)
+            for_colour = max(asked, least_for_colour)
+            with_occlusions[(rated > 0) & (rated < for_colour)] = np.nan
+            if least > 0:
+                drop_doubtful(disparity, rated, least, self._workers)
+            disparity[rated < asked] = np.nan
+            rated[np.isnan(disparity)] = 0.0
         return DenseMatch(disparity, right, rated, with_occlusions)
+
+    def _rate(
+        self,
+        disparity: NDArray[np.float32],
+        best_right: NDArray[np.int16],
+        descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+    ) -> NDArray[np.float32]:
+        if self._left is None or self._left.noise <= LEAST_NOISE:
+            return rate(disparity, best_right, descriptors, self._workers)
+        return rate_in_noise(disparity, best_right, descriptors, self._left, self._workers)
 
     def _noise_of_grid(self) -> NDArray[np.float64] | None:
         """Noise of the descriptors' bytes at the grid of support points; None without."""

@@ -15,17 +15,22 @@ what is matched by chance."""
 
 # Restored noise, in 8-bit levels of even contrast, from which on the settings are wholly
 # those of noisy images.
-_FULL_NOISE = 2.0
+_FULL_NOISE = 6.0
 # Neighbours to each side that the disparity map is averaged over besides: noise moves
 # disparities by a pixel or two, and neighbours on a surface tell where between.
 _MORE_RADIUS = 7
 # A hole is a mismatch rather than an occlusion, and may be wider by so many px.
-_MORE_GAP = 6
+_MORE_GAP = 18
 # After that mean the steps of a surface are so much smaller, and those of chance are not. Somewhat
 # smaller segments are enough then.
-_SEGMENT_DIFFERENCE, _SEGMENT_SIZE = 0.4, 0.75
+_SEGMENT_DIFFERENCE, _SEGMENT_SIZE = 0.7, 0.75
 # Views that agree by chance mostly do so by two pixels.
 _TOLERANCE = 1
+# Least confidence of what is published: it rises with noise from where noise begins, and ends where
+# a match is as likely wrong as right. A fixed one costs as many right ones where noise is low as
+# it takes wrong ones where it is high.
+_CONFIDENCE_FROM, _CONFIDENCE_PER_LEVEL, _MOST_CONFIDENCE = 0.41, 0.006, 0.58
+_CONFIDENCE_RISE = 0.2
 
 
 def settings_in_noise(config: StereoConfig, noise: float) -> StereoConfig:
@@ -56,4 +61,20 @@ def settings_in_noise(config: StereoConfig, noise: float) -> StereoConfig:
         segment_size=round(config.segment_size * (1.0 - share * (1.0 - _SEGMENT_SIZE))),
         left_right_tolerance=min(config.left_right_tolerance, _TOLERANCE)
         if share > 0.5 else config.left_right_tolerance,
+    )
+
+
+def least_confidence(noise: float) -> float:
+    """Least confidence of a match that is worth publishing; 0 below `LEAST_NOISE`.
+
+    Parameters
+    ----------
+    noise : float
+        As for `settings_in_noise`.
+    """
+    if noise <= LEAST_NOISE:
+        return 0.0
+    return min(
+        _CONFIDENCE_RISE * noise, _CONFIDENCE_FROM + _CONFIDENCE_PER_LEVEL * noise,
+        _MOST_CONFIDENCE,
     )

@@ -1,0 +1,190 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Confidence of matches in noise: a logistic regression on what look-alikes were matched to.
+
+Where noise hides a surface's texture, the nearest strong edge is all that descriptors see, and
+what is beside it takes the disparity of the edge in both views: the left/right check passes,
+and pixels that the right view does not even show are matched. Their tone tells: of the pixels
+around that look like them, most are unmatched, matched farther away, or denied by the right
+view. So each pixel asks those around it, weighted by how much they look alike, as in a weighted
+mode filter (Min, Lu and Do, doi:10.1109/TIP.2011.2163164).
+
+Fitted to four Middlebury scenes and rendered ones in water with 1 to 4 codes of noise, at full
+size and at coarser scales; `docs/stereo-noise.md` has its reliability on scenes that a fit left
+out.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.jit import njit
+from uw_visibility.compute.threads import Workers
+from uw_visibility.stereo.contrast import ContrastNormalizer
+from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
+from uw_visibility.stereo.elas.confidence import (
+    LEAST_ODDS,
+    LEAST_TEXTURE,
+    MATCHED_BITS,
+    MOST_DIFFERENCE,
+    MOST_ODDS,
+    mark,
+)
+from uw_visibility.stereo.elas.descriptors import MIDDLE
+from uw_visibility.stereo.elas.edges import alike
+from uw_visibility.stereo.elas.postprocess import fill_small_gaps, remove_occluded
+
+# Pixels that are asked: five by five of them, this far apart.
+_STRIDE, _STEPS = 6, 2
+# Difference of even contrast, 8-bit levels, at which a voter counts half: noise is in it.
+_ALIKE = 40.0
+# Voters whose disparity differs by more, px, are of another surface.
+_STEP = np.float32(1.5)
+# Added to the sum of weights: who looks like nobody learns little from the others.
+_LEAST_WEIGHT = np.float32(0.05)
+# Doubtful pixels in a row that stand between sure ones, which are within so many px.
+_BETWEEN_SURE, _ONE_SURFACE = 2, 1.0
+# Log odds of a wrong match: without anything against it; for difference over texture; for the
+# share of the matches of the whole image that the right view denies; for the share of the
+# look-alikes that were not matched to the same surface, and as much for that of those denied.
+_BASE, _DIFFERENCE, _DENIED_OF_ALL = -4.67, np.float32(0.55), 4.58
+_AGAINST = np.float32(4.06)
+# Entries of the table of confidence for a unit of log odds: most matches are much alike.
+_PER_UNIT = 256
+_CONFIDENCE = (
+    1 / (1 + np.exp(np.arange(LEAST_ODDS, MOST_ODDS + 0.5 / _PER_UNIT, 1 / _PER_UNIT)))
+).astype(np.float32)
+
+
+def rate_in_noise(
+    disparity: NDArray[np.float32],
+    best_right: NDArray[np.int16],
+    descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+    image: ContrastNormalizer,
+    workers: Workers,
+) -> NDArray[np.float32]:
+    """Confidence of each disparity of a pair that is noisy; see `confidence.rate`.
+
+    Parameters
+    ----------
+    disparity, best_right, descriptors, workers
+        As there.
+    image : ContrastNormalizer
+        The left view, whose tones tell which pixels look alike.
+
+    Returns
+    -------
+    ndarray
+        ``(H, W)`` float32, probability that the disparity is within 1 px of the
+        truth; 0 where unmatched.
+    """
+    height = disparity.shape[0]
+    confidence = np.empty(disparity.shape, np.float32)
+    marks = np.empty(disparity.shape, np.uint16)
+    counts = np.empty((height, 2), np.int64)
+    workers.rows(mark, height, disparity, best_right, marks, counts)
+    matched, denied = (int(n) for n in counts.sum(axis=0))
+    base = np.float32(_BASE + _DENIED_OF_ALL * denied / max(matched, 1))
+    workers.rows(
+        ask_look_alikes, height, disparity, marks, image.grey, image.gain, confidence)
+    workers.rows(_rate, height, disparity, *descriptors, base, _CONFIDENCE, confidence)
+    return confidence
+
+
+def drop_doubtful(
+    disparity: NDArray[np.float32], confidence: NDArray[np.float32], least: float,
+    workers: Workers,
+) -> None:
+    """Set matches of too little confidence to NaN, in place, but for a few among sure ones.
+
+    Parameters
+    ----------
+    disparity : ndarray
+        ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
+    confidence : ndarray
+        ``(H, W)`` float32, of `rate_in_noise`.
+    least : float
+        Confidence from which a match stays.
+    workers : Workers
+        Threads.
+    """
+    unmatched = np.isnan(disparity)
+    disparity[confidence < least] = np.nan
+    # Between two sure ones on one surface doubt is of the pixel, not of the surface.
+    fill_small_gaps(disparity, _BETWEEN_SURE, _ONE_SURFACE, workers)
+    disparity[unmatched] = np.nan
+    remove_occluded(disparity, workers)
+
+
+@njit(nogil=True, error_model="numpy")
+def ask_look_alikes(
+    start: int, stop: int, disparity: Any, marks: Any, grey: Any, gain: Any, against: Any
+) -> None:
+    """Write the weighted share of the voters that speak against each match."""
+    height, width = disparity.shape
+    tone, scale = np.empty(width, np.float32), np.empty(width, np.float32)
+    total = np.empty(width, np.float32)
+    for y in range(start, stop):
+        for x in range(width):
+            tone[x] = np.float32(grey[y, x])
+            scale[x] = gain[y, x] * np.float32(1.0 / _ALIKE)
+            total[x] = _LEAST_WEIGHT
+            against[y, x] = 0
+        for j in range(-_STEPS, _STEPS + 1):
+            v = min(max(y + j * _STRIDE, 0), height - 1)
+            for i in range(-_STEPS, _STEPS + 1):
+                if i == 0 and j == 0:
+                    continue
+                shift = i * _STRIDE
+                _ask(
+                    max(0, -shift), min(width, width - shift), shift, disparity[y], tone, scale,
+                    disparity[v], marks[v], grey[v],
+                    np.float32(_STEPS**2 / (_STEPS**2 + i * i + j * j)), total, against[y],
+                )
+        for x in range(width):
+            against[y, x] /= total[x]
+
+
+@njit(nogil=True, error_model="numpy")
+def _ask(
+    first: int, last: int, shift: int, row: Any, tone: Any, scale: Any, voters: Any,
+    voter_marks: Any, voter_tone: Any, closeness: Any, total: Any, against: Any,
+) -> None:
+    """Add one voter of each pixel of a row; apart from the rest, which makes vector code."""
+    zero, one = np.float32(0), np.float32(1)
+    for x in range(first, last):
+        at, other = np.uint64(x), np.uint64(x + shift)
+        weight = closeness * alike((tone[at] - np.float32(voter_tone[other])) * scale[at])
+        # Also where the voter is unmatched.
+        says = zero if abs(voters[other] - row[at]) <= _STEP else one
+        says += one if voter_marks[other] >> MATCHED_BITS else zero
+        total[at] += weight
+        against[at] += weight * says
+
+
+@njit(nogil=True, error_model="numpy")
+def _rate(
+    start: int, stop: int, disparity: Any, left: Any, right: Any, base: Any, table: Any,
+    confidence: Any,
+) -> None:
+    """Make confidence of what the look-alikes say, which stands there."""
+    width = disparity.shape[1]
+    blank = np.full(BYTES, MIDDLE, np.uint8)
+    most = np.float32(table.size - 1)
+    for y in range(start, stop):
+        for x in range(width):
+            d = disparity[y, x]
+            if d != d:
+                confidence[y, x] = 0
+                continue
+            at = (y * width + x) * BYTES
+            other = (y * width + max(x - np.int32(d + np.float32(0.5)), 0)) * BYTES
+            difference = np.float32(absolute_difference(left, at, right, other))
+            texture = np.float32(absolute_difference(left, at, blank, x & 0)) + LEAST_TEXTURE
+            odds = base + _AGAINST * confidence[y, x]
+            odds += _DIFFERENCE * min(difference / texture, MOST_DIFFERENCE)
+            entry = (odds - np.float32(LEAST_ODDS)) * np.float32(_PER_UNIT) + np.float32(0.5)
+            confidence[y, x] = table[np.int32(min(max(entry, np.float32(0)), most))]
