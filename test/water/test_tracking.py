@@ -464,7 +464,7 @@ def test_frames_without_an_estimate_are_predicted_until_the_timeout():
 
 
 GAPS = st.lists(
-    st.tuples(st.integers(5, 20), st.floats(0.5, 4.8), st.floats(-0.24, 0.24)),
+    st.tuples(st.integers(5, 20), st.floats(0.5, 4.8), st.floats(-0.15, 0.15)),
     min_size=1, max_size=4)
 
 
@@ -472,7 +472,7 @@ GAPS = st.lists(
 @given(seed=SEEDS, period=st.floats(0.1, 0.5), gaps=GAPS)
 def test_water_that_changes_while_frames_do_not_show_it_is_within_the_deviations(
         seed, period, gaps):
-    """Steady water, then frames without an estimate while it changes by up to e in 4 s."""
+    """Steady water, then frames without an estimate while it changes by up to 1.8 in 4 s."""
     rng = np.random.default_rng(seed)
     tracker, stamp, beta = WaterTracker(), 0.0, BETA + rng.uniform(0.0, 0.4)
     blind = WaterEstimate.not_assessable(Status.NOT_ONE_WATER)
@@ -492,21 +492,19 @@ def test_water_that_changes_while_frames_do_not_show_it_is_within_the_deviations
                 seen.distance - far) < 3.3 * seen.distance_stddev
 
 
-def test_a_distance_is_told_through_short_gaps_and_not_through_long_ones():
+def test_a_distance_is_as_good_through_a_short_gap_and_holds_twice_the_turbidity_after_a_long_one():
     tracker, stamp = settled(np.random.default_rng(18), attenuation=BETA + 0.3)
     before = ASSESSOR.assess(tracker.estimate)
     blind = WaterEstimate.not_assessable(Status.NOT_ONE_WATER)
-    seen = [ASSESSOR.assess(tracker.update(blind, stamp + k * PERIOD)) for k in range(1, 25)]
-    deviations = np.array([one.distance_stddev for one in seen])
-    assert deviations[1] < 1.6 * before.distance_stddev
-    assert np.isfinite(deviations[:10]).all()
-    assert np.isnan(deviations[-5:]).all()
+    seen = [ASSESSOR.assess(tracker.update(blind, stamp + k * PERIOD)) for k in range(1, 21)]
+    assert seen[1].distance_stddev < 1.3 * before.distance_stddev
+    assert 0.5 * seen[-1].distance < 2.0 * seen[-1].distance_stddev
 
 
 @pytest.mark.parametrize("period", [0.2, 1.0, 2.0])
 def test_frames_at_their_usual_pace_are_no_gaps(period):
     found = []
-    for rate in (0.0, 0.12):
+    for rate in (0.0, 0.06):
         rng = np.random.default_rng(19)
         tracker = WaterTracker(TrackingConfig(unseen_rate=rate))
         for k in range(30):

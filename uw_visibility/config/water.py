@@ -79,8 +79,8 @@ class TrackingConfig:
         unit="1/s^0.5", minimum=1e-4, maximum=10.0,
     )
     unseen_rate: float = parameter(
-        0.12, "How fast attenuation may change, as part of itself, while frames do not show it; "
-        "0.12 is that of a vehicle that sinks by half a metre a second into water whose "
+        0.06, "How fast attenuation may change, as part of itself, while frames do not show it; "
+        "0.06 is that of a vehicle that sinks by 0.25 m a second into water whose "
         "turbidity doubles in three metres.",
         unit="1/s", minimum=0.0, maximum=10.0,
     )
