@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from uw_visibility.commands.params_file import add_described
 from uw_visibility.errors import needing, refusing
 
 HELP = "simulate, run the node, play the bag into it, report"
@@ -36,15 +37,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", metavar="DIR", type=Path, default=Path("demo"),
         help="folder for the results (%(default)s)",
     )
-    parser.add_argument(
-        "--frames", metavar="N", type=int, default=20, help="stereo frames (%(default)s)"
-    )
-    parser.add_argument(
-        "--rate", metavar="HZ", type=float, default=2.0, help="frames per second (%(default)s)"
-    )
-    parser.add_argument(
-        "--seed", metavar="N", type=int, default=0, help="seed of the simulation (%(default)s)"
-    )
+    add_described(parser, {
+        "--frames N": (20, "stereo frames"), "--rate HZ": (2.0, "frames per second"),
+        "--seed N": (0, "seed of the simulation"),
+    })
 
 
 def run(arguments: argparse.Namespace) -> None:

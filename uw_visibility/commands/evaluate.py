@@ -8,6 +8,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from uw_visibility.commands.params_file import Options, add_described
 from uw_visibility.commands.progress import say
 from uw_visibility.config.files import gathered, sole_writer
 from uw_visibility.errors import InputError, check_range, needing
@@ -94,6 +95,45 @@ NOISES, QUICK_NOISES = ("1", "2", "4", "camera"), ("2",)
 FRAMES = 20
 
 
+OPTIONS: dict[str, Options] = {
+    "": {
+        "--attenuation A ...": (None, "mean attenuations α, 1/m (0 0.1 0.2 0.3)"),
+        "--depth Z ...": (None, "depths z, m (1 2 5)"),
+        "--noise N ...": (
+            None, "noises of the sensor beside none, at one depth: Gaussian of N codes of 255, or "
+            f"camera for shot and read noise; 0 for no other ({' '.join(NOISES)})", str),
+        "--frames N": (
+            None, f"frames of the transect, 0 for none ({FRAMES}); with --lamps of the survey "
+            "(100)", int),
+        "--marine-snow SHARE": (
+            0.0, "share of the transect's pixels that particles cover, 0 .. 0.5"),
+        "--caustics SHARE": (0.0, "change of the transect's light by waves, 0 .. 1"),
+        "--paper": (
+            False, "the grid of section III: α 0 to 0.3 1/m by 0.05, z 0 to 5 m; four times the "
+            "waters"),
+        "--format {png,pdf,svg}": ("png", "of the figures: png, or pdf or svg for print"),
+        "--quick": (
+            False, "a small grid (α 0 and 0.2 1/m, z 2 m, noise of 2 codes) and a short, small "
+            "transect"),
+        "--jobs N": (1, "processes that share the work; each takes up to 1 GB"),
+        "--log FILE": (None, "add progress to a file, with times", Path),
+        "--params-file YAML": (
+            None, "parameters of the pipeline, in the form of config/uw_visibility.yaml", Path),
+    },
+    "adverse study": {
+        "--adverse": (False, "water and cameras that are not the model's"),
+        "--effects NAME ...": ([], "these effects only; an unknown name lists them", str),
+    },
+    "study under lamps": {"--lamps": (False, "reefs and a survey by night")},
+    "both studies": {
+        "--seeds N": (None, "draws of noise (1); with --lamps also of reefs and poses (3)", int),
+        "--ranges {true,matched}": (
+            None, "disparities: the true ones, which is quick, or those of the pipeline (true; "
+            "with --lamps matched, and in a survey always)", str),
+    },
+}
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the sub-command."""
     add = parser.add_argument
@@ -106,68 +146,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="new folder for tables and figures",
     )
     add("--force", action="store_true", help="replace a folder that an evaluation left there")
-    add(
-        "--attenuation", metavar="A", type=float, nargs="+",
-        help="mean attenuations α, 1/m (0 0.1 0.2 0.3)",
-    )
-    add("--depth", metavar="Z", type=float, nargs="+", help="depths z, m (1 2 5)")
-    add(
-        "--noise", metavar="N", nargs="+",
-        help="noises of the sensor beside none, at one depth: Gaussian of N codes of 255, or "
-        f"camera for shot and read noise; 0 for no other ({' '.join(NOISES)})",
-    )
-    add(
-        "--frames", metavar="N", type=int,
-        help=f"frames of the transect, 0 for none ({FRAMES}); with --lamps of the survey (100)",
-    )
-    add(
-        "--marine-snow", metavar="SHARE", type=float, default=0.0,
-        help="share of the transect's pixels that particles cover, 0 .. 0.5 (%(default)s)",
-    )
-    add(
-        "--caustics", metavar="SHARE", type=float, default=0.0,
-        help="change of the transect's light by waves, 0 .. 1 (%(default)s)",
-    )
-    add(
-        "--paper", action="store_true",
-        help="the grid of section III: α 0 to 0.3 1/m by 0.05, z 0 to 5 m; four times the waters",
-    )
-    add(
-        "--format", choices=("png", "pdf", "svg"), default="png",
-        help="of the figures: png, or pdf or svg for print (%(default)s)",
-    )
-    add(
-        "--quick", action="store_true",
-        help="a small grid (α 0 and 0.2 1/m, z 2 m, noise of 2 codes) and a short, small transect",
-    )
-    add(
-        "--jobs", metavar="N", type=int, default=1,
-        help="processes that share the work; each takes up to 1 GB (%(default)s)",
-    )
-    add("--log", metavar="FILE", type=Path, help="add progress to a file, with times")
-    add(
-        "--params-file", metavar="YAML", type=Path,
-        help="parameters of the pipeline, in the form of config/uw_visibility.yaml",
-    )
-    group = parser.add_argument_group("adverse study")
-    add = group.add_argument
-    add("--adverse", action="store_true", help="water and cameras that are not the model's")
-    add(
-        "--effects", metavar="NAME", nargs="+", default=[],
-        help="these effects only; an unknown name lists them",
-    )
-    group = parser.add_argument_group("study under lamps")
-    group.add_argument("--lamps", action="store_true", help="reefs and a survey by night")
-    add = parser.add_argument_group("both studies").add_argument
-    add(
-        "--seeds", metavar="N", type=int,
-        help="draws of noise (1); with --lamps also of reefs and poses (3)",
-    )
-    add(
-        "--ranges", choices=("true", "matched"),
-        help="disparities: the true ones, which is quick, or those of the pipeline (true; with "
-        "--lamps matched, and in a survey always)",
-    )
+    for title, options in OPTIONS.items():
+        add_described(parser.add_argument_group(title) if title else parser, options)
 
 
 def run(arguments: argparse.Namespace) -> None:

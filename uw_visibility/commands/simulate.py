@@ -10,6 +10,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from uw_visibility.commands.params_file import Options, add_described
 from uw_visibility.commands.progress import say
 from uw_visibility.errors import InputError, check_range
 
@@ -59,212 +60,109 @@ with lamps also:
 Ambient and scene light are daylight's alone: 0 at night."""
 
 
+OPTIONS: dict[str, Options] = {
+    "": {
+        "--frames N": (60, "stereo frames"),
+        "--rate HZ": (2.0, "frames per second"),
+        "--width PX": (640, "width of an image"),
+        "--height PX": (480, "height of an image"),
+        "--focal-length PX": (None, "focal length (default: 15/16 of the width)"),
+        "--baseline M": (0.12, "distance of the cameras"),
+        "--seed N": (0, "seed of reef and noise"),
+        "--depth A B": ((2.0, 6.0), "depth at start and end, m"),
+        "--attenuation A B": ((0.05, 0.3), "mean attenuation at start and end, 1/m"),
+        "--altitude M ...": (
+            [1.5], "height over the floor, or two between which the camera rises and sinks, m"),
+        "--downward": (False, "look straight down, as in a survey of the floor"),
+        "--speed M/S": (0.4, "over ground"),
+        "--exposure GAIN": (
+            None, "fixed exposure, where white at the surface comes to GAIN (default: automatic)"),
+        "--depth-stddev M": (0.05, "noise of the depth sensor"),
+        "--position LAT LON": (None, "record positions too, /gps/fix: from here on to the east"),
+        "--threads N": (0, "threads; 0 takes one per processor"),
+    },
+    "lamps": {
+        "--lamps N": (None, "1, 2 or 4 lamps where vehicles carry them", int),
+        "--lamp-positions M ...": (
+            None, "x y z of each lamp instead, from the left camera: right, down, forward"),
+        "--lamp-directions X ...": (
+            None, "x y z of each lamp's axis (default: ahead, or the rig's)"),
+        "--lamp-beam DEG": (
+            None, "full angle of the beams at half power; 0 for all directions (90)"),
+        "--lamp-power X ...": (
+            [1.0], "irradiance of white 1 m in front of a lamp, where daylight's is 1 at the "
+            "surface; one, or R G B"),
+        "--night": (False, "lamps alone, the default with lamps"),
+        "--daylight": (False, "daylight beside the lamps"),
+        "--strobe {steady,alternate}": (
+            "steady", "alternate: lamps fire with every second frame"),
+        "--lamp-jitter SHARE": (
+            0.0, "change of each lamp's power from frame to frame, standard deviation"),
+        "--scattering-albedo R G B": (
+            (0.6, 0.75, 0.8), "share of scattering in attenuation"),
+        "--phase-function NAME": (
+            "henyey-greenstein", "henyey-greenstein or fournier-forand"),
+        "--no-shading": (
+            False, "every surface faces every lamp, as in the paper's model (default: Lambertian)"),
+    },
+    "water": {
+        "--veil RATIO ...": ([1.0], "veil B over light W on the scene, one ratio or R G B"),
+        "--water-type TYPE": (
+            None, "integrate over wavelength: clear, or Jerlov's IB, II, III, 1C, 3C, 5C; grey "
+            "particles of --attenuation come on top (default: one β per channel)", str),
+        "--cdom A": (
+            0.0, "dissolved organic matter, absorption at 440 nm, 1/m; with --water-type"),
+        "--particle-slope G": (
+            0.0, "colour of particles: exponent of (550 nm/λ); with --water-type"),
+        "--channel-attenuation R G B": (
+            (0.0, 0.0, 0.0), "attenuation beyond that of grey particles, 1/m"),
+        "--blur PX/M": (
+            0.0, "forward scattering: standard deviation of a point's image per m of range"),
+        "--layer A H": (
+            (0.0, 0.0), "grey particles below height H over the sea floor, m, add A 1/m "
+            "(default: none)"),
+        "--plume A SHARE": (
+            (0.0, 0.5), "grey particles in a share of the view, at the right, add A 1/m "
+            "(default: none)"),
+        "--veil-gradient G": (
+            0.0, "relative change of the veil from bottom to top of the image"),
+        "--light-gradient G": (
+            0.0, "relative change of the light on the scene from left to right"),
+    },
+    "disturbances": {
+        "--marine-snow SHARE": (0.0, "share of the pixels that particles cover, 0 .. 0.5"),
+        "--snow-brightness X": (1.0, "how bright these are, where open water is 1"),
+        "--caustics SHARE": (0.0, "change of light by waves, 0 .. 1"),
+    },
+    "camera": {
+        "--transfer {linear,srgb}": ("linear", "how code values follow light"),
+        "--white-balance R G B": ((1.0, 1.0, 1.0), "gains"),
+        "--automatic-white-balance": (False, "each frame's channels are made equal on average"),
+        "--vignetting SHARE": (0.0, "light that is lost in the corners, 0 .. 1"),
+        "--exposure-difference X": (0.0, "relative difference of the right image's exposure"),
+        "--bayer": (False, "a mosaic of colour filters (RGGB), interpolated"),
+        "--jpeg QUALITY": (0, "compress and decompress, 1 .. 100 (default: not)"),
+        "--range-scale X": (
+            1.0, "wrong calibration: the recorded baseline is X times the true one"),
+    },
+    "noise of the sensor": {
+        "--noiseless": (False, "quantisation only, no noise of the sensor"),
+        "--noise-codes N": (
+            None, "Gaussian noise of N codes of 255 instead of shot and read noise"),
+        "--full-well E": (15000.0, "electrons of a saturated pixel: shot noise"),
+        "--read-noise E": (20.0, "read noise, electrons"),
+    },
+}
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the sub-command."""
     parser.add_argument(
         "-o", "--output", metavar="BAG", type=Path, required=True, help="folder of the new bag"
     )
     parser.add_argument("--force", action="store_true", help="replace a bag of that name")
-    add = parser.add_argument
-    add("--frames", metavar="N", type=int, default=60, help="stereo frames (%(default)s)")
-    add("--rate", metavar="HZ", type=float, default=2.0, help="frames per second (%(default)s)")
-    add("--width", metavar="PX", type=int, default=640, help="width of an image (%(default)s)")
-    add("--height", metavar="PX", type=int, default=480, help="height of an image (%(default)s)")
-    add(
-        "--focal-length", metavar="PX", type=float,
-        help="focal length (default: 15/16 of the width)",
-    )
-    add(
-        "--baseline", metavar="M", type=float, default=0.12,
-        help="distance of the cameras (%(default)s)",
-    )
-    add("--seed", metavar="N", type=int, default=0, help="seed of reef and noise (%(default)s)")
-    add(
-        "--depth", metavar=("A", "B"), type=float, nargs=2, default=(2.0, 6.0),
-        help="depth at start and end, m (2 6)",
-    )
-    add(
-        "--attenuation", metavar=("A", "B"), type=float, nargs=2, default=(0.05, 0.3),
-        help="mean attenuation at start and end, 1/m (0.05 0.3)",
-    )
-    add(
-        "--altitude", metavar="M", type=float, nargs="+", default=[1.5],
-        help="height over the floor, or two between which the camera rises and sinks, m (1.5)",
-    )
-    add(
-        "--downward", action="store_true", help="look straight down, as in a survey of the floor")
-    add("--speed", metavar="M/S", type=float, default=0.4, help="over ground (%(default)s)")
-    add(
-        "--exposure", metavar="GAIN", type=float,
-        help="fixed exposure, where white at the surface comes to GAIN (default: automatic)",
-    )
-    add(
-        "--depth-stddev", metavar="M", type=float, default=0.05,
-        help="noise of the depth sensor (%(default)s)",
-    )
-    add(
-        "--position", metavar=("LAT", "LON"), type=float, nargs=2,
-        help="record positions too, /gps/fix: from here on to the east",
-    )
-    add("--threads", metavar="N", type=int, default=0, help="threads; 0 takes one per processor")
-    _add_lamps(parser)
-    _add_water(parser)
-    _add_disturbances(parser)
-    _add_camera(parser)
-
-
-def _add_lamps(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("lamps")
-    add = group.add_argument
-    add("--lamps", metavar="N", type=int, help="1, 2 or 4 lamps where vehicles carry them")
-    add(
-        "--lamp-positions", metavar="M", type=float, nargs="+",
-        help="x y z of each lamp instead, from the left camera: right, down, forward",
-    )
-    add(
-        "--lamp-directions", metavar="X", type=float, nargs="+",
-        help="x y z of each lamp's axis (default: ahead, or the rig's)",
-    )
-    add(
-        "--lamp-beam", metavar="DEG", type=float,
-        help="full angle of the beams at half power; 0 for all directions (90)",
-    )
-    add(
-        "--lamp-power", metavar="X", type=float, nargs="+", default=[1.0],
-        help="irradiance of white 1 m in front of a lamp, where daylight's is 1 at the "
-        "surface; one, or R G B (1)",
-    )
-    light = group.add_mutually_exclusive_group()
-    light.add_argument("--night", action="store_true", help="lamps alone, the default with lamps")
-    light.add_argument("--daylight", action="store_true", help="daylight beside the lamps")
-    add(
-        "--strobe", choices=("steady", "alternate"), default="steady",
-        help="alternate: lamps fire with every second frame (%(default)s)",
-    )
-    add(
-        "--lamp-jitter", metavar="SHARE", type=float, default=0.0,
-        help="change of each lamp's power from frame to frame, standard deviation (0)",
-    )
-    add(
-        "--scattering-albedo", metavar=("R", "G", "B"), type=float, nargs=3,
-        default=(0.6, 0.75, 0.8), help="share of scattering in attenuation (0.6 0.75 0.8)",
-    )
-    add(
-        "--phase-function", metavar="NAME", default="henyey-greenstein",
-        help="henyey-greenstein or fournier-forand (%(default)s)",
-    )
-    add(
-        "--no-shading", action="store_true",
-        help="every surface faces every lamp, as in the paper's model (default: Lambertian)",
-    )
-
-
-def _add_water(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument_group("water").add_argument
-    add(
-        "--veil", metavar="RATIO", type=float, nargs="+", default=[1.0],
-        help="veil B over light W on the scene, one ratio or R G B (1)",
-    )
-    add(
-        "--water-type", metavar="TYPE",
-        help="integrate over wavelength: clear, or Jerlov's IB, II, III, 1C, 3C, 5C; grey "
-        "particles of --attenuation come on top (default: one β per channel)",
-    )
-    add(
-        "--cdom", metavar="A", type=float, default=0.0,
-        help="dissolved organic matter, absorption at 440 nm, 1/m; with --water-type (0)",
-    )
-    add(
-        "--particle-slope", metavar="G", type=float, default=0.0,
-        help="colour of particles: exponent of (550 nm/λ); with --water-type (0)",
-    )
-    add(
-        "--channel-attenuation", metavar=("R", "G", "B"), type=float, nargs=3,
-        default=(0.0, 0.0, 0.0), help="attenuation beyond that of grey particles, 1/m (0 0 0)",
-    )
-    add(
-        "--blur", metavar="PX/M", type=float, default=0.0,
-        help="forward scattering: standard deviation of a point's image per m of range (0)",
-    )
-    add(
-        "--layer", metavar=("A", "H"), type=float, nargs=2, default=(0.0, 0.0),
-        help="grey particles below height H over the sea floor, m, add A 1/m",
-    )
-    add(
-        "--plume", metavar=("A", "SHARE"), type=float, nargs=2, default=(0.0, 0.5),
-        help="grey particles in a share of the view, at the right, add A 1/m",
-    )
-    add(
-        "--veil-gradient", metavar="G", type=float, default=0.0,
-        help="relative change of the veil from bottom to top of the image (0)",
-    )
-    add(
-        "--light-gradient", metavar="G", type=float, default=0.0,
-        help="relative change of the light on the scene from left to right (0)",
-    )
-
-
-def _add_disturbances(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument_group("disturbances").add_argument
-    add(
-        "--marine-snow", metavar="SHARE", type=float, default=0.0,
-        help="share of the pixels that particles cover, 0 .. 0.5 (%(default)s)",
-    )
-    add(
-        "--snow-brightness", metavar="X", type=float, default=1.0,
-        help="how bright these are, where open water is 1 (%(default)s)",
-    )
-    add(
-        "--caustics", metavar="SHARE", type=float, default=0.0,
-        help="change of light by waves, 0 .. 1 (%(default)s)",
-    )
-
-
-def _add_camera(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument_group("camera").add_argument
-    noise = parser.add_argument_group("noise of the sensor").add_argument
-    noise("--noiseless", action="store_true", help="quantisation only, no noise of the sensor")
-    noise(
-        "--noise-codes", metavar="N", type=float,
-        help="Gaussian noise of N codes of 255 instead of shot and read noise",
-    )
-    noise(
-        "--full-well", metavar="E", type=float, default=15000.0,
-        help="electrons of a saturated pixel: shot noise (%(default)g)",
-    )
-    noise(
-        "--read-noise", metavar="E", type=float, default=20.0,
-        help="read noise, electrons (%(default)g)",
-    )
-    add(
-        "--transfer", choices=("linear", "srgb"), default="linear",
-        help="how code values follow light (%(default)s)",
-    )
-    add(
-        "--white-balance", metavar=("R", "G", "B"), type=float, nargs=3,
-        default=(1.0, 1.0, 1.0), help="gains (1 1 1)",
-    )
-    add(
-        "--automatic-white-balance", action="store_true",
-        help="each frame's channels are made equal on average",
-    )
-    add(
-        "--vignetting", metavar="SHARE", type=float, default=0.0,
-        help="light that is lost in the corners, 0 .. 1 (%(default)s)",
-    )
-    add(
-        "--exposure-difference", metavar="X", type=float, default=0.0,
-        help="relative difference of the right image's exposure (%(default)s)",
-    )
-    add("--bayer", action="store_true", help="a mosaic of colour filters (RGGB), interpolated")
-    add(
-        "--jpeg", metavar="QUALITY", type=int, default=0,
-        help="compress and decompress, 1 .. 100 (default: not)",
-    )
-    add(
-        "--range-scale", metavar="X", type=float, default=1.0,
-        help="wrong calibration: the recorded baseline is X times the true one (%(default)s)",
-    )
+    for title, options in OPTIONS.items():
+        add_described(parser.add_argument_group(title) if title else parser, options)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -352,6 +250,8 @@ def _lighting(arguments: argparse.Namespace) -> Lighting:
             f"--lamp-directions has {len(axes)} axes for {len(lamps)} lamps: give one each")
     if axes:
         lamps = tuple(replace(lamp, direction=axis) for lamp, axis in zip(lamps, axes, strict=True))
+    if arguments.night and arguments.daylight:
+        raise InputError("--night and --daylight are two lights: give one of them")
     if arguments.night and not lamps:
         raise InputError("--night has no light without lamps: give --lamps 2, say")
     return _of_arguments(
