@@ -23,6 +23,7 @@ from uw_visibility.cli import main
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
+from uw_visibility.replay.report.report import write_report
 
 
 def test_the_list_shows_what_would_be_used(
@@ -93,6 +94,31 @@ def test_of_several_bags_one_that_cannot_be_used_holds_up_no_other(
     assert "transect: Visibility was assessed in all 2 frames, " in printed.out
     assert "2024" not in printed.out
     assert {p.name for p in (tmp_path / "day").iterdir() if p.is_dir()} == {"transect"}
+
+
+def test_of_several_bags_an_error_inside_costs_one_its_result(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(folder: Path, *arguments: object) -> None:
+        if "first" in str(folder):
+            raise ZeroDivisionError("a fault of ours")
+        write_report(folder, *arguments)
+
+    monkeypatch.setattr("uw_visibility.replay.report.report.write_report", fail)
+    first = copy_bag(transect, tmp_path / "first")
+    command = ["replay", str(first), str(transect), "-o", str(tmp_path / "day"), "--jobs", "1",
+               "--every", "3"]
+    with pytest.raises(SystemExit) as ended:
+        main(command)
+    assert ended.value.code == 1
+    printed = capsys.readouterr()
+    assert f"{first}: internal error, ZeroDivisionError: a fault of ours (replay it" in printed.err
+    assert "transect: Visibility was assessed in all 2 frames, " in printed.out
+    page = (tmp_path / "day" / "index.html").read_text(encoding="utf-8")
+    assert "first: internal error, ZeroDivisionError" in page
+    # By itself it is told as any error inside.
+    assert main([*command[:2], "-o", str(tmp_path / "first_alone"), "--jobs", "1"]) == 1
 
 
 def test_what_is_listed_of_several_bags_does_not_end_at_an_unreadable_one(

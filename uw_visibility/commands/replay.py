@@ -43,8 +43,11 @@ EPILOG = """\
 written to DIR (with several bags: to DIR/NAME for each, and to DIR over all of them:
 index.html, frames.csv and what else was asked for, with a column for the recording):
   results.mcap     the node's topics; stamps as recorded, logged when the left image was
-  frames.csv       one row a frame: estimates with standard deviations, sensor, statuses;
-                   frames.csv-metadata.json has units and definitions (CSV on the Web)
+  frames.csv       one row a frame: estimates with standard deviations, sensor, statuses.
+                   Distances, ranges and depths in m (depths positive down),
+                   attenuations in 1/m, light as part of the largest value, stamps in s
+                   since 1970 (UTC) and as ISO 8601; frames.csv-metadata.json has each
+                   column's unit and definition, and each status (CSV on the Web)
   timings.csv      duration of each stage, ms
   report.html      verdict, time series, pictures, what was not assessable and why
   replay.json      counts, parameters, hash of the input

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from uw_visibility import __version__
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, printable
 from uw_visibility.replay.bags.layout import find_files
 from uw_visibility.replay.inputs.lacks import check_in_any
 from uw_visibility.replay.inputs.options import ReplayOptions
@@ -88,7 +88,22 @@ def replay_bags(
                 ))
             except InputError as error:
                 outcomes.append(error)
+            except (MemoryError, OSError):
+                raise
+            except Exception as error:
+                # Whatever is wrong here, it costs this recording, not a night of others.
+                if not options.several:
+                    raise
+                outcomes.append(_internal(error))
     return settle(targets, outcomes)
+
+
+def _internal(error: Exception) -> InputError:
+    """Return what is told of an error inside that costs a recording its result."""
+    reason = printable(" ".join(str(error).split()))
+    return InputError(
+        f"internal error, {type(error).__name__}: {reason} (replay it alone with --debug, which "
+        "shows where)")
 
 
 def settle(
