@@ -120,7 +120,7 @@ def test_numbers_tables_and_parameters_are_there(replayed: Path, tmp_path: Path)
     text = Page(replayed / "report.html").text
     for words in (
         "visibility distance, 2.35/β of the clearest channel; median", "improved disparity",
-        "too uncertain: a difference of … m would pass", "SHA-256", "stereo.max_disparity", "± ",
+        "SHA-256", "stereo.max_disparity", "± ",
         "/depth_sensor",
     ):
         assert words in text
@@ -314,6 +314,18 @@ def test_the_track_is_drawn_where_there_are_positions(replayed: Path) -> None:
     assert "mean attenuation α [1/m]" in attenuation
     for word in ("start", "end", "N", r"\d+ m"):
         assert len(re.findall(f">{word}</text>", visibility)) == 2
+
+
+def test_labels_on_a_map_do_not_lie_on_one_another() -> None:
+    """Recordings of a day often begin at one mooring, and their ends are near on its map."""
+    def leg(x: float, length: float) -> dict[str, np.ndarray]:
+        columns = {name: np.full(4, np.nan) for name in TRACK_COLUMNS}
+        return columns | {"x": np.linspace(x, x + length, 4), "y": np.zeros(4)}
+
+    drawn = draw_tracks({
+        "a": leg(0.0, 2.0), "b": leg(1.0, 500.0), "c": leg(1000.0, 3.0)})[0]
+    labels = re.findall(r">([^<>]*(?:start|end))</text>", drawn.partition("plot narrow")[0])
+    assert sorted(labels) == ["a, b start", "c start", "end"]
 
 
 def test_a_track_across_the_date_line_is_short() -> None:

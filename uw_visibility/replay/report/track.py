@@ -132,13 +132,9 @@ def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
         fit_layout(figure)
         axes: Any = figure.subplots()
         points = None
-        for track in tracks:
-            apart = math.hypot(*(
-                float(places[-1] - places[0]) * length
-                for places, length in zip((track.x, track.y), metres, strict=True)))
-            points = _paint_track(
-                axes, track, limits, len(tracks) <= MOST_NAMES, apart > LABELLED * max(extent),
-            ) or points
+        starts, ends = _labels(tracks, metres, LABELLED * max(extent))
+        for track, start, end in zip(tracks, starts, ends, strict=True):
+            points = _paint_track(axes, track, limits, start, end) or points
         if points is not None:
             figure.colorbar(
                 points, ax=axes, label=label, pad=0.02, shrink=0.9, aspect=30,
@@ -168,10 +164,28 @@ def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
     )
 
 
+def _labels(
+    tracks: list[_Track], metres: tuple[float, float], near: float
+) -> tuple[list[str], list[str]]:
+    """Return labels of starts and ends; one for all that are near one another, m."""
+    if len(tracks) > MOST_NAMES:
+        return [""] * len(tracks), [""] * len(tracks)
+    places = [np.column_stack([t.x[[0, -1]], t.y[[0, -1]]]) * metres for t in tracks]
+    names: dict[int, list[str]] = {}
+    for index, (track, place) in enumerate(zip(tracks, places, strict=True)):
+        first = next(
+            (k for k in names if math.dist(places[k][0], place[0]) <= near), index)
+        names.setdefault(first, []).append(track.name)
+    starts = [
+        f"{', '.join(names[index])} start".strip() if index in names else ""
+        for index in range(len(tracks))]
+    return starts, ["end" if math.dist(*place) > near else "" for place in places]
+
+
 def _paint_track(
-    axes: Any, track: _Track, limits: tuple[float, float], named: bool, ended: bool
+    axes: Any, track: _Track, limits: tuple[float, float], start: str, end: str
 ) -> Any:
-    """Draw a track, its end with a label if `ended`; returns what has colours, if anything has."""
+    """Draw a track with labels of its ends; returns what has colours, if anything has."""
     axes.plot(track.x, track.y, color=HOLLOW, linewidth=0.8, zorder=1)
     seen = np.isfinite(track.seen)
     axes.scatter(track.x[~seen], track.y[~seen], s=22, facecolors="none", edgecolors=HOLLOW,
@@ -181,11 +195,10 @@ def _paint_track(
         points = axes.scatter(
             track.x[seen], track.y[seen], s=22, c=track.seen[seen], cmap="viridis", zorder=3,
             edgecolors=HOLLOW, linewidths=0.3, vmin=limits[0], vmax=limits[1])
-    for place, marker, text in ((0, "^", "start"), (-1, "s", "end")):
+    for place, marker, label in ((0, "^", start), (-1, "s", end)):
         axes.plot(track.x[place], track.y[place], marker=marker, markersize=9, zorder=4,
                   markerfacecolor="none", markeredgecolor=INK, linewidth=0.0)
-        label = f"{track.name} {text}".strip() if named and place == 0 else text
-        if (named or not track.name) and (place == 0 or ended):
+        if label:
             # A folder may be called anything: a dollar begins no formula.
             axes.annotate(
                 printable(label), (track.x[place], track.y[place]), xytext=(7, 5),
