@@ -149,6 +149,7 @@ def _write_mark(path: Path, summaries: Sequence[Summary]) -> None:
     content: list[Mapping[str, Any]] = [
         {
             "transect": name_of(summary), "bag": summary.bag, "error": summary.error,
+            "lacks": summary.lacks,
             "synopsis": None if summary.synopsis is None else summary.synopsis.state(),
         }
         for summary in summaries

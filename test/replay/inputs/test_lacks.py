@@ -63,6 +63,9 @@ def test_a_recording_without_a_joined_topic_has_its_result_and_says_so(
         text = re.sub(r"\s+", " ", (out / page).read_text(encoding="utf-8"))
         assert [text.count(sentence) for sentence in sentences] == [times, times], page
     assert json.loads((out / "without" / "replay.json").read_text())["lacks"] == sentences
+    transects = json.loads((out / "transects.json").read_text())["transects"]
+    assert {each["transect"]: each["lacks"] for each in transects} == {
+        "without": sentences, "with": []}
 
     # What is complete already is told the same way.
     with pytest.raises(SystemExit) as ended:
