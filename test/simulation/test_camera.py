@@ -11,6 +11,7 @@ import pytest
 
 from uw_visibility.errors import InputError
 from uw_visibility.simulation.camera import NOISELESS, Pose, Sensor, StereoCamera
+from uw_visibility.simulation.camera_effects import CameraEffects
 
 
 def test_optical_axes_of_a_level_camera() -> None:
@@ -32,7 +33,7 @@ def test_noise_is_shot_and_read_noise() -> None:
     sensor = Sensor(full_well=10000.0, read_noise=30.0)
     for level in (0.1, 0.6):
         flat = np.full((300, 300, 3), level, np.float32)
-        grey = sensor.expose(flat, np.random.default_rng(1)).astype(float)
+        grey = np.rint(sensor.read(flat, np.random.default_rng(1)))
         expected = 255.0 * math.sqrt(level / 10000.0 + (30.0 / 10000.0) ** 2)
         assert grey.mean() == pytest.approx(255.0 * level, abs=0.05)
         # Rounding adds a variance of 1/12.
@@ -41,7 +42,8 @@ def test_noise_is_shot_and_read_noise() -> None:
 
 def test_without_noise_there_is_rounding_and_saturation() -> None:
     light = np.array([[[0.0, 100.4 / 255, 1.7]]], np.float32)
-    exposed = NOISELESS.expose(light, np.random.default_rng(0))
+    effects = CameraEffects()
+    exposed = effects.record(light, NOISELESS, np.random.default_rng(0), effects.gains(light))
     np.testing.assert_array_equal(exposed, [[[0, 100, 255]]])
 
 

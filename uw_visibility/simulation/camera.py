@@ -111,24 +111,6 @@ class Sensor:
             raise InputError(f"full well is {self.full_well:g} electrons: give more than zero")
         check_range("read noise", self.read_noise, 0.0, unit="electrons")
 
-    def expose(
-        self, irradiance: NDArray[np.float32], random: np.random.Generator
-    ) -> NDArray[np.uint8]:
-        """Turn irradiance into 8-bit pixels, with shot and read noise.
-
-        Parameters
-        ----------
-        irradiance : ndarray, shape (H, W, 3), float32
-            Irradiance 0 .. 1; what is above saturates.
-        random : numpy.random.Generator
-            Where the noise comes from.
-
-        Returns
-        -------
-        ndarray, shape (H, W, 3), uint8
-        """
-        return np.clip(np.rint(self.read(irradiance, random)), 0, 255).astype(np.uint8)
-
     def read(
         self, irradiance: NDArray[np.float32], random: np.random.Generator
     ) -> NDArray[np.float32]:
@@ -136,8 +118,10 @@ class Sensor:
 
         Parameters
         ----------
-        irradiance, random
-            See `expose`.
+        irradiance : ndarray, shape (H, W, 3), float32
+            Irradiance 0 .. 1; what is above saturates.
+        random : numpy.random.Generator
+            Where the noise comes from.
 
         Returns
         -------
