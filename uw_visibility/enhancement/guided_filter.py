@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Confidence-weighted guided filter on a pyramid of coarse grids.
+"""Weighted guided filter on a pyramid of coarse grids.
 
 Guided filter: He, Sun and Tang, doi 10.1109/TPAMI.2012.213; its coefficients on
 a coarse grid: He and Sun, arXiv 1505.00996; filling from coarser scales where
@@ -34,15 +34,15 @@ class Level:
     guide : (h, w, 3) float32 ndarray
         Mean of the guide, centred on 0.
     value, weight : (h, w) float32 ndarray
-        Disparity above the base plane, and its confidence.
+        Disparity above the base plane, and its weight.
     place : (h, w, 2) float32 ndarray
         x and y, px, that `value` stands for; of the finest grid only.
-    prior, prior_confidence : (h, w) float32 ndarray
+    prior : (h, w) float32 ndarray
         What the next coarser level says about `value`.
     moments, solved : (h, n, w) float32 ndarray
         Sums along rows.
-    coefficients : (h, 5, w) float32 ndarray
-        Slopes for the three channels, offset, confidence.
+    coefficients : (h, 4, w) float32 ndarray
+        Slopes for the three channels, offset.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
@@ -51,11 +51,10 @@ class Level:
         self.value = np.empty(shape, np.float32)
         self.weight = np.empty(shape, np.float32)
         self.prior = np.zeros(shape, np.float32)
-        self.prior_confidence = np.zeros(shape, np.float32)
         self.place = np.empty((height, width, 2), np.float32)
         self.moments = np.empty((height, kernels.MOMENTS, width), np.float32)
         self.solved = np.empty((height, kernels.SOLVED, width), np.float32)
-        self.coefficients = np.empty((height, 5, width), np.float32)
+        self.coefficients = np.empty((height, 4, width), np.float32)
 
 
 class GuidedFilter:
@@ -95,10 +94,8 @@ class GuidedFilter:
     def run(
         self,
         coarse: NDArray[np.float32],
-        confidence: NDArray[np.float32],
         guide: NDArray[np.generic],
         disparity: NDArray[np.float32],
-        dense_confidence: NDArray[np.float32],
     ) -> bool:
         """Filter ``coarse`` into ``disparity``.
 
@@ -106,33 +103,28 @@ class GuidedFilter:
         ----------
         coarse : (H, W) float32 ndarray
             Disparity, px; NaN where unknown.
-        confidence : (H, W) float32 ndarray
-            Weight of each, 0..1.
         guide : (H, W, 3) ndarray of uint8 or uint16
             Image whose edges the result follows.
-        disparity, dense_confidence : (H, W) float32 ndarray
-            Written: the dense map and its confidence, 0..1.
+        disparity : (H, W) float32 ndarray
+            Written: the dense map.
 
         Returns
         -------
         bool
             Whether there was any disparity to start from; without, nothing is written.
         """
-        low, high = self.reduce(coarse, confidence, guide)
+        low, high = self.reduce(coarse, guide)
         if not low <= high:
             return False
         finest = self.levels[0]
         plane = kernels.fit_plane(finest.value, finest.weight, finest.place, SLOPE_PRIOR)
         kernels.subtract_plane(finest.value, finest.weight, finest.place, plane)
         self._fill()
-        self.apply(guide, plane, (low, high), disparity, dense_confidence)
+        self.apply(guide, plane, (low, high), disparity)
         return True
 
     def reduce(
-        self,
-        coarse: NDArray[np.float32],
-        confidence: NDArray[np.float32],
-        guide: NDArray[np.generic],
+        self, coarse: NDArray[np.float32], guide: NDArray[np.generic]
     ) -> tuple[float, float]:
         """Average the input over the cells of the finest grid.
 
@@ -143,7 +135,7 @@ class GuidedFilter:
         """
         finest = self.levels[0]
         self._workers.rows(
-            kernels.reduce_image, finest.value.shape[0], coarse, confidence, guide,
+            kernels.reduce_image, finest.value.shape[0], coarse, guide,
             _scale(guide), CELL, finest.guide, finest.value, finest.weight, finest.place,
             self._extremes,
         )
@@ -159,7 +151,7 @@ class GuidedFilter:
             kernels.apply_coefficients(
                 0, fine.value.shape[0], small.coefficients, fine.guide,
                 np.float32(1), np.float32(0), 2, NO_PLANE,
-                np.float32(-math.inf), np.float32(math.inf), fine.prior, fine.prior_confidence,
+                np.float32(-math.inf), np.float32(math.inf), fine.prior,
             )
         self.regress()
 
@@ -173,13 +165,12 @@ class GuidedFilter:
         plane: tuple[float, float, float],
         limits: tuple[float, float],
         disparity: NDArray[np.float32],
-        dense_confidence: NDArray[np.float32],
     ) -> None:
         """Evaluate the finest grid's coefficients on the image itself."""
         self._workers.rows(
             kernels.apply_coefficients, self.shape[0], self.levels[0].coefficients, guide,
             _scale(guide), np.float32(0.5), CELL, plane,
-            np.float32(limits[0]), np.float32(limits[1]), disparity, dense_confidence,
+            np.float32(limits[0]), np.float32(limits[1]), disparity,
         )
 
     def _regress(self, level: Level, radius: int, rows: Callable[..., None]) -> None:
@@ -189,10 +180,7 @@ class GuidedFilter:
             level.guide, level.value, level.weight, level.prior, radius, level.moments,
         )
         rows(kernels.solve, height, level.moments, radius, self.smoothness, level.solved)
-        rows(
-            kernels.average, height,
-            level.solved, level.prior_confidence, radius, level.coefficients,
-        )
+        rows(kernels.average, height, level.solved, radius, level.coefficients)
 
 
 def _at_once(kernel: Callable[..., None], count: int, *arguments: object) -> None:

@@ -17,22 +17,20 @@ FLOOR = np.float32(1e-3)
 # its inverse: windows across a depth edge that the image does not explain count little.
 RESIDUAL = 0.05
 # A mesh across a depth edge is a steep ramp that is nowhere true: where disparity
-# changes by this much (px) within a cell, its confidence counts half.
+# changes by this much (px) within a cell, it counts half.
 STEEP = np.float32(2)
-# What a coarser scale's confidence is worth at the next finer one.
-PASSED_ON = np.float32(0.5)
-# Sums over a window: Σw, Σwg (3), Σwd, Σwd², Σwdg (3), Σwgg (6), Σ of data's weight alone.
-MOMENTS = 16
-# Sums over windows: slopes (3), offset, weight; and the window's share of data.
-SOLVED = 6
+# Sums over a window: Σw, Σwg (3), Σwd, Σwd², Σwdg (3), Σwgg (6).
+MOMENTS = 15
+# Sums over windows: slopes (3), offset, weight.
+SOLVED = 5
 
 
 @njit(nogil=True, error_model="numpy")
 def reduce_image(
-    start: int, stop: int, coarse: Any, confidence: Any, guide: Any, scale: Any, cell: int,
+    start: int, stop: int, coarse: Any, guide: Any, scale: Any, cell: int,
     small_guide: Any, value: Any, weight: Any, place: Any, extremes: Any,
 ) -> None:
-    """Average image and disparity over cells; weigh disparities with their confidence."""
+    """Average image and disparity over cells."""
     height, width = coarse.shape
     for i in range(start, stop):
         low = np.float32(np.inf)
@@ -43,8 +41,7 @@ def reduce_image(
             first = j * cell
             last = min(first + cell, width)
             red = green = blue = np.float32(0)
-            total = weighted = across = down = np.float32(0)
-            known = 0
+            known = total = across = down = np.float32(0)
             near = np.float32(-np.inf)
             far = np.float32(np.inf)
             for y in range(top, bottom):
@@ -53,13 +50,11 @@ def reduce_image(
                     green += np.float32(guide[y, x, 1])
                     blue += np.float32(guide[y, x, 2])
                     d = coarse[y, x]
-                    w = confidence[y, x]
-                    if np.isfinite(d) and w > 0:
-                        total += w
-                        weighted += w * d
-                        across += w * np.float32(x)
-                        down += w * np.float32(y)
-                        known += 1
+                    if np.isfinite(d):
+                        known += np.float32(1)
+                        total += d
+                        across += np.float32(x)
+                        down += np.float32(y)
                         far = min(far, d)
                         near = max(near, d)
             low = min(low, far)
@@ -70,10 +65,10 @@ def reduce_image(
             small_guide[i, j, 2] = blue * share - np.float32(0.5)
             if known > 0:
                 ramp = (near - far) / STEEP
-                weight[i, j] = total / (np.float32(known) * (1 + ramp * ramp))
-                value[i, j] = weighted / total
-                place[i, j, 0] = across / total
-                place[i, j, 1] = down / total
+                weight[i, j] = 1 / (1 + ramp * ramp)
+                value[i, j] = total / known
+                place[i, j, 0] = across / known
+                place[i, j, 1] = down / known
             else:
                 weight[i, j] = 0
                 value[i, j] = 0
@@ -206,14 +201,13 @@ def moments(
             row[12, x] = wg * g
             row[13, x] = wg * b
             row[14, x] = wb * b
-            row[15, x] = weight[i, x]
         for m in range(MOMENTS):
             _sum_columns(row[m], radius, out[i, m])
 
 
 @njit(nogil=True, error_model="numpy")
-def _sum_rows(planes: Any, i: int, radius: int, out: Any) -> Any:
-    """Sum (h, n, w) planes over the rows around row i; return how many there are."""
+def _sum_rows(planes: Any, i: int, radius: int, out: Any) -> None:
+    """Sum (h, n, w) planes over the rows around row i."""
     first = max(i - radius, 0)
     last = min(i + radius + 1, planes.shape[0])
     out[:] = 0
@@ -223,7 +217,6 @@ def _sum_rows(planes: Any, i: int, radius: int, out: Any) -> Any:
             target = out[m]
             for x in range(target.shape[0]):
                 target[x] += source[x]
-    return last - first
 
 
 @njit(nogil=True, error_model="numpy")
@@ -233,7 +226,7 @@ def solve(start: int, stop: int, sums: Any, radius: int, smoothness: float, out:
     s = np.empty((MOMENTS, width), np.float32)
     row = np.empty((SOLVED, width), np.float32)
     for i in range(start, stop):
-        count = _sum_rows(sums, i, radius, s)
+        _sum_rows(sums, i, radius, s)
         for x in range(width):
             inverse = 1.0 / s[0, x]
             r = s[1, x] * inverse
@@ -269,39 +262,32 @@ def solve(start: int, stop: int, sums: Any, radius: int, smoothness: float, out:
             row[2, x] = q * slope_b
             row[3, x] = q * (d - slope_r * r - slope_g * g - slope_b * b)
             row[4, x] = q
-            columns = min(x + radius + 1, width) - max(x - radius, 0)
-            row[5, x] = s[15, x] / (count * columns)
-        for m in range(SOLVED - 1):
+        for m in range(SOLVED):
             _sum_columns(row[m], radius, out[i, m])
-        out[i, SOLVED - 1] = row[SOLVED - 1]
 
 
 @njit(nogil=True, error_model="numpy")
-def average(
-    start: int, stop: int, solved: Any, prior_confidence: Any, radius: int, coefficients: Any
-) -> None:
+def average(start: int, stop: int, solved: Any, radius: int, coefficients: Any) -> None:
     """Average the solutions of all windows that hold a cell, by their weight."""
     width = solved.shape[2]
-    s = np.empty((SOLVED - 1, width), np.float32)
+    s = np.empty((SOLVED, width), np.float32)
     for i in range(start, stop):
         _sum_rows(solved, i, radius, s)
         for x in range(width):
             inverse = np.float32(1) / s[4, x]
             for m in range(4):
                 coefficients[i, m, x] = s[m, x] * inverse
-            here = solved[i, SOLVED - 1, x]
-            coefficients[i, 4, x] = here + (1 - here) * PASSED_ON * prior_confidence[i, x]
 
 
 @njit(nogil=True, error_model="numpy")
 def apply_coefficients(
     start: int, stop: int, coefficients: Any, guide: Any, scale: Any, centre: Any, factor: int,
-    plane: Any, low: Any, high: Any, value: Any, confidence: Any,
+    plane: Any, low: Any, high: Any, value: Any,
 ) -> None:
     """Evaluate coefficients, interpolated between cells, on a guide ``factor`` times finer."""
     small_height, _, small_width = coefficients.shape
     width = value.shape[1]
-    a = np.empty((small_width, 5), np.float32)
+    a = np.empty((small_width, 4), np.float32)
     step = np.float32(1 / factor)
     half = np.float32(0.5)
     for y in range(start, stop):
@@ -309,7 +295,7 @@ def apply_coefficients(
         i = min(int(v), max(small_height - 2, 0))
         below = min(i + 1, small_height - 1)
         t = np.float32(v - i)
-        for m in range(5):
+        for m in range(4):
             for j in range(small_width):
                 upper = coefficients[i, m, j]
                 a[j, m] = upper + t * (coefficients[below, m, j] - upper)
@@ -328,12 +314,10 @@ def apply_coefficients(
             g = a[k, 1]
             b = a[k, 2]
             d = a[k, 3]
-            c = a[k, 4]
             more_r = a[after, 0] - r
             more_g = a[after, 1] - g
             more_b = a[after, 2] - b
             more_d = a[after, 3] - d
-            more_c = a[after, 4] - c
             first = j * factor + factor // 2
             for x in range(max(first, 0), min(first + factor, width)):
                 s = (np.float32(x - first) + half) * step
@@ -343,4 +327,3 @@ def apply_coefficients(
                 linear = base + slope * np.float32(x)
                 total = (red + green) + (blue + (d + s * more_d)) + linear
                 value[y, x] = min(max(total, low), high)
-                confidence[y, x] = c + s * more_c

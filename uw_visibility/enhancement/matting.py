@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,25 +11,6 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.guided_filter import GuidedFilter
 from uw_visibility.errors import InputError
-
-
-@dataclass(frozen=True)
-class Matte:
-    """Dense disparity map with confidence.
-
-    Attributes
-    ----------
-    disparity : (H, W) float32 ndarray
-        px; finite everywhere where `ok`, else NaN everywhere.
-    confidence : (H, W) float32 ndarray
-        0..1: how much of it rests on disparities nearby, and how sure those were.
-    ok : bool
-        Whether there was any disparity to start from.
-    """
-
-    disparity: NDArray[np.float32]
-    confidence: NDArray[np.float32]
-    ok: bool
 
 
 class Matting:
@@ -55,26 +34,22 @@ class Matting:
         self._filter: GuidedFilter | None = None
 
     def refine(
-        self,
-        coarse: NDArray[np.float32],
-        confidence: NDArray[np.float32] | None,
-        guide: NDArray[np.generic],
-    ) -> Matte:
+        self, coarse: NDArray[np.float32], guide: NDArray[np.generic]
+    ) -> NDArray[np.float32]:
         """Refine a coarse disparity map, and make it dense.
 
         Parameters
         ----------
         coarse : (H, W) float32 ndarray
             Disparity, px; NaN where unknown. A mesh or single points.
-        confidence : (H, W) float32 ndarray or None
-            Weight of each, 0..1; None gives all the same. 0 leaves a pixel out.
         guide : (H, W, 3) or (H, W) ndarray of uint8 or uint16
             Image of the same view.
 
         Returns
         -------
-        Matte
-            Values lie between the smallest and the largest given.
+        (H, W) float32 ndarray
+            Disparity, px, between the smallest and the largest given; NaN everywhere where
+            there is none.
 
         Raises
         ------
@@ -87,16 +62,9 @@ class Matting:
                 f"image of {image.shape[1]}x{image.shape[0]} px does not fit a disparity map of "
                 f"{coarse.shape[1]}x{coarse.shape[0]} px: give both of the same view"
             )
-        if confidence is None:
-            confidence = np.ones(coarse.shape, np.float32)
-        guided = self._filter_for(coarse.shape)
-        disparity = np.empty(coarse.shape, np.float32)
-        dense_confidence = np.empty(coarse.shape, np.float32)
-        ok = guided.run(coarse, confidence, image, disparity, dense_confidence)
-        if not ok:
-            disparity[:] = np.nan
-            dense_confidence[:] = 0
-        return Matte(disparity, dense_confidence, ok)
+        disparity = np.full(coarse.shape, np.nan, np.float32)
+        self._filter_for(coarse.shape).run(coarse, image, disparity)
+        return disparity
 
     def _filter_for(self, shape: tuple[int, ...]) -> GuidedFilter:
         size = (shape[0], shape[1])

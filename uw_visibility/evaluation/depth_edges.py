@@ -113,7 +113,7 @@ def edge_errors(
     times = {}
     matting = Matting(config.enhancement, workers)
     for method, refine in (
-        ("guided", lambda: matting.refine(mesh, None, left).disparity),
+        ("guided", lambda: matting.refine(mesh, left)),
         ("laplacian", lambda: refine_by_laplacian(mesh, left, config.enhancement)),
     ):
         maps[method], times[method] = _timed(refine)

@@ -49,12 +49,10 @@ def refine_by_laplacian(
         (coarse.shape[0], coarse.shape[1]), config.matting_radius, config.matting_smoothness,
         Workers(1),
     )
-    confidence = np.ones(coarse.shape, np.float32)
     disparity = np.full(coarse.shape, np.nan, np.float32)
-    unused = np.empty(coarse.shape, np.float32)
-    if not guided.run(coarse, confidence, guide, disparity, unused):
+    if not guided.run(coarse, guide, disparity):
         return disparity
-    limits = guided.reduce(coarse, confidence, guide)
+    limits = guided.reduce(coarse, guide)
     finest = guided.levels[0]
     data = DATA_WEIGHT * finest.weight.astype(np.float64).ravel()
     system = laplacian(finest.guide, config.matting_smoothness) + scipy.sparse.diags(data)
@@ -70,7 +68,7 @@ def refine_by_laplacian(
     finest.prior[:] = finest.value
     finest.weight[:] = 1
     guided.regress(radius=1)
-    guided.apply(guide, NO_PLANE, limits, disparity, unused)
+    guided.apply(guide, NO_PLANE, limits, disparity)
     return disparity
 
 

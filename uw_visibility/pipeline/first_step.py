@@ -159,7 +159,7 @@ class FirstStep:
             with clock("matting"):
                 # A thin mesh is helped by the dominant plane.
                 filled, _ = fill_plane(mesh, support.points)
-                return self._matting.refine(filled, None, left.pixels).disparity
+                return self._matting.refine(filled, left.pixels)
 
         def estimate() -> WaterEstimate:
             with clock("visibility estimation 1"):
