@@ -81,9 +81,10 @@ def _number(title: str, unit: str, description: str = "", standard_name: str = "
     return Column("number", title, unit, description, standard_name)
 
 
-def _choice(title: str, choices: type[Enum], *more: str) -> Column:
+def _choice(title: str, choices: type[Enum], **more: str) -> Column:
     return Column(
-        "choice", title, choices=(*map(word, choices), *more), meanings=(*map(str, choices), *more))
+        "choice", title, choices=(*map(word, choices), *more),
+        meanings=(*map(str, choices), *more.values()))
 
 
 def with_stddev(
@@ -162,7 +163,9 @@ COLUMNS: dict[str, Column] = {
     "stamp": _number("stamp of the left image", "s", "Since 1970, UTC, to the nanosecond"),
     "right_stamp": _number("stamp of the right image", "s", "As stamp"),
     "time": _number("time at which the left image was received", "s", "As stamp"),
-    "status": _choice("whether attenuation was assessed, or why not", Status, FAILED),
+    "status": _choice(
+        "whether attenuation was assessed, or why not", Status,
+        **{FAILED: "the frame gave no result; the column reason says why"}),
     "visibility_status": _choice("whether visibility was assessed, or why not", Status),
     "depth_status": _choice("whether depth was assessed, or why not", Status),
     "reason": Column("text", "why the frame gave no result"),

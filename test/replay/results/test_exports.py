@@ -21,7 +21,7 @@ from bag_copies import FRAMES, Message, copy_bag, copy_bag_ros1, run
 from rosbags.typesys import Stores, get_typestore
 
 from uw_visibility.replay.bags.reader import BagReader
-from uw_visibility.replay.columns import COLUMNS
+from uw_visibility.replay.columns import COLUMNS, FAILED
 from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.results.data_dictionary import SUFFIX
 from uw_visibility.replay.results.netcdf import write_netcdf
@@ -102,6 +102,7 @@ def test_dictionary_describes_every_column(exported: Path, rows: list[dict[str, 
         value["schema:value"]: value["schema:description"]
         for value in columns["status"]["schema:valueReference"]}
     assert told["not_one_water"] == str(Status.NOT_ONE_WATER)
+    assert "the column reason says why" in told[FAILED]
     for name, column in columns.items():
         assert column["dc:title"]
         for value in column.get("schema:valueReference", []):
