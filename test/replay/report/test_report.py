@@ -326,6 +326,8 @@ def test_labels_on_a_map_do_not_lie_on_one_another() -> None:
         "a": leg(0.0, 2.0), "b": leg(1.0, 500.0), "c": leg(1000.0, 3.0)})[0]
     labels = re.findall(r">([^<>]*(?:start|end))</text>", drawn.partition("plot narrow")[0])
     assert sorted(labels) == ["a, b start", "c start", "end"]
+    drawn = draw_tracks({name: leg(0.0, 1.0) for name in "abcde"} | {"f": leg(500.0, 1.0)})[0]
+    assert ">a, b, c and 2 more start</text>" in drawn
 
 
 def test_a_track_across_the_date_line_is_short() -> None:

@@ -33,6 +33,8 @@ MOST_NAMES = 12
 LEAST_COSINE = 0.01
 # Ends nearer to their start than this part of the map have no label, which would lie on that one.
 LABELLED = 0.08
+# Of tracks that begin at one place, as many are named.
+NAMED = 3
 METRES_PER_DEGREE = math.radians(EARTH_RADIUS)
 
 
@@ -176,10 +178,14 @@ def _labels(
         first = next(
             (k for k in names if math.dist(places[k][0], place[0]) <= near), index)
         names.setdefault(first, []).append(track.name)
-    starts = [
-        f"{', '.join(names[index])} start".strip() if index in names else ""
-        for index in range(len(tracks))]
+    starts = [_start(names.get(index, [])) for index in range(len(tracks))]
     return starts, ["end" if math.dist(*place) > near else "" for place in places]
+
+
+def _start(names: list[str]) -> str:
+    """Return the label of a place at which tracks start; none for none."""
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return f"{', '.join(names[:NAMED])}{more} start".strip() if names else ""
 
 
 def _paint_track(
