@@ -24,8 +24,8 @@ from uw_visibility.pipeline.timing import StageClock
 from uw_visibility.status import Status
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS, SupportPoints
-from uw_visibility.stereo.interpolation import fill_plane
 from uw_visibility.stereo.matchers import MATCHER, MATCHERS
+from uw_visibility.stereo.plane import fill_plane
 from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.radiometry import right_gain
 from uw_visibility.stereo.rig import StereoRig
@@ -158,7 +158,7 @@ class FirstStep:
         def refine() -> DisparityMap:
             with clock("matting"):
                 # A thin mesh is helped by the dominant plane.
-                filled, _ = fill_plane(mesh, support.points)
+                filled = fill_plane(mesh, support.points)
                 return self._matting.refine(filled, left.pixels)
 
         def estimate() -> WaterEstimate:

@@ -22,7 +22,8 @@ from uw_visibility.stereo.airlight import Airlight, AirlightPrior
 from uw_visibility.stereo.contrast import LUMA, ContrastNormalizer, least_noise_weights
 from uw_visibility.stereo.denoising import ROUNDING
 from uw_visibility.stereo.elas import DenseMatch, SupportPoints
-from uw_visibility.stereo.interpolation import GapFiller, inpaint
+from uw_visibility.stereo.gaps import GapFiller
+from uw_visibility.stereo.interpolation import inpaint
 from uw_visibility.stereo.matchers import MATCHER, MATCHERS
 from uw_visibility.stereo.noise_scale import matching_scale
 from uw_visibility.stereo.pyramid import Pyramid

@@ -34,21 +34,17 @@ class GapFiller:
         Height and width.
     max_gap : int
         How far a pixel looks for disparities, px.
-    workers : Workers, optional
-        Threads; one by default.
+    workers : Workers
+        Threads.
     """
 
-    def __init__(
-        self, shape: tuple[int, int], max_gap: int = 40, workers: Workers | None = None
-    ) -> None:
+    def __init__(self, shape: tuple[int, int], max_gap: int, workers: Workers) -> None:
         self.shape = shape
         self._max_gap = max_gap
-        self._workers = workers or Workers(1)
+        self._workers = workers
         self._seen = np.empty((2, DIRECTIONS, *shape), np.float32)
 
-    def fill(
-        self, left: NDArray[np.float32], right: NDArray[np.float32] | None = None
-    ) -> NDArray[np.float32]:
+    def fill(self, left: NDArray[np.float32], right: NDArray[np.float32]) -> NDArray[np.float32]:
         """Fill gaps from the eight directions around each pixel.
 
         An occluded pixel takes the second lowest of what it sees, so it
@@ -59,10 +55,10 @@ class GapFiller:
         ----------
         left : (H, W) float32 ndarray
             Left disparity map, px; NaN = a gap.
-        right : (H, W) float32 ndarray, optional
+        right : (H, W) float32 ndarray
             Right disparity map **before** the left/right check, positive px, NaN =
             unknown. Where none of its disparities points at a pixel, that pixel
-            is occluded. Without it, all gaps are taken as occluded.
+            is occluded.
 
         Returns
         -------
@@ -75,43 +71,12 @@ class GapFiller:
         InputError
             If a map has another shape.
         """
-        if left.shape != self.shape or (right is not None and right.shape != self.shape):
+        if left.shape != self.shape or right.shape != self.shape:
             raise InputError(f"disparity maps are not of the shape {self.shape} expected")
         self._workers.rows(_sweep, 2, left, self._max_gap, self._seen)
         filled = np.empty_like(left)
-        other = left[:0] if right is None else right
-        self._workers.rows(_choose, left.shape[0], left, other, self._max_gap, self._seen, filled)
+        self._workers.rows(_choose, left.shape[0], left, right, self._max_gap, self._seen, filled)
         return filled
-
-
-def fill_gaps(
-    left: NDArray[np.float32],
-    right: NDArray[np.float32] | None = None,
-    max_gap: int = 40,
-    workers: Workers | None = None,
-) -> NDArray[np.float32]:
-    """Fill gaps of one map; see `GapFiller`, which keeps its buffers."""
-    return GapFiller((left.shape[0], left.shape[1]), max_gap, workers).fill(left, right)
-
-
-def occluded(
-    left: NDArray[np.float32], right: NDArray[np.float32]
-) -> NDArray[np.bool_]:
-    """Occlusion mask: gaps of the left map that no disparity of the right one points at.
-
-    Parameters
-    ----------
-    left, right : (H, W) float32 ndarray
-        As in `GapFiller.fill`.
-
-    Returns
-    -------
-    (H, W) bool ndarray
-        True at gaps of `left` that no disparity of `right` points at.
-    """
-    hidden = np.empty(left.shape, np.bool_)
-    _mark_occluded(0, left.shape[0], left, right, hidden)
-    return hidden
 
 
 @njit(nogil=True, error_model="numpy")
@@ -203,17 +168,6 @@ def _is_hit(hit: Any, x: int) -> bool:
 
 
 @njit(nogil=True, error_model="numpy")
-def _mark_occluded(start: int, stop: int, left: Any, right: Any, hidden: Any) -> None:
-    """Mark gaps that no disparity of the right map points at."""
-    width = left.shape[1]
-    hit = np.empty(width + 2 * TOLERANCE, np.bool_)
-    for y in range(start, stop):
-        _point_at(right[y], hit)
-        for x in range(width):
-            hidden[y, x] = np.isnan(left[y, x]) and not _is_hit(hit, x)
-
-
-@njit(nogil=True, error_model="numpy")
 def _order(a: Any, b: Any) -> tuple[Any, Any]:
     return (a, b) if a < b else (b, a)
 
@@ -272,8 +226,7 @@ def _choose(
         here = left[y]
         filled[y] = here
         count = _find_gaps(here, columns)
-        if right.shape[0] > 0:
-            _point_at(right[y], hit)
+        _point_at(right[y], hit)
         for i in range(count):
             x = columns[i]
             hit_gap[i] = _is_hit(hit, x)

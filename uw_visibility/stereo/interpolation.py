@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Disparity interpolation: gaps, then large areas by inpainting (section II-E)."""
+"""Disparity interpolation: large areas, by inpainting (section II-E)."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
-from uw_visibility.stereo.gaps import GapFiller, fill_gaps, occluded
-from uw_visibility.stereo.plane import DisparityPlane, dominant_plane, fill_plane
 
 # Pixels per cell of the grid that large areas are inpainted on.
 CELL = 8
@@ -104,14 +102,3 @@ def _fill_open(
                 lower = small[below, j] + s * (small[below, after] - small[below, j])
                 d = min(max(upper + t * (lower - upper), low), high)
             filled[y, x] = d
-
-
-__all__ = [
-    "DisparityPlane",
-    "GapFiller",
-    "dominant_plane",
-    "fill_gaps",
-    "fill_plane",
-    "inpaint",
-    "occluded",
-]
