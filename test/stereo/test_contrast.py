@@ -46,6 +46,18 @@ def test_grey_and_colour_of_any_depth_agree(dtype):
     np.testing.assert_allclose(colour.grey, mono.grey, atol=1)
 
 
+def test_one_pixel_that_is_kilometres_away_leaves_the_others_their_gain():
+    ranges = np.tile(np.linspace(1.0, 6.0, SHAPE[1], dtype=np.float32), (SHAPE[0], 1))
+    image = np.full((*SHAPE, 3), 128, np.uint8)
+    gains = []
+    for farthest in (6.0, 1e5):
+        ranges[0, 0] = farthest
+        contrast = ContrastNormalizer(SHAPE)
+        contrast.restore(image, ranges, ATTENUATION, AMBIENT, Workers(1), NO_NOISE)
+        gains.append(contrast.gain[1:])
+    np.testing.assert_allclose(gains[1], gains[0], rtol=0.06)
+
+
 def test_contrast_of_near_and_far_becomes_even():
     """The same stripes at two ranges have the same contrast once restored."""
     stripes = np.where(np.arange(SHAPE[1]) // 4 % 2, 0.8, 0.2)

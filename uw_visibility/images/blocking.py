@@ -17,14 +17,17 @@ EDGE = 20.0
 # Sum of differences that is needed, in 8-bit code values: blank images show no blocks.
 LEAST = 200.0
 
+BLOCKS = 1.08
+"""Blockiness from which on pixels went through a JPEG: without one it is 1.02 at most."""
+
 
 def blocking(image: NDArray[Any]) -> float:
     """Blockiness: third differences across the edges of JPEG's blocks over the largest within.
 
     Parameters
     ----------
-    image : (H, W, 3) uint8 or uint16 ndarray
-        RGB code values; blocks begin at its first column.
+    image : (H, W, 3) or (H, W) uint8 or uint16 ndarray
+        RGB or grey code values; blocks begin at its first column.
 
     Returns
     -------
@@ -35,7 +38,8 @@ def blocking(image: NDArray[Any]) -> float:
     height, width = image.shape[:2]
     if width < 4 * BLOCK:
         return 1.0
-    green = image[:: max(1, -(-height // ROWS)), :, 1].astype(np.float32)
+    green = image if image.ndim == 2 else image[..., 1]
+    green = green[:: max(1, -(-height // ROWS))].astype(np.float32)
     green *= np.float32(255.0 / np.iinfo(image.dtype).max)
     step = np.diff(green, axis=1)
     # Between a pixel and the next: how far the step departs from those beside it.

@@ -11,8 +11,16 @@ import cv2
 import numpy as np
 
 from uw_visibility.images.arrays import Image, Mask, PerChannel, RangeMap
+from uw_visibility.images.blocking import BLOCKS, blocking
 from uw_visibility.images.chroma import ChromaImage
-from uw_visibility.images.noise import noise_stddev
+from uw_visibility.images.noise import low_frequency_noise, noise_stddev
+
+# Noise from which on what JPEG left of it is looked for, 8-bit code values. With less, texture of
+# two pixels would be taken for it: of a JPEG that has no noise little is left.
+_NOISY = 0.33
+# Factor of that noise by number of channels: it is of brightness, alike in all channels, while
+# noise of channels is combined as if each had its own.
+_OF_BRIGHTNESS = {1: 1.0, 3: 1.4}
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +100,10 @@ class View:
         Standard deviation of the noise that the pixels show, in code values.
     colour : ColourSamples or None
         What the water is read from; None for a grey image.
+    low_frequency_noise : (3,) or (1,) float64 ndarray
+        Standard deviation of the white noise that would leave as much once the pixels are
+        smoothed: `noise`, and more where JPEG took the fine part of it; see
+        `StereoViews.with_codec_noise`.
     """
 
     pixels: Image
@@ -99,6 +111,7 @@ class View:
     valid: Mask | None
     noise: PerChannel
     colour: ColourSamples | None
+    low_frequency_noise: PerChannel
 
     @classmethod
     def of(
@@ -119,7 +132,7 @@ class View:
         """
         noise = noise_stddev(pixels)
         colour = None if pixels.ndim == 2 else _samples(pixels, transfer, noise, chroma)
-        return cls(pixels, transfer, valid, noise, colour)
+        return cls(pixels, transfer, valid, noise, colour, noise)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -130,7 +143,8 @@ class View:
         """Return the view with no more noise, in code values, than a limit for each channel."""
         noise = np.minimum(self.noise, limit)
         colour = self.colour and replace(self.colour, noise=np.minimum(self.colour.noise, limit))
-        return replace(self, noise=noise, colour=colour)
+        smoothed = np.minimum(self.low_frequency_noise, limit)
+        return replace(self, noise=noise, colour=colour, low_frequency_noise=smoothed)
 
     def without(self, mask: Mask | None) -> View:
         """Return the view whose valid pixels are those outside of a mask; None is an empty one."""
@@ -144,6 +158,17 @@ class StereoViews(NamedTuple):
 
     left: View
     right: View
+
+    def with_codec_noise(self) -> StereoViews:
+        """Return the views with the noise that JPEG left at low frequencies, where they show it."""
+        shown = np.mean([view.noise.mean() / code_value(view.pixels) for view in self])
+        if shown <= _NOISY or max(blocking(view.pixels) for view in self) <= BLOCKS:
+            return self
+        return StereoViews(*(
+            replace(view, low_frequency_noise=np.maximum(
+                view.noise, _OF_BRIGHTNESS[len(view.noise)] * low_frequency_noise(view.pixels)))
+            for view in self
+        ))
 
 
 def _samples(

@@ -257,10 +257,10 @@ class SecondStep:
             if lamps is None:
                 scale.contrast[side].restore(
                     view.pixels, ranges, water.attenuation, gain * water.ambient_light,
-                    self._workers, view.noise)
+                    self._workers, view.low_frequency_noise)
             else:
                 scale.contrast[side].restore_lit(
-                    view.pixels, ranges, *lamps, self._workers, view.noise)
+                    view.pixels, ranges, *lamps, self._workers, view.low_frequency_noise)
             scale.matcher.describe_view(side, scale.contrast[side])
 
         self._workers.together(

@@ -37,8 +37,8 @@ _FAR_GAIN = 2.0
 # Contrast that white against black is brought to, 8-bit levels. More than 255:
 # strong gradients clip in the descriptors, and weak ones tell more.
 _FULL_CONTRAST = 1.5 * 255.0
-# Entries of the table of contrast over range.
-_TABLE = 512
+# Entries of the table of contrast over range, which reaches so many typical ranges far.
+_TABLE, _MOST_TYPICAL = 512, 16.0
 
 
 class ContrastNormalizer:
@@ -273,7 +273,8 @@ def _typical_and_farthest(range_map: NDArray[np.float32]) -> tuple[float, float]
     sample = range_map[::4, ::4]
     sample = sample[np.isfinite(sample)]
     typical, farthest = np.percentile(sample, (50, 100)) if sample.size else (1.0, 1.0)
-    return float(typical), float(farthest)
+    # One disparity of nearly nothing is kilometres away, and all else in the first of the steps.
+    return float(typical), float(min(farthest, _MOST_TYPICAL * typical))
 
 
 @njit(nogil=True)

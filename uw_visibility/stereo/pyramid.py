@@ -72,11 +72,15 @@ class Pyramid:
         factor = self.factor(view.shape)
         if factor == 1:
             return view
-        pixels, limit = view.pixels, view.noise / factor
-        if pixels.dtype == np.uint8 and np.max(view.noise) > ROUNDING:
+        pixels, limit = view.pixels, view.low_frequency_noise / factor
+        if pixels.dtype == np.uint8 and np.max(view.low_frequency_noise) > ROUNDING:
             pixels = np.multiply(pixels, np.uint16(_CODE_16_BIT), dtype=np.uint16)
             limit = _CODE_16_BIT * limit
-        return View.of(self.downsample(pixels), view.transfer).with_noise_below(limit)
+        small = View.of(self.downsample(pixels), view.transfer).with_noise_below(limit)
+        if np.any(view.low_frequency_noise > view.noise):
+            # The small view shows no blocks of JPEG any more.
+            small = replace(small, low_frequency_noise=limit)
+        return small
 
     def upsample_mask(
         self, mask: NDArray[np.bool_] | None, shape: tuple[int, ...]

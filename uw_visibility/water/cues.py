@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.images.blocking import blocking
+from uw_visibility.images.blocking import BLOCKS, blocking
 from uw_visibility.images.noise import ROUNDING_VARIANCE
 from uw_visibility.images.view import ColourSamples
 from uw_visibility.optics.transfer import linear_table
@@ -34,9 +34,6 @@ from uw_visibility.water.veil_gradient import (
     matters,
     place_course,
 )
-
-# Blockiness from which on pixels went through a JPEG: without one it is 1.02 at most.
-BLOCKS = 1.08
 
 
 class Observations(NamedTuple):

@@ -34,7 +34,7 @@ _APART = (7, 11)
 # Two independent descriptors differ √2 times as much as either does from a blank.
 _FROM_BLANK = np.float32(math.sqrt(0.5))
 # Texture over that of noise alone, which is known to a fifth or so.
-_SIGNAL = 1.1
+_SIGNAL = 1.5
 # Mean amount of a normal deviate of unit variance.
 MEAN_OF_NORMAL = math.sqrt(2.0 / math.pi)
 

@@ -141,7 +141,7 @@ class Matcher:
         """
 
         def describe(side: int, view: View) -> None:
-            contrast[side].stretch(view.pixels, self._workers, view.noise)
+            contrast[side].stretch(view.pixels, self._workers, view.low_frequency_noise)
             self.describe_view(side, contrast[side])
 
         self._workers.together(lambda: describe(0, left), lambda: describe(1, right))

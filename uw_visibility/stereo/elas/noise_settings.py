@@ -20,16 +20,16 @@ _FULL_NOISE = 6.0
 # disparities by a pixel or two, and neighbours on a surface tell where between.
 _MORE_RADIUS = 7
 # A hole is a mismatch rather than an occlusion, and may be wider by so many px.
-_MORE_GAP = 18
+_MORE_GAP = 10
 # After that mean the steps of a surface are so much smaller, and those of chance are not. Somewhat
 # smaller segments are enough then.
-_SEGMENT_DIFFERENCE, _SEGMENT_SIZE = 0.7, 0.75
+_SEGMENT_DIFFERENCE, _SEGMENT_SIZE = 0.5, 0.75
 # Views that agree by chance mostly do so by two pixels.
 _TOLERANCE = 1
 # Least confidence of what is published: it rises with noise from where noise begins, and ends where
 # a match is as likely wrong as right. A fixed one costs as many right ones where noise is low as
 # it takes wrong ones where it is high.
-_CONFIDENCE_FROM, _CONFIDENCE_PER_LEVEL, _MOST_CONFIDENCE = 0.41, 0.006, 0.58
+_CONFIDENCE_FROM, _CONFIDENCE_PER_LEVEL, _MOST_CONFIDENCE = 0.42, 0.006, 0.59
 _CONFIDENCE_RISE = 0.2
 
 
