@@ -94,10 +94,6 @@ class CameraCalibration:
         side : str
             "left" or "right", for the messages of errors.
 
-        Returns
-        -------
-        CameraCalibration
-
         Raises
         ------
         InputError

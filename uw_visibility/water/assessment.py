@@ -109,10 +109,6 @@ class Assessor:
     def assess(self, estimate: WaterEstimate) -> Visibility:
         """Assess visibility and depth, with standard deviations by propagation.
 
-        Parameters
-        ----------
-        estimate : WaterEstimate
-
         Returns
         -------
         Visibility

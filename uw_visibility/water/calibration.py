@@ -98,10 +98,6 @@ def calibrate(
         where there is none.
     response : CameraResponse
 
-    Returns
-    -------
-    Calibration
-
     Raises
     ------
     InputError

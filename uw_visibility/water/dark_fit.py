@@ -62,10 +62,6 @@ def fit_one_light(
         κ of the camera, 1/m.
     plain : bool
         Whether to fit as the paper does.
-
-    Returns
-    -------
-    Fit
     """
     ambient_min = np.array(
         [least_ambient_light(envelope, c) if active[c] else 1.0 for c in range(3)])

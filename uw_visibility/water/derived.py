@@ -136,10 +136,6 @@ class DerivedQuantities:
 class DerivedModel:
     """Model of the field's quantities, given a camera.
 
-    Parameters
-    ----------
-    response : CameraResponse
-
     Attributes
     ----------
     effective_wavelengths : (3,) float64 ndarray
@@ -163,16 +159,7 @@ class DerivedModel:
         return cls(load_response(config.camera.response))
 
     def derive(self, estimate: WaterEstimate) -> DerivedQuantities:
-        """Derive the field's quantities, with standard deviations.
-
-        Parameters
-        ----------
-        estimate : WaterEstimate
-
-        Returns
-        -------
-        DerivedQuantities
-        """
+        """Derive the field's quantities, with standard deviations."""
         covariance = joint_covariance(estimate)[0::2, 0::2]
         known = np.isfinite(estimate.attenuation)
         if not known.any():

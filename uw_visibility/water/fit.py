@@ -77,10 +77,6 @@ def fit_plain(
         Attenuation and ambient light to start from.
     active : (3,) bool ndarray
         Channels to fit.
-
-    Returns
-    -------
-    Fit
     """
     # Imported here, since it takes long, and other methods do without.
     from scipy.optimize import least_squares

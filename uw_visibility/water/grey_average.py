@@ -35,10 +35,6 @@ def is_grey_on_average(pixels: NDArray[Any]) -> bool:
     ----------
     pixels : (H, W, 3) ndarray
         RGB code values.
-
-    Returns
-    -------
-    bool
     """
     # cv2's mean is many times faster than numpy's, and as exact.
     mean = np.array(cv2.mean(np.ascontiguousarray(pixels[::STRIDE, ::STRIDE]))[:3])

@@ -68,13 +68,7 @@ _DRIFT_KEPT = 0.5
 
 
 class WaterState:
-    """Mean and covariance of β and ln I∞, and how fast they change.
-
-    Parameters
-    ----------
-    measurement : Measurement
-        The first one.
-    """
+    """Mean and covariance of β and ln I∞, and how fast they change."""
 
     def __init__(self, measurement: Measurement) -> None:
         self.mean = measurement.value.copy()

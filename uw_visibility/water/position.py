@@ -112,10 +112,6 @@ def observe_halves(
     statistics : SurfaceStatistics
     noise : (3,) float64 ndarray
         Standard deviation of the image's noise and rounding, as irradiance.
-
-    Returns
-    -------
-    HalfEnvelopes
     """
     places = statistics.places.sum(axis=1)
     mean = places[:, 0] / np.maximum(places[:, 1], 1.0)
@@ -148,10 +144,6 @@ def compare_halves(
     halves : HalfEnvelopes
     attenuation, veil, light : (3,) float64 ndarray
         β, B and W as estimated.
-
-    Returns
-    -------
-    Unevenness
     """
     difference = np.zeros((len(SPLITS), 3))
     stddev = np.full((len(SPLITS), 3), np.inf)

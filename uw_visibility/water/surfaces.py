@@ -74,10 +74,6 @@ def surface_statistics(
         Of each code value.
     limits : tuple of float
         Least and largest range, m.
-
-    Returns
-    -------
-    SurfaceStatistics
     """
     low, high = limits
     top = float(irradiance[-1])

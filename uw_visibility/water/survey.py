@@ -123,12 +123,7 @@ class Survey:
             None if envelope is None else FrameEnvelopes.of(envelope), stamp_seconds)
 
     def estimate(self) -> SurveyEstimate:
-        """Estimate the water over the frames of the window, once in `INTERVAL`.
-
-        Returns
-        -------
-        SurveyEstimate
-        """
+        """Estimate the water over the frames of the window, once in `INTERVAL`."""
         newest = self._frames.newest
         if self._last is None or not newest - self._last[0] < INTERVAL:
             self._last = newest, *self._fresh()

@@ -39,10 +39,6 @@ _TAKEN_IN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTART
 class WaterTracker:
     """Filter of estimates of the water's state over time.
 
-    Parameters
-    ----------
-    config : TrackingConfig
-
     Attributes
     ----------
     event : TrackingEvent or None

@@ -52,13 +52,7 @@ LAMP_FALL_BESIDE_STEP, RANGE_GAP = 0.55, 1.25
 
 
 def lit_by_lamps(envelope: Envelopes) -> bool:
-    """Tell whether the bright envelope falls with range as by lamps, in most channels.
-
-    Parameters
-    ----------
-    envelope : Envelopes
-        Of one frame.
-    """
+    """Tell whether the bright envelope falls with range as by lamps, in most channels."""
     near, far = near_bins(envelope), slice(-near_bins(envelope).stop, None)
     bright = np.where(envelope.bright > 0, envelope.bright, np.nan)
     first = quantile_of_known(bright[:, near], 0.5)
@@ -205,10 +199,6 @@ def compare_steps(first: WaterEstimate, second: WaterEstimate) -> WaterEstimate:
     """Refuse the second step's estimate where the first one's contradicts it.
 
     Both read the same pixels, but with ranges of a mesh and of dense disparities.
-
-    Parameters
-    ----------
-    first, second : WaterEstimate
 
     Returns
     -------

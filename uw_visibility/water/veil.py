@@ -243,10 +243,6 @@ def fit_best_ratio(
         The bright envelope at its brightest.
     clear_water : (3,) float64 ndarray
         κ, 1/m.
-
-    Returns
-    -------
-    EnvelopeFit
     """
     best = EnvelopeFit()
     for ratio in COARSE_RATIOS:

@@ -83,10 +83,6 @@ def fit_gradient(
         Row and column, in parts of the image.
     weights : (N,) float64 ndarray
         Of the place where the veil is wanted; their sum is 1.
-
-    Returns
-    -------
-    VeilGradient
     """
     middle = weights @ place
     off = place - place.mean(axis=0)
@@ -118,11 +114,6 @@ def matters(gradient: VeilGradient | None, course: PlaceCourse | None) -> bool:
 
 def level_samples(samples: ColourSamples, gradient: VeilGradient) -> ColourSamples:
     """Return pixels as they were, where they show the veil, with that of open water all over.
-
-    Parameters
-    ----------
-    samples : ColourSamples
-    gradient : VeilGradient
 
     Returns
     -------
@@ -166,10 +157,6 @@ def level_envelope(
         Of the levelled pixels.
     gradient : VeilGradient
     course : PlaceCourse
-
-    Returns
-    -------
-    Envelopes
     """
     factor = np.stack([
         np.interp(observed.range, course.range, veil) for veil in veil_along(gradient, course)])

@@ -174,10 +174,6 @@ class SupportGrid:
         noise : ndarray, optional
             float64, standard deviation of the gradient responses that noise makes at each
             point of the grid. Texture that is much less than noise alone would be is none.
-
-        Returns
-        -------
-        SupportPoints
         """
         settings = self._settings
         height, width = self._shape
