@@ -15,6 +15,7 @@ from scenes import KAPPA
 from uw_visibility.config.schema import WaterConfig
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.degrade import load_scene
+from uw_visibility.images.view import View
 from uw_visibility.status import Status
 from uw_visibility.water.estimation import WaterEstimator
 
@@ -93,7 +94,8 @@ def test_a_grey_image_has_one_attenuation(make_view, method):
     view = make_view()
 
     def estimate(grey, ranges):
-        return estimator(method=method).estimate_grey(grey, ranges, range_error=0.0)
+        view = View.of(np.ascontiguousarray(grey))
+        return estimator(method=method).estimate_grey_view(view, ranges, range_error=0.0)
 
     for channel in (1, 2):
         found = estimate(view.codes()[..., channel], view.range)

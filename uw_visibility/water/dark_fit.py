@@ -63,8 +63,7 @@ def fit_one_light(
     plain : bool
         Whether to fit as the paper does.
     """
-    ambient_min = np.array(
-        [least_ambient_light(envelope, c) if active[c] else 1.0 for c in range(3)])
+    ambient_min = brightest(envelope, active)
     first = np.stack((clear_water, ambient_min), axis=1)
     for c in np.flatnonzero(active):
         if plain:

@@ -125,7 +125,9 @@ class WaterEstimator:
         InputError
             If shapes or types do not fit.
         """
-        view = self._as_view(image, range_map, valid)
+        check_arrays(image, range_map, valid)
+        image = image[..., 0] if image.shape[2:] == (1,) else image
+        view = View.of(*_codes(image, self._transfer), valid)
         return self.estimate_view(
             view, range_map, start=start, range_error=range_error, coarse=coarse)
 
@@ -323,26 +325,19 @@ class WaterEstimator:
             fit_of_veil(seen.envelope, active, self._clear_water), fuse_priors, seen.envelope,
             brightest(seen.envelope, active), self._clear_water, seen.contrast, water, coarse)
 
-    def estimate_grey(
+    def estimate_grey_view(
         self,
-        image: NDArray[Any],
+        view: View,
         range_map: NDArray[np.floating],
-        valid: NDArray[np.bool_] | None = None,
         *,
         range_error: float,
-        coarse: bool = False,
     ) -> tuple[float, float] | None:
-        """Estimate attenuation and ambient light of a single channel, to restore its contrast.
+        """Estimate attenuation and ambient light of a grey view, to restore its contrast.
 
         Parameters
         ----------
-        image : (H, W) ndarray of uint8, uint16 or float32
-            Code values; float32 is linear irradiance 0..1.
-        range_map : (H, W) ndarray of float
-            Range along the line of sight, m; NaN where unknown.
-        valid : (H, W) bool ndarray, optional
-            Pixels that may count.
-        range_error, coarse
+        view : View
+        range_map, range_error
             See `estimate`.
 
         Returns
@@ -351,27 +346,10 @@ class WaterEstimator:
             Attenuation, 1/m, and ambient light in units of irradiance; None
             where they are not assessable. A grey camera's response is taken
             to reach the least attenuated channel.
-
-        Raises
-        ------
-        InputError
-            If shapes or types do not fit.
         """
-        view = self._as_view(image, range_map, valid)
-        return self.estimate_grey_view(view, range_map, range_error=range_error, coarse=coarse)
-
-    def estimate_grey_view(
-        self,
-        view: View,
-        range_map: NDArray[np.floating],
-        *,
-        range_error: float,
-        coarse: bool = False,
-    ) -> tuple[float, float] | None:
-        """Estimate attenuation and ambient light of a grey view; see `estimate_grey`."""
         samples = ColourSamples(
             np.dstack((view.pixels,) * 3), view.transfer, np.repeat(view.noise, 3))
-        envelope = self._observe(samples, range_map, view.valid, range_error, coarse)
+        envelope = self._observe(samples, range_map, view.valid, range_error, coarse=False)
         reason = refuse_frame(
             envelope, self._fewest_pixels(samples), self._config.min_range_ratio)
         if reason is not Status.OK:
@@ -386,17 +364,6 @@ class WaterEstimator:
             return None
         attenuation, ambient_light = fit.parameters[0]
         return float(attenuation), float(ambient_light)
-
-    def _as_view(
-        self,
-        image: NDArray[Any],
-        range_map: NDArray[np.floating],
-        valid: NDArray[np.bool_] | None,
-    ) -> View:
-        check_arrays(image, range_map, valid)
-        image = image[..., 0] if image.shape[2:] == (1,) else image
-        codes, transfer = _codes(image, self._transfer)
-        return View.of(codes, transfer, valid)
 
     def _observe(
         self,

@@ -83,8 +83,6 @@ class LampCalibration:
         Standard deviation of ln E about the fit.
     range : (N,) float64 ndarray
         Of the sightings, m.
-    direction : (N, 3) float64 ndarray
-        Lines of sight.
     before, after : (N, 3) float64 ndarray
         Logarithm of light over the model's, less the mean of each point, as guessed and as found.
     """
@@ -97,7 +95,6 @@ class LampCalibration:
     attenuation_stddev: Array
     scatter: float
     range: Array
-    direction: Array
     before: Array
     after: Array
 
@@ -309,7 +306,6 @@ def _assembled(
         model.found(p), places, np.hypot(axes, AXIS_ERROR),
         math.hypot(deviation[model.beam][0], BEAM_ERROR) if model.beamed else 0.0, beta,
         np.hypot(beta * deviation[model.beta], BETA_ERROR), scatter, model.cells.range,
-        model.cells.direction,
         model.residuals(model.mean), residual * scatter)
 
 

@@ -59,8 +59,6 @@ class ContrastFit:
     covariance : (3, 3) float64 ndarray
     daylight : (3,) float64 ndarray
         Direct light of daylight over that of the lamps (of power 1, at 1 m).
-    spread : (3,) float64 ndarray
-        Standard deviation of the light's path over the cells that show it, m.
     cells : (3,) int64 ndarray
         Cells whose contrast is above that of noise.
     iterations : int
@@ -69,7 +67,6 @@ class ContrastFit:
     attenuation: Array
     covariance: Array
     daylight: Array
-    spread: Array
     cells: NDArray[np.int64]
     iterations: int
 
@@ -99,7 +96,7 @@ def fit_contrast(cells: Cells, both: bool, clear_water: Array) -> ContrastFit:
     for moved in np.array([each[5] for each in found]).reshape(3, -1).T:
         covariance += np.outer(moved, moved)
     return ContrastFit(
-        beta, covariance, np.array([each[1] for each in found]), spread,
+        beta, covariance, np.array([each[1] for each in found]),
         np.array([each[4] for each in found]), max(each[6] for each in found))
 
 
