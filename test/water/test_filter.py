@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -58,6 +60,37 @@ def test_a_distance_that_is_no_longer_known_is_refused_for_the_reason_of_the_fra
     found = [kept.update(blind, time) for time in (0.2, 4.5)]
     assert [one.event for one in found if one] == [TrackingEvent.PREDICTED] * 2
     assert [one.visibility.status for one in found if one] == [Status.OK, Status.NOT_ONE_WATER]
+
+
+def statuses(odds: list[float]) -> list[Status]:
+    """Filtered statuses of frames that say so of the camera's transfer."""
+    kept = WaterFilter(PipelineConfig())
+    found = [
+        kept.update(replace(water(), transfer_log_odds=one), 0.2 * k)
+        for k, one in enumerate(odds)]
+    return [one.water.status for one in found if one is not None]
+
+
+def test_a_transfer_that_no_frame_is_certain_of_is_told_by_some_of_them() -> None:
+    told = statuses([2.5, 1.6, np.nan, 2.0, 2.4, 2.4])
+    assert told == [Status.OK] * 4 + [Status.OTHER_TRANSFER] * 2
+
+
+@pytest.mark.parametrize("odds", [
+    [1.2] * 100, [9.0, -2.0] * 50, [-3.0] * 20 + [3.0] * 8, [np.nan] * 20, [9.0] * 3,
+])
+def test_small_odds_never_add_up_to_certainty(odds: list[float]) -> None:
+    """Frames of one scene err alike."""
+    assert set(statuses(odds)) == {Status.OK}
+
+
+def test_a_transfer_is_forgotten_with_the_recording() -> None:
+    kept = WaterFilter(PipelineConfig())
+    for k in range(6):
+        kept.update(replace(water(), transfer_log_odds=3.0), 0.2 * k)
+    kept.reset()
+    found = kept.update(replace(water(), transfer_log_odds=-0.5), 2.0)
+    assert found is not None and found.water.status is Status.OK
 
 
 def test_nothing_is_filtered_where_tracking_is_off() -> None:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -86,6 +87,9 @@ class WaterEstimate:
     grey_on_average : bool
         Whether the image's channels have about the same mean, as automatic white balance
         makes them.
+    transfer_log_odds : float
+        How much likelier the image is if the camera's transfer is not the one that was
+        told, as a logarithm; NaN where it does not say.
     """
 
     status: Status
@@ -104,6 +108,7 @@ class WaterEstimate:
     open_water: float = 0.0
     lamps: LampLight | None = None
     grey_on_average: bool = False
+    transfer_log_odds: float = math.nan
 
     @property
     def veil(self) -> NDArray[np.float64]:

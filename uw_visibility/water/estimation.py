@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -31,6 +32,7 @@ from uw_visibility.water.observations import Envelopes, observe
 from uw_visibility.water.open_water import OpenWater
 from uw_visibility.water.position import compare_halves
 from uw_visibility.water.priors import Daylight, fuse
+from uw_visibility.water.transfer_check import largest_negligible
 from uw_visibility.water.validation import (
     least_ambient_light,
     lit_by_lamps,
@@ -39,7 +41,7 @@ from uw_visibility.water.validation import (
     refute_clearness,
     validate_fit,
 )
-from uw_visibility.water.veil import CONTRADICTION, VeilFit, average, fit_free_veil
+from uw_visibility.water.veil import CONTRADICTION, MISTAKEN_AREA, VeilFit, average, fit_free_veil
 from uw_visibility.water.veil_gradient import UNCERTAIN
 
 # Dark envelope: its quantile, and the pixels below it at least. The paper takes
@@ -268,6 +270,9 @@ class WaterEstimator:
             # A JPEG bends the envelopes of dim channels too, and its error is in already.
             parameters, covariance = other.averaged(found.fit.parameters, covariance)
             found = replace(found, fit=replace(found.fit, parameters=parameters))
+        log_odds = math.nan
+        if not cues.coarse and not cues.compressed:
+            log_odds = largest_negligible() if other is None else other.log_odds
         if found.refuted and not cues.coarse:
             status = refuse(status, Status.NOT_ONE_WATER)
         shown = np.where(active, found.fit.parameters[:, 0], np.nan)
@@ -282,6 +287,7 @@ class WaterEstimator:
             light_stddev=np.where(known, found.scene_light_stddev, np.nan),
             cues=found.cues,
             open_water=0.0 if cues.certain_water is None else cues.certain_water.fraction,
+            transfer_log_odds=log_odds,
         )
 
     def _fit_free_veil(
@@ -303,10 +309,17 @@ class WaterEstimator:
             change = UNCERTAIN * (in_water.fit.parameters - found.fit.parameters).ravel()
             in_water = replace(in_water, fit=replace(
                 in_water.fit, covariance=in_water.fit.covariance + np.outer(change, change)))
-        if certain:
-            return in_water, level
         log_odds = in_water.likelihood - found.likelihood
-        return average(found, in_water, log_odds), level if log_odds > 0 else seen
+        if certain:
+            # Of a small area, what differs in it need not be the veil's gradient.
+            log_odds += math.log(certain.fraction / MISTAKEN_AREA)
+        averaged = average(found, in_water, log_odds)
+        if not certain:
+            # What refutes an estimate without open water is not made good by what may be a wall.
+            averaged = replace(
+                averaged, misfit=found.misfit, durbin_watson=found.durbin_watson,
+                disagreement=max(found.disagreement, in_water.disagreement))
+        return averaged, level if log_odds > 0 else seen
 
     def _fit_observations(
         self, seen: Observations, active: NDArray[np.bool_], water: OpenWater | None, coarse: bool

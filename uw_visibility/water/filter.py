@@ -22,6 +22,7 @@ from uw_visibility.water.lamp_estimation import CellEstimator
 from uw_visibility.water.lamp_survey import LampSurvey
 from uw_visibility.water.survey import Survey, SurveyEstimate
 from uw_visibility.water.tracking import TrackingEvent, WaterTracker
+from uw_visibility.water.transfer_check import TransferVote
 
 
 class FilteredWater(NamedTuple):
@@ -74,6 +75,7 @@ class WaterFilter:
         self._tracker = WaterTracker(config.tracking)
         self._survey = _make_survey(config, self._assessor)
         self._grey = GreyFrames()
+        self._transfer = TransferVote()
         self._rig: object = None
 
     def update(
@@ -107,10 +109,14 @@ class WaterFilter:
             self._rig = rig
         filtered = self._tracker.update(water, stamp)
         grey = self._grey.add(water.grey_on_average)
+        self._transfer.add(water.transfer_log_odds)
         event = self._tracker.event
         assert event is not None
         survey = self._surveyed(water, filtered, stamp, event)
-        if survey is not None:
+        if self._transfer.certain:
+            filtered, event, survey = WaterEstimate.not_assessable(
+                Status.OTHER_TRANSFER, water.envelope), TrackingEvent.NOT_ASSESSABLE, None
+        elif survey is not None:
             filtered, event = survey.water, TrackingEvent.SURVEYED
         filtered = replace(filtered, grey_on_average=grey)
         visibility = self._assessor.assess(filtered)
@@ -158,6 +164,7 @@ class WaterFilter:
         """Reset the filter: earlier frames do not count."""
         self._tracker.reset()
         self._grey.reset()
+        self._transfer = TransferVote()
         self._survey.reset()
 
 

@@ -32,6 +32,11 @@ MISTOLD = 0.05
 NEGLIGIBLE = 0.03
 # Largest ratio of attenuations by the two transfers.
 LARGEST_CHANGE = 1.9
+# Frames of a recording show one scene, so that they are no more than so many independent ones;
+# what they say on average, the latest count, of at least so many, for the transfer to be told.
+INDEPENDENT = 4
+LATEST = 20
+CERTAIN_TOGETHER = 1.7
 
 
 @dataclass(frozen=True)
@@ -83,9 +88,40 @@ class OtherTransfer:
             covariance + share * (1.0 - share) * np.outer(error, error))
 
 
+class TransferVote:
+    """What the frames of a recording say of the camera's transfer, which all of them have."""
+
+    def __init__(self) -> None:
+        self._mean = 0.0
+        self._frames = 0
+
+    def add(self, log_odds: float) -> None:
+        """Take in how much likelier a frame is with the other transfer; NaN where it says nothing.
+
+        Parameters
+        ----------
+        log_odds : float
+            As a logarithm; beyond what makes a single frame certain, it counts no more.
+        """
+        if math.isnan(log_odds):
+            return
+        self._frames = min(self._frames + 1, LATEST)
+        self._mean += (min(max(log_odds, -CERTAIN), CERTAIN) - self._mean) / self._frames
+
+    @property
+    def certain(self) -> bool:
+        """Whether the transfer is certainly the other one."""
+        return self._frames >= INDEPENDENT and self._mean > CERTAIN_TOGETHER
+
+
 def negligible(log_odds: float) -> bool:
     """Whether a transfer so much likelier than that which was told leaves estimates as they are."""
     return _probability(log_odds) < NEGLIGIBLE
+
+
+def largest_negligible() -> float:
+    """Return the largest logarithm of odds that is negligible."""
+    return math.log(NEGLIGIBLE / (1.0 - NEGLIGIBLE) * (1.0 - MISTOLD) / MISTOLD)
 
 
 def _probability(log_odds: float) -> float:

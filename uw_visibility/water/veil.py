@@ -225,9 +225,7 @@ def average(first: VeilFit, second: VeilFit, log_odds: float) -> VeilFit:
         fit.scene_light_stddev**2 + (fit.scene_light - light)**2 for fit in (first, second)]
     return replace(
         second if log_odds > 0 else first, fit=_mixture([first.fit, second.fit], weights),
-        scene_light=light, scene_light_stddev=np.sqrt(spread),
-        misfit=first.misfit, durbin_watson=first.durbin_watson,
-        disagreement=max(first.disagreement, second.disagreement))
+        scene_light=light, scene_light_stddev=np.sqrt(spread))
 
 
 def fit_best_ratio(
