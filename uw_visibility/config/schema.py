@@ -168,7 +168,7 @@ class StereoConfig:
     )
     min_confidence: float = parameter(
         0.0, "Least probability that a disparity is within 1 px of the truth; others are "
-        "unmatched. 0.5 keeps what is more likely right than wrong. In noise at least 0.4 to 0.58 "
+        "unmatched. 0.5 keeps what is more likely right than wrong. In noise at least 0.42 to 0.59 "
         "is asked, the more the noisier.",
         minimum=0.0, maximum=0.99,
     )
