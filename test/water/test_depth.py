@@ -12,7 +12,6 @@ from uw_visibility.config.schema import AssessmentConfig
 from uw_visibility.errors import InputError
 from uw_visibility.optics.jerlov import (
     water_type_attenuation,
-    water_type_diffuse_attenuation,
     water_types,
 )
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
@@ -112,13 +111,13 @@ def test_water_that_takes_all_colours_alike_tells_no_depth():
 def test_less_light_is_lost_than_a_beam_loses():
     """Forward scattering takes from a beam, not from daylight."""
     for name in water_types():
-        diffuse = water_type_diffuse_attenuation(name, RESPONSE)
+        diffuse = water_type_attenuation(name, RESPONSE, diffuse=True)
         assert (diffuse < water_type_attenuation(name, RESPONSE)).all()
     # Coastal water takes blue more than green, the ocean the other way round.
-    assert water_type_diffuse_attenuation("5C", RESPONSE)[2] > 1.1 * (
-        water_type_diffuse_attenuation("5C", RESPONSE)[1])
-    assert water_type_diffuse_attenuation("IB", RESPONSE)[2] < (
-        water_type_diffuse_attenuation("IB", RESPONSE)[1])
+    assert water_type_attenuation("5C", RESPONSE, diffuse=True)[2] > 1.1 * (
+        water_type_attenuation("5C", RESPONSE, diffuse=True)[1])
+    assert water_type_attenuation("IB", RESPONSE, diffuse=True)[2] < (
+        water_type_attenuation("IB", RESPONSE, diffuse=True)[1])
 
 
 def test_an_unknown_type_is_refused():

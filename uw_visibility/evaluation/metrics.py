@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,6 +18,7 @@ XYZ_OF_RGB = np.array(
 )
 # CIE 15: constants of CIE 1976 L*a*b*.
 LAB_EDGE = 6 / 29
+# Smallest difference of neighbouring disparities that is a jump, px.
 DEPTH_EDGE = 2.0
 
 
@@ -69,16 +70,9 @@ def colour_difference(
     return np.asarray(np.linalg.norm(lab(first, transfer) - lab(second, transfer), axis=-1))
 
 
-def mean_colour_difference(
-    first: NDArray[np.generic],
-    second: NDArray[np.generic],
-    mask: NDArray[np.bool_] | None = None,
-    transfer: str = "srgb",
-) -> float:
-    """Mean of `colour_difference` over the image, or over a mask of it; NaN if that is empty."""
-    difference = colour_difference(first, second, transfer)
-    chosen = difference if mask is None else difference[mask]
-    return float(chosen.mean()) if chosen.size else float("nan")
+def mean_colour_difference(first: NDArray[np.generic], second: NDArray[np.generic]) -> float:
+    """Mean of `colour_difference` over the image."""
+    return float(colour_difference(first, second).mean())
 
 
 def matched_fraction(disparity: NDArray[np.float32]) -> float:
@@ -119,28 +113,14 @@ def bad_fraction(
     return float((np.abs(disparity[both] - truth[both]) > tolerance).mean())
 
 
-@dataclass(frozen=True)
-class Halo:
-    """Mean error near depth edges against that elsewhere.
-
-    Attributes
-    ----------
-    near, elsewhere : float
-        Mean errors; NaN where there is no such pixel.
-    """
+class Halo(NamedTuple):
+    """Mean error near depth edges, and that elsewhere; NaN where there is no such pixel."""
 
     near: float
     elsewhere: float
 
-    @property
-    def ratio(self) -> float:
-        """near / elsewhere: 1 without halos."""
-        return self.near / self.elsewhere if self.elsewhere > 0 else float("nan")
 
-
-def depth_edges(
-    disparity: NDArray[np.float32], distance: int = 5, step: float = DEPTH_EDGE
-) -> NDArray[np.bool_]:
+def depth_edges(disparity: NDArray[np.float32], distance: int = 5) -> NDArray[np.bool_]:
     """Mark pixels near a jump of disparity.
 
     Parameters
@@ -149,8 +129,6 @@ def depth_edges(
         True disparity, px; pixels that are NaN make no edge.
     distance : int
         How far from the jump, px.
-    step : float
-        Smallest difference of neighbours that is a jump, px.
 
     Returns
     -------
@@ -158,8 +136,8 @@ def depth_edges(
     """
     jump = np.zeros(disparity.shape, dtype=np.uint8)
     with np.errstate(invalid="ignore"):
-        across = np.abs(np.diff(disparity, axis=1)) >= step
-        down = np.abs(np.diff(disparity, axis=0)) >= step
+        across = np.abs(np.diff(disparity, axis=1)) >= DEPTH_EDGE
+        down = np.abs(np.diff(disparity, axis=0)) >= DEPTH_EDGE
     jump[:, 1:] |= across
     jump[:, :-1] |= across
     jump[1:] |= down

@@ -91,11 +91,6 @@ class FrameReader:
         self._rectifier: Rectifier | None = None
         self.calibrations = 0
 
-    @property
-    def rig(self) -> StereoRig | None:
-        """Geometry of the last frame; None before the first."""
-        return self._rig
-
     def read(self, frame: StereoFrame) -> StereoPair:
         """Read the images of a frame, rectified where that is asked for.
 

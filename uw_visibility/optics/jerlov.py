@@ -62,20 +62,24 @@ def water_type_spectrum(
 
 
 def water_type_attenuation(
-    water_type: str, response: CameraResponse
+    water_type: str, response: CameraResponse, *, diffuse: bool = False
 ) -> NDArray[np.float64]:
-    """Beam attenuation a + b of a Jerlov water type as a camera sees it.
+    """Beam attenuation a + b of a Jerlov water type as a camera sees it, or the diffuse one.
 
     Parameters
     ----------
     water_type : str
         One of `water_types`.
     response : CameraResponse
+    diffuse : bool
+        Whether to return K = a + b_b, by which daylight fades with depth: light scattered
+        forwards is not lost to it, so that only the part scattered back counts, as in clear
+        water's K_w.
 
     Returns
     -------
     (3,) float64 ndarray
-        β for R, G, B, 1/m. Beyond the measured wavelengths, the nearest
+        β or K for R, G, B, 1/m. Beyond the measured wavelengths, the nearest
         measured one counts.
 
     Raises
@@ -88,39 +92,6 @@ def water_type_attenuation(
     B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types,
     Applied Optics 61(33), 2022, doi 10.1364/AO.470464.
     """
-    return _water_type(water_type, response, 1.0)
-
-
-def water_type_diffuse_attenuation(
-    water_type: str, response: CameraResponse
-) -> NDArray[np.float64]:
-    """Diffuse attenuation K = a + b_b of a Jerlov water type as a camera sees it.
-
-    How daylight fades with depth: light scattered forwards is not lost to it, so
-    that only the part scattered back counts, as in clear water's K_w.
-
-    Parameters
-    ----------
-    water_type : str
-        One of `water_types`.
-    response : CameraResponse
-
-    Returns
-    -------
-    (3,) float64 ndarray
-        K for R, G, B, 1/m; see `water_type_attenuation` for its source.
-
-    Raises
-    ------
-    InputError
-        If the type is not known.
-    """
-    return _water_type(water_type, response, BACKSCATTERED)
-
-
-def _water_type(
-    water_type: str, response: CameraResponse, scattering: float
-) -> NDArray[np.float64]:
-    """Absorption, and a part of scattering, of a Jerlov type as a camera sees it, 1/m."""
     wavelength, absorbed, scattered = water_type_spectrum(water_type)
-    return response.band_average(wavelength, absorbed + scattering * scattered)
+    lost = BACKSCATTERED if diffuse else 1.0
+    return response.band_average(wavelength, absorbed + lost * scattered)

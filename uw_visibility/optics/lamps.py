@@ -308,9 +308,9 @@ def beam(cosine: Array, angle: float) -> Array:
     return np.asarray(np.exp(-math.log(2.0) * (2.0 * theta / math.radians(angle)) ** 2))
 
 
-def phase_function(cosine: Array, asymmetry: float = ASYMMETRY) -> Array:
+def phase_function(cosine: Array) -> Array:
     """Henyey-Greenstein phase function p(ψ), 1/sr, for cos ψ."""
-    g = asymmetry
+    g = ASYMMETRY
     return np.asarray(
         (1 - g * g) / (4 * math.pi * (1 + g * g - 2 * g * cosine) ** 1.5))
 

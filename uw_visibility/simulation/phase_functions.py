@@ -21,7 +21,8 @@ ASYMMETRY = 0.9
 """Mean cosine of the scattering angle in the sea: from 0.85 to 0.95."""
 
 REFRACTIVE_INDEX, SLOPE = 1.10, 3.5835
-"""Of the particles whose Fournier-Forand function comes nearest to Petzold's average: a
+"""Relative to water's, and slope of the hyperbolic distribution of sizes: of the particles whose
+Fournier-Forand function comes nearest to Petzold's average: a
 backscattering ratio of 0.0183. Mobley, Sundman and Boss, Applied Optics 41 (2002), doi
 10.1364/AO.41.001035."""
 
@@ -32,7 +33,7 @@ _SMALLEST = 1e-3
 """Angle in rad below which the Fournier-Forand function is taken as constant: it has a pole."""
 
 
-def henyey_greenstein(angle: ArrayLike, asymmetry: float = ASYMMETRY) -> Array:
+def henyey_greenstein(angle: ArrayLike) -> Array:
     """Henyey-Greenstein phase function in 1/sr; its integral over the sphere is 1.
 
     L. G. Henyey and J. L. Greenstein, Diffuse radiation in the galaxy, Astrophysical
@@ -42,16 +43,12 @@ def henyey_greenstein(angle: ArrayLike, asymmetry: float = ASYMMETRY) -> Array:
     ----------
     angle : array_like
         Scattering angle in rad, 0 = onwards.
-    asymmetry : float
-        Mean cosine of the angle.
     """
-    spread = 1.0 + asymmetry**2 - 2.0 * asymmetry * np.cos(angle)
-    return np.asarray((1.0 - asymmetry**2) / (4.0 * math.pi * spread**1.5))
+    spread = 1.0 + ASYMMETRY**2 - 2.0 * ASYMMETRY * np.cos(angle)
+    return np.asarray((1.0 - ASYMMETRY**2) / (4.0 * math.pi * spread**1.5))
 
 
-def fournier_forand(
-    angle: ArrayLike, refractive_index: float = REFRACTIVE_INDEX, slope: float = SLOPE
-) -> Array:
+def fournier_forand(angle: ArrayLike) -> Array:
     """Fournier-Forand phase function in 1/sr; its integral over the sphere is 1.
 
     G. R. Fournier and M. Jonasz, Computer-based underwater imaging analysis, SPIE 3761
@@ -61,13 +58,9 @@ def fournier_forand(
     ----------
     angle : array_like
         Scattering angle in rad, above 0.
-    refractive_index : float
-        Of the particles, relative to water's.
-    slope : float
-        Slope of the hyperbolic distribution of their sizes.
     """
-    nu = (3.0 - slope) / 2.0
-    scale = 4.0 / (3.0 * (refractive_index - 1.0) ** 2)
+    nu = (3.0 - SLOPE) / 2.0
+    scale = 4.0 / (3.0 * (REFRACTIVE_INDEX - 1.0) ** 2)
     half = np.square(np.sin(np.asarray(angle) / 2.0))
     delta = scale * half
     # Where δ = 1 both numerator and denominator vanish.

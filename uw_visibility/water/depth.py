@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uw_visibility.optics.jerlov import water_type_diffuse_attenuation, water_types
+from uw_visibility.optics.jerlov import water_type_attenuation, water_types
 from uw_visibility.optics.spectra import (
     CameraResponse,
     clear_water_attenuation,
@@ -205,7 +205,7 @@ def diffuse_attenuation(water_type: str, response: CameraResponse) -> NDArray[np
     """
     if water_type == CLEAR:
         return clear_water_attenuation(response)
-    return water_type_diffuse_attenuation(water_type, response)
+    return water_type_attenuation(water_type, response, diffuse=True)
 
 
 def _by_rate(

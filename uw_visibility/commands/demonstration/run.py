@@ -23,7 +23,7 @@ from uw_visibility.commands.demonstration.comparison import (
 )
 from uw_visibility.commands.demonstration.figures import draw_frame, draw_series
 from uw_visibility.commands.demonstration.isolation import isolate, reserved_domain
-from uw_visibility.commands.demonstration.node_process import COMMAND, NodeProcess
+from uw_visibility.commands.demonstration.node_process import NodeProcess
 from uw_visibility.commands.demonstration.play import Check, play, wait_until_ready
 from uw_visibility.commands.demonstration.recording import (
     RecordedFrame,
@@ -93,9 +93,7 @@ class Interruption:
             signal.signal(number, handler)
 
 
-def demonstrate(
-    folder: Path, transect: Transect, command: tuple[str, ...] = COMMAND
-) -> list[tuple[str, str]]:
+def demonstrate(folder: Path, transect: Transect) -> list[tuple[str, str]]:
     """Run the demonstration.
 
     Parameters
@@ -104,8 +102,6 @@ def demonstrate(
         Where the recording, the pictures, the table and the node's log go.
     transect : Transect
         What to simulate.
-    command : tuple of str
-        How to start the node.
 
     Returns
     -------
@@ -125,7 +121,7 @@ def demonstrate(
     bag = folder / "transect"
     with (
         reserved_domain() as domain, Interruption() as interruption,
-        NodeProcess(folder / "node.log", domain, command) as node,
+        NodeProcess(folder / "node.log", domain) as node,
     ):
 
         def check() -> None:

@@ -132,10 +132,6 @@ class ResultFolder:
             self.earlier.rename(self.work)
             self.earlier = None
 
-    def remove(self) -> None:
-        """Remove what was written, where nothing came of it."""
-        shutil.rmtree(self.work)
-
     def forget_earlier(self) -> None:
         """Remove the partial result, all of which has been taken over."""
         if self.earlier is not None:
