@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scenes import blurred
 
-from uw_visibility.stereo.noise_scale import matching_scale
+from uw_visibility.stereo.noise_scale import matching_scale, shown
 
 SHAPE = (480, 640)
 SCALES = (1, 2, 4)
@@ -70,3 +70,12 @@ def test_a_channel_without_weight_adds_no_noise() -> None:
 
 def test_grey_images_need_no_weights() -> None:
     assert matching_scale(picture(3.0, 6.0)[..., 0], NOISE[:1], EVEN, SCALES) in (2, 4)
+
+
+def test_what_shows_more_than_noise_is_told_by_place() -> None:
+    image = picture(3.0, 6.0)
+    image[:, :320] = picture(0.0, 6.0)[:, :320]
+    mask = shown(image, NOISE, EVEN, 4)
+    assert mask.shape == SHAPE
+    assert mask[:, 336:].mean() > 0.9
+    assert mask[:, :304].mean() < 0.1

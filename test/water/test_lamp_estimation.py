@@ -153,7 +153,7 @@ def test_what_seems_clearer_than_clear_water_is_not_sure_to_be_clear() -> None:
     shown = scene(0.05)
     even = cv2.GaussianBlur(shown.image, (0, 0), 6.0).astype(np.float64)
     # Texture that grows with range hides how it fades.
-    growth = np.clip(shown.range / np.median(shown.range), 0.3, 2.0)[..., np.newaxis] ** 1.5
+    growth = np.clip(shown.range / np.median(shown.range), 0.3, 2.0)[..., np.newaxis] ** 1.4
     most = np.iinfo(shown.image.dtype).max - 1
     image = np.clip(np.round(even + growth * (shown.image - even)), 0, most)
     found = estimator().estimate_view(View.of(image.astype(shown.image.dtype)), shown.range)

@@ -25,7 +25,7 @@ from uw_visibility.stereo.elas import DenseMatch, SupportPoints
 from uw_visibility.stereo.gaps import GapFiller
 from uw_visibility.stereo.interpolation import inpaint
 from uw_visibility.stereo.matchers import MATCHER, MATCHERS
-from uw_visibility.stereo.noise_scale import matching_scale
+from uw_visibility.stereo.noise_scale import matching_scale, shown
 from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.search_range import disparity_limits
@@ -34,6 +34,8 @@ from uw_visibility.water.estimate import WaterEstimate
 
 # Confidence from which a match is more likely right than wrong.
 _LIKELY = 0.5
+# Disparities to search at a coarser scale, at least.
+_FEWEST_DISPARITIES = 10
 
 
 @dataclass(frozen=True)
@@ -175,23 +177,12 @@ class SecondStep:
             with clock("original disparity"):
                 original = self._match_raw(views)
         scale = self._scale_for(views.left, coarse)
-        small = views
-        if scale.factor > 1:
-            with clock("reduction"):
-                small = scale.downsample(views)
-        with clock("image enhancement 1"):
-            self._describe_restored(scale, small, coarse)
-            points = scale.pyramid.downsample_points(coarse.points, self._shape)
-            airlight = self._airlight_prior(scale, small.left, coarse, points)
-        with clock("improved disparity"):
-            support = scale.matcher.support_points(airlight, points)
-            coarser = scale is not self._finest
-            match = scale.matcher.dense_disparity(
-                support, airlight, confidence=confidence or coarser,
-                # So much noise leaves many wrong ones, which would tell of another water.
-                least_for_colour=_LIKELY if coarser else 0.0)
-        improved = self._upsample(scale, match, original, len(support), clock)
-        return improved if confidence else replace(improved, confidence=None)
+        rated = confidence or scale is not self._finest
+        match, support = self._match(scale, views, coarse, clock, rated)
+        found = self._upsample(scale, match, original, support, clock)
+        if self._lamps is not None:
+            found = self._with_darker(found, scale, views, coarse, clock)
+        return found if confidence else replace(found, confidence=None)
 
     def fill(self, improved: ImprovedDisparity) -> DisparityMap:
         """Fill gaps of the left view's disparity, then large areas; at the images' size, px."""
@@ -228,6 +219,61 @@ class SecondStep:
             ranges = coarse.rig.range_from_disparity(coarse.disparity)
             weights = least_noise_weights(ranges, water.attenuation, water.ambient_light)
         factor = matching_scale(left.pixels, noise, weights, self._sides)
+        if factor not in self._scales:
+            self._scales[factor] = self._scale(factor)
+        return self._scales[factor]
+
+    def _match(
+        self, scale: _Scale, views: StereoViews, coarse: CoarseEstimate, clock: StageClock,
+        confidence: bool,
+    ) -> tuple[DenseMatch, int]:
+        """Match the restored pair at a scale: the match, and how many support points."""
+        small = views
+        if scale.factor > 1:
+            with clock("reduction"):
+                small = scale.downsample(views)
+        with clock("image enhancement 1"):
+            self._describe_restored(scale, small, coarse)
+            points = scale.pyramid.downsample_points(coarse.points, self._shape)
+            airlight = self._airlight_prior(scale, small.left, coarse, points)
+        with clock("improved disparity"):
+            support = scale.matcher.support_points(airlight, points)
+            match = scale.matcher.dense_disparity(
+                support, airlight, confidence=confidence,
+                # So much noise leaves many wrong ones, which would tell of another water.
+                least_for_colour=_LIKELY if confidence and scale is not self._finest else 0.0)
+        return match, len(support)
+
+    def _with_darker(
+        self, found: ImprovedDisparity, scale: _Scale, views: StereoViews, coarse: CoarseEstimate,
+        clock: StageClock,
+    ) -> ImprovedDisparity:
+        """Add ranges of what is too dark for a scale, and leave out those of noise alone.
+
+        Light of lamps falls so fast with range that no one scale suits the near and the far: what
+        is not matched is matched at the next coarser scale. The water alone is told of it.
+        """
+        coarser = self._coarser(scale)
+        whole = found.with_occlusions
+        if coarser is not None:
+            with clock("darker disparity"):
+                match, _ = self._match(coarser, views, coarse, StageClock(), False)
+                darker = coarser.pyramid.upsample_disparity(_whole(match), self._shape)
+            whole = np.where(np.isfinite(whole), whole, darker)
+        left = views.left
+        if left.colour is not None:
+            seen = shown(left.pixels, _whole_noise(left), LUMA, 4 * scale.factor)
+            whole = np.where(seen, whole, np.float32(np.nan))
+        return replace(found, with_occlusions=whole)
+
+    def _coarser(self, scale: _Scale) -> _Scale | None:
+        """The next coarser scale; None where that leaves too few disparities."""
+        factor = 2 * scale.factor
+        low, high = disparity_limits(self._config.stereo, self._shape[1])
+        if Pyramid(factor, self._workers).factor(self._shape) != factor:
+            return None
+        if (high - low) // factor < _FEWEST_DISPARITIES:
+            return None
         if factor not in self._scales:
             self._scales[factor] = self._scale(factor)
         return self._scales[factor]

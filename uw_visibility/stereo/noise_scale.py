@@ -58,15 +58,10 @@ def matching_scale(
     int
         px; the first of them where there is no noise, and where none shows a scene.
     """
-    grey = image.ndim == 2
-    deviation = float(noise[0] if grey else np.hypot.reduce(np.asarray(weights) * noise))
+    deviation = _deviation(image, noise, weights)
     if len(scales) == 1 or deviation <= ROUNDING * code_value(image):
         return scales[0]
-    mixed = image.astype(np.float32)
-    if not grey:
-        mixed = cv2.transform(mixed, np.asarray(weights, np.float64)[np.newaxis])
-    if image.dtype == np.uint8:
-        deviation = float(np.hypot(deviation, _ROUNDING_ERROR))
+    mixed, deviation = _mixed(image, deviation, weights)
     finest = _share_shown(mixed, scales[0], _SHOWN * deviation**2)
     if finest >= _MOST:
         return scales[0]
@@ -79,11 +74,65 @@ def matching_scale(
     return scales[-1]
 
 
+def shown(
+    image: NDArray[Any],
+    noise: NDArray[np.float64],
+    weights: Sequence[float] | NDArray[np.float64],
+    scale: int,
+) -> NDArray[np.bool_]:
+    """Parts of an image that show more than noise at a coarse scale.
+
+    Parameters
+    ----------
+    image, noise, weights
+        See `matching_scale`.
+    scale : int
+        Side of the squares of pixels that are averaged, px.
+
+    Returns
+    -------
+    (H, W) bool ndarray
+    """
+    mixed, deviation = _mixed(image, _deviation(image, noise, weights), weights)
+    cells = _energy(mixed, scale) >= _least_energy(scale, _SURELY_SHOWN * deviation**2)
+    height, width = image.shape[:2]
+    return cv2.resize(
+        cells.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST).astype(bool)
+
+
+def _deviation(
+    image: NDArray[Any], noise: NDArray[np.float64], weights: Sequence[float] | NDArray[np.float64],
+) -> float:
+    """Standard deviation of the noise of the weighted channels, code values."""
+    return float(noise[0] if image.ndim == 2 else np.hypot.reduce(np.asarray(weights) * noise))
+
+
+def _mixed(
+    image: NDArray[Any], deviation: float, weights: Sequence[float] | NDArray[np.float64],
+) -> tuple[NDArray[np.float32], float]:
+    """The weighted channels as one, and its noise with that of rounding."""
+    mixed = image.astype(np.float32)
+    if image.ndim == 3:
+        mixed = cv2.transform(mixed, np.asarray(weights, np.float64)[np.newaxis])
+    if image.dtype == np.uint8:
+        deviation = float(np.hypot(deviation, _ROUNDING_ERROR))
+    return mixed, deviation
+
+
 def _share_shown(image: NDArray[np.float32], scale: int, variance: float) -> float:
     """Part of the cells whose gradients along rows have more energy than those of white noise.
 
     `variance` is that of the noise before the image is brought to the scale.
     """
+    return float(np.mean(_energy(image, scale) >= _least_energy(scale, variance)))
+
+
+def _least_energy(scale: int, variance: float) -> float:
+    return _SOBEL_VARIANCE * variance / scale**2
+
+
+def _energy(image: NDArray[np.float32], scale: int) -> NDArray[np.float32]:
+    """Mean energy of the gradients along rows of each cell, at a scale."""
     height, width = image.shape
     small = image
     if scale > 1:
@@ -92,5 +141,4 @@ def _share_shown(image: NDArray[np.float32], scale: int, variance: float) -> flo
         small = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
     gradient = cv2.Sobel(small, cv2.CV_32F, 1, 0)
     cells = (max(width // _CELL, 1), max(height // _CELL, 1))
-    energy = cv2.resize(gradient * gradient, cells, interpolation=cv2.INTER_AREA)
-    return float(np.mean(energy >= _SOBEL_VARIANCE * variance / scale**2))
+    return np.asarray(cv2.resize(gradient * gradient, cells, interpolation=cv2.INTER_AREA))

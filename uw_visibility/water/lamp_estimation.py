@@ -29,6 +29,13 @@ from uw_visibility.water.clear_water import inverse_mills
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.lamp_cells import Cells
 from uw_visibility.water.lamp_fit import FEWEST_CELLS, ContrastFit, fit_contrast
+from uw_visibility.water.lamp_incidence import (
+    Incidence,
+    lamp_rows,
+    observe_incidence,
+    points_along,
+    step_of,
+)
 from uw_visibility.water.lamp_light_fit import fit_light
 from uw_visibility.water.lamp_observations import LampObservations, observe
 from uw_visibility.water.lamp_sightings import Sightings
@@ -69,6 +76,8 @@ class _Prepared:
     tables: LampTables
     row_angle: float
     moved: list[Table]
+    # Directions of the points of incidence, by the side of a sample, px.
+    point_rays: dict[int, Array]
 
 
 class CellEstimator:
@@ -232,7 +241,7 @@ class LampEstimator(CellEstimator):
             # Of one size at a time, as buffers are.
             middle = rays[len(rows) // 2 - 1:, len(columns) // 2]
             row_angle = float(np.linalg.norm(middle[1] - middle[0]) / (rows[1] - rows[0]))
-            self._prepared = {shape: _Prepared(rays, tables, row_angle, moved)}
+            self._prepared = {shape: _Prepared(rays, tables, row_angle, moved, {})}
         return self._prepared[shape]
 
     def estimate_view(
@@ -269,14 +278,17 @@ class LampEstimator(CellEstimator):
             return WaterEstimate.not_assessable(Status.LEFT_TO_STEP_2)
         prepared = self._prepare(view.shape)
         tables = prepared.tables
+        direct = tables.log_direct[REFERENCE].mean(axis=0)
+        scattered = tables.log_scattered[REFERENCE].mean(axis=0)
+        ranges = np.asarray(range_map, np.float32)
+        incidence = self._observe_incidence(view, ranges, prepared, direct, scattered)
         seen = observe(
-            view.colour, np.asarray(range_map, np.float32), view.valid, tables,
-            tables.log_direct[REFERENCE].mean(axis=0), tables.log_scattered[REFERENCE].mean(axis=0),
-            prepared.row_angle)
+            view.colour, ranges, view.valid, tables, direct, scattered, prepared.row_angle,
+            incidence.log_cosine)
         reason = self._refuse(seen, view)
         if reason is not Status.OK:
             return WaterEstimate.not_assessable(reason)
-        cells = _cells(seen, prepared)
+        cells = _cells(seen, prepared, incidence)
         refused = [
             Status.SATURATED if seen.saturated[c] > MAX_CLIPPED_FRACTION else Status.OK
             for c in range(3)]
@@ -286,8 +298,24 @@ class LampEstimator(CellEstimator):
             refused = [Status.RANGE_SPREAD_TOO_SMALL] * 3
         water = self.estimate_cells(cells, refused)
         assert water.lamps is not None
-        ground = GroundView.of(view, np.asarray(range_map, np.float32), prepared.rays)
+        ground = GroundView.of(view, ranges, prepared.rays)
         return replace(water, lamps=replace(water.lamps, ground=ground))
+
+    def _observe_incidence(
+        self, view: View, range_map: NDArray[np.float32], prepared: _Prepared, direct: Table,
+        scattered: Table,
+    ) -> Incidence:
+        colour = view.colour
+        assert colour is not None
+        ranges, _ = colour.reduce(range_map, view.valid)
+        scale, step = colour.scale, step_of(ranges.shape)
+        if scale not in prepared.point_rays:
+            rows, columns = (
+                scale * points_along(size, step) + 0.5 * (scale - 1) for size in ranges.shape)
+            prepared.point_rays[scale] = self._rays(columns, rows)
+        return observe_incidence(
+            colour, np.ascontiguousarray(ranges), prepared.tables, prepared.point_rays[scale],
+            lamp_rows(list(self._lighting.lamps())), direct, scattered)
 
     @staticmethod
     def _refuse(seen: LampObservations, view: View) -> Status:
@@ -353,15 +381,18 @@ def _raised(
     return mean + below * gain, 0.5 * (fresh + fresh.T)
 
 
-def _cells(seen: LampObservations, prepared: _Prepared) -> Cells:
-    """Take the tables' light at the cells' places."""
+def _cells(seen: LampObservations, prepared: _Prepared, incidence: Incidence) -> Cells:
+    """Take the tables' light at the cells' places, as bright as it falls on the ground."""
     tables = prepared.tables
     direct, scattered = tables.look_up(seen.column, seen.row, seen.range)
     reference, unit = direct[REFERENCE].mean(axis=0), scattered[REFERENCE].mean(axis=0)
     places = tables.place(seen.column, seen.row, seen.range)
     moved = np.array([trilinear(table[None, None], *places)[0, 0] for table in prepared.moved])
+    # An exponent that is off changes the light as a lamp that is off does.
+    moved = np.vstack([moved.reshape(-1, len(seen.range)), incidence.stddev * seen.log_cosine])
+    direct = direct + incidence.exponent * seen.log_cosine
     far = tables.log_scattered[:, :, len(tables.rows) // 2, len(tables.columns) // 2, -1]
     return Cells(
         seen.range, seen.count, seen.contrast, seen.noise, seen.mean, seen.dark, seen.bright,
         direct - reference, scattered - reference, reference, unit - reference,
-        moved.reshape(-1, len(seen.range)), np.asarray(far, np.float64))
+        moved, np.asarray(far, np.float64))

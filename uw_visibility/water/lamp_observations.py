@@ -83,6 +83,8 @@ class LampObservations:
         Pixels with a range that were read.
     limits : tuple of float
         Nearest and farthest range, m; twice 0 without any.
+    log_cosine : (N,) float64 ndarray
+        Mean logarithm of the cosine of incidence.
     """
 
     column: NDArray[np.float64]
@@ -98,6 +100,7 @@ class LampObservations:
     zero: NDArray[np.float64]
     pixels: int
     limits: tuple[float, float]
+    log_cosine: NDArray[np.float64]
 
 
 def observe(
@@ -108,6 +111,7 @@ def observe(
     log_direct: Table,
     log_scattered: Table,
     row_angle: float,
+    log_cosine: NDArray[np.float32] | None = None,
 ) -> LampObservations:
     """Observe a lamp-lit image.
 
@@ -125,6 +129,8 @@ def observe(
         ln D and ln S of the reference attenuation.
     row_angle : float
         Angle between the camera's rows, rad.
+    log_cosine : (h, w) float32 ndarray, optional
+        Of incidence, at nodes of equal distance over the samples.
 
     Returns
     -------
@@ -132,22 +138,15 @@ def observe(
     """
     ranges, valid = samples.reduce(range_map, valid)
     ranges = np.ascontiguousarray(ranges)
+    cosine = np.zeros((1, 1), np.float32) if log_cosine is None else log_cosine
     mask = np.ones((1, 1), np.bool_) if valid is None else np.ascontiguousarray(valid)
     limits = _range_limits(ranges, mask)
-    sums = np.zeros((RANGE_BINS * COLUMNS, 16))
+    sums = np.zeros((RANGE_BINS * COLUMNS, 17))
     levels = np.zeros((2, RANGE_BINS * COLUMNS, 3, LEVELS), np.int32)
     clipped = np.zeros(7, np.int64)
     irradiance = linear_table(samples.transfer, samples.pixels.dtype)
     scale = samples.scale
-    # Coordinates of the nodes for a sample's middle.
-    shift = 0.5 * (scale - 1)
-    grid = np.array([
-        (shift - tables.rows[0]) / (tables.rows[1] - tables.rows[0]),
-        scale / (tables.rows[1] - tables.rows[0]),
-        (shift - tables.columns[0]) / (tables.columns[1] - tables.columns[0]),
-        scale / (tables.columns[1] - tables.columns[0]),
-        math.log(RANGES[0]), 1.0 / math.log(RANGES[1] / RANGES[0]),
-    ])
+    grid = table_grid(tables, scale)
     width = ranges.shape[1]
     stride = max(1, round(math.sqrt(ranges.size / PIXELS_READ)))
     median = np.array([
@@ -158,7 +157,7 @@ def observe(
             samples.pixels, ranges, mask, irradiance, limits[0], limits[1], grid, log_direct,
             log_scattered, width * FAR_PART * FAR_RANGE, width * NEAR_PART, stride,
             row_angle * scale, 1.0 / (LOWEST * median), samples.noise**2 + ROUNDING_VARIANCE,
-            _common_rounding(samples.noise), sums, levels, clipped)
+            _common_rounding(samples.noise), cosine, sums, levels, clipped)
     enough = sums[:, 15] >= FEWEST_PIXELS
     sums, levels = sums[enough], levels[:, enough]
     count = sums[:, 15:16]
@@ -169,13 +168,28 @@ def observe(
     contrast = np.sign(variance) * np.sqrt(np.abs(variance))
     pixels = max(int(clipped[6]), 1)
     place = sums[:, 9:12] / count
+    shift = 0.5 * (scale - 1)
     return LampObservations(
         column=place[:, 0] * scale + shift, row=place[:, 1] * scale + shift,
         range=np.exp(place[:, 2]), count=count[:, 0], contrast=contrast.T,
         noise=np.sqrt(noise).T, mean=(sums[:, 6:9] / count).T,
         dark=_quantile(levels[1], DARK_QUANTILE) * median[1],
         bright=_quantile(levels[0], BRIGHT_QUANTILE) * median[0], saturated=clipped[:3] / pixels,
-        zero=clipped[3:6] / pixels, pixels=int(clipped[6]), limits=limits)
+        zero=clipped[3:6] / pixels, pixels=int(clipped[6]), limits=limits,
+        log_cosine=sums[:, 16] / count[:, 0])
+
+
+def table_grid(tables: LampTables, scale: int) -> NDArray[np.float64]:
+    """Origins and steps by which samples of a scale, and ln d, become places in tables."""
+    # Coordinates of the nodes for a sample's middle.
+    shift = 0.5 * (scale - 1)
+    return np.array([
+        (shift - tables.rows[0]) / (tables.rows[1] - tables.rows[0]),
+        scale / (tables.rows[1] - tables.rows[0]),
+        (shift - tables.columns[0]) / (tables.columns[1] - tables.columns[0]),
+        scale / (tables.columns[1] - tables.columns[0]),
+        math.log(RANGES[0]), 1.0 / math.log(RANGES[1] / RANGES[0]),
+    ])
 
 
 def _common_rounding(noise: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -263,8 +277,8 @@ def look_up(table: Any, y: float, x: float, z: float) -> float:
 def _accumulate(
     image: Any, ranges: Any, mask: Any, irradiance: Any, low: float, high: float, grid: Any,
     table: Any, scattered: Any, separation: float, most: float, stride: int,
-    row_angle: float, inverse_lowest: Any, single: Any, common: Any, sums: Any, levels: Any,
-    clipped: Any,
+    row_angle: float, inverse_lowest: Any, single: Any, common: Any, cosine: Any, sums: Any,
+    levels: Any, clipped: Any,
 ) -> None:
     """Sum squared differences, squared steps of a code, E/D, places and pixels of each cell."""
     height, width = ranges.shape
@@ -353,3 +367,4 @@ def _accumulate(
             sums[cell, 10] += y
             sums[cell, 11] += log_d
             sums[cell, 15] += 1
+            sums[cell, 16] += cosine[y * cosine.shape[0] // height, x * cosine.shape[1] // width]
