@@ -160,6 +160,15 @@ def test_changelog_and_citation_are_of_this_version() -> None:
     assert str(citation["version"]) == version
 
 
+def test_changes_to_come_are_in_groups_and_told_once() -> None:
+    """Rebases of those who work at once have doubled entries, and torn them apart."""
+    changelog = (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
+    coming = re.search(r"^Forthcoming\n-+\n(.*?)^\d\S* \(", changelog, flags=re.M | re.S)
+    lines = [line for line in coming[1].splitlines() if line] if coming else []
+    assert all(re.match(r"\* \*\*[^*]+\*\*$|  \* |    \S", line) for line in lines)
+    assert sorted(lines) == sorted(set(lines))
+
+
 def test_every_import_is_declared_for_rosdep_and_for_pip() -> None:
     package = ElementTree.parse(ROOT / "package.xml").getroot()
     keys = {element.text for element in package if element.tag.endswith("depend")}
