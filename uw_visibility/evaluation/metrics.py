@@ -51,7 +51,7 @@ def lab(image: NDArray[np.generic], transfer: str = "srgb") -> NDArray[np.float6
 
 
 def colour_difference(
-    first: NDArray[np.generic], second: NDArray[np.generic], transfer: str = "srgb"
+    first: NDArray[np.generic], second: NDArray[np.generic]
 ) -> NDArray[np.float64]:
     """CIE 1976 colour difference ΔE*ab of each pixel; 2.3 is just noticeable.
 
@@ -59,15 +59,13 @@ def colour_difference(
     ----------
     first, second : (..., 3) ndarray of uint8, uint16 or float32
         RGB images; see `lab`.
-    transfer : str
-        See `lab`.
 
     Returns
     -------
     (...) float64 ndarray
         ΔE*ab.
     """
-    return np.asarray(np.linalg.norm(lab(first, transfer) - lab(second, transfer), axis=-1))
+    return np.asarray(np.linalg.norm(lab(first) - lab(second), axis=-1))
 
 
 def mean_colour_difference(first: NDArray[np.generic], second: NDArray[np.generic]) -> float:

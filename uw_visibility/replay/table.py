@@ -223,18 +223,14 @@ def read_columns(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float
     return {name: values[:, index] for index, name in enumerate(names)}
 
 
-def slices(
-    path: Path, columns: Mapping[str, Column], rows: int = ROWS
-) -> Iterator[dict[str, NDArray]]:
-    """Yield a table's columns in slices of rows; one without rows where there are none.
+def slices(path: Path, columns: Mapping[str, Column]) -> Iterator[dict[str, NDArray]]:
+    """Yield a table's columns in slices of `ROWS`; one without rows where there are none.
 
     Parameters
     ----------
     path : Path
         The table.
     columns : mapping of str to Column
-    rows : int
-        Rows of a slice.
 
     Yields
     ------
@@ -248,7 +244,7 @@ def slices(
     """
     found = read_rows(path)
     for number in itertools.count():
-        part = list(itertools.islice(found, rows))
+        part = list(itertools.islice(found, ROWS))
         if not part and number:
             return
         yield {
