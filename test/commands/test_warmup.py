@@ -16,7 +16,7 @@ from uw_visibility.cli import UNUSABLE, main
 PROCESS = """\
 import sys
 import numpy as np
-from uw_visibility import Pipeline, PipelineConfig, StereoRig
+from uw_visibility import Pipeline, PipelineConfig, StereoRig, estimate_water
 from uw_visibility.cli import main
 from uw_visibility.compute.jit import counts
 from uw_visibility.pipeline.warm_up import warm_up_pair
@@ -38,6 +38,12 @@ for dtype in ("uint8", "uint16"):
             result = plain.process(*images, match_original=True)
             water_filter.update(result.water, float(number))
             plain.process(*images, valid=np.ones((160, 240), bool), enhance=("left",))
+    # Open water above the scene, brighter above.
+    ahead = colour[0].copy()
+    ahead[:60] = np.linspace(0.7, 0.4, 60)[:, None, None] * np.iinfo(dtype).max
+    disparity = np.linspace(40.0, 5.0, 160, dtype=np.float32)[::-1, None] + np.zeros((160, 240))
+    disparity[:60] = np.nan
+    estimate_water(ahead, disparity.astype(np.float32), rig)
     assert counts.loaded + counts.compiled == known, dtype
     # The one kernel that only a lens with fall-off needs.
     known += 1

@@ -48,11 +48,15 @@ def warm_up_pair(
 
 
 def warm_up_scene(image: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.float32]]:
-    """Return an image and ranges with open water in view, for all that an estimate may need."""
+    """Return an image and ranges with open water in view, for all that an estimate may need.
+
+    The water is brighter above, as looking ahead it is.
+    """
     height, width = image.shape[:2]
     open_water = slice(0, height // 3)
     image = image.copy()
-    image[open_water] = np.iinfo(image.dtype).max // 2
+    brightness = np.linspace(0.6, 0.4, height // 3)[:, np.newaxis, np.newaxis]
+    image[open_water] = brightness * np.iinfo(image.dtype).max
     ranges = np.linspace(1.0, 4.0, height, dtype=np.float32)
     ranges[open_water] = np.nan
     return image, np.ascontiguousarray(np.broadcast_to(ranges[:, np.newaxis], (height, width)))
