@@ -2,16 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noise is measured beside texture."""
 
-import cv2
 import numpy as np
 import pytest
 
-from uw_visibility.images.noise import (
-    SMOOTHEST,
-    _smoothest,
-    low_frequency_noise,
-    noise_stddev,
-)
+from uw_visibility.images.noise import SMOOTHEST, _smoothest, noise_stddev
 
 
 @pytest.mark.parametrize("stddev", [0.8, 1.5, 4.0])
@@ -35,18 +29,3 @@ def test_what_has_no_noise_has_none():
 def test_the_smoothest_blocks_are_those_of_numpys_quantile(count):
     variances = np.random.default_rng(count).random(count)
     assert _smoothest(variances) == pytest.approx(np.quantile(variances, SMOOTHEST), rel=1e-12)
-
-
-@pytest.mark.parametrize("stddev", [1.5, 4.0])
-def test_noise_of_which_a_codec_took_the_fine_part_is_seen_in_means(stddev):
-    rng = np.random.default_rng(2)
-    image = 90 + rng.normal(0, stddev, (240, 320, 1)) + np.zeros(3)
-    image = (image + 0.5).astype(np.uint8)
-    np.testing.assert_allclose(low_frequency_noise(image), stddev, rtol=0.25)
-    data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1]
-    decoded = cv2.imdecode(data, 1)
-    assert (noise_stddev(decoded) < 0.75 * stddev).all()
-    np.testing.assert_allclose(low_frequency_noise(decoded), stddev, rtol=0.3)
-    of_16_bits = low_frequency_noise(decoded.astype(np.uint16) * 256)
-    np.testing.assert_allclose(of_16_bits, 256 * low_frequency_noise(decoded), rtol=0.05)
-    assert (low_frequency_noise(np.zeros((1, 9), np.uint8)) == 0).all()

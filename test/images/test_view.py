@@ -4,13 +4,12 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
 from uw_visibility.images.chroma import ChromaImage, mosaic_chroma
 from uw_visibility.images.noise import noise_stddev
-from uw_visibility.images.view import ColourSamples, StereoViews, View
+from uw_visibility.images.view import ColourSamples, View
 
 RNG = np.random.default_rng(5)
 PIXELS = RNG.integers(40, 200, (32, 48, 3), np.uint8)
@@ -86,21 +85,3 @@ def test_a_grey_view_has_noise_but_no_colour() -> None:
     grey = View.of(PIXELS[..., 1].copy())
     assert grey.colour is None
     np.testing.assert_array_equal(grey.noise, noise_stddev(PIXELS)[1:2])
-
-
-def test_a_jpeg_has_more_noise_once_it_is_smoothed_and_other_images_as_much() -> None:
-    image = np.clip(90 + RNG.normal(0, 2, (240, 320, 3)), 0, 255).astype(np.uint8)
-    views = StereoViews(View.of(image), View.of(image))
-    assert views.with_codec_noise() is views
-    data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1]
-    view = View.of(cv2.imdecode(data, 1))
-    for side in StereoViews(view, views.right).with_codec_noise():
-        assert (side.low_frequency_noise > 1.5 * view.noise).all()
-    lower = StereoViews(view, view).with_codec_noise().left.with_noise_below(0.1 * view.noise)
-    np.testing.assert_array_equal(lower.low_frequency_noise, 0.1 * view.noise)
-    # Without noise, texture is no noise.
-    smooth = np.full((240, 320, 3), 90, np.uint8)
-    smooth[::2] += 4
-    still = View.of(cv2.imdecode(cv2.imencode(".jpg", smooth)[1], 1))
-    np.testing.assert_array_equal(
-        StereoViews(still, still).with_codec_noise().left.low_frequency_noise, still.noise)

@@ -46,7 +46,7 @@ def match_with_truth(
         Disparity, px; NaN where unmatched.
     """
     transfer = config.camera.transfer
-    views = StereoViews(View.of(left, transfer), View.of(right, transfer)).with_codec_noise()
+    views = StereoViews(View.of(left, transfer), View.of(right, transfer))
     step = SecondStep(views.left.shape, rig, config, Workers(config.threads))
     water = WaterEstimate(
         Status.OK, np.array(truth.attenuation), np.array(truth.ambient_light),

@@ -6,12 +6,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
-from uw_visibility.images.pair import read_only
 
 BLOCK = 8
 BLOCKS = 200
@@ -57,32 +55,6 @@ def noise_stddev(image: NDArray[Any]) -> NDArray[np.float64]:
             variance = _smoothest(alive) / 1.25
             result[channel] = np.sqrt(max(variance - ROUNDING_VARIANCE, 0.0))
     return result
-
-
-def low_frequency_noise(image: NDArray[Any]) -> NDArray[np.float64]:
-    """Standard deviation of the white noise that has as much power at low frequencies.
-
-    JPEG takes the fine part of noise, by which `noise_stddev` tells it, and leaves the coarse
-    one, which smoothing does not take. It is seen in means over squares of two by two pixels.
-
-    Parameters
-    ----------
-    image : (H, W, 3) or (H, W) ndarray of uint8 or uint16
-        Code values.
-
-    Returns
-    -------
-    (3,) or (1,) float64 ndarray
-        Of each channel in code values; texture of that scale counts as noise too.
-    """
-    height, width = image.shape[0] // 2, image.shape[1] // 2
-    if min(height, width) < 1:
-        return noise_stddev(image)
-    # In 16 bits, since a mean of four is finer than a code value.
-    fine = 1 if image.dtype == np.uint16 else 256
-    whole = np.multiply(image[: 2 * height, : 2 * width], np.uint16(fine), dtype=np.uint16)
-    half = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
-    return 2.0 / fine * noise_stddev(read_only(half))
 
 
 def _smoothest(variances: NDArray[np.float64]) -> float:

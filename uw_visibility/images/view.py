@@ -11,16 +11,8 @@ import cv2
 import numpy as np
 
 from uw_visibility.images.arrays import Image, Mask, PerChannel, RangeMap
-from uw_visibility.images.blocking import BLOCKS, blocking
 from uw_visibility.images.chroma import ChromaImage
-from uw_visibility.images.noise import low_frequency_noise, noise_stddev
-
-# Noise from which on what JPEG left of it is looked for, 8-bit code values. With less, texture of
-# two pixels would be taken for it: of a JPEG that has no noise little is left.
-_NOISY = 0.33
-# Factor of that noise by number of channels: it is of brightness, alike in all channels, while
-# noise of channels is combined as if each had its own.
-_OF_BRIGHTNESS = {1: 1.0, 3: 1.4}
+from uw_visibility.images.noise import noise_stddev
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +95,7 @@ class View:
     low_frequency_noise : (3,) or (1,) float64 ndarray
         Standard deviation of the white noise that would leave as much once the pixels are
         smoothed: `noise`, and more where JPEG took the fine part of it; see
-        `StereoViews.with_codec_noise`.
+        `uw_visibility.stereo.codec_noise`.
     """
 
     pixels: Image
@@ -158,17 +150,6 @@ class StereoViews(NamedTuple):
 
     left: View
     right: View
-
-    def with_codec_noise(self) -> StereoViews:
-        """Return the views with the noise that JPEG left at low frequencies, where they show it."""
-        shown = np.mean([view.noise.mean() / code_value(view.pixels) for view in self])
-        if shown <= _NOISY or max(blocking(view.pixels) for view in self) <= BLOCKS:
-            return self
-        return StereoViews(*(
-            replace(view, low_frequency_noise=np.maximum(
-                view.noise, _OF_BRIGHTNESS[len(view.noise)] * low_frequency_noise(view.pixels)))
-            for view in self
-        ))
 
 
 def _samples(

@@ -268,8 +268,7 @@ class Pipeline:
                 left, right = self._flat_field.correct(left, right)
                 chroma = self._flat_field.correct_chroma(chroma)
         transfer = self.config.camera.transfer
-        return StereoViews(
-            View.of(left, transfer, valid, chroma), View.of(right, transfer)).with_codec_noise()
+        return StereoViews(View.of(left, transfer, valid, chroma), View.of(right, transfer))
 
     def _steps_for(self, shape: tuple[int, int]) -> tuple[FirstStep, SecondStep]:
         if self._steps is None or self._shape != shape:

@@ -19,6 +19,7 @@ from uw_visibility.optics.lamps import DirectLight
 from uw_visibility.pipeline.first_step import CoarseEstimate, reduction_factor
 from uw_visibility.pipeline.timing import StageClock
 from uw_visibility.stereo.airlight import Airlight, AirlightPrior
+from uw_visibility.stereo.codec_noise import with_codec_noise
 from uw_visibility.stereo.contrast import LUMA, ContrastNormalizer, least_noise_weights
 from uw_visibility.stereo.denoising import ROUNDING
 from uw_visibility.stereo.elas import DenseMatch, SupportPoints
@@ -176,6 +177,7 @@ class SecondStep:
         if match_original:
             with clock("original disparity"):
                 original = self._match_raw(views)
+        views = with_codec_noise(views, coarse.points)
         scale = self._scale_for(views.left, coarse)
         rated = confidence or scale is not self._finest
         match, support = self._match(scale, views, coarse, clock, rated)

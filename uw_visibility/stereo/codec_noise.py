@@ -1,0 +1,100 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Noise that JPEG left at low frequencies, from the difference of the views where they match.
+
+JPEG takes the fine part of noise, by which it is measured elsewhere, and leaves the coarse one,
+which smoothing does not take: what is matched then are gradients of noise. In means of two by
+two pixels it is seen, but so is texture. Both views show the texture, and each its own noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.images.arrays import Points
+from uw_visibility.images.blocking import BLOCKS, blocking
+from uw_visibility.images.view import StereoViews, code_value
+
+# Half the side of the squares that are compared, px, and the most of them.
+_REACH, _MOST = 8, 500
+# So many matches tell it, and of their differences this quantile: at others disparity is wrong,
+# or between whole pixels, where texture is in the difference too.
+_FEWEST, _QUANTILE = 20, 0.15
+# Noise from which on it counts, 8-bit code values. What is less may be texture.
+_LEAST = 0.45
+# Factor by number of channels: it is of brightness, alike in all, while noise of channels is
+# combined as if each had its own.
+_OF_BRIGHTNESS = {1: 1.0, 3: 1.5}
+# Variance of the sum of four neighbours less four times the pixel between, for a variance of 1.
+_VARIANCE = 20.0
+
+
+def with_codec_noise(views: StereoViews, points: Points) -> StereoViews:
+    """Return the views with their noise at low frequencies, where they show JPEG's blocks.
+
+    Parameters
+    ----------
+    views : StereoViews
+        The pair.
+    points : ndarray
+        ``(N, 3)`` float32: column, row and disparity of matches, px.
+    """
+    if max(blocking(view.pixels) for view in views) <= BLOCKS:
+        return views
+    noise = low_frequency_noise(views.left.pixels, views.right.pixels, points)
+    if noise <= _LEAST * code_value(views.left.pixels):
+        return views
+    return StereoViews(*(
+        replace(view, low_frequency_noise=np.maximum(
+            view.noise, _OF_BRIGHTNESS[len(view.noise)] * noise))
+        for view in views
+    ))
+
+
+def low_frequency_noise(left: NDArray[Any], right: NDArray[Any], points: Points) -> float:
+    """Standard deviation of white noise that has as much power at low frequencies.
+
+    Parameters
+    ----------
+    left, right : ndarray
+        ``(H, W, 3)`` or ``(H, W)``, uint8 or uint16.
+    points : ndarray
+        ``(N, 3)`` float32: column, row and disparity of matches, px.
+
+    Returns
+    -------
+    float
+        Of the mean of the channels, code values; 0 where too few matches tell it.
+    """
+    height, width = left.shape[:2]
+    x, y, d = np.rint(points).astype(np.int64).T
+    inside = (
+        (np.minimum(x, x - d) >= _REACH) & (np.maximum(x, x - d) < width - _REACH - 1)
+        & (y >= _REACH) & (y < height - _REACH - 1)
+    )
+    x, y, d = (values[inside][:: max(1, np.count_nonzero(inside) // _MOST)] for values in (x, y, d))
+    if len(x) < _FEWEST:
+        return 0.0
+    difference = _second_difference(left, x, y) - _second_difference(right, x - d, y)
+    # Of two views.
+    variance = float(np.quantile(np.mean(difference**2, axis=(1, 2)), _QUANTILE)) / 2
+    # A mean of four pixels has half their deviation.
+    return 2.0 * float(np.sqrt(variance / _VARIANCE))
+
+
+def _second_difference(
+    image: NDArray[Any], x: NDArray[np.int64], y: NDArray[np.int64]
+) -> NDArray[np.float32]:
+    """Second differences of means of two by two pixels in squares around points."""
+    along = np.arange(-_REACH, _REACH + 2)
+    squares = image[(y[:, None] + along)[:, :, None], (x[:, None] + along)[:, None, :]]
+    grey = squares.astype(np.float32)
+    if image.ndim == 3:
+        grey = grey.mean(axis=3)
+    p = (grey[:, ::2, ::2] + grey[:, 1::2, ::2] + grey[:, ::2, 1::2] + grey[:, 1::2, 1::2]) / 4
+    return np.asarray(
+        4 * p[:, 1:-1, 1:-1] - p[:, :-2, 1:-1] - p[:, 2:, 1:-1] - p[:, 1:-1, :-2] - p[:, 1:-1, 2:])
