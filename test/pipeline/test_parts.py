@@ -11,6 +11,7 @@ import pytest
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.enhancement.restorers import RESTORER, RESTORERS
+from uw_visibility.images.view import View
 from uw_visibility.pipeline.warm_up import warm_up_pair
 from uw_visibility.stereo.matchers import MATCHER, MATCHERS
 
@@ -54,3 +55,16 @@ def test_a_restorer_of_one_s_own_makes_the_images(monkeypatch: pytest.MonkeyPatc
     result = Pipeline(RIG, CONFIG).process(left, right)
     np.testing.assert_array_equal(result.left_enhanced, 255 - left)
     np.testing.assert_array_equal(result.right_enhanced, 255 - right)
+
+
+@pytest.mark.parametrize("grey", [False, True])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_pairs_to_warm_up_with_are_both_noisy_and_smooth(grey: bool, dtype: type) -> None:
+    """Matches are rated by other kernels in noise than without it."""
+    code = 1 if dtype == np.uint8 else 256
+    rough, smooth = (
+        View.of(warm_up_pair((240, 320), np.dtype(dtype), grey=grey, smooth=smooth)[0]).noise
+        for smooth in (False, True)
+    )
+    assert (rough > 2 * code).all()
+    assert (smooth < 0.35 * code).all()

@@ -220,6 +220,9 @@ class Pipeline:
         """
         left, right = warm_up_pair(shape, np.dtype(dtype), grey=grey)
         self.process(left, right, match_original=True)
+        # Its texture counts as noise, and matches without noise are rated otherwise.
+        smooth = warm_up_pair(shape, np.dtype(dtype), grey=grey, smooth=True)
+        self.process(*smooth, enhance=())
         if np.dtype(dtype) == np.uint8:
             # As small copies of noisy images are.
             fine = warm_up_pair(shape, np.dtype(np.uint16), grey=grey)

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,11 +32,16 @@ def warm_up_config(config: PipelineConfig) -> PipelineConfig:
 
 
 def warm_up_pair(
-    shape: tuple[int, int], dtype: np.dtype[Any], *, grey: bool = False
+    shape: tuple[int, int], dtype: np.dtype[Any], *, grey: bool = False, smooth: bool = False
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return a pair of three planes under water, which every stage has work with."""
+    """Return a pair of three planes under water, which every stage has work with.
+
+    Its texture counts as noise, unless it is smooth.
+    """
     height, width = shape
     texture = np.random.default_rng(0).random((height, width, 3))
+    if smooth:
+        texture = cv2.normalize(cv2.GaussianBlur(texture, (0, 0), 4.0), None, 0, 1, cv2.NORM_MINMAX)
     left, right = np.empty((2, height, width, 3))
     for part, disparity in enumerate((12, 8, 5)):
         rows = slice(part * height // 3, (part + 1) * height // 3)

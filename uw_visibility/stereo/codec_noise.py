@@ -20,7 +20,7 @@ from uw_visibility.images.blocking import BLOCKS, blocking
 from uw_visibility.images.view import StereoViews, code_value
 
 # Half the side of the squares that are compared, px, and the most of them.
-_REACH, _MOST = 8, 500
+_REACH, _MOST = 8, 200
 # So many matches tell it, and of their differences this quantile: at others disparity is wrong,
 # or between whole pixels, where texture is in the difference too.
 _FEWEST, _QUANTILE = 20, 0.15
