@@ -18,6 +18,7 @@ import pytest
 from bag_copies import DARK, DIVE_FRAMES, HARD_PARAMETERS, messages_of, parameter_file, run
 
 from uw_visibility.cli import main
+from uw_visibility.config.files import aside_of
 from uw_visibility.replay import frame_log
 from uw_visibility.replay.results import provenance
 from uw_visibility.replay.results.folder import ResultFolder
@@ -235,6 +236,8 @@ def test_a_run_that_was_ended_by_force_before_its_first_frame_begins_anew(
         else:
             shutil.rmtree(entry)
     assert {entry.name for entry in interrupted.partial.iterdir()} == first
+    # It was ended while it wrote the table's dictionary.
+    aside_of(interrupted.partial / "frames.csv-metadata.json").write_bytes(b"{")
     assert interrupted.again("--resume", capsys=capsys).code == 0
 
 

@@ -167,4 +167,7 @@ class ResultFolder:
 
 def _never_begun(folder: Path) -> bool:
     """Whether a run was ended by force before it answered a frame."""
-    return folder.is_dir() and {entry.name for entry in folder.iterdir()} <= FIRST
+    return folder.is_dir() and all(
+        # A file that it was about to write whole has a name of its own (`aside_of`).
+        entry.name in FIRST or (entry.name.startswith(".") and entry.suffix == PARTIAL)
+        for entry in folder.iterdir())
