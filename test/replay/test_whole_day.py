@@ -75,7 +75,8 @@ def check_products(day: Path, names: set[str]) -> Any:
     """
     geopandas, pandas = pytest.importorskip("geopandas"), pytest.importorskip("pandas")
     xarray, mcap = pytest.importorskip("xarray"), pytest.importorskip("mcap.reader")
-    table = pandas.read_csv(day / "frames.csv", parse_dates=["datetime"])
+    table = pandas.read_csv(
+        day / "frames.csv", parse_dates=["datetime"], float_precision="round_trip")
     assert set(table["transect"]) == names
     described = json.loads((day / "frames.csv-metadata.json").read_text(encoding="utf-8"))
     assert [c["name"] for c in described["tableSchema"]["columns"]] == list(table.columns)
