@@ -292,7 +292,7 @@ def test_jump_of_the_sensor_on_a_simulated_transect(
     client: Any, image: Any, info: Any
 ) -> None:
     transect = Transect(
-        frames=11, rate=2.0, depth=(4.0, 5.0), attenuation=(0.15, 0.2), seed=3,
+        frames=11, rate=2.0, depth=(4.0, 5.0), attenuation=(0.15, 0.2), seed=5,
         camera=StereoCamera(240, 180, 225.0, 0.12),
     )
     sensor = Sensor(client)
@@ -315,7 +315,10 @@ def test_jump_of_the_sensor_on_a_simulated_transect(
         sensor.publish(stamp, frame.depth + (1.5 if index >= jump else 0.0))
         client.wait(lambda n=count: len(nis) > n, "a NIS")
         if index == jump - 1:
-            client.diagnosed("plausibility", "", verdict="ok", beyond_the_gate_in_a_row=0)
+            # The newest status, and not one from before this frame.
+            client.diagnosed(
+                "plausibility", "", verdict="ok", beyond_the_gate_in_a_row=0,
+                **{"sensor depth (m)": f"{frame.depth:.4f}"})
     client.wait(
         lambda: int(client.diagnosis("plausibility").numbers["beyond the gate in a row"]) >= 6,
         "a jump",
