@@ -35,30 +35,35 @@ _UNMATCHED = 3.169
 _DENIED = 0.895
 _DENIED_OF_ALL = 10.907
 # Up to these they count.
-MOST_DIFFERENCE = np.float32(2.0)
+_MOST_DIFFERENCE = np.float32(2.0)
 _MOST_RANGE = np.float32(3.0)
 # The right view denies a match whose pixel it matches by more than so many px otherwise.
 _AGREES = np.float32(1.0)
 # Marks are summed over the voters: these bits count the matched ones, those above the denied.
-MATCHED_BITS = 5
-_NO_MARK, _MATCHED, _DENIED_TOO = np.uint16(0), np.uint16(1), np.uint16(1 << MATCHED_BITS)
+_MATCHED_BITS = 5
+_NO_MARK, _MATCHED, _DENIED_TOO = np.uint16(0), np.uint16(1), np.uint16(1 << _MATCHED_BITS)
 # Added to the texture, so that noise on a blank wall is no small difference.
-LEAST_TEXTURE = np.float32(20.0)
-# Entries of the table of confidence for a unit of log odds, and the odds it holds.
+_LEAST_TEXTURE = np.float32(20.0)
+# Log odds that a table of confidence holds, and its entries for a unit of them.
+_LEAST_ODDS, _MOST_ODDS = -8, 8
 _PER_UNIT = 16
-LEAST_ODDS = -8
-MOST_ODDS = 8
 
 
-def _tables() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    denied, matched = np.divmod(np.arange((VOTERS + 1) << MATCHED_BITS), 1 << MATCHED_BITS)
+def confidence_table(per_unit: int) -> NDArray[np.float32]:
+    """Confidence by the log odds of a wrong match, so many entries a unit; see `look_up`."""
+    odds = np.arange(_LEAST_ODDS, _MOST_ODDS + 0.5 / per_unit, 1 / per_unit)
+    return (1 / (1 + np.exp(odds))).astype(np.float32)
+
+
+def _odds_of_votes() -> NDArray[np.float32]:
+    denied, matched = np.divmod(np.arange((VOTERS + 1) << _MATCHED_BITS), 1 << _MATCHED_BITS)
     share = denied / np.maximum(matched, 1)
     votes = _BASE + _UNMATCHED * (1 - matched / VOTERS) + _DENIED * np.log1p(VOTERS * share)
-    odds = np.arange(LEAST_ODDS, MOST_ODDS + 0.5 / _PER_UNIT, 1 / _PER_UNIT)
-    return votes.astype(np.float32), (1 / (1 + np.exp(odds))).astype(np.float32)
+    return votes.astype(np.float32)
 
 
-_ODDS_OF_VOTES, _CONFIDENCE = _tables()
+_ODDS_OF_VOTES = _odds_of_votes()
+_CONFIDENCE = confidence_table(_PER_UNIT)
 
 
 def rate(
@@ -87,11 +92,7 @@ def rate(
         truth; 0 where unmatched.
     """
     confidence = np.empty(disparity.shape, np.float32)
-    marks = np.empty(disparity.shape, np.uint16)
-    counts = np.empty((disparity.shape[0], 2), np.int64)
-    workers.rows(mark, disparity.shape[0], disparity, best_right, marks, counts)
-    matched, denied = (int(n) for n in counts.sum(axis=0))
-    share = denied / max(matched, 1)
+    marks, share = mark(disparity, best_right, workers)
     odds_of_votes = _ODDS_OF_VOTES + np.float32(_DENIED_OF_ALL * share)
     odds_of_range = np.float32(max(_RANGE + _RANGE_WHERE_DENIED * share, 0.0))
     workers.rows(
@@ -101,8 +102,67 @@ def rate(
     return confidence
 
 
-@njit(nogil=True, error_model="numpy")
 def mark(
+    disparity: NDArray[np.float32], best_right: NDArray[np.int16], workers: Workers
+) -> tuple[NDArray[np.uint16], float]:
+    """Mark what is matched, and whether the right view denies it.
+
+    Parameters
+    ----------
+    disparity, best_right, workers
+        See `rate`.
+
+    Returns
+    -------
+    marks : ndarray
+        ``(H, W)`` uint16; see `is_denied`.
+    share : float
+        Of the matched pixels, the part that is denied.
+    """
+    marks = np.empty(disparity.shape, np.uint16)
+    counts = np.empty((disparity.shape[0], 2), np.int64)
+    workers.rows(_mark, disparity.shape[0], disparity, best_right, marks, counts)
+    matched, denied = (int(n) for n in counts.sum(axis=0))
+    return marks, denied / max(matched, 1)
+
+
+@njit(nogil=True, error_model="numpy")
+def is_denied(marked: Any) -> bool:
+    """Whether a mark says that the right view denies the match."""
+    return marked >> _MATCHED_BITS != 0
+
+
+@njit(nogil=True, error_model="numpy")
+def difference_over_texture(left: Any, right: Any, blank: Any, row: int, x: Any, d: Any) -> Any:
+    """Difference of a match's descriptors over their texture.
+
+    Parameters
+    ----------
+    left, right : ndarray
+        ``(H * W * 16,)`` uint8, descriptors.
+    blank : ndarray
+        ``(16,)`` uint8, that of a surface without texture.
+    row : int
+        Index of the row's first pixel.
+    x, d
+        Column and disparity, px.
+    """
+    at = (row + x) * BYTES
+    other = (row + max(x - np.int32(d + np.float32(0.5)), 0)) * BYTES
+    difference = np.float32(absolute_difference(left, at, right, other))
+    texture = np.float32(absolute_difference(left, at, blank, x & 0)) + _LEAST_TEXTURE
+    return min(difference / texture, _MOST_DIFFERENCE)
+
+
+@njit(nogil=True, error_model="numpy")
+def look_up(table: Any, per_unit: int, odds: Any) -> Any:
+    """Confidence for log odds of a wrong match, from a `confidence_table`."""
+    entry = (odds - np.float32(_LEAST_ODDS)) * np.float32(per_unit) + np.float32(0.5)
+    return table[np.int32(min(max(entry, np.float32(0)), np.float32(table.size - 1)))]
+
+
+@njit(nogil=True, error_model="numpy")
+def _mark(
     start: int, stop: int, disparity: Any, best_right: Any, marks: Any, counts: Any
 ) -> None:
     """Mark what is matched, and whether the right view denies it; count both in each row."""
@@ -137,7 +197,7 @@ def _count(marks: Any) -> Any:
     matched, denied = np.int32(0), np.int32(0)
     for x in range(marks.size):
         matched += np.int32(marks[x] & _MATCHED)
-        denied += np.int32(marks[x] >> MATCHED_BITS)
+        denied += np.int32(marks[x] >> _MATCHED_BITS)
     return matched, denied
 
 
@@ -153,9 +213,6 @@ def _rate(
     column = np.zeros(width + 2 * MARGIN, np.uint16)
     votes = np.empty(width, np.uint16)
     blank = np.full(BYTES, MIDDLE, np.uint8)
-    most = np.float32(table.size - 1)
-    per_unit = np.float32(_PER_UNIT)
-    least = np.float32(LEAST_ODDS)
     for y in range(start, stop):
         range_around(disparity, y, low, high, far, near)
         _add_up(marks, y, column, votes)
@@ -165,13 +222,8 @@ def _rate(
                 confidence[y, x] = 0
                 continue
             odds = odds_of_votes[votes[x]] + odds_of_range * min(near[x] - far[x], _MOST_RANGE)
-            at = (y * width + x) * BYTES
-            other = (y * width + max(x - np.int32(d + np.float32(0.5)), 0)) * BYTES
-            difference = np.float32(absolute_difference(left, at, right, other))
-            texture = np.float32(absolute_difference(left, at, blank, x & 0)) + LEAST_TEXTURE
-            odds += _DIFFERENCE * min(difference / texture, MOST_DIFFERENCE)
-            entry = (odds - least) * per_unit + np.float32(0.5)
-            confidence[y, x] = table[np.int32(min(max(entry, np.float32(0)), most))]
+            odds += _DIFFERENCE * difference_over_texture(left, right, blank, y * width, x, d)
+            confidence[y, x] = look_up(table, _PER_UNIT, odds)
 
 
 @njit(nogil=True, error_model="numpy")

@@ -24,13 +24,12 @@ from numpy.typing import NDArray
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.contrast import ContrastNormalizer
-from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
+from uw_visibility.stereo.elas.absolute_difference import BYTES
 from uw_visibility.stereo.elas.confidence import (
-    LEAST_ODDS,
-    LEAST_TEXTURE,
-    MATCHED_BITS,
-    MOST_DIFFERENCE,
-    MOST_ODDS,
+    confidence_table,
+    difference_over_texture,
+    is_denied,
+    look_up,
     mark,
 )
 from uw_visibility.stereo.elas.descriptors import MIDDLE
@@ -54,9 +53,7 @@ _BASE, _DIFFERENCE, _DENIED_OF_ALL = -4.67, np.float32(0.55), 4.58
 _AGAINST = np.float32(4.06)
 # Entries of the table of confidence for a unit of log odds: most matches are much alike.
 _PER_UNIT = 256
-_CONFIDENCE = (
-    1 / (1 + np.exp(np.arange(LEAST_ODDS, MOST_ODDS + 0.5 / _PER_UNIT, 1 / _PER_UNIT)))
-).astype(np.float32)
+_CONFIDENCE = confidence_table(_PER_UNIT)
 
 
 def rate_in_noise(
@@ -83,11 +80,8 @@ def rate_in_noise(
     """
     height = disparity.shape[0]
     confidence = np.empty(disparity.shape, np.float32)
-    marks = np.empty(disparity.shape, np.uint16)
-    counts = np.empty((height, 2), np.int64)
-    workers.rows(mark, height, disparity, best_right, marks, counts)
-    matched, denied = (int(n) for n in counts.sum(axis=0))
-    base = np.float32(_BASE + _DENIED_OF_ALL * denied / max(matched, 1))
+    marks, share = mark(disparity, best_right, workers)
+    base = np.float32(_BASE + _DENIED_OF_ALL * share)
     workers.rows(
         ask_look_alikes, height, disparity, marks, image.grey, image.gain, confidence)
     workers.rows(_rate, height, disparity, *descriptors, base, _CONFIDENCE, confidence)
@@ -160,7 +154,7 @@ def _ask(
         weight = closeness * alike((tone[at] - np.float32(voter_tone[other])) * scale[at])
         # Also where the voter is unmatched.
         says = zero if abs(voters[other] - row[at]) <= _STEP else one
-        says += one if voter_marks[other] >> MATCHED_BITS else zero
+        says += one if is_denied(voter_marks[other]) else zero
         total[at] += weight
         against[at] += weight * says
 
@@ -173,18 +167,12 @@ def _rate(
     """Make confidence of what the look-alikes say, which stands there."""
     width = disparity.shape[1]
     blank = np.full(BYTES, MIDDLE, np.uint8)
-    most = np.float32(table.size - 1)
     for y in range(start, stop):
         for x in range(width):
             d = disparity[y, x]
             if d != d:
                 confidence[y, x] = 0
                 continue
-            at = (y * width + x) * BYTES
-            other = (y * width + max(x - np.int32(d + np.float32(0.5)), 0)) * BYTES
-            difference = np.float32(absolute_difference(left, at, right, other))
-            texture = np.float32(absolute_difference(left, at, blank, x & 0)) + LEAST_TEXTURE
             odds = base + _AGAINST * confidence[y, x]
-            odds += _DIFFERENCE * min(difference / texture, MOST_DIFFERENCE)
-            entry = (odds - np.float32(LEAST_ODDS)) * np.float32(_PER_UNIT) + np.float32(0.5)
-            confidence[y, x] = table[np.int32(min(max(entry, np.float32(0)), most))]
+            odds += _DIFFERENCE * difference_over_texture(left, right, blank, y * width, x, d)
+            confidence[y, x] = look_up(table, _PER_UNIT, odds)
