@@ -139,7 +139,7 @@ class SecondStep:
         self._config = config
         self._workers = workers
         self._lamps = lamps
-        self._finest = self._scale(config.stereo.reduction)
+        self._finest = self._new_scale(config.stereo.reduction)
         self._scales = {self._finest.factor: self._finest}
         # Noise may ask for one as coarse as step 1 has.
         self._sides = [self._finest.factor]
@@ -209,6 +209,12 @@ class SecondStep:
         return scale.matcher.support_points()
 
     def _scale(self, factor: int) -> _Scale:
+        """The scale of a factor, allocated when it is first asked for."""
+        if factor not in self._scales:
+            self._scales[factor] = self._new_scale(factor)
+        return self._scales[factor]
+
+    def _new_scale(self, factor: int) -> _Scale:
         return _Scale(factor, self._shape, self._rig, self._config, self._workers)
 
     def _scale_for(self, left: View, coarse: CoarseEstimate) -> _Scale:
@@ -221,9 +227,7 @@ class SecondStep:
             ranges = coarse.rig.range_from_disparity(coarse.disparity)
             weights = least_noise_weights(ranges, water.attenuation, water.ambient_light)
         factor = matching_scale(left.pixels, noise, weights, self._sides)
-        if factor not in self._scales:
-            self._scales[factor] = self._scale(factor)
-        return self._scales[factor]
+        return self._scale(factor)
 
     def _match(
         self, scale: _Scale, views: StereoViews, coarse: CoarseEstimate, clock: StageClock,
@@ -276,9 +280,7 @@ class SecondStep:
             return None
         if (high - low) // factor < _FEWEST_DISPARITIES:
             return None
-        if factor not in self._scales:
-            self._scales[factor] = self._scale(factor)
-        return self._scales[factor]
+        return self._scale(factor)
 
     def _match_raw(self, views: StereoViews) -> DisparityMap:
         support = self._raw_support(views)
