@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.jit import njit
+
 BLOCK = 8
 # Rows that are looked at.
 ROWS = 128
@@ -38,16 +40,31 @@ def blocking(image: NDArray[Any]) -> float:
     height, width = image.shape[:2]
     if width < 4 * BLOCK:
         return 1.0
-    green = image if image.ndim == 2 else image[..., 1]
-    green = green[:: max(1, -(-height // ROWS))].astype(np.float32)
-    green *= np.float32(255.0 / np.iinfo(image.dtype).max)
-    step = np.diff(green, axis=1)
-    # Between a pixel and the next: how far the step departs from those beside it.
-    away = np.minimum(np.abs(2.0 * step[:, 1:-1] - step[:, :-2] - step[:, 2:]), EDGE)
-    course = away.sum(axis=0)
-    phase = (np.arange(len(course)) + 2) % BLOCK
+    course = np.zeros(width - 3, np.float32)
+    _sum_up(
+        image[..., np.newaxis] if image.ndim == 2 else image[..., 1:2],
+        max(1, -(-height // ROWS)), np.float32(255.0 / np.iinfo(image.dtype).max), course)
     if course.sum() < LEAST:
         return 1.0
-    means = np.array([course[phase == at].mean() for at in range(BLOCK)])
+    means = np.array([course[(at - 2) % BLOCK :: BLOCK].mean() for at in range(BLOCK)])
     # The largest of the others: mosaics and resized images repeat every two or four pixels.
     return float(means[0] / max(means[1:].max(), 1e-9))
+
+
+@njit(nogil=True)
+def _sum_up(plane: Any, stride: int, scale: float, course: Any) -> None:
+    """Add up over rows how far the step from a pixel to the next departs from those beside it."""
+    row = np.empty(plane.shape[1], np.float32)
+    for y in range(0, plane.shape[0], stride):
+        for x in range(row.size):
+            row[x] = plane[y, x, 0] * scale
+        _add_departures(row, course)
+
+
+@njit(nogil=True)
+def _add_departures(row: Any, course: Any) -> None:
+    edge, two = np.float32(EDGE), np.float32(2)
+    for x in range(course.size):
+        before, step, after = row[x + 1] - row[x], row[x + 2] - row[x + 1], row[x + 3] - row[x + 2]
+        away = abs(two * step - before - after)
+        course[x] += away if away < edge else edge

@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Points
@@ -90,11 +91,12 @@ def _second_difference(
     image: NDArray[Any], x: NDArray[np.int64], y: NDArray[np.int64]
 ) -> NDArray[np.float32]:
     """Second differences of means of two by two pixels in squares around points."""
-    along = np.arange(-_REACH, _REACH + 2)
-    squares = image[(y[:, None] + along)[:, :, None], (x[:, None] + along)[:, None, :]]
+    side = 2 * _REACH + 2
+    squares = sliding_window_view(image, (side, side), axis=(0, 1))[y - _REACH, x - _REACH]
     grey = squares.astype(np.float32)
     if image.ndim == 3:
-        grey = grey.mean(axis=3)
+        # Of so few channels, a mean takes ten times as long.
+        grey = (grey[:, 0] + grey[:, 1] + grey[:, 2]) / np.float32(3)
     p = (grey[:, ::2, ::2] + grey[:, 1::2, ::2] + grey[:, ::2, 1::2] + grey[:, 1::2, 1::2]) / 4
     return np.asarray(
         4 * p[:, 1:-1, 1:-1] - p[:, :-2, 1:-1] - p[:, 2:, 1:-1] - p[:, 1:-1, :-2] - p[:, 1:-1, 2:])

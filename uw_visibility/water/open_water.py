@@ -178,15 +178,16 @@ def find_open_water(
     rows, columns = height // side, width // side
     whole = (slice(rows * side), slice(columns * side))
     size = (columns, rows)
-    ranges = range_map[whole]
-    known = (ranges > 0) & (ranges < np.inf)
-    matched = cv2.resize(known.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    matched = np.empty((rows, columns), np.float32)
+    _share_beyond(range_map, side, np.float32(0), matched)
+    if not matched.any():
+        return None
     if valid is not None:
         # Cells that do not show the scene are neither matched nor open.
         matched[cv2.resize(
             valid[whole].astype(np.float32), size, interpolation=cv2.INTER_AREA) < 1.0] = np.nan
     void = matched <= MATCHED
-    if np.count_nonzero(void) < LEAST_AREA * void.size or not known.any():
+    if np.count_nonzero(void) < LEAST_AREA * void.size:
         return None
     means = cv2.resize(image[whole], size, interpolation=cv2.INTER_AREA).astype(np.float64)
     code = irradiance.size / 256
@@ -206,9 +207,12 @@ def find_open_water(
         return None
     area, possible = np.zeros((2, rows, columns), np.bool_)
     scene = _matched_light(envelope)
-    nearest = np.quantile(ranges[::4, ::4][known[::4, ::4]], FAR) if known[::4, ::4].any() else 0.0
-    far = cv2.resize(
-        (known & (ranges >= nearest)).astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
+    samples = range_map[whole][::4, ::4]
+    samples = samples[(samples > 0) & (samples < np.inf)]
+    beyond = np.empty((rows, columns), np.float32)
+    nearest = np.quantile(samples, FAR) if samples.size else 0.0
+    _share_beyond(range_map, side, np.float32(nearest), beyond)
+    far = beyond > 0.5
     if not far.any():
         return None
     for label in range(1, number):
@@ -269,6 +273,31 @@ def _areas(blank: NDArray[np.bool_]) -> tuple[int, NDArray[np.int32]]:
     order = np.zeros(number, np.int32)
     order[1:][~small[1:]] = np.arange(1, 1 + np.count_nonzero(~small[1:]))
     return int(order.max()) + 1, order[labels]
+
+
+@njit(nogil=True)
+def _share_beyond(range_map: Any, side: int, least: float, share: Any) -> None:
+    """Write the part of each cell's pixels whose range is known, and the least one or more."""
+    part = np.float32(1.0 / (side * side))
+    columns = np.empty(range_map.shape[1], np.float32)
+    for row in range(share.shape[0]):
+        columns[:] = 0
+        for y in range(row * side, (row + 1) * side):
+            _count(range_map[y], least, columns)
+        for column in range(share.shape[1]):
+            total = np.float32(0)
+            for x in range(column * side, (column + 1) * side):
+                total += columns[x]
+            share[row, column] = total * part
+
+
+@njit(nogil=True)
+def _count(ranges: Any, least: float, columns: Any) -> None:
+    """Count in each column; apart from the rest, which makes vector code."""
+    nothing, one = np.float32(0), np.float32(1)
+    for x in range(columns.size):
+        counts = (ranges[x] > nothing) & (ranges[x] < np.float32(np.inf)) & (ranges[x] >= least)
+        columns[x] += one if counts else nothing
 
 
 @njit(nogil=True)
