@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uw_visibility.commands.params_file import Options, add_described
-from uw_visibility.commands.progress import say
+from uw_visibility.commands.progress import progress_bar, progress_log, say
 from uw_visibility.config.files import gathered, sole_writer
 from uw_visibility.errors import InputError, check_range, needing
 
 if TYPE_CHECKING:
-    from logging import Logger
-
     from uw_visibility.config.schema import PipelineConfig
     from uw_visibility.evaluation.experiments import Plan
     from uw_visibility.evaluation.lamps.study import LampPlan
+    from uw_visibility.evaluation.parallel import Progress
 
 # Each takes up to 1 GB.
 MOST_JOBS = 256
@@ -162,31 +161,26 @@ def run(arguments: argparse.Namespace) -> None:
     _refuse_folder(arguments.output, arguments.force)
     if arguments.adverse and arguments.lamps:
         raise InputError("--adverse and --lamps are two studies: give one of them")
-    from uw_visibility.commands.progress import progress_log
-
     study = _run_lamps if arguments.lamps else (
         _run_adverse if arguments.adverse else _run_experiments)
     with (
         sole_writer(arguments.output),
         progress_log(arguments.log, f"evaluate -o {arguments.output}") as log,
     ):
-        study(arguments, log)
+        study(arguments, lambda done, total: progress_bar(done, "evaluate", total, log))
 
 
-def _run_experiments(arguments: argparse.Namespace, log: Logger | None) -> None:
+def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> None:
     # Compiled modules load slowly; what is refused before needs none of them.
     plan = _plan(arguments)
     _check_figures()
-    from uw_visibility.commands.progress import progress_bar
     from uw_visibility.evaluation.experiments import evaluate
     from uw_visibility.evaluation.figures.write import write_figures
     from uw_visibility.evaluation.summary import summarise
     from uw_visibility.evaluation.tables import write_tables
     from uw_visibility.evaluation.terminal import as_text
 
-    evaluation = evaluate(
-        plan, arguments.jobs, lambda done, total: progress_bar(done, "evaluate", total, log)
-    )
+    evaluation = evaluate(plan, arguments.jobs, progress)
     summary = summarise(evaluation)
     with gathered(arguments.output, last=RESULT, clear=arguments.force) as folder:
         write_tables(folder, evaluation, summary)
@@ -196,8 +190,7 @@ def _run_experiments(arguments: argparse.Namespace, log: Logger | None) -> None:
     say(f"tables and figures: {arguments.output}")
 
 
-def _run_adverse(arguments: argparse.Namespace, log: Logger | None) -> None:
-    from uw_visibility.commands.progress import progress_bar
+def _run_adverse(arguments: argparse.Namespace, progress: Progress) -> None:
     from uw_visibility.evaluation.adverse.report import adverse_text, write_adverse
     from uw_visibility.evaluation.adverse.scenes import find_adverse_scenes
     from uw_visibility.evaluation.adverse.study import (
@@ -217,9 +210,7 @@ def _run_adverse(arguments: argparse.Namespace, log: Logger | None) -> None:
         matched=arguments.ranges == "matched",
         config=_read_config(arguments.params_file, {}),
     )
-    results = run_adverse(
-        plan, arguments.jobs, lambda done, total: progress_bar(done, "evaluate", total, log)
-    )
+    results = run_adverse(plan, arguments.jobs, progress)
     summary = summarise_adverse(results)
     with gathered(arguments.output, last=RESULT, clear=arguments.force) as folder:
         write_adverse(folder, plan, results, summary)
@@ -228,20 +219,17 @@ def _run_adverse(arguments: argparse.Namespace, log: Logger | None) -> None:
     print(adverse_text(summary))
 
 
-def _run_lamps(arguments: argparse.Namespace, log: Logger | None) -> None:
+def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> None:
     if arguments.datasets:
         raise InputError("--lamps renders its own scenes: leave out the DATASET")
     plan = _lamp_plan(arguments)
     _check_figures()
-    from uw_visibility.commands.progress import progress_bar
     from uw_visibility.evaluation.lamps.figures import draw_survey, draw_visibility
     from uw_visibility.evaluation.lamps.report import lamps_text, write_lamps
     from uw_visibility.evaluation.lamps.study import run_lamps
     from uw_visibility.evaluation.lamps.summary import summarise_lamps
 
-    results, survey = run_lamps(
-        plan, arguments.jobs, lambda done, total: progress_bar(done, "evaluate", total, log)
-    )
+    results, survey = run_lamps(plan, arguments.jobs, progress)
     summary = summarise_lamps(results, survey)
     with gathered(arguments.output, last=RESULT, clear=arguments.force) as folder:
         write_lamps(folder, plan, results, survey, summary)

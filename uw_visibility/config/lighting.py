@@ -43,6 +43,18 @@ class Lamp(NamedTuple):
     beam_angle: float
     colour: Vector
 
+    @property
+    def falloff(self) -> float:
+        """Coefficient k of the beam's shape exp(-k θ²), 1/rad²; 0 = alike in all directions."""
+        return beam_falloff(self.beam_angle)
+
+
+def beam_falloff(angle: float) -> float:
+    """Return `Lamp.falloff` of a beam's full angle, degrees; 0 or 360 for all directions."""
+    if angle in (0.0, ISOTROPIC):
+        return 0.0
+    return math.log(2.0) * (2.0 / math.radians(angle)) ** 2
+
 
 @dataclass(frozen=True)
 class LightingConfig:

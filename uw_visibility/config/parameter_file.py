@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 import textwrap
 from collections.abc import Iterator, Mapping
@@ -73,7 +74,8 @@ def _render_group(infos: list[ParameterInfo]) -> Iterator[str]:
     open_sections: list[str] = []
     for info in infos:
         *sections, name = info.name.split(".")
-        shared = _common_length(open_sections, sections)
+        pairs = zip(open_sections, sections, strict=False)
+        shared = len([*itertools.takewhile(lambda pair: pair[0] == pair[1], pairs)])
         for level in range(shared, len(sections)):
             yield f"{INDENT * (2 + level)}{sections[level]}:"
         open_sections = sections
@@ -102,15 +104,6 @@ def comment(info: ParameterInfo) -> str:
     if info.read_only:
         facts.append("Read at start only.")
     return " ".join([info.description, *facts])
-
-
-def _common_length(first: list[str], second: list[str]) -> int:
-    length = 0
-    for a, b in zip(first, second, strict=False):
-        if a != b:
-            break
-        length += 1
-    return length
 
 
 def _scalar(value: Any) -> str:

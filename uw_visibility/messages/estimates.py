@@ -27,10 +27,11 @@ UNMEASURED_VARIANCE = 1e6
 # sensor_msgs/Range.INFRARED: the nearest to visible light that the message knows.
 RADIATION_LIGHT = 1
 
+VECTOR = "geometry_msgs/msg/Vector3Stamped"
 NIS, STAMPED_NIS = "depth_plausibility/nis", "depth_plausibility/nis_stamped"
 
 NIS_TOPICS = MappingProxyType({
-    NIS: "std_msgs/msg/Float64", STAMPED_NIS: "geometry_msgs/msg/Vector3Stamped",
+    NIS: "std_msgs/msg/Float64", STAMPED_NIS: VECTOR,
 })
 """Type of message by topic."""
 
@@ -68,7 +69,7 @@ def vector_message(make: MessageFactory, header: Any, values: Iterable[float]) -
     """Make a Vector3Stamped of three numbers."""
     x, y, z = map(float, values)
     vector = make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
-    return make("geometry_msgs/msg/Vector3Stamped", header=header, vector=vector)
+    return make(VECTOR, header=header, vector=vector)
 
 
 def depth_message(make: MessageFactory, header: Any, depth: float, variance: float) -> Any:
@@ -155,18 +156,6 @@ def _variance(stddev: float) -> float:
     return stddev**2 if math.isfinite(stddev) else 0.0
 
 
-def _attenuation(estimate: Estimate) -> Any:
-    return _vector(estimate, estimate.water.attenuation)
-
-
-def _attenuation_stddev(estimate: Estimate) -> Any:
-    return _vector(estimate, estimate.water.attenuation_stddev)
-
-
-def _ambient_light(estimate: Estimate) -> Any:
-    return _vector(estimate, estimate.water.ambient_light)
-
-
 def _vector(estimate: Estimate, values: NDArray[np.float64]) -> Any:
     if estimate.water.status is not Status.OK or not np.isfinite(values).all():
         return None
@@ -177,22 +166,23 @@ def _stamped(estimate: Estimate, *values: float) -> Any:
     return vector_message(estimate.make, estimate.header.message(estimate.make), values)
 
 
-def _mean_attenuation(estimate: Estimate) -> Any:
-    visibility = estimate.visibility
-    if estimate.water.status is not Status.OK or not math.isfinite(visibility.mean_attenuation):
-        return None
-    return estimate.make("std_msgs/msg/Float64", data=float(visibility.mean_attenuation))
+def _mean_attenuation(estimate: Estimate) -> float | None:
+    alpha = estimate.visibility.mean_attenuation
+    known = estimate.water.status is Status.OK and math.isfinite(alpha)
+    return float(alpha) if known else None
+
+
+def _mean_attenuation_alone(estimate: Estimate) -> Any:
+    alpha = _mean_attenuation(estimate)
+    return None if alpha is None else estimate.make("std_msgs/msg/Float64", data=alpha)
 
 
 def _mean_attenuation_stamped(estimate: Estimate) -> Any:
     """α as x and its standard deviation as y, 0 where it is not known."""
-    visibility = estimate.visibility
-    if estimate.water.status is not Status.OK or not math.isfinite(visibility.mean_attenuation):
+    alpha, stddev = _mean_attenuation(estimate), estimate.visibility.mean_attenuation_stddev
+    if alpha is None:
         return None
-    stddev = visibility.mean_attenuation_stddev
-    return _stamped(
-        estimate, float(visibility.mean_attenuation), stddev if math.isfinite(stddev) else 0.0, 0.0
-    )
+    return _stamped(estimate, alpha, stddev if math.isfinite(stddev) else 0.0, 0.0)
 
 
 def _depth(estimate: Estimate) -> Any:
@@ -207,11 +197,11 @@ def _depth(estimate: Estimate) -> Any:
 
 _BUILDERS: dict[str, tuple[str, Callable[[Estimate], Any]]] = {
     "distance": ("sensor_msgs/msg/Range", _distance),
-    "attenuation": ("geometry_msgs/msg/Vector3Stamped", _attenuation),
-    "attenuation_stddev": ("geometry_msgs/msg/Vector3Stamped", _attenuation_stddev),
-    "ambient_light": ("geometry_msgs/msg/Vector3Stamped", _ambient_light),
-    "mean_attenuation": ("std_msgs/msg/Float64", _mean_attenuation),
-    "mean_attenuation_stamped": ("geometry_msgs/msg/Vector3Stamped", _mean_attenuation_stamped),
+    "attenuation": (VECTOR, lambda e: _vector(e, e.water.attenuation)),
+    "attenuation_stddev": (VECTOR, lambda e: _vector(e, e.water.attenuation_stddev)),
+    "ambient_light": (VECTOR, lambda e: _vector(e, e.water.ambient_light)),
+    "mean_attenuation": ("std_msgs/msg/Float64", _mean_attenuation_alone),
+    "mean_attenuation_stamped": (VECTOR, _mean_attenuation_stamped),
     "depth": ("geometry_msgs/msg/PoseWithCovarianceStamped", _depth),
 }
 

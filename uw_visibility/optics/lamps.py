@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.config.lighting import ISOTROPIC, Lamp
+from uw_visibility.config.lighting import Lamp, beam_falloff
 from uw_visibility.optics.light_model import transmission
 
 Array = NDArray[np.float64]
@@ -302,10 +302,8 @@ def _vector(values: Array) -> tuple[float, float, float]:
 
 def beam(cosine: Array, angle: float) -> Array:
     """Relative power g(θ) = exp(−ln 2 (2θ/angle)²) of a lamp, for cos θ."""
-    if angle >= ISOTROPIC:
-        return np.ones_like(cosine)
     theta = np.arccos(np.clip(cosine, -1.0, 1.0))
-    return np.asarray(np.exp(-math.log(2.0) * (2.0 * theta / math.radians(angle)) ** 2))
+    return np.asarray(np.exp(-beam_falloff(angle) * theta**2))
 
 
 def phase_function(cosine: Array) -> Array:

@@ -79,7 +79,7 @@ def write_day(output: Place, summaries: Sequence[Summary], options: ReplayOption
     places = [place(summary.output) for summary in results]
     with results_here(output, places, (MARK, "frames.csv")) as folder:
         _write(folder, [
-            replace(summary, output=str(folder / name_of(summary))) for summary in summaries
+            replace(summary, output=str(folder / summary.name)) for summary in summaries
         ], options)
     return len(results)
 
@@ -116,7 +116,7 @@ def _write_table(work: Path, results: Sequence[Summary], options: ReplayOptions)
     writer = TableWriter(table, tuple(columns))
     for summary in results:
         for row in read_rows(Path(summary.output) / "frames.csv"):
-            writer.write({TRANSECT: name_of(summary), **row})
+            writer.write({TRANSECT: summary.name, **row})
     writer.close()
     write_dictionary(table, columns)
     if options.geo:
@@ -128,14 +128,14 @@ def _write_table(work: Path, results: Sequence[Summary], options: ReplayOptions)
         wavelengths = DerivedModel.from_config(options.pipeline).effective_wavelengths
         write_netcdf(
             work / "frames.nc", table, columns, attributes, wavelengths,
-            [name_of(summary) for summary in results])
+            [summary.name for summary in results])
     if options.parquet:
         write_parquet(work / "frames.parquet", table, columns, attributes)
 
 
 def _provenance(results: Sequence[Summary]) -> dict[str, Any]:
     """Return that of all results, which were made alike."""
-    states = {name_of(summary): read_state(Path(summary.output)) for summary in results}
+    states = {summary.name: read_state(Path(summary.output)) for summary in results}
     first = next(iter(states.values()))
     return {
         "version": first["version"], "parameters": first["parameters"],
@@ -148,7 +148,7 @@ def _provenance(results: Sequence[Summary]) -> dict[str, Any]:
 def _write_mark(path: Path, summaries: Sequence[Summary]) -> None:
     content: list[Mapping[str, Any]] = [
         {
-            "transect": name_of(summary), "bag": summary.bag, "error": summary.error,
+            "transect": summary.name, "bag": summary.bag, "error": summary.error,
             "lacks": summary.lacks,
             "synopsis": None if summary.synopsis is None else summary.synopsis.state(),
         }
@@ -156,8 +156,3 @@ def _write_mark(path: Path, summaries: Sequence[Summary]) -> None:
     ]
     text = json.dumps({"transects": content}, indent=1, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
-
-
-def name_of(summary: Summary) -> str:
-    """Return the name of a recording among several: that of its folder."""
-    return Path(summary.output).name

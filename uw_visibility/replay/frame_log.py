@@ -145,7 +145,7 @@ def _made(kind: type[Any], found: dict[str, Any]) -> Any:
     for name, hint in get_type_hints(kind).items():
         if hint is Status:
             found[name] = Status(found[name])
-        elif name in found and not any(_is_a(found[name], option) for option in _options(hint)):
+        elif name in found and not _is_a(found[name], hint):
             raise TypeError(name)
         elif name in _SHAPES and found[name] is not None and found[name].shape != _SHAPES[name]:
             raise ValueError(name)
@@ -154,14 +154,10 @@ def _made(kind: type[Any], found: dict[str, Any]) -> Any:
     return kind(**found)
 
 
-def _options(hint: Any) -> tuple[Any, ...]:
-    return get_args(hint) if isinstance(hint, UnionType) else (hint,)
-
-
 def _is_a(value: Any, hint: Any) -> bool:
-    """Tell whether a value is of a type; of generic ones only their origin counts."""
-    kind = get_origin(hint) or hint
-    return type(value) is kind
+    """Tell whether a value is of a type or a union; of generic types only their origin counts."""
+    options = get_args(hint) if isinstance(hint, UnionType) else (hint,)
+    return any(type(value) is (get_origin(option) or option) for option in options)
 
 
 def _names(kind: type[Any]) -> tuple[str, ...]:

@@ -13,7 +13,6 @@ from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.config.files import sole_writer
 from uw_visibility.errors import InputError
 from uw_visibility.replay.bags.reader import BagReader
-from uw_visibility.replay.filtering import split_topics
 from uw_visibility.replay.inputs.lacks import without_lacking
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.positions import write_geojson
@@ -29,7 +28,7 @@ from uw_visibility.replay.results.mcap import EarlierPart
 from uw_visibility.replay.results.netcdf import check_netcdf, write_netcdf
 from uw_visibility.replay.results.parquet import check_parquet, write_parquet
 from uw_visibility.replay.results.provenance import FileHash, Origin
-from uw_visibility.replay.results.recorder import FrameRecorder
+from uw_visibility.replay.results.recorder import FrameRecorder, frame_topics
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.results.synopsis import Findings
 from uw_visibility.replay.table import read_rows
@@ -116,8 +115,7 @@ class _Replay:
         self._hash = FileHash(reader.files)
         self._earlier: EarlierPart | None = None
         if folder.earlier is not None:
-            alone, _ = split_topics(options.pipeline, options.node)
-            self._earlier = EarlierPart(folder.earlier, alone)
+            self._earlier = EarlierPart(folder.earlier, frame_topics(options))
         self._copied = copied_topics(
             selection, reader.channels, rectify=options.node.rectify) if options.all_topics else {}
         self._recorder = FrameRecorder(
@@ -185,8 +183,8 @@ class _Replay:
         Under lamps a frame is restored with the light of those before, but for the last few
         that several processes may still be at.
         """
-        alone, _ = split_topics(self._options.pipeline, self._options.node)
-        recording = Recording.of(self._reader, self._stream.selection, self._options, alone)
+        recording = Recording.of(
+            self._reader, self._stream.selection, self._options, frame_topics(self._options))
         known = self._earlier.answers() if self._earlier is not None else iter(())
         for event in events:
             if not isinstance(event, RecordedFrame):

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.config.lighting import beam_falloff
 from uw_visibility.errors import InputError
 from uw_visibility.simulation.lamps import Lamp
 from uw_visibility.simulation.phase_functions import phase_table
@@ -157,7 +158,7 @@ def scatter(
         )
     # The narrower a beam, the shorter the part of a ray that it lights.
     narrowest = lamps[:, 6].max(initial=0.0)
-    widening = math.sqrt(narrowest / (math.log(2.0) * (2.0 / math.radians(60.0)) ** 2))
+    widening = math.sqrt(narrowest / beam_falloff(60.0))
     nodes, weights = np.polynomial.legendre.leggauss(math.ceil(NODES * max(1.0, widening)))
     workers.rows(
         _scatter, len(rays), rays, ranges, lamps, beta, scattering,

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uw_visibility.config.lighting import beam_falloff
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.simulation.phase_functions import HENYEY_GREENSTEIN, phase_table
 
@@ -96,9 +97,7 @@ class Lamp:
     @property
     def falloff(self) -> float:
         """Coefficient k of the beam's shape e^(−kθ²), 1/rad²; 0 = the same everywhere."""
-        if self.beam_angle in (0.0, 360.0):
-            return 0.0
-        return math.log(2.0) * (2.0 / math.radians(self.beam_angle)) ** 2
+        return beam_falloff(self.beam_angle)
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from uw_visibility.water.observations import Envelopes, observe
 from uw_visibility.water.open_water import OpenWater
 from uw_visibility.water.position import compare_halves
 from uw_visibility.water.priors import Daylight, fuse
-from uw_visibility.water.transfer_check import largest_negligible
+from uw_visibility.water.transfer_check import NEGLIGIBLE_ODDS
 from uw_visibility.water.validation import (
     least_ambient_light,
     lit_by_lamps,
@@ -272,7 +272,7 @@ class WaterEstimator:
             found = replace(found, fit=replace(found.fit, parameters=parameters))
         log_odds = math.nan
         if not cues.coarse and not cues.compressed:
-            log_odds = largest_negligible() if other is None else other.log_odds
+            log_odds = NEGLIGIBLE_ODDS if other is None else other.log_odds
         if found.refuted and not cues.coarse:
             status = refuse(status, Status.NOT_ONE_WATER)
         shown = np.where(active, found.fit.parameters[:, 0], np.nan)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
-from uw_visibility.config.lighting import ISOTROPIC, Lamp
+from uw_visibility.config.lighting import Lamp
 from uw_visibility.images.view import ColourSamples
 from uw_visibility.optics.lamps import ATTENUATIONS, REFERENCE, LampTables, Table
 from uw_visibility.optics.transfer import linear_table
@@ -89,13 +89,9 @@ def points_along(size: int, step: int) -> Array:
 
 def lamp_rows(lamps: Sequence[Lamp]) -> Array:
     """Lamps as kernels take them: place, axis, fall of the beam, mean power, (L, 8)."""
-    rows = []
-    for lamp in lamps:
-        fall = 0.0
-        if lamp.beam_angle < ISOTROPIC:
-            fall = math.log(2.0) * (2.0 / math.radians(lamp.beam_angle)) ** 2
-        rows.append([*lamp.position, *lamp.direction, fall, float(np.mean(lamp.colour))])
-    return np.array(rows)
+    return np.array([
+        [*lamp.position, *lamp.direction, lamp.falloff, float(np.mean(lamp.colour))]
+        for lamp in lamps])
 
 
 def observe_incidence(

@@ -28,8 +28,9 @@ from uw_visibility.water.veil import TEMPERATURE
 CERTAIN = 3.4
 # Cameras whose transfer is not the one that was told, beforehand.
 MISTOLD = 0.05
-# Below this probability the other transfer leaves an estimate as it is.
+# Below this probability the other transfer leaves an estimate as it is; its logarithm of odds.
 NEGLIGIBLE = 0.03
+NEGLIGIBLE_ODDS = math.log(NEGLIGIBLE / (1.0 - NEGLIGIBLE) * (1.0 - MISTOLD) / MISTOLD)
 # Largest ratio of attenuations by the two transfers.
 LARGEST_CHANGE = 1.9
 # Frames of a recording show one scene, so that they are no more than so many independent ones;
@@ -116,12 +117,7 @@ class TransferVote:
 
 def negligible(log_odds: float) -> bool:
     """Whether a transfer so much likelier than that which was told leaves estimates as they are."""
-    return _probability(log_odds) < NEGLIGIBLE
-
-
-def largest_negligible() -> float:
-    """Return the largest logarithm of odds that is negligible."""
-    return math.log(NEGLIGIBLE / (1.0 - NEGLIGIBLE) * (1.0 - MISTOLD) / MISTOLD)
+    return log_odds < NEGLIGIBLE_ODDS
 
 
 def _probability(log_odds: float) -> float:

@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import functools
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from uw_visibility.errors import InputError
@@ -64,34 +65,29 @@ def check_in_any(bags: Iterable[Place], options: ReplayOptions) -> None:
         lacking = {
             name: why if name.partition(".")[0] in reader.channels else before[name]
             for name, why in found.items() if name in before}
-    for name, why in (lacking or {}).items():
+    if lacking:
+        name, why = next(iter(lacking.items()))
         raise InputError(f"no recording has {name}: {why}; --list shows what there is")
 
 
 def _lacks(reader: BagReader, options: ReplayOptions) -> Iterator[tuple[str, str]]:
-    for join in options.joins:
+    """Yield what a recording lacks of what is to be joined, and why."""
+    channels, wanted = reader.channels, options.wanted
+    checks: list[tuple[str, str, Callable[[], None]]] = [
+        (str(join), join.topic, functools.partial(check_join, reader, join))
+        for join in options.joins
+    ]
+    sensors = tuple(depth_types(options.sensor_type)) if options.sensor_type != "none" else ()
+    checks += [
+        (topic, topic, functools.partial(check_topic, channels, topic, types))
+        for topic, types in ((wanted.position, POSITION_TYPES), (wanted.depth, sensors))
+        if topic is not None and types
+    ]
+    for name, topic, check in checks:
         try:
-            if join.topic in reader.channels:
-                check_join(reader, join)
+            if topic in channels:
+                check()
             else:
-                yield str(join), _missing(join.topic)
+                yield name, f"there is no topic {topic} in the recording"
         except InputError as error:
-            yield str(join), str(error)
-    wanted = options.wanted
-    depth = None if options.sensor_type == "none" else wanted.depth
-    for topic, types in (
-        (wanted.position, POSITION_TYPES), (depth, tuple(depth_types(options.sensor_type)))
-    ):
-        if topic is None:
-            continue
-        try:
-            if topic in reader.channels:
-                check_topic(reader.channels, topic, types)
-            else:
-                yield topic, _missing(topic)
-        except InputError as error:
-            yield topic, str(error)
-
-
-def _missing(topic: str) -> str:
-    return f"there is no topic {topic} in the recording"
+            yield name, str(error)

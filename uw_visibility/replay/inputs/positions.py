@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,6 +13,7 @@ from typing import Any, NamedTuple
 from uw_visibility.errors import InputError
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.replay.columns import CHANNELS
+from uw_visibility.replay.inputs.track import Track
 
 # Positions further apart than this are not neighbours, s.
 LONGEST_GAP = 10.0
@@ -85,49 +85,26 @@ def wrap_longitude(degrees: float) -> float:
     return degrees if -180.0 <= degrees <= 180.0 else (degrees + 180.0) % 360.0 - 180.0
 
 
-class PositionTrack:
-    """Buffer of positions around the frames that wait for theirs."""
+class PositionTrack(Track[Position]):
+    """Track of positions."""
 
     def __init__(self) -> None:
-        self._positions: deque[Position] = deque()
-
-    def add(self, position: Position) -> None:
-        """Take a position; a stamp that goes back begins anew."""
-        if self._positions and position.stamp < self._positions[-1].stamp:
-            self._positions.clear()
-        self._positions.append(position)
-
-    def reaches(self, stamp: int) -> bool:
-        """Tell whether positions go as far as a stamp."""
-        return bool(self._positions) and self._positions[-1].stamp >= stamp
-
-    def forget_before(self, stamp: int) -> None:
-        """Drop what is not needed for stamps from this one on."""
-        while len(self._positions) > 1 and self._positions[1].stamp <= stamp:
-            self._positions.popleft()
+        super().__init__(LONGEST_GAP)
 
     def lack(self, stamp: int) -> str:
         """Say why there is no position at a stamp."""
-        if not self._positions or stamp < self._positions[0].stamp:
+        if self.follows(stamp):
             return "before the first fix"
-        if stamp > self._positions[-1].stamp:
+        if not self.reaches(stamp):
             return "beyond the last fix"
         return f"between fixes more than {LONGEST_GAP:g} s apart"
 
     def at(self, stamp: int) -> Position | None:
         """Return the position at a stamp, linear between its neighbours."""
-        before = None
-        for after in self._positions:
-            if after.stamp == stamp:
-                return after
-            if after.stamp > stamp:
-                break
-            before = after
-        else:
+        found = self.around(stamp)
+        if found is None:
             return None
-        if before is None or after.stamp - before.stamp > LONGEST_GAP * 1e9:
-            return None
-        share = (stamp - before.stamp) / (after.stamp - before.stamp)
+        before, after, share = found
         # Across the date line longitudes differ by 360 degrees more than they are apart.
         end = wrap_longitude(after.x - before.x) + before.x if after.geographic else after.x
         x, y, z = (

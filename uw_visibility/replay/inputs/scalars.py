@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -16,6 +15,7 @@ import numpy as np
 from uw_visibility.errors import InputError
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.inputs.track import Track
 
 LONGEST_TOLERANCE = 3600.0
 _DEEPEST = 6
@@ -126,49 +126,16 @@ class ScalarValue(NamedTuple):
     value: float
 
 
-class ScalarTrack:
-    """Buffer of a topic's values around the frames that wait for theirs.
-
-    Parameters
-    ----------
-    tolerance : float
-        Values further apart than this are not neighbours, s.
-    """
-
-    def __init__(self, tolerance: float) -> None:
-        self._tolerance = round(tolerance * 1e9)
-        self._values: deque[tuple[int, float]] = deque()
-
-    def add(self, value: ScalarValue) -> None:
-        """Take a value; a stamp that goes back begins anew."""
-        if self._values and value.stamp < self._values[-1][0]:
-            self._values.clear()
-        self._values.append((value.stamp, value.value))
-
-    def reaches(self, stamp: int) -> bool:
-        """Tell whether values go as far as a stamp."""
-        return bool(self._values) and self._values[-1][0] >= stamp
-
-    def forget_before(self, stamp: int) -> None:
-        """Drop what is not needed for stamps from this one on."""
-        while len(self._values) > 1 and self._values[1][0] <= stamp:
-            self._values.popleft()
+class ScalarTrack(Track[ScalarValue]):
+    """Track of a topic's values."""
 
     def at(self, stamp: int) -> float:
         """Return the value at a stamp, linear between neighbours; NaN where there are none."""
-        before = None
-        for after in self._values:
-            if after[0] == stamp:
-                return after[1]
-            if after[0] > stamp:
-                break
-            before = after
-        else:
+        found = self.around(stamp)
+        if found is None:
             return math.nan
-        if before is None or after[0] - before[0] > self._tolerance:
-            return math.nan
-        share = (stamp - before[0]) / (after[0] - before[0])
-        return before[1] + share * (after[1] - before[1])
+        before, after, share = found
+        return before.value + share * (after.value - before.value)
 
 
 def numbers_of(reader: BagReader, topic: str) -> list[str]:

@@ -32,6 +32,8 @@ from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.results.synopsis import Synopsis
 from uw_visibility.replay.table import read_columns
 
+UNFINISHED = "not complete: --resume goes on from it"
+
 
 def write_index(
     path: Path, title: str, results: Sequence[Summary], failed: Sequence[Summary]
@@ -50,23 +52,23 @@ def write_index(
         Recordings without a result.
     """
     recordings = {
-        _name(summary): read_columns(
+        summary.name: read_columns(
             Path(summary.output) / "frames.csv", [*dict.fromkeys((*NEEDED, *TRACK_COLUMNS))])
         for summary in results
     }
-    synopses = {_name(summary): summary.synopsis for summary in results if summary.synopsis}
+    synopses = {summary.name: summary.synopsis for summary in results if summary.synopsis}
     contrast = next(iter(synopses.values())).contrast
     write_page(
         path, "day.html", title=f"Visibility: {title}",
         sentences=_verdict(synopses, len(results) + len(failed)),
         definition=definition(contrast), formula=formula(contrast),
         rows=[
-            _row(summary, synopses[_name(summary)], recordings[_name(summary)])
+            _row(summary, synopses[summary.name], recordings[summary.name])
             for summary in results
         ],
-        failed=[{"name": _name(summary), "error": _why(summary)} for summary in failed],
+        failed=[{"name": summary.name, "error": summary.error or UNFINISHED} for summary in failed],
         lacking=[
-            {"name": _name(summary), "why": why} for summary in results for why in summary.lacks],
+            {"name": summary.name, "why": why} for summary in results for why in summary.lacks],
         series=draw_series(_together(recordings), list(recordings)),
         maps=draw_tracks(recordings),
     )
@@ -120,7 +122,7 @@ def _verdict(synopses: dict[str, Synopsis], recordings: int) -> list[list[dict[s
 
 def _row(summary: Summary, synopsis: Synopsis, columns: Columns) -> dict[str, Any]:
     """Return a recording's row of the index."""
-    name = _name(summary)
+    name = summary.name
     seen, trust = "not assessed", f"none of {amount(synopsis.frames, 'frame')}"
     if synopsis.told and synopsis.lowest and synopsis.highest:
         seen = f"{number(synopsis.low)} to {number(synopsis.high)} m, median " \
@@ -179,10 +181,6 @@ def _together(recordings: Mapping[str, Columns]) -> Columns:
     return together
 
 
-def _why(summary: Summary) -> str:
-    return summary.error or "not complete: --resume goes on from it"
-
-
 def _text(text: str) -> dict[str, str]:
     return {"text": text, "href": ""}
 
@@ -190,7 +188,3 @@ def _text(text: str) -> dict[str, str]:
 def _link(name: str, frame: int) -> dict[str, str]:
     """Return a link to the picture of a frame in the report of a recording."""
     return {"text": f"{name}, frame {frame}", "href": f"{quote(name)}/report.html#frame-{frame}"}
-
-
-def _name(summary: Summary) -> str:
-    return Path(summary.output).name

@@ -98,7 +98,7 @@ def write_report(
         other_channels=summary.refusals.has(OTHER_CHANNELS),
         plausibility=_plausibility(summary),
         timings=_timings(folder / "timings.csv"),
-        threads=_threads(summary),
+        threads=int(summary.provenance["threads"]),
         source=_source(summary),
         parameters=_parameters(summary),
     )
@@ -174,10 +174,6 @@ def _timings(path: Path) -> list[dict[str, str]]:
         }
         for stage, values in columns.items() if np.isfinite(values).any()
     ]
-
-
-def _threads(summary: Summary) -> int:
-    return int(summary.provenance["threads"])
 
 
 def _source(summary: Summary) -> list[tuple[str, str]]:

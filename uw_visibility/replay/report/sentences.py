@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from typing import NamedTuple
 
 from uw_visibility.errors import printable
+from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.report.meaning import MEANINGS
 from uw_visibility.replay.results.refusals import DISTANCE, WHOLE_FRAME, Refusal
 from uw_visibility.replay.results.summary import TAKEN, Summary
@@ -68,12 +69,11 @@ def verdict(summary: Summary) -> list[Sentence]:
 
 def definition(contrast: float) -> str:
     """Say what visibility distance is, and what it is not."""
-    factor = Synopsis(0, 0, 0, 0, 0, False, contrast).factor
     return (
         "Visibility distance: how far off a white and a black patch side by side still differ by "
         f"a contrast of {100.0 * contrast:g} % (Michelson), before open water as bright as the "
         "white one (farther where it is darker): ln((1 + C)/(2C))/β = "
-        f"{factor:.3g}/β, with C that contrast and β the attenuation of the clearest channel "
+        f"{formula(contrast)}, with C that contrast and β the attenuation of the clearest channel "
         "(Roser, Dunbabin and Geiger 2014, eq. 12). It is not Koschmieder's distance of a black "
         f"object before open water, ln(1/C)/c = {number(math.log(1.0 / contrast), 2)}/c (Duntley "
         "1963), nor the 4.8/c at which a diver loses a black disc (Davies-Colley 1988, "
@@ -83,7 +83,7 @@ def definition(contrast: float) -> str:
 
 def formula(contrast: float) -> str:
     """Return visibility distance as a short formula, such as ``2.35/β``."""
-    return f"{Synopsis(0, 0, 0, 0, 0, False, contrast).factor:.3g}/β"
+    return f"{visibility_distance(1.0, contrast):.3g}/β"
 
 
 def time_span(start: int, end: int) -> str:
@@ -122,7 +122,7 @@ def _seen(synopsis: Synopsis) -> Sentence:
 def _distance(synopsis: Synopsis) -> Sentence:
     low, high = synopsis.lowest, synopsis.highest
     assert low is not None and high is not None
-    how = f"{synopsis.factor:.3g}/β of {_channels(synopsis)}"
+    how = f"{formula(synopsis.contrast)} of {_channels(synopsis)}"
     how += ", filtered over frames" if synopsis.filtered else ""
     apart, others = "", ""
     if synopsis.filtered and synopsis.rejected_distances:

@@ -30,17 +30,6 @@ _NAMES = {"datetime": "time", "longitude": "lon", "latitude": "lat", "time": "ti
 """What columns are called here, where they are called otherwise."""
 
 
-def check_netcdf() -> None:
-    """Refuse where xarray or netCDF4 is missing, before the work rather than after it.
-
-    Raises
-    ------
-    InputError
-        Saying how to install them.
-    """
-    _libraries()
-
-
 def write_netcdf(
     path: Path,
     table: Path,
@@ -77,7 +66,7 @@ def write_netcdf(
     NetCDF Climate and Forecast (CF) Metadata Conventions, version 1.11, chapter 9,
     https://cfconventions.org
     """
-    xarray, netcdf = _libraries()
+    xarray, netcdf = check_netcdf()
     written = 0
     for number, part in enumerate(slices(table, columns)):
         values = {_name(name): _values(part[name], column) for name, column in columns.items()}
@@ -107,7 +96,14 @@ def write_netcdf(
         written += len(part["frame"])
 
 
-def _libraries() -> tuple[Any, Any]:
+def check_netcdf() -> tuple[Any, Any]:
+    """Return xarray and netCDF4, before the work rather than after it.
+
+    Raises
+    ------
+    InputError
+        Saying how to install what is missing.
+    """
     with needing("netcdf", "--netcdf"):
         return importlib.import_module("xarray"), importlib.import_module("netCDF4")
 

@@ -18,17 +18,6 @@ from uw_visibility.replay.columns import Column
 from uw_visibility.replay.table import slices
 
 
-def check_parquet() -> None:
-    """Refuse where pyarrow is missing, before the work rather than after it.
-
-    Raises
-    ------
-    InputError
-        Saying how to install it.
-    """
-    _pyarrow()
-
-
 def write_parquet(
     path: Path, table: Path, columns: Mapping[str, Column], attributes: Mapping[str, Any]
 ) -> None:
@@ -50,7 +39,7 @@ def write_parquet(
     InputError
         If pyarrow is not installed.
     """
-    arrow, parquet = _pyarrow()
+    arrow, parquet = check_parquet()
     schema = arrow.schema(
         [
             arrow.field(name, _type(arrow, column), metadata=_metadata(column))
@@ -70,7 +59,14 @@ def write_parquet(
             writer.write_table(arrow.Table.from_arrays(arrays, schema=schema))
 
 
-def _pyarrow() -> tuple[Any, Any]:
+def check_parquet() -> tuple[Any, Any]:
+    """Return pyarrow and its part for Parquet, before the work rather than after it.
+
+    Raises
+    ------
+    InputError
+        Saying how to install what is missing.
+    """
     with needing("parquet", "--parquet"):
         return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
 

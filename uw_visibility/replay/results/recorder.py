@@ -4,25 +4,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.messages.outputs import all_topics
+from uw_visibility.messages.estimates import ESTIMATES, Estimate
+from uw_visibility.messages.outputs import FILTERED, all_topics
+from uw_visibility.replay.bags.decoder import jazzy_types
 from uw_visibility.replay.bags.reader import Recorded
 from uw_visibility.replay.columns import COLUMNS, TURBIDITY, Column
 from uw_visibility.replay.columns import joined as joined_column
-from uw_visibility.replay.filtering import FilterStage
 from uw_visibility.replay.frame_log import FrameLog
 from uw_visibility.replay.inputs.options import ReplayOptions
-from uw_visibility.replay.records import JoinedFrame
+from uw_visibility.replay.records import FrameEstimate, JoinedFrame
 from uw_visibility.replay.results.data_dictionary import write_dictionary
 from uw_visibility.replay.results.mcap import ResultWriter
 from uw_visibility.replay.table import TableWriter, row_of
 from uw_visibility.replay.work import FrameAnswer
 from uw_visibility.water.derived import DerivedModel
 from uw_visibility.water.estimate import LampLight
-from uw_visibility.water.filter import FilteredWater
+from uw_visibility.water.filter import FilteredWater, WaterFilter
 
 Row = dict[str, str]
 
@@ -33,6 +34,14 @@ def columns_of(options: ReplayOptions) -> dict[str, Column]:
         **COLUMNS, **(TURBIDITY if options.turbidity else {}),
         **{join.column: joined_column(str(join)) for join in options.joins},
     }
+
+
+def frame_topics(options: ReplayOptions) -> list[str]:
+    """Return the topics that a frame alone fills: all but those of the filter over frames."""
+    topics = list(all_topics(options.node))
+    if not options.pipeline.tracking.enabled:
+        return topics
+    return [t for t in topics if t not in {f"{FILTERED}/{name}" for name in ESTIMATES}]
 
 
 class FrameRecorder:
@@ -80,7 +89,11 @@ class FrameRecorder:
             folder, all_topics(options.node), options.node.depth_frame, copied,
             with_diagnostics=options.all_topics,
         )
-        self._filter = FilterStage(options.pipeline, options.node)
+        self._node = options.node
+        self._types, self._make = jazzy_types()
+        # The only part of a frame's way that needs the frames before it, whichever process
+        # answered them.
+        self._filter = WaterFilter(options.pipeline)
         self._log = FrameLog(folder)
 
     @property
@@ -94,8 +107,11 @@ class FrameRecorder:
         self._results.write_messages(answer.messages, record.time)
         self._write_timing(answer)
         if record.estimate is not None:
-            messages, filtered = self._filter.add(record.estimate)
-            self._results.write_messages(messages, record.time)
+            filtered = self._filter.update(
+                record.estimate.water, record.estimate.header.seconds, record.estimate.rig)
+            if filtered is not None:
+                messages = list(self._filtered_messages(record.estimate, filtered))
+                self._results.write_messages(messages, record.time)
         self._log.write(record)
         return filtered
 
@@ -120,6 +136,18 @@ class FrameRecorder:
     def forget_records(self) -> None:
         """Remove the files that only a resumed replay would need."""
         self._log.remove()
+
+    def _filtered_messages(
+        self, estimate: FrameEstimate, filtered: FilteredWater
+    ) -> Iterator[tuple[str, bytes]]:
+        source = Estimate(
+            self._make, estimate.header, filtered.water, filtered.visibility,
+            estimate.field_of_view, self._node,
+        )
+        for name, kind in ESTIMATES.items():
+            message = source.message(name)
+            if message is not None:
+                yield f"{FILTERED}/{name}", bytes(self._types.serialize_cdr(message, kind))
 
     def _write_timing(self, answer: FrameAnswer) -> None:
         number = str(answer.record.frame)

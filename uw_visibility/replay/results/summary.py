@@ -8,6 +8,7 @@ import sys
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from uw_visibility.plausibility.monitor import Report
@@ -93,6 +94,11 @@ class Summary:
     plausibility: Report | None = None
     verdicts: Counter[str] = field(default_factory=Counter)
     synopsis: Synopsis | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the recording among several: that of its folder."""
+        return Path(self.output).name
 
     @property
     def assessed(self) -> int:

@@ -98,11 +98,6 @@ class Synopsis:
     rejected_distances: list[float] = field(default_factory=list)
 
     @property
-    def factor(self) -> float:
-        """Visibility distance times attenuation (eq. 12)."""
-        return math.log((1.0 + self.contrast) / (2.0 * self.contrast))
-
-    @property
     def share(self) -> float:
         """Share of the frames that show a distance by themselves."""
         return self.assessed / self.frames if self.frames else 0.0
