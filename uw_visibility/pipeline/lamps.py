@@ -12,12 +12,12 @@ import numpy as np
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.lamp_radiance import LampRestorer
-from uw_visibility.images.arrays import DisparityMap, Image, Mask, PerChannel, RangeMap
+from uw_visibility.images.arrays import Image, Mask, PerChannel, RangeMap
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.optics.lamps import DirectLight, LampTables, nodes_of, tabulate
+from uw_visibility.pipeline.filled_ranges import FilledStereo
 from uw_visibility.pipeline.result import NOT_LIMITED, NOT_WANTED, EnhancedImages
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.stereo.views import in_right_view
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.estimation import WaterEstimator
@@ -81,46 +81,38 @@ class LampEnhancement:
     def run(
         self,
         views: StereoViews,
-        filled: DisparityMap,
+        filled: FilledStereo,
         light: LampLight | None,
         right_gain: PerChannel,
         sides: Collection[str],
-    ) -> tuple[EnhancedImages, RangeMap]:
+    ) -> EnhancedImages:
         """Restore the images that are wanted.
 
         Parameters
         ----------
         views : StereoViews
             The pair.
-        filled : ndarray
-            ``(H, W)`` float32, disparity of the left view without holes, px.
+        filled : FilledStereo
+            Ranges of the left view, and of the right one where its image is wanted.
         light : LampLight or None
             Light of lamps and water; without it the images stay as they are.
         right_gain : ndarray
             ``(C,)`` float64, irradiance in the right image over that in the left.
         sides : collection of str
             "left", "right".
-
-        Returns
-        -------
-        images : EnhancedImages
-        range_map : ndarray
-            ``(H, W)`` float32, m, of `filled`; infinite where that lies at or beyond infinity.
         """
-        range_map = self._rig.range_of_filled(filled)
         left, limited, right = NOT_WANTED, NOT_LIMITED, NOT_WANTED
         power = None if light is None else light.power
         if "left" in sides:
-            left, limited = self._restore(views.left, range_map, light, False)
-        if "right" in sides:
+            left, limited = self._restore(views.left, filled.left.range_map, light, False)
+        if filled.right is not None:
             if light is not None and views.right.colour is not None:
                 light = replace(
                     light, power=light.power * right_gain,
                     scattering=light.scattering * right_gain,
                     daylight=light.daylight * right_gain, veil=light.veil * right_gain)
-            seen = self._rig.range_of_filled(in_right_view(filled, self._workers))
-            right, _ = self._restore(views.right, seen, light, True)
-        return EnhancedImages(left, right, limited, power), range_map
+            right, _ = self._restore(views.right, filled.right.range_map, light, True)
+        return EnhancedImages(left, right, limited, power)
 
     def _restore(
         self, view: View, range_map: RangeMap, light: LampLight | None, right: bool

@@ -17,13 +17,14 @@ import numpy as np
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import DisparityMap, Image, Mask, RangeMap
+from uw_visibility.images.arrays import Image, Mask, RangeMap
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import check_pair, check_valid
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.optics.light_model import scene_light_of
 from uw_visibility.pipeline.enhancement import ChannelWater, ImageEnhancement
+from uw_visibility.pipeline.filled_ranges import FilledStereo
 from uw_visibility.pipeline.first_step import CoarseEstimate, FirstStep
 from uw_visibility.pipeline.lamps import LampEnhancement, light_by_range, make_estimator
 from uw_visibility.pipeline.result import EnhancedImages, FrameResult, StereoResult
@@ -78,7 +79,7 @@ class Pipeline:
         self._estimator = make_estimator(self.config, self._assessor, rig)
         centres = rig.principal_point, rig.principal_point_right or rig.principal_point
         self._flat_field = FlatFieldCorrection(self.config.camera, centres, self._workers)
-        self._enhancement = ImageEnhancement(rig, self.config, self._workers)
+        self._enhancement = ImageEnhancement(self.config, self._workers)
         self._by_lamps = (
             None if self.config.lighting.model == "daylight"
             else LampEnhancement(rig, self.config, self._workers))
@@ -145,16 +146,15 @@ class Pipeline:
             improved = second_step.run(
                 views, coarse, clock, match_original=match_original, confidence=confidence
             )
-            measured = self.rig.range_from_disparity(improved.disparity)
             # Water tells as much of what the right view does not show.
             shown = self.rig.range_from_disparity(improved.with_occlusions)
             filled, water = self._workers.together(
-                lambda: self._fill(second_step, improved, bool(enhance), clock),
+                lambda: self._fill(second_step, improved, enhance, clock),
                 lambda: self._estimate(coarse, improved, shown, clock),
             )
             with clock("image enhancement 2"):
-                images, filled_range = self._enhance(
-                    views, improved, filled, water, coarse, shown, enhance, known_light)
+                images = self._enhance(
+                    views, filled, water, coarse, shown, enhance, known_light)
             with clock("assessment"):
                 visibility = self._assessor.assess(water)
             low, high = disparity_limits(self.config.stereo, left.shape[1])
@@ -164,8 +164,8 @@ class Pipeline:
                 visibility=visibility,
                 clear_water_attenuation=self._assessor.clear_water_attenuation,
                 stereo=StereoResult(
-                    disparity=improved.disparity, filled=filled,
-                    range=measured, filled_range=filled_range,
+                    disparity=improved.disparity, filled=filled.disparity,
+                    range=filled.measured, filled_range=filled.left.range_map,
                     confidence=improved.confidence, original=improved.original,
                     support_points=len(coarse.points), coverage=coarse.coverage,
                     min_disparity=low, max_disparity=high, right_gain=coarse.right_gain,
@@ -285,13 +285,17 @@ class Pipeline:
         return self._steps
 
     def _fill(
-        self, step: SecondStep, improved: ImprovedDisparity, wanted: bool, clock: StageClock
-    ) -> DisparityMap:
-        """Fill the gaps of the disparity; what is filled serves colour only."""
-        if not wanted:
-            return np.full_like(improved.disparity, np.nan)
-        with clock("interpolation"):
-            return step.fill(improved)
+        self, step: SecondStep, improved: ImprovedDisparity, sides: Collection[str],
+        clock: StageClock,
+    ) -> FilledStereo:
+        """Fill the gaps of the disparity, for both views; what is filled serves colour only."""
+        filled = np.full_like(improved.disparity, np.nan)
+        if sides:
+            with clock("interpolation"):
+                filled = step.fill(improved)
+        with clock("filled ranges"):
+            return FilledStereo.of(
+                self.rig, improved.disparity, filled, "right" in sides, self._workers)
 
     def _estimate(
         self,
@@ -313,19 +317,18 @@ class Pipeline:
     def _enhance(
         self,
         views: StereoViews,
-        improved: ImprovedDisparity,
-        filled: DisparityMap,
+        filled: FilledStereo,
         water: WaterEstimate,
         coarse: CoarseEstimate,
         measured: RangeMap,
         sides: Collection[str],
         known: LampLight | None,
-    ) -> tuple[EnhancedImages, RangeMap]:
+    ) -> EnhancedImages:
         if self._by_lamps is not None:
             return self._by_lamps.run(
                 views, filled, known or water.lamps, coarse.right_gain, sides)
         return self._enhancement.run(
-            views, improved.disparity, filled, self._shown_water(water, coarse, measured),
+            views, filled, self._shown_water(water, coarse, measured),
             coarse.right_gain, sides)
 
     def _shown_water(
