@@ -232,11 +232,13 @@ class Matcher:
         if confidence or asked > 0 or least > 0:
             rated = self._rate(disparity, best_right, descriptors)
             for_colour = max(asked, least_for_colour)
-            with_occlusions[(rated > 0) & (rated < for_colour)] = np.nan
+            if for_colour > 0:
+                with_occlusions[(rated > 0) & (rated < for_colour)] = np.nan
             if least > 0:
                 drop_doubtful(disparity, rated, least, self._workers)
-            disparity[rated < asked] = np.nan
-            rated[np.isnan(disparity)] = 0.0
+            if least > 0 or asked > 0:
+                disparity[rated < asked] = np.nan
+                rated[np.isnan(disparity)] = 0.0
         return DenseMatch(disparity, right, rated, with_occlusions)
 
     def _rate(
