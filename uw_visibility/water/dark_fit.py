@@ -155,7 +155,7 @@ def fit_other_transfer(
             float(odds), counts * one.fit.parameters, counts * told.fit.parameters)
 
     found = compare(
-        fit_best_ratio(fit, brightest(other, active), clear_water), as_told.ratio_fit)
+        fit_best_ratio(fit, brightest(other, active), clear_water), as_told.ratios.best)
     if found is None or open_water is None or as_told.open_water_fit.fit is None:
         return found
     veil = other_veil(open_water.veil, open_water.stddev, transfer)

@@ -41,7 +41,14 @@ from uw_visibility.water.validation import (
     refute_clearness,
     validate_fit,
 )
-from uw_visibility.water.veil import CONTRADICTION, MISTAKEN_AREA, VeilFit, average, fit_free_veil
+from uw_visibility.water.veil import (
+    CONTRADICTION,
+    MISTAKEN_AREA,
+    RatioFits,
+    VeilFit,
+    average,
+    fit_free_veil,
+)
 from uw_visibility.water.veil_gradient import UNCERTAIN
 
 # Dark envelope: its quantile, and the pixels below it at least. The paper takes
@@ -302,7 +309,8 @@ class WaterEstimator:
         if found is None or cues.open_water is None or (certain and cues.level is None):
             return None if found is None else (found, seen)
         level = cues.level or seen
-        in_water = self._fit_observations(level, active, cues.open_water, cues.coarse)
+        in_water = self._fit_observations(
+            level, active, cues.open_water, cues.coarse, found.ratios if level is seen else None)
         if in_water is None:
             return None if certain else (found, seen)
         if cues.level is not None:
@@ -322,7 +330,8 @@ class WaterEstimator:
         return averaged, level if log_odds > 0 else seen
 
     def _fit_observations(
-        self, seen: Observations, active: NDArray[np.bool_], water: OpenWater | None, coarse: bool
+        self, seen: Observations, active: NDArray[np.bool_], water: OpenWater | None,
+        coarse: bool, ratios: RatioFits | None = None,
     ) -> VeilFit | None:
         """Fit with the veil apart from the light; None where there is no fit."""
 
@@ -336,7 +345,8 @@ class WaterEstimator:
 
         return fit_free_veil(
             fit_of_veil(seen.envelope, active, self._clear_water), fuse_priors, seen.envelope,
-            brightest(seen.envelope, active), self._clear_water, seen.contrast, water, coarse)
+            brightest(seen.envelope, active), self._clear_water, seen.contrast, water, coarse,
+            ratios)
 
     def estimate_grey_view(
         self,

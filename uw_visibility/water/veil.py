@@ -91,6 +91,38 @@ class EnvelopeFit(NamedTuple):
     likelihood: float = -math.inf
 
 
+class Component(NamedTuple):
+    """Fit for one veil that may be, and how likely it is.
+
+    Attributes
+    ----------
+    fused : Fit
+        With priors.
+    held : Fit
+        With the decay of contrast too, and above clear water's attenuation.
+    likelihood : float
+        Its logarithm.
+    """
+
+    fused: Fit
+    held: Fit
+    likelihood: float
+
+
+class RatioFits(NamedTuple):
+    """Fits for the ratios of veil and brightest patch.
+
+    Attributes
+    ----------
+    components : list of Component
+    best : EnvelopeFit
+        Of the likeliest by the dark envelope alone.
+    """
+
+    components: list[Component]
+    best: EnvelopeFit
+
+
 @dataclass(frozen=True)
 class VeilFit:
     """Estimate with the veil apart from the light.
@@ -107,8 +139,10 @@ class VeilFit:
         What each cue says of β, and its standard deviation.
     disagreement : float
         Distance of the cues from each other, in standard deviations.
-    ratio_fit, open_water_fit : EnvelopeFit
-        The dark envelope's alone, for the ratio that fits it best and with open water's veil.
+    ratios : RatioFits
+        What is fitted without open water's veil.
+    open_water_fit : EnvelopeFit
+        The dark envelope's alone, with open water's veil.
     misfit : float
         Residuals of the veil that leaves the smallest; see `Fit`.
     durbin_watson : float
@@ -122,7 +156,7 @@ class VeilFit:
     scene_light_stddev: NDArray[np.float64]
     cues: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
     disagreement: float
-    ratio_fit: EnvelopeFit
+    ratios: RatioFits
     open_water_fit: EnvelopeFit
     misfit: float
     durbin_watson: float
@@ -144,6 +178,7 @@ def fit_free_veil(
     contrast: Decay | None,
     open_water: OpenWater | None,
     coarse: bool = False,
+    ratios: RatioFits | None = None,
 ) -> VeilFit | None:
     """Estimate attenuation, veil and light where the veil is not the light.
 
@@ -163,6 +198,8 @@ def fit_free_veil(
         Open water in view.
     coarse : bool
         Whether a rough estimate will do.
+    ratios : RatioFits, optional
+        Of the same envelopes and contrast, where they were fitted before.
 
     Returns
     -------
@@ -171,36 +208,37 @@ def fit_free_veil(
     """
     cues: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
     in_open_water = EnvelopeFit()
-    components, logarithms, best = _over_ratios(
+    ratios = ratios or _over_ratios(
         fit, fuse, brightest, clear_water, contrast, COARSE_RATIOS if coarse else RATIOS)
+    components = list(ratios.components)
     if open_water is not None:
         seen = _with_open_water(fit, fuse, envelope, clear_water, contrast, open_water)
         if seen is not None:
-            in_open_water = seen[2]
+            in_open_water = seen[1]
             # What looks like open water may be a smooth, far thing, the likelier the smaller.
             mistaken = 1.0 / (1.0 + open_water.fraction / MISTAKEN_AREA)
-            logarithms = [value + math.log(mistaken) for value in logarithms]
-            components.append(seen[0])
-            logarithms.append(seen[1] + math.log1p(-mistaken))
+            components = [
+                *(_weighted(component, math.log(mistaken)) for component in components),
+                _weighted(seen[0], math.log1p(-mistaken))]
     if not components:
         return None
-    weights = np.exp(np.array(logarithms) - max(logarithms))
-    likelihood = max(logarithms) + math.log(weights.sum())
+    logarithms = np.array([component.likelihood for component in components])
+    weights = np.exp(logarithms - logarithms.max())
+    likelihood = float(logarithms.max()) + math.log(weights.sum())
     weights /= weights.sum()
-    nearest = min(components, key=lambda component: component.misfit)
-    alone = _mixture(components, weights)
+    fused = [component.fused for component in components]
+    held = [component.held for component in components]
+    nearest = min(fused, key=lambda component: component.misfit)
+    alone = _mixture(fused, weights)
     name = "open water" if open_water is not None else "dark envelope"
     cues[name] = _attenuation(alone)
     disagreement = 0.0
     if contrast is not None:
         cues["contrast"] = contrast.attenuation, np.sqrt(np.diag(contrast.covariance))
         disagreement = _distance(alone, contrast)
-        components = [_update(component, contrast) for component in components]
-    components = [hold_above_clear_water(component, clear_water) for component in components]
-    mixed = _mixture(components, weights)
-    light, deviation = _light(components, weights, envelope)
+    light, deviation = _light(held, weights, envelope)
     return VeilFit(
-        _with_model_error(mixed), light, deviation, cues, disagreement, best,
+        _with_model_error(_mixture(held, weights)), light, deviation, cues, disagreement, ratios,
         in_open_water, nearest.misfit, nearest.durbin_watson, likelihood)
 
 
@@ -314,13 +352,9 @@ def _light_of_ratio(ratio: float) -> NDArray[np.float64]:
 def _over_ratios(
     fit: FitVeil, fuse: FuseVeil, brightest: NDArray[np.float64],
     clear_water: NDArray[np.float64], contrast: Decay | None, ratios: tuple[float, ...],
-) -> tuple[list[Fit], list[float], EnvelopeFit]:
-    """Fit for each ratio of veil and brightest patch.
-
-    Returns fits, their log likelihoods, and the best by the envelope alone.
-    """
-    components: list[Fit] = []
-    logarithms: list[float] = []
+) -> RatioFits:
+    """Fit for each ratio of veil and brightest patch."""
+    components: list[Component] = []
     best, hopeless = EnvelopeFit(), False
     for ratio in ratios:
         if hopeless and ratio < 1.0:
@@ -331,32 +365,38 @@ def _over_ratios(
         alone = _likelihood(found, clear_water)
         best = _likelier(best, found, alone)
         hopeless = alone < best.likelihood - HOPELESS
+        fused = fuse(
+            found, _light_of_ratio(ratio), 1.05 * ratio * brightest, np.full(3, RATIO_TOLERANCE))
         likelihood = alone + math.log(PRIOR[RATIOS.index(ratio)])
-        found = _regular(fuse(
-            found, _light_of_ratio(ratio), 1.05 * ratio * brightest, np.full(3, RATIO_TOLERANCE)))
-        if contrast is not None:
-            likelihood += likelihood_of_contrast(found, contrast)
-        components.append(found)
-        logarithms.append(likelihood)
-    return components, logarithms, best
+        components.append(_component(fused, likelihood, clear_water, contrast))
+    return RatioFits(components, best)
 
 
 def _with_open_water(
     fit: FitVeil, fuse: FuseVeil, envelope: Envelopes, clear_water: NDArray[np.float64],
     contrast: Decay | None, water: OpenWater,
-) -> tuple[Fit, float, EnvelopeFit] | None:
-    """Fit with the veil that open water shows.
-
-    Returns the fit with priors and its log likelihood, and the envelope's alone.
-    """
+) -> tuple[Component, EnvelopeFit] | None:
+    """Fit with the veil that open water shows; also returns the envelope's alone."""
     light, alone = fit_open_water(fit, envelope, clear_water, water.veil, water.stddev)
     if alone.fit is None:
         return None
-    likelihood = alone.likelihood
-    fused = _regular(fuse(alone.fit, light, water.veil, water.stddev / water.veil))
+    fused = fuse(alone.fit, light, water.veil, water.stddev / water.veil)
+    return _component(fused, alone.likelihood, clear_water, contrast), alone
+
+
+def _component(
+    fit: Fit, likelihood: float, clear_water: NDArray[np.float64], contrast: Decay | None
+) -> Component:
+    """Add the decay of contrast, and clear water, to a fit with priors and its log likelihood."""
+    fused = held = _regular(fit)
     if contrast is not None:
         likelihood += likelihood_of_contrast(fused, contrast)
-    return fused, likelihood, alone
+        held = _update(fused, contrast)
+    return Component(fused, hold_above_clear_water(held, clear_water), likelihood)
+
+
+def _weighted(component: Component, logarithm: float) -> Component:
+    return component._replace(likelihood=component.likelihood + logarithm)
 
 
 def _bright_light(
