@@ -130,4 +130,6 @@ def _samples(
     codes = np.ascontiguousarray(image[::stride, ::stride].reshape(distance.size, -1).T)
     usable = measured[::stride, ::stride].ravel() & (distance > 0) & (distance < farthest)
     usable &= (codes < np.iinfo(image.dtype).max).all(axis=0)
-    return codes[:, usable], distance[usable].astype(np.float64)
+    chosen = np.flatnonzero(usable)
+    # Each channel in a piece, which a mask of both axes would not leave them in.
+    return codes.take(chosen, axis=1), distance[chosen].astype(np.float64)

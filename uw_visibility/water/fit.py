@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.jit import njit
 from uw_visibility.optics.light_model import transmission, veil_of
 
 ATTENUATION_BOUNDS = (1e-4, 10.0)
@@ -125,12 +127,24 @@ def _jacobian(
 
 def moved(fit: Fit, step: NDArray[np.float64], known: NDArray[np.float64]) -> Fit:
     """Add a step to the parameters, and take what is known now off their covariance."""
-    values = fit.parameters + step.reshape(3, 2)
+    values, covariance = np.empty((3, 2)), np.empty((6, 6))
+    _move(fit.parameters, fit.covariance, step, known, values, covariance)
+    return replace(fit, parameters=values, covariance=covariance)
+
+
+@njit(nogil=True)
+def _move(
+    before: Any, covariance_before: Any, step: Any, known: Any, values: Any, covariance: Any
+) -> None:
+    """Write parameters and covariance after a step; within bounds, and symmetric."""
     least, largest = ATTENUATION_BOUNDS
-    values[:, 0] = np.minimum(np.maximum(values[:, 0], least), largest)
-    values[:, 1] = np.maximum(values[:, 1], LEAST_LIGHT * fit.parameters[:, 1])
-    covariance = fit.covariance - known
-    return replace(fit, parameters=values, covariance=0.5 * (covariance + covariance.T))
+    for c in range(3):
+        values[c, 0] = min(max(before[c, 0] + step[2 * c], least), largest)
+        values[c, 1] = max(before[c, 1] + step[2 * c + 1], LEAST_LIGHT * before[c, 1])
+    for i in range(6):
+        for j in range(6):
+            covariance[i, j] = 0.5 * (
+                (covariance_before[i, j] - known[i, j]) + (covariance_before[j, i] - known[j, i]))
 
 
 def blank(

@@ -215,6 +215,7 @@ def find_open_water(
     far = beyond > 0.5
     if not far.any():
         return None
+    before = _places(far)
     for label in range(1, number):
         part = labels == label
         if np.count_nonzero(part) < max(LEAST_AREA * part.size, 6):
@@ -223,11 +224,14 @@ def find_open_water(
         light = _light(means[part], irradiance)
         if not _is_water(means[part], light, irradiance, scene):
             continue
-        if _continued(part, means, matched, smooth, code) < allowed or scene.fades_into(
-            _veil_before(far, part, light), float(part.mean())
-        ):
+        share = float(part.mean())
+        if _continued(part, means, matched, smooth, code) < allowed:
             area |= part
-        elif part.mean() >= POSSIBLE_AREA and scene.as_far(_veil_before(far, part, light)):
+            continue
+        veil = _veil_before(before, part, light)
+        if scene.fades_into(veil, share):
+            area |= part
+        elif share >= POSSIBLE_AREA and scene.as_far(veil):
             possible |= part
     certain = bool(area.any())
     if not certain:
@@ -258,11 +262,11 @@ def _places(cells: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 
 def _veil_before(
-    far: NDArray[np.bool_], part: NDArray[np.bool_], light: NDArray[np.float64]
+    before: NDArray[np.float64], part: NDArray[np.bool_], light: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Veil before the far scene, as an area of open water shows it and its gradient, (3, N)."""
+    """Veil at places (N, 2), as an area of open water shows it and its gradient, (3, N)."""
     gradient = fit_gradient(light, _places(part), np.full(len(light), 1.0 / len(light)))
-    return np.median(light, axis=0)[:, np.newaxis] * gradient.at(_places(far))
+    return np.median(light, axis=0)[:, np.newaxis] * gradient.at(before)
 
 
 def _areas(blank: NDArray[np.bool_]) -> tuple[int, NDArray[np.int32]]:

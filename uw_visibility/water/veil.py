@@ -14,11 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.jit import njit
 from uw_visibility.optics.light_model import transmission
 from uw_visibility.water.clear_water import hold_above_clear_water
 from uw_visibility.water.contrast import Decay
@@ -429,14 +430,24 @@ def _light(
 
 def _likelihood(fit: Fit, clear_water: NDArray[np.float64]) -> float:
     """Logarithm of how likely the dark envelope is, and channels that differ so."""
-    particles = fit.parameters[:, 0] - clear_water
-    mean = max(float(particles.mean()), 0.0)
-    variance = (0.02 + 0.3 * mean) ** 2 + np.diag(fit.covariance)[0::2]
-    off = float(((particles - particles.mean()) ** 2 / variance).sum())
-    off += float((np.minimum(particles, 0.0) ** 2 / (
-        (CLEAR_WATER_TOLERANCE * clear_water) ** 2 + np.diag(fit.covariance)[0::2])).sum())
+    off = _off(fit.parameters, fit.covariance, clear_water)
     bins = fit.cost / (TEMPERATURE * NEIGHBOURING_BINS)
     return -0.5 * (bins + TAIL**2 * math.log1p(off / TAIL**2))
+
+
+@njit(nogil=True)
+def _off(parameters: Any, covariance: Any, clear_water: Any) -> float:
+    """Squared deviations of the channels from one another, and below clear water."""
+    particles = parameters[:, 0] - clear_water
+    mean = (particles[0] + particles[1] + particles[2]) / 3
+    alike = (0.02 + 0.3 * max(mean, 0.0)) ** 2
+    differing, below = 0.0, 0.0
+    for c in range(3):
+        variance = covariance[2 * c, 2 * c]
+        differing += (particles[c] - mean) ** 2 / (alike + variance)
+        below += min(particles[c], 0.0) ** 2 / (
+            (CLEAR_WATER_TOLERANCE * clear_water[c]) ** 2 + variance)
+    return differing + below
 
 
 def likelihood_of_contrast(fit: Fit, contrast: Decay) -> float:
