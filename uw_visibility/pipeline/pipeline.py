@@ -17,7 +17,7 @@ import numpy as np
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Image, Mask, RangeMap
+from uw_visibility.images.arrays import Image, Mask, PerChannel, RangeMap
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import check_pair, check_valid
 from uw_visibility.images.view import StereoViews, View
@@ -35,7 +35,7 @@ from uw_visibility.status import Status
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.search_range import disparity_limits
-from uw_visibility.water.assessment import Assessor
+from uw_visibility.water.assessment import Assessor, Visibility
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.estimation import WaterEstimator
 from uw_visibility.water.validation import compare_steps
@@ -146,17 +146,13 @@ class Pipeline:
             improved = second_step.run(
                 views, coarse, clock, match_original=match_original, confidence=confidence
             )
-            # Water tells as much of what the right view does not show.
-            shown = self.rig.range_from_disparity(improved.with_occlusions)
-            filled, water = self._workers.together(
+            filled, (water, visibility, shown) = self._workers.together(
                 lambda: self._fill(second_step, improved, enhance, clock),
-                lambda: self._estimate(coarse, improved, shown, clock),
+                lambda: self._assess(coarse, improved, clock),
             )
             with clock("image enhancement 2"):
                 images = self._enhance(
-                    views, filled, water, coarse, shown, enhance, known_light)
-            with clock("assessment"):
-                visibility = self._assessor.assess(water)
+                    views, filled, water, shown, coarse.right_gain, enhance, known_light)
             low, high = disparity_limits(self.config.stereo, left.shape[1])
             return FrameResult(
                 water=water,
@@ -297,39 +293,44 @@ class Pipeline:
             return FilledStereo.of(
                 self.rig, improved.disparity, filled, "right" in sides, self._workers)
 
-    def _estimate(
-        self,
-        coarse: CoarseEstimate,
-        improved: ImprovedDisparity,
-        measured: RangeMap,
-        clock: StageClock,
-    ) -> WaterEstimate:
-        """Estimate the water again, from the original pixels and the improved range."""
+    def _assess(
+        self, coarse: CoarseEstimate, improved: ImprovedDisparity, clock: StageClock
+    ) -> tuple[WaterEstimate, Visibility, ChannelWater | None]:
+        """Estimate the water again, from the original pixels and the improved range; assess it.
+
+        Also returns the water that images by daylight are restored with.
+        """
         with clock("visibility estimation 2"):
-            if coarse.by_chance or improved.support_points < FEWEST_SUPPORT_POINTS:
-                return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
-            water = self._estimator.estimate_view(
-                coarse.view, measured, start=coarse.water,
-                range_error=self.rig.range_error(),
-            )
-            return compare_steps(coarse.water, water)
+            # Water tells as much of what the right view does not show.
+            ranges = self.rig.range_from_disparity(improved.with_occlusions)
+            water = self._estimate(coarse, improved, ranges)
+            shown = None if self._by_lamps else self._shown_water(water, coarse, ranges)
+        with clock("assessment"):
+            return water, self._assessor.assess(water), shown
+
+    def _estimate(
+        self, coarse: CoarseEstimate, improved: ImprovedDisparity, ranges: RangeMap
+    ) -> WaterEstimate:
+        if coarse.by_chance or improved.support_points < FEWEST_SUPPORT_POINTS:
+            return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
+        water = self._estimator.estimate_view(
+            coarse.view, ranges, start=coarse.water, range_error=self.rig.range_error())
+        return compare_steps(coarse.water, water)
 
     def _enhance(
         self,
         views: StereoViews,
         filled: FilledStereo,
         water: WaterEstimate,
-        coarse: CoarseEstimate,
-        measured: RangeMap,
+        shown: ChannelWater | None,
+        right_gain: PerChannel,
         sides: Collection[str],
         known: LampLight | None,
     ) -> EnhancedImages:
-        if self._by_lamps is not None:
-            return self._by_lamps.run(
-                views, filled, known or water.lamps, coarse.right_gain, sides)
-        return self._enhancement.run(
-            views, filled, self._shown_water(water, coarse, measured),
-            coarse.right_gain, sides)
+        if shown is None:
+            assert self._by_lamps is not None
+            return self._by_lamps.run(views, filled, known or water.lamps, right_gain, sides)
+        return self._enhancement.run(views, filled, shown, right_gain, sides)
 
     def _shown_water(
         self, water: WaterEstimate, coarse: CoarseEstimate, measured: RangeMap
