@@ -57,7 +57,9 @@ def accumulate(
         Filled; see `CELL_BITS`.
     """
     height, width = range_map.shape
-    place = np.empty(width, np.int32)
+    # Margins have no cell.
+    place, smooth = np.full(width, -1, np.int32), np.empty(width, np.int32)
+    limit = np.empty(width, np.float32)
     coloured = False
     margin = margins[1]
     stride = max(1, round(np.sqrt(height * width / PIXELS_READ_WHOLE)))
@@ -65,9 +67,10 @@ def accumulate(
         if np.isinf(tolerance):
             _place_row(range_map[y], low, cells_per_metre, place)
         else:
-            _place_smooth_row(
-                range_map[y], inverse, y, low, cells_per_metre, tolerance, noise, margins, place
-            )
+            _mark_smooth(inverse, y, tolerance, noise, margins, limit, smooth)
+            inner = slice(margin, width - margin)
+            _place_row(range_map[y][inner], low, cells_per_metre, place[inner])
+            _keep(smooth, place[inner])
         for x in range(width):
             cell = place[x]
             if cell < 0 or (masked and not mask[y, x]):
@@ -87,44 +90,68 @@ def accumulate(
 @njit(nogil=True)
 def _place_row(here: Any, low: float, cells_per_metre: float, place: Any) -> None:
     """Write the cell of range of each pixel of a row, or -1."""
-    for x in range(len(here)):
+    zero, cells, nothing = np.float32(0), np.float32(CELLS), np.int32(-1)
+    for x in range(place.size):
         cell = (here[x] - low) * cells_per_metre
-        place[x] = np.int32(cell) if cell >= 0 and cell < CELLS else np.int32(-1)
+        place[x] = np.int32(cell) if (cell >= zero) & (cell < cells) else nothing
 
 
 @njit(nogil=True)
-def _place_smooth_row(
-    here: Any, inverse: Any, y: int, low: float, cells_per_metre: float, tolerance: float,
-    noise: float, margins: tuple[int, int], place: Any,
+def _mark_smooth(
+    inverse: Any, y: int, tolerance: float, noise: float, margins: tuple[int, int], limit: Any,
+    smooth: Any,
 ) -> None:
-    """Write the cell of range of each pixel of a row that lies on a smooth surface, or -1.
+    """Mark the pixels of a row, without its margins, that lie on a smooth surface by 1.
 
     The inverse of range is linear over a plane; at a jump its second
     difference is as large as the jump. Beside unknown pixels, comparisons are
-    false. Without branches, the loop vectorises.
+    false.
     """
     near, far = margins
-    middle = inverse[y]
-    up, down, top, bottom = inverse[y - near], inverse[y + near], inverse[y - far], inverse[y + far]
-    place[:] = -1
-    for x in range(far, len(here) - far):
+    row, top, bottom = inverse[y], inverse[y - far], inverse[y + far]
+    inner = slice(far, row.size - far)
+    middle = row[inner]
+    _start(middle, tolerance, noise, limit, smooth)
+    for reach in (near, far):
+        up, down = inverse[y - reach], inverse[y + reach]
+        before, after = far - reach, far + reach
+        _keep_straight(
+            row[before:], row[after:], up[inner], down[inner], middle, limit, smooth)
+        _keep_straight(
+            up[before:], down[after:], up[after:], down[before:], middle, limit, smooth)
+    _keep_flat(row, row[2 * far:], top[inner], bottom[inner], middle, smooth)
+
+
+@njit(nogil=True)
+def _start(middle: Any, tolerance: float, noise: float, limit: Any, smooth: Any) -> None:
+    for x in range(middle.size):
+        limit[x] = tolerance * middle[x] + noise
+        smooth[x] = 1
+
+
+@njit(nogil=True)
+def _keep_straight(
+    a: Any, b: Any, c: Any, d: Any, middle: Any, limit: Any, smooth: Any
+) -> None:
+    """Keep pixels midway between a and b, and c and d; of few arrays compilers make vector code."""
+    for x in range(middle.size):
         twice = middle[x] + middle[x]
-        limit = tolerance * middle[x] + noise
+        straight = (abs(a[x] + b[x] - twice) <= limit[x]) & (abs(c[x] + d[x] - twice) <= limit[x])
+        smooth[x] = smooth[x] if straight else np.int32(0)
+
+
+@njit(nogil=True)
+def _keep_flat(a: Any, b: Any, c: Any, d: Any, middle: Any, smooth: Any) -> None:
+    for x in range(middle.size):
         steep = MAX_SLOPE * middle[x]
-        smooth = (
-            (abs(middle[x - near] + middle[x + near] - twice) <= limit)
-            & (abs(middle[x - far] + middle[x + far] - twice) <= limit)
-            & (abs(up[x] + down[x] - twice) <= limit)
-            & (abs(top[x] + bottom[x] - twice) <= limit)
-            & (abs(up[x - near] + down[x + near] - twice) <= limit)
-            & (abs(up[x + near] + down[x - near] - twice) <= limit)
-            & (abs(top[x - far] + bottom[x + far] - twice) <= limit)
-            & (abs(top[x + far] + bottom[x - far] - twice) <= limit)
-            & (abs(middle[x + far] - middle[x - far]) <= steep)
-            & (abs(top[x] - bottom[x]) <= steep)
-        )
-        cell = (here[x] - low) * cells_per_metre
-        place[x] = np.int32(cell) if smooth & (cell >= 0) & (cell < CELLS) else np.int32(-1)
+        flat = (abs(b[x] - a[x]) <= steep) & (abs(c[x] - d[x]) <= steep)
+        smooth[x] = smooth[x] if flat else np.int32(0)
+
+
+@njit(nogil=True)
+def _keep(smooth: Any, place: Any) -> None:
+    for x in range(place.size):
+        place[x] = place[x] if smooth[x] != 0 else np.int32(-1)
 
 
 @njit(nogil=True)
