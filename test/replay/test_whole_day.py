@@ -53,7 +53,7 @@ def replayed_day(bags: list[Path], out: Path, *options: str) -> Path:
     with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as ended:
         # Drawing takes longer than all else, and is looked at elsewhere.
         for module, name in (
-            ("report", "draw_series"), ("report", "draw_track"), ("day", "draw_series"),
+            ("report", "draw_series"), ("report", "draw_tracks"), ("day", "draw_series"),
             ("day", "draw_tracks"), ("joins", "draw"),
         ):
             patch.setattr(f"uw_visibility.replay.report.{module}.{name}", lambda *_: [])

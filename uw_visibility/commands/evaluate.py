@@ -191,15 +191,12 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> None:
 
 
 def _run_adverse(arguments: argparse.Namespace, progress: Progress) -> None:
+    from uw_visibility.evaluation.adverse.cases import evaluate_adverse_case
     from uw_visibility.evaluation.adverse.report import adverse_text, write_adverse
     from uw_visibility.evaluation.adverse.scenes import find_adverse_scenes
-    from uw_visibility.evaluation.adverse.study import (
-        ATTENUATIONS,
-        DEPTHS,
-        AdversePlan,
-        run_adverse,
-    )
+    from uw_visibility.evaluation.adverse.study import ATTENUATIONS, DEPTHS, AdversePlan
     from uw_visibility.evaluation.adverse.summary import summarise_adverse
+    from uw_visibility.evaluation.parallel import run_cases
 
     plan = AdversePlan(
         scenes=find_adverse_scenes(arguments.datasets),
@@ -210,7 +207,8 @@ def _run_adverse(arguments: argparse.Namespace, progress: Progress) -> None:
         matched=arguments.ranges == "matched",
         config=_read_config(arguments.params_file, {}),
     )
-    results = run_adverse(plan, arguments.jobs, progress)
+    results = run_cases(
+        evaluate_adverse_case, plan.cases(), plan.config, arguments.jobs, progress)
     summary = summarise_adverse(results)
     with gathered(arguments.output, last=RESULT, clear=arguments.force) as folder:
         write_adverse(folder, plan, results, summary)
@@ -224,12 +222,17 @@ def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> None:
         raise InputError("--lamps renders its own scenes: leave out the DATASET")
     plan = _lamp_plan(arguments)
     _check_figures()
+    from uw_visibility.evaluation.lamps.cases import evaluate_lamp_case
     from uw_visibility.evaluation.lamps.figures import draw_survey, draw_visibility
     from uw_visibility.evaluation.lamps.report import lamps_text, write_lamps
-    from uw_visibility.evaluation.lamps.study import run_lamps
     from uw_visibility.evaluation.lamps.summary import summarise_lamps
+    from uw_visibility.evaluation.lamps.survey import run_survey
+    from uw_visibility.evaluation.parallel import run_cases
 
-    results, survey = run_lamps(plan, arguments.jobs, progress)
+    results = run_cases(evaluate_lamp_case, plan.cases(), plan.config, arguments.jobs, progress)
+    survey = None
+    if plan.survey is not None:
+        survey = run_survey(plan.survey, arguments.jobs, progress)
     summary = summarise_lamps(results, survey)
     with gathered(arguments.output, last=RESULT, clear=arguments.force) as folder:
         write_lamps(folder, plan, results, survey, summary)
@@ -273,7 +276,9 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         Plan,
     )
     from uw_visibility.evaluation.scenes import find_scenes
-    from uw_visibility.evaluation.transects import TransectPlan
+    from uw_visibility.simulation.camera import StereoCamera
+    from uw_visibility.simulation.frame import Effects
+    from uw_visibility.simulation.transect import Transect
 
     quick = arguments.quick
     frames = arguments.frames
@@ -281,9 +286,10 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         frames = QUICK_FRAMES if quick else FRAMES
     transect = None
     if frames != 0:
-        size = QUICK_SIZE if quick else (640, 480)
-        transect = TransectPlan(frames, *size, arguments.marine_snow, arguments.caustics)
-        transect.transect()
+        width, height = QUICK_SIZE if quick else (640, 480)
+        transect = Transect(
+            frames, camera=StereoCamera(width, height, width * 15 / 16),
+            effects=Effects(arguments.marine_snow, arguments.caustics))
     if quick and arguments.paper:
         raise InputError("--paper and --quick are two grids: give one of them")
     attenuations, depths = (

@@ -192,7 +192,6 @@ def run(arguments: argparse.Namespace) -> None:
         camera=_of_arguments(StereoCamera, arguments, focal_length=focal_length),
         sensor=_sensor(arguments),
         effects=_of_arguments(Effects, arguments),
-        workers=Workers(arguments.threads),
         camera_effects=_of_arguments(CameraEffects, arguments),
         water_effects=_water_effects(arguments),
         lighting=_lighting(arguments),
@@ -204,6 +203,7 @@ def run(arguments: argparse.Namespace) -> None:
         range_scale=arguments.range_scale,
         position=None if arguments.position is None else tuple(arguments.position),
         overwrite=arguments.force,
+        workers=Workers(arguments.threads),
         progress=lambda frames: progress_bar(frames, "simulate", transect.frames),
     )
     say(f"{arguments.output}: {transect.frames} stereo frames at {transect.rate:g} Hz")

@@ -28,14 +28,11 @@ from uw_visibility.evaluation.first_step import first_enhancement
 from uw_visibility.evaluation.methods import of_kind, titles
 from uw_visibility.evaluation.noise_axis import sensor_of
 from uw_visibility.evaluation.oracle_matching import match_with_truth
-from uw_visibility.evaluation.readings import Reading, Truth, flat
+from uw_visibility.evaluation.readings import Reader, Reading, Truth, flat
 from uw_visibility.evaluation.reliability import Reliability
 from uw_visibility.evaluation.scenes import SceneSource, search_limit, tolerance
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
-from uw_visibility.water.assessment import Assessor
-from uw_visibility.water.estimate import WaterEstimate
-from uw_visibility.water.estimation import WaterEstimator
 from uw_visibility.water.observations import Envelopes
 
 Image = NDArray[np.uint8]
@@ -214,7 +211,7 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
     """
     scene = case.source.load()
     bench = _bench(case.source, config)
-    kappa = bench.assessor.clear_water_attenuation
+    kappa = bench.reader.assessor.clear_water_attenuation
     truth = Truth.of_clear_water_and_particles(
         case.mean_attenuation, case.depth, kappa, config.assessment.contrast
     )
@@ -236,7 +233,7 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         disparities[name] = own.image(left, right, bench.disparities - 1, dtype=np.float32)
     disparities["oracle_ours"] = match_with_truth(
         left, right, fill_from_background(scene.disparity_left), truth, bench.rig, bench.config)
-    readings = bench.read(left, bench.exact_range, result, refusal)
+    readings = bench.read(left, result, refusal)
     known = scene.disparity_left, tolerance(scene)
     return CaseResult(
         scene=scene.name,
@@ -281,45 +278,29 @@ class _Bench:
         self.rig = scene.rig
         self.pipeline = Pipeline(self.rig, self.config)
         self.exact_range = scene.range_of(scene.disparity_left)
-        camera = config.camera
-        self.assessor = Assessor.from_config(config)
-        self._estimators = {
-            method: WaterEstimator(
-                replace(config.water, method=method),
-                self.assessor.clear_water_attenuation, camera.transfer,
-                self.assessor.daylight,
-            )
-            for method in (config.water.method, "paper")
-        }
+        self.reader = Reader(config)
 
     def read(
-        self, left: Image, exact_range: Map, result: FrameResult | None, refusal: str | None
+        self, left: Image, result: FrameResult | None, refusal: str | None
     ) -> dict[str, Reading]:
         """Estimate the water by both methods, with the pipeline's ranges and with the true ones."""
-        method = self.config.water.method
+        reader = self.reader
         readings = {
-            name: self._reading(
-                self._estimators[by].estimate(left, exact_range, range_error=0.0))
-            for name, by in (("exact", method), ("paper_exact", "paper"))
+            "exact": reader.estimate(left, self.exact_range),
+            "paper_exact": reader.estimate(left, self.exact_range, "paper"),
         }
         if result is None:
             refused = Reading.refused(refusal or "")
             readings |= dict.fromkeys(("step1", "pipeline", "paper_pipeline"), refused)
         else:
             found = self.rig.range_from_disparity(result.disparity)
-            readings["step1"] = self._reading(result.coarse_water)
+            readings["step1"] = reader.read(result.coarse_water)
             readings["pipeline"] = Reading.of_result(result)
-            readings["paper_pipeline"] = self._reading(
-                # Which takes every range as exact.
-                self._estimators["paper"].estimate(left, found, range_error=0.0)
-            )
+            readings["paper_pipeline"] = reader.estimate(left, found, "paper")
         for name, own in of_kind("estimator").items():
-            found = exact_range if result is None else result.range
-            readings[name] = self._reading(own.run(left, found, self.config.camera.transfer))
+            found = self.exact_range if result is None else result.range
+            readings[name] = reader.read(own.run(left, found, self.config.camera.transfer))
         return {name: readings[name] for name in READINGS}
-
-    def _reading(self, estimate: WaterEstimate) -> Reading:
-        return Reading.of(estimate, self.assessor.assess(estimate))
 
 
 @lru_cache(maxsize=1)

@@ -20,8 +20,9 @@ from uw_visibility.evaluation.noise_axis import sensor_of
 from uw_visibility.evaluation.parallel import Progress, run_cases
 from uw_visibility.evaluation.reliability import Reliability
 from uw_visibility.evaluation.scenes import SceneSource
-from uw_visibility.evaluation.transects import TransectPlan, TransectRow, evaluate_transect
+from uw_visibility.evaluation.transects import TransectRow, evaluate_transect
 from uw_visibility.simulation.camera import NOISELESS
+from uw_visibility.simulation.transect import Transect
 
 ATTENUATIONS = (0.0, 0.1, 0.2, 0.3)
 DEPTHS = (1.0, 2.0, 5.0)
@@ -49,7 +50,7 @@ class Plan:
         α, 1/m, rising.
     depths : tuple of float
         z, m, rising.
-    transect : TransectPlan or None
+    transect : Transect or None
         The transect, where one is wanted.
     config : PipelineConfig
         Parameters of the pipeline, but for its threads. The paper's experiments have
@@ -61,7 +62,7 @@ class Plan:
     scenes: Sequence[SceneSource]
     attenuations: tuple[float, ...] = ATTENUATIONS
     depths: tuple[float, ...] = DEPTHS
-    transect: TransectPlan | None = None
+    transect: Transect | None = None
     config: PipelineConfig = field(
         default_factory=lambda: PipelineConfig.from_parameters({"water.veil": "paper"}))
     noises: tuple[str, ...] = ()
@@ -153,7 +154,7 @@ def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: it
     for scene in plan.scenes:
         scene.load()
     # The transect goes first: it is the longest piece.
-    work: list[TransectPlan | Case] = [] if plan.transect is None else [plan.transect]
+    work: list[Transect | Case] = [] if plan.transect is None else [plan.transect]
     cases, noisy = plan.cases(), plan.noisy_cases()
     work += [*cases, *noisy]
     ordered = run_cases(_evaluate, work, plan.config, jobs, progress)
@@ -161,7 +162,7 @@ def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: it
     return Evaluation(plan, ordered[:len(cases)], transect, ordered[len(cases):])
 
 
-def _evaluate(piece: TransectPlan | Case, config: PipelineConfig) -> Any:
+def _evaluate(piece: Transect | Case, config: PipelineConfig) -> Any:
     if isinstance(piece, Case):
         return evaluate_case(piece, config)
     return evaluate_transect(piece, config)

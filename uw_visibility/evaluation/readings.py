@@ -19,8 +19,9 @@ from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.assessment import Visibility
+from uw_visibility.water.assessment import Assessor, Visibility
 from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.estimation import WaterEstimator
 from uw_visibility.water.filter import FilteredWater
 
 CHANNELS = ("red", "green", "blue")
@@ -148,6 +149,43 @@ class Reading:
         reading = cls.of(WaterEstimate.not_assessable(Status.NO_TEXTURE), visibility)
         statuses = dict.fromkeys(("status", "distance_status", "depth_status"), reason)
         return cls(**{**vars(reading), **statuses})
+
+
+class Reader:
+    """Reader of estimates of the water, and of what a method makes of an image and its ranges.
+
+    Parameters
+    ----------
+    config : PipelineConfig
+        How the water is estimated and assessed.
+
+    Attributes
+    ----------
+    assessor : Assessor
+    """
+
+    def __init__(self, config: PipelineConfig) -> None:
+        self._config = config
+        self.assessor = Assessor.from_config(config)
+
+    def read(self, estimate: WaterEstimate) -> Reading:
+        """Return an estimate with its assessment."""
+        return Reading.of(estimate, self.assessor.assess(estimate))
+
+    def estimate(
+        self, image: NDArray[np.uint8], ranges: NDArray[np.float32], method: str | None = None
+    ) -> Reading:
+        """Estimate the water from an image and ranges, m, each of which is taken as exact.
+
+        `method` is that of the configuration where absent, see `WaterConfig`.
+        """
+        config = self._config
+        water = config.water if method is None else replace(config.water, method=method)
+        estimator = WaterEstimator(
+            water, self.assessor.clear_water_attenuation, config.camera.transfer,
+            self.assessor.daylight,
+        )
+        return self.read(estimator.estimate(image, ranges, range_error=0.0))
 
 
 def flat(records: Mapping[str, Truth | Reading]) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.experiments import Evaluation
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.summary import Summary, columns_of
+from uw_visibility.simulation.transect import Transect
 
 TABLE_I = {
     "sparse disparity mesh": (
@@ -68,7 +69,7 @@ def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None
             "attenuations": plan.attenuations,
             "depths": plan.depths,
             "noises": plan.noises,
-            "transect": None if plan.transect is None else vars(plan.transect),
+            "transect": None if plan.transect is None else _of_transect(plan.transect),
             "parameters": told(plan.config),
         },
         "summary": summary,
@@ -114,6 +115,14 @@ def as_csv(rows: Sequence[Mapping[str, Any]]) -> str:
     writer.writeheader()
     writer.writerows(plain(row) for row in rows)
     return stream.getvalue()
+
+
+def _of_transect(plan: Transect) -> dict[str, Any]:
+    return {
+        "frames": plan.frames, "width": plan.camera.width, "height": plan.camera.height,
+        "marine_snow": plan.effects.marine_snow, "caustics": plan.effects.caustics,
+        "seed": plan.seed,
+    }
 
 
 def _source(source: SceneSource) -> str:

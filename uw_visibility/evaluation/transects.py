@@ -13,56 +13,13 @@ import numpy as np
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
-from uw_visibility.evaluation.readings import Reading, Truth, flat
+from uw_visibility.evaluation.readings import Reader, Reading, Truth, flat
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.pipeline.pipeline import Pipeline
-from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.simulation.frame import Effects, RenderedFrame
+from uw_visibility.simulation.frame import RenderedFrame
 from uw_visibility.simulation.transect import Transect
 from uw_visibility.simulation.water import RESPONSE
-from uw_visibility.water.assessment import Assessor
-from uw_visibility.water.estimation import WaterEstimator
 from uw_visibility.water.filter import WaterFilter
-
-
-@dataclass(frozen=True)
-class TransectPlan:
-    """Plan of a rendered transect; small, so that processes can exchange it.
-
-    Attributes
-    ----------
-    frames : int
-        Number of stereo frames, 2 a second.
-    width, height : int
-        Size of an image, px.
-    marine_snow, caustics : float
-        What disturbs the light model; see `Effects`.
-    seed : int
-        Seed of reef, noise and particles.
-    """
-
-    frames: int
-    width: int = 640
-    height: int = 480
-    marine_snow: float = 0.0
-    caustics: float = 0.0
-    seed: int = 0
-
-    def transect(self, threads: int = 1) -> Transect:
-        """Return the transect: from 2 to 6 m of depth, α from 0.05 to 0.3 1/m.
-
-        Raises
-        ------
-        InputError
-            If a number is out of its range.
-        """
-        return Transect(
-            frames=self.frames,
-            seed=self.seed,
-            camera=StereoCamera(self.width, self.height, self.width * 15 / 16),
-            effects=Effects(self.marine_snow, self.caustics),
-            workers=Workers(threads),
-        )
 
 
 @dataclass(frozen=True)
@@ -100,12 +57,12 @@ class TransectRow:
         }
 
 
-def evaluate_transect(plan: TransectPlan, config: PipelineConfig) -> list[TransectRow]:
+def evaluate_transect(transect: Transect, config: PipelineConfig) -> list[TransectRow]:
     """Render a transect and assess its frames, each alone and filtered over time.
 
     Parameters
     ----------
-    plan : TransectPlan
+    transect : Transect
         Rendered with the sensor's noise, and the snow and caustics it asks for.
     config : PipelineConfig
         Parameters of the pipeline.
@@ -115,27 +72,20 @@ def evaluate_transect(plan: TransectPlan, config: PipelineConfig) -> list[Transe
     list of TransectRow
         One a frame; a frame that the pipeline refuses says so.
     """
-    transect = plan.transect(config.threads)
-    camera = transect.camera
-    rig = camera.rig
-    pipeline = Pipeline(rig, config)
+    pipeline = Pipeline(transect.camera.rig, config)
     kappa = clear_water_attenuation(load_response(RESPONSE))
     water_filter = WaterFilter(config)
-    assessor = Assessor.from_config(config)
-    estimator = WaterEstimator(
-        config.water, assessor.clear_water_attenuation, config.camera.transfer,
-        assessor.daylight)
+    reader = Reader(config)
     rows = []
-    for time, frame in transect.render():
+    for time, frame in transect.render(Workers(config.threads)):
         truth = Truth.of_water(
             frame.attenuation, frame.ambient_light, kappa, frame.depth, config.assessment.contrast
         )
         known = np.isfinite(frame.range_left)
-        exact = estimator.estimate(
-            frame.left, np.where(known, frame.range_left, np.float32(np.nan)), range_error=0.0)
+        exact = reader.estimate(
+            frame.left, np.where(known, frame.range_left, np.float32(np.nan)))
         rows.append(TransectRow(
-            time, truth, *_read(pipeline, water_filter, frame, time),
-            Reading.of(exact, assessor.assess(exact))))
+            time, truth, *_read(pipeline, water_filter, frame, time), exact))
     return rows
 
 

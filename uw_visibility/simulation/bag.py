@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.threads import Workers
 from uw_visibility.config.parameter_file import render_values
 from uw_visibility.config.water import AssessmentConfig
 from uw_visibility.errors import InputError, check_range
@@ -89,6 +90,7 @@ def write_transect(
     range_scale: float = 1.0,
     position: tuple[float, float] | None = None,
     overwrite: bool = False,
+    workers: Workers | None = None,
     progress: Callable[[Iterator[TransectFrame]], Any] = iter,
 ) -> None:
     """Simulate a transect and record it.
@@ -107,6 +109,8 @@ def write_transect(
         Latitude and longitude of the start, degrees; the way leads east from there.
     overwrite : bool
         Whether a bag of that name may be replaced.
+    workers : Workers, optional
+        Threads that render; one for each processor where absent.
     progress : callable
         Wraps the iteration over frames, to show how far it is.
 
@@ -136,7 +140,7 @@ def write_transect(
             text = render_values(told, "The lamps of this recording, for --params-file.")
             (bag.path / LIGHTING).write_text(text, encoding="utf-8")
         messages = _Messages(bag.make, transect.camera, range_scale)
-        for time, frame in progress(transect.render()):
+        for time, frame in progress(transect.render(workers)):
             stamp = START * 1_000_000_000 + round(time * 1e9)
             for side, frame_id, pixels in (
                 ("left", LEFT_FRAME, frame.left), ("right", RIGHT_FRAME, frame.right)

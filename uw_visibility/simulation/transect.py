@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from uw_visibility.compute.threads import Workers
@@ -72,7 +72,6 @@ class Transect:
     camera: StereoCamera = StereoCamera()
     sensor: Sensor = Sensor()
     effects: Effects = Effects()
-    workers: Workers = field(default_factory=Workers)
     camera_effects: CameraEffects = CameraEffects()
     water_effects: WaterEffects = WaterEffects()
     lighting: Lighting = Lighting()
@@ -92,11 +91,11 @@ class Transect:
         """Way from the first to the last frame in m."""
         return self.speed * (self.frames - 1) / self.rate
 
-    def render(self) -> Iterator[TransectFrame]:
-        """Render the transect's frames in turn."""
+    def render(self, workers: Workers | None = None) -> Iterator[TransectFrame]:
+        """Render the transect's frames in turn, by a thread for each processor where absent."""
         scene = reef(self.seed, self.length)
         renderer = Renderer(
-            self.camera, self.sensor, self.effects, self.workers, self.camera_effects,
+            self.camera, self.sensor, self.effects, workers or Workers(), self.camera_effects,
             self.lighting,
         )
         exposure = self.exposure

@@ -26,7 +26,6 @@ from uw_visibility.replay.report.joins import fit_joins
 from uw_visibility.replay.report.meaning import MEANINGS, REMEDIES, meaning
 from uw_visibility.replay.report.track import (
     TRACK_COLUMNS,
-    draw_track,
     draw_tracks,
     round_length,
 )
@@ -297,19 +296,19 @@ def test_progress_is_a_line_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -
 
 def test_the_track_is_drawn_where_there_are_positions(replayed: Path) -> None:
     columns = {name: np.full(5, np.nan) for name in TRACK_COLUMNS}
-    assert draw_track(columns) == []
+    assert draw_tracks({"": columns}) == []
     assert 'id="map"' not in Page(replayed / "report.html").text
     # Some frames were not assessed, and one has no position; one stands still.
     columns["visibility_distance"] = np.array([5.0, np.nan, 7.0, 8.0, 9.0])
     columns["x"] = columns["y"] = np.array([0.0, 1.0, 2.0, np.nan, 3.0])
-    (drawn,) = draw_track(columns)
+    (drawn,) = draw_tracks({"": columns})
     assert "x [m]" in drawn and ">N</text>" not in drawn
     columns["longitude"], columns["latitude"] = np.full(5, 10.5), np.full(5, 60.0)
-    assert "longitude [°]" in draw_track(columns)[0]
+    assert "longitude [°]" in draw_tracks({"": columns})[0]
     columns["latitude"] = 60.0 + np.arange(5) * 1e-3
     columns["longitude"] = 10.5 + np.arange(5) * 1e-3
     columns["mean_attenuation"] = np.full(5, 0.2)
-    visibility, attenuation = draw_track(columns)
+    visibility, attenuation = draw_tracks({"": columns})
     assert "visibility distance [m]" in visibility
     assert "mean attenuation α [1/m]" in attenuation
     for word in ("start", "end", "N", r"\d+ m"):
@@ -335,7 +334,7 @@ def test_a_track_across_the_date_line_is_short() -> None:
     columns["latitude"] = np.full(4, 10.0)
     columns["longitude"] = np.array([179.996, 179.999, -179.998, -179.995])
     columns["visibility_distance"] = np.full(4, 5.0)
-    (drawn,) = draw_track(columns)
+    (drawn,) = draw_tracks({"": columns})
     assert "1 track over 986 m by 0 m" in drawn
     # Degrees as charts have them.
     assert ">−179.995</text>" in drawn
@@ -345,7 +344,7 @@ def test_a_track_across_the_date_line_is_short() -> None:
 def test_a_track_at_the_pole_has_a_map() -> None:
     columns = {name: np.full(3, np.nan) for name in TRACK_COLUMNS}
     columns["latitude"], columns["longitude"] = np.full(3, 90.0), np.array([0.0, 120.0, -120.0])
-    assert "longitude [°]" in draw_track(columns)[0]
+    assert "longitude [°]" in draw_tracks({"": columns})[0]
 
 
 def test_no_axis_goes_above_the_surface() -> None:

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -16,17 +15,13 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.adverse.effects import Level
 from uw_visibility.evaluation.adverse.scenes import AdverseScene, AdverseSource
 from uw_visibility.evaluation.backscatter import fit_backscatter
-from uw_visibility.evaluation.readings import Reading, Truth, flat, match_and_read
+from uw_visibility.evaluation.readings import Reader, Reading, Truth, flat, match_and_read
 from uw_visibility.pipeline.estimate_water import estimate_water
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.effects import marine_snow
 from uw_visibility.simulation.formation import effective_attenuation, form_image
 from uw_visibility.simulation.view import View
 from uw_visibility.simulation.water import Water
-from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.assessment import Assessor
-from uw_visibility.water.estimate import WaterEstimate
-from uw_visibility.water.estimation import WaterEstimator
 
 Image = NDArray[np.uint8]
 Map = NDArray[np.float32]
@@ -128,16 +123,24 @@ def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> AdverseR
     water = Water(case.mean_attenuation, case.depth, None, level.water)
     left, right, gains = _expose(scene, level, water, case)
     attenuation = effective_attenuation(scene.left.range, scene.geometry, water)
-    methods = _methods(told)
+    reader = _reader(told)
     truth = Truth.of_water(
-        attenuation, gains * water.ambient_light(), methods.assessor.clear_water_attenuation,
+        attenuation, gains * water.ambient_light(), reader.assessor.clear_water_attenuation,
         case.depth, told.assessment.contrast,
     )
     rig = replace(scene.rig, baseline=scene.rig.baseline * level.range_scale)
+    disparity: Map | None = scene.disparity
     if case.matched and right is not None:
-        readings = methods.read_pair(left, right, rig, scene.disparity)
+        ours, disparity = match_and_read(left, right, rig, scene.disparity, told)
     else:
-        readings = methods.read(left, scene.disparity, rig)
+        ours = Reading.of_result(
+            estimate_water(left, scene.disparity, rig, told, disparity_stddev=0.0))
+    readings = dict.fromkeys(METHODS, ours)
+    if disparity is not None:
+        # The peers take the disparities that ours has.
+        ranges = rig.range_from_disparity(disparity)
+        readings["paper"] = reader.estimate(left, ranges, "paper")
+        readings["sea_thru"] = reader.read(fit_backscatter(left, ranges, told.camera.transfer))
     return AdverseResult(
         case.effect, level.label, scene.name, scene.open_water, case.seed, truth, readings,
     )
@@ -179,45 +182,6 @@ def _fade(view: View, contrast: float) -> View:
     return replace(view, radiance=radiance, edge_radiance=edge_radiance)
 
 
-class _Methods:
-    """The methods, as one configuration has them."""
-
-    def __init__(self, config: PipelineConfig) -> None:
-        camera = config.camera
-        self._config = config
-        self.assessor = Assessor.from_config(config)
-        kappa = self.assessor.clear_water_attenuation
-        paper = WaterEstimator(
-            replace(config.water, method="paper"), kappa, camera.transfer, self.assessor.daylight)
-        self._peers: dict[str, Callable[[Image, Map], WaterEstimate]] = {
-            # The paper's fit takes every range as exact.
-            "paper": lambda image, ranges: paper.estimate(image, ranges, range_error=0.0),
-            "sea_thru": lambda image, ranges: fit_backscatter(image, ranges, camera.transfer),
-        }
-
-    def read(self, image: Image, disparity: Map, rig: StereoRig) -> dict[str, Reading]:
-        """Let the methods estimate the water from an image and exact disparities."""
-        result = estimate_water(image, disparity, rig, self._config, disparity_stddev=0.0)
-        return {"ours": Reading.of_result(result), **self._read_peers(image, disparity, rig)}
-
-    def _read_peers(self, image: Image, disparity: Map, rig: StereoRig) -> dict[str, Reading]:
-        ranges = rig.range_from_disparity(disparity)
-        readings = {}
-        for name, estimate_from in self._peers.items():
-            estimate = estimate_from(image, ranges)
-            readings[name] = Reading.of(estimate, self.assessor.assess(estimate))
-        return readings
-
-    def read_pair(
-        self, left: Image, right: Image, rig: StereoRig, disparity: Map
-    ) -> dict[str, Reading]:
-        """Let the pipeline match a pair, and the peers take its disparities."""
-        ours, matched = match_and_read(left, right, rig, disparity, self._config)
-        if matched is None:
-            return dict.fromkeys(METHODS, ours)
-        return {"ours": ours, **self._read_peers(left, matched, rig)}
-
-
 @lru_cache(maxsize=8)
-def _methods(config: PipelineConfig) -> _Methods:
-    return _Methods(config)
+def _reader(config: PipelineConfig) -> Reader:
+    return Reader(config)

@@ -9,14 +9,9 @@ from dataclasses import dataclass, field
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import check_range
-from uw_visibility.evaluation.adverse.cases import (
-    AdverseCase,
-    AdverseResult,
-    evaluate_adverse_case,
-)
+from uw_visibility.evaluation.adverse.cases import AdverseCase
 from uw_visibility.evaluation.adverse.effects import chosen
 from uw_visibility.evaluation.adverse.scenes import AdverseSource
-from uw_visibility.evaluation.parallel import Progress, run_cases
 
 ATTENUATIONS = (0.1, 0.3)
 DEPTHS = (3.0,)
@@ -69,30 +64,3 @@ class AdversePlan:
             for depth in self.depths
             for seed in range(self.seeds)
         ]
-
-
-def run_adverse(
-    plan: AdversePlan, jobs: int = 1, progress: Progress = lambda items, _: items
-) -> list[AdverseResult]:
-    """Run the study.
-
-    Parameters
-    ----------
-    plan : AdversePlan
-        What to run.
-    jobs : int
-        Processes that share the work; the result is the same for any number.
-    progress : callable
-        Takes an iterator over what is done and its length, and yields from it.
-
-    Returns
-    -------
-    list of AdverseResult
-        In the order of `AdversePlan.cases`.
-
-    Raises
-    ------
-    InputError
-        If a scene cannot be loaded.
-    """
-    return run_cases(evaluate_adverse_case, plan.cases(), plan.config, jobs, progress)

@@ -8,15 +8,8 @@ from dataclasses import dataclass, field
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import check_range
-from uw_visibility.evaluation.lamps.cases import (
-    SURFACES,
-    LampCase,
-    LampResult,
-    evaluate_lamp_case,
-)
-from uw_visibility.evaluation.lamps.survey import SurveyResult, run_survey
+from uw_visibility.evaluation.lamps.cases import SURFACES, LampCase
 from uw_visibility.evaluation.lamps.survey_frames import SurveyPlan
-from uw_visibility.evaluation.parallel import Progress, run_cases
 
 ATTENUATIONS = (0.05, 0.1, 0.2, 0.3)
 LAMPS = (2, 4)
@@ -68,29 +61,3 @@ class LampPlan:
             for surfaces in self.surfaces
             for attenuation in self.attenuations
         ]
-
-
-def run_lamps(
-    plan: LampPlan, jobs: int = 1, progress: Progress = lambda items, _: items
-) -> tuple[list[LampResult], SurveyResult | None]:
-    """Run the study.
-
-    Parameters
-    ----------
-    plan : LampPlan
-        What to run.
-    jobs : int
-        Processes that share the work; the result is the same for any number.
-    progress : callable
-        Takes an iterator over what is done and its length, and yields from it.
-
-    Returns
-    -------
-    list of LampResult
-        In the order of `LampPlan.cases`.
-    SurveyResult or None
-        Of the survey, where there is one.
-    """
-    results = run_cases(evaluate_lamp_case, plan.cases(), plan.config, jobs, progress)
-    survey = None if plan.survey is None else run_survey(plan.survey, jobs, progress)
-    return results, survey

@@ -29,7 +29,7 @@ from uw_visibility.replay.report.overview import (
 )
 from uw_visibility.replay.report.page import write_page
 from uw_visibility.replay.report.sentences import Frames, formula, verdict
-from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_track
+from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_tracks
 from uw_visibility.replay.results.refusals import OTHER_CHANNELS, STATUS_COLUMNS, WHOLE_FRAME
 from uw_visibility.replay.table import read_columns, read_rows
 
@@ -89,7 +89,7 @@ def write_report(
         summary=summary,
         problems=summary.lacks + summary.damage,
         series=draw_series(columns),
-        maps=draw_track(columns),
+        maps=draw_tracks({"": columns}),
         derived=derived_quantities(folder / "frames.csv"),
         joins=joins,
         pictures=shown,

@@ -54,22 +54,6 @@ class _LongitudeFormatter(ScalarFormatter):
         return super().__call__(wrap_longitude(x), pos)
 
 
-def draw_track(columns: Columns) -> list[Markup]:
-    """Draw the positions of a replay's frames.
-
-    Parameters
-    ----------
-    columns : mapping of str to ndarray, (n,) float64
-        Those of `TRACK_COLUMNS`; NaN for what is not known.
-
-    Returns
-    -------
-    list of Markup
-        As `draw_tracks`.
-    """
-    return draw_tracks({"": columns})
-
-
 def draw_tracks(recordings: Mapping[str, Columns]) -> list[Markup]:
     """Draw the positions of frames, in the colours of visibility and of attenuation.
 
