@@ -191,11 +191,18 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> None:
 
 
 def _run_adverse(arguments: argparse.Namespace, progress: Progress) -> None:
-    from uw_visibility.evaluation.adverse.cases import evaluate_adverse_case
-    from uw_visibility.evaluation.adverse.report import adverse_text, write_adverse
+    from uw_visibility.evaluation.adverse.cases import (
+        ATTENUATIONS,
+        DEPTHS,
+        AdversePlan,
+        evaluate_adverse_case,
+    )
+    from uw_visibility.evaluation.adverse.report import (
+        adverse_text,
+        summarise_adverse,
+        write_adverse,
+    )
     from uw_visibility.evaluation.adverse.scenes import find_adverse_scenes
-    from uw_visibility.evaluation.adverse.study import ATTENUATIONS, DEPTHS, AdversePlan
-    from uw_visibility.evaluation.adverse.summary import summarise_adverse
     from uw_visibility.evaluation.parallel import run_cases
 
     plan = AdversePlan(

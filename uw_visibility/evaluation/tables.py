@@ -52,16 +52,13 @@ def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None
         {"noise": noise, **row}
         for noise, of_noise in evaluation.reliability().items() for row in of_noise.rows()
     ]
-    for name, rows in (
-        ("cases", cases), ("conditions", conditions), ("noisy_cases", noisy), ("noise", noise),
-        ("edges", edges), ("reliability", reliability), ("transect", transect),
-    ):
-        if rows:
-            (folder / f"{name}.csv").write_text(as_csv(rows), encoding="utf-8")
+    write_rows(folder, {
+        "cases": cases, "conditions": conditions, "noisy_cases": noisy, "noise": noise,
+        "edges": edges, "reliability": reliability, "transect": transect,
+    })
     # In a file of their own: times differ from run to run, nothing else does.
-    timings = timing_rows([case.timing_ms for case in evaluation.cases if case.timing_ms])
-    if timings:
-        (folder / "table1.csv").write_text(as_csv(timings), encoding="utf-8")
+    write_rows(folder, {"table1": timing_rows(
+        [case.timing_ms for case in evaluation.cases if case.timing_ms])})
     plan = evaluation.plan
     report = {
         "settings": {
@@ -106,6 +103,13 @@ def plain(value: Any) -> Any:
     if float(value).is_integer() and not isinstance(value, float):
         return int(value)
     return float(value) if math.isfinite(value) else None
+
+
+def write_rows(folder: Path, tables: Mapping[str, Sequence[Mapping[str, Any]]]) -> None:
+    """Write tables as CSV by their names; those without rows are left out."""
+    for name, rows in tables.items():
+        if rows:
+            (folder / f"{name}.csv").write_text(as_csv(rows), encoding="utf-8")
 
 
 def as_csv(rows: Sequence[Mapping[str, Any]]) -> str:

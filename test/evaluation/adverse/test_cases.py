@@ -12,11 +12,11 @@ import pytest
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.adverse.cases import (
     AdverseCase,
-    AdverseResult,
     evaluate_adverse_case,
 )
 from uw_visibility.evaluation.adverse.effects import Level
 from uw_visibility.evaluation.adverse.scenes import AdverseSource, find_adverse_scenes
+from uw_visibility.evaluation.studies import StudyResult
 from uw_visibility.simulation.camera_effects import CameraEffects
 from uw_visibility.simulation.water import WaterEffects
 
@@ -35,7 +35,7 @@ def source(scene_folder: Path) -> AdverseSource:
 
 
 @pytest.fixture(scope="module")
-def plain(source: AdverseSource) -> AdverseResult:
+def plain(source: AdverseSource) -> StudyResult:
     return run(source)
 
 

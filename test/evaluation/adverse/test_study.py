@@ -13,8 +13,8 @@ import pytest
 
 from uw_visibility.cli import main
 from uw_visibility.evaluation.adverse.effects import EFFECTS
-from uw_visibility.evaluation.adverse.summary import statistics
 from uw_visibility.evaluation.readings import Reading, Truth
+from uw_visibility.evaluation.studies import statistics
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate

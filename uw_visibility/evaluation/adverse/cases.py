@@ -1,21 +1,23 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Case of the adverse study: a scene, an effect, and each method's estimate of the water."""
+"""Cases of the adverse study: a scene, an effect, and each method's estimate of the water."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.evaluation.adverse.effects import Level
+from uw_visibility.errors import check_range
+from uw_visibility.evaluation.adverse.effects import Level, chosen
 from uw_visibility.evaluation.adverse.scenes import AdverseScene, AdverseSource
 from uw_visibility.evaluation.backscatter import fit_backscatter
-from uw_visibility.evaluation.readings import Reader, Reading, Truth, flat, match_and_read
+from uw_visibility.evaluation.readings import Reader, Reading, Truth, match_and_read
+from uw_visibility.evaluation.studies import StudyResult
 from uw_visibility.pipeline.estimate_water import estimate_water
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.effects import marine_snow
@@ -32,6 +34,9 @@ METHODS = {
     "sea_thru": "Sea-thru's backscatter fit",
 }
 """Estimates of the water, by their names in tables."""
+
+ATTENUATIONS = (0.1, 0.3)
+DEPTHS = (3.0,)
 
 SAND = np.array([0.62, 0.55, 0.45], np.float32)
 """Reflectance that a scene without contrast has."""
@@ -69,41 +74,55 @@ class AdverseCase:
 
 
 @dataclass(frozen=True)
-class AdverseResult:
-    """Results of a case.
+class AdversePlan:
+    """Plan of an adverse study.
 
     Attributes
     ----------
-    effect, level, scene : str
-        What it was.
-    open_water : bool
-        Whether open water is in view.
-    seed : int
-        Of noise and marine snow.
-    truth : Truth
-        The water; with β effective over the ranges in view.
-    readings : dict of str to Reading
-        By the names of `METHODS`.
+    scenes : sequence of AdverseSource
+        The scenes.
+    effects : tuple of str
+        Names of effects; empty for all.
+    attenuations, depths : tuple of float
+        Attenuation by grey particles, 1/m, and depths of the camera, m.
+    seeds : int
+        Number of draws of noise and marine snow.
+    matched : bool
+        Whether disparities are matched instead of true.
+    config : PipelineConfig
+        What the estimators are told.
     """
 
-    effect: str
-    level: str
-    scene: str
-    open_water: bool
-    seed: int
-    truth: Truth
-    readings: dict[str, Reading]
+    scenes: Sequence[AdverseSource]
+    effects: tuple[str, ...] = ()
+    attenuations: tuple[float, ...] = ATTENUATIONS
+    depths: tuple[float, ...] = DEPTHS
+    seeds: int = 1
+    matched: bool = False
+    config: PipelineConfig = field(default_factory=PipelineConfig)
 
-    def row(self) -> dict[str, Any]:
-        """Return the case as a row of a table."""
-        return {
-            "effect": self.effect, "level": self.level, "scene": self.scene,
-            "open_water": self.open_water, "seed": self.seed,
-            **flat({"true": self.truth, **self.readings}),
-        }
+    def __post_init__(self) -> None:
+        """Refuse what cannot be simulated."""
+        check_range("number of seeds", self.seeds, 1)
+        check_range("attenuations", self.attenuations, 0.0, 5.0, "1/m")
+        check_range("depths", self.depths, 0.0, 100.0, "m")
+        chosen(self.effects, matched=self.matched)
+
+    def cases(self) -> list[AdverseCase]:
+        """Return the cases, scene by scene."""
+        effects = chosen(self.effects, matched=self.matched)
+        return [
+            AdverseCase(scene, effect, level, attenuation, depth, seed, self.matched)
+            for scene in self.scenes
+            for effect, levels in effects.items()
+            for level in levels
+            for attenuation in level.attenuations or self.attenuations
+            for depth in self.depths
+            for seed in range(self.seeds)
+        ]
 
 
-def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> AdverseResult:
+def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> StudyResult:
     """Simulate a scene under water with an effect, and estimate the water by each method.
 
     Parameters
@@ -141,9 +160,11 @@ def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> AdverseR
         ranges = rig.range_from_disparity(disparity)
         readings["paper"] = reader.estimate(left, ranges, "paper")
         readings["sea_thru"] = reader.read(fit_backscatter(left, ranges, told.camera.transfer))
-    return AdverseResult(
-        case.effect, level.label, scene.name, scene.open_water, case.seed, truth, readings,
-    )
+    labels = {
+        "effect": case.effect, "level": level.label, "scene": scene.name,
+        "open_water": scene.open_water, "seed": case.seed,
+    }
+    return StudyResult(labels, truth, readings)
 
 
 def _expose(

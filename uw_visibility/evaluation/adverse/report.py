@@ -1,17 +1,58 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reports of the adverse study: text for a terminal, CSV and JSON."""
+"""Summary and reports of the adverse study: text for a terminal, CSV and JSON."""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.evaluation.adverse.cases import METHODS, AdverseResult
-from uw_visibility.evaluation.adverse.study import AdversePlan
-from uw_visibility.evaluation.adverse.summary import Summary
-from uw_visibility.evaluation.summary import columns_of
-from uw_visibility.evaluation.tables import as_csv, number, percent, told, write_report
+from uw_visibility.evaluation.adverse.cases import METHODS, AdversePlan
+from uw_visibility.evaluation.adverse.effects import CONTROL
+from uw_visibility.evaluation.studies import StudyResult, by_estimate, line
+from uw_visibility.evaluation.summary import Summary, columns_of
+from uw_visibility.evaluation.tables import number, percent, told, write_report, write_rows
+
+COLUMNS = (
+    ("cases", 6, "cases"), ("refused", 9, "refused"), ("> 3 σ: β", 10, "beyond.attenuation"),
+    ("visib.", 8, "beyond.visibility"), ("depth", 7, "beyond.depth"), ("any", 6, "beyond_any"),
+    ("ratio", 8, "ratio"), ("long", 6, "too_long"), ("σ", 6, "visibility_relative_stddev"),
+)
+"""Of the table of effects: name, width, statistic."""
+
+
+def summarise_adverse(results: Sequence[StudyResult]) -> Summary:
+    """Reduce a study to its summary.
+
+    Returns
+    -------
+    dict
+        ``effects``: by effect, then by the names of `METHODS`; ``levels``: the same
+        by effect and level; ``adverse``: over all cases but the control's;
+        ``control``: over the control's, with and without open water in view.
+    """
+    levels: dict[str, dict[str, list[StudyResult]]] = {}
+    for result in results:
+        of_effect = levels.setdefault(result.labels["effect"], {})
+        of_effect.setdefault(result.labels["level"], []).append(result)
+    effects = {name: [*itertools.chain(*of.values())] for name, of in levels.items()}
+    control = effects.get(CONTROL, [])
+    return {
+        "cases": len(results),
+        "scenes": list(dict.fromkeys(result.labels["scene"] for result in results)),
+        "effects": {name: by_estimate(some) for name, some in effects.items()},
+        "levels": {
+            name: {level: by_estimate(some) for level, some in of.items()}
+            for name, of in levels.items()
+        },
+        "adverse": by_estimate([r for r in results if r.labels["effect"] != CONTROL]),
+        "control": {
+            name: by_estimate([r for r in control if r.labels["open_water"] is seen])
+            for name, seen in (("open_water", True), ("no_open_water", False))
+        },
+    }
 
 
 def adverse_text(summary: Summary) -> str:
@@ -22,11 +63,12 @@ def adverse_text(summary: Summary) -> str:
         "published over true visibility; long: beyond 1.2; σ: median of visibility's, in %"
     ]
     for method, title in METHODS.items():
-        lines = [_header(title)]
+        lines = [line(title, COLUMNS)]
         lines += [
-            _line(f"  {name}", found[method]) for name, found in summary["effects"].items()]
+            line(f"  {name}", COLUMNS, found[method])
+            for name, found in summary["effects"].items()]
         if summary["adverse"]:
-            lines.append(_line("  all but none", summary["adverse"][method]))
+            lines.append(line("  all but none", COLUMNS, summary["adverse"][method]))
         parts.append("\n".join(lines))
     parts.append(_accuracy(summary))
     parts.append(_reasons(summary))
@@ -35,7 +77,7 @@ def adverse_text(summary: Summary) -> str:
 
 
 def write_adverse(
-    folder: Path, plan: AdversePlan, results: list[AdverseResult], summary: Summary
+    folder: Path, plan: AdversePlan, results: list[StudyResult], summary: Summary
 ) -> None:
     """Write ``adverse_cases.csv``, ``adverse.csv`` and ``evaluation.json``."""
     cases = [result.row() for result in results]
@@ -45,8 +87,7 @@ def write_adverse(
         for level, methods in levels.items()
         for method, found in methods.items()
     ]
-    for name, table in (("adverse_cases", cases), ("adverse", rows)):
-        (folder / f"{name}.csv").write_text(as_csv(table), encoding="utf-8")
+    write_rows(folder, {"adverse_cases": cases, "adverse": rows})
     settings = {
         "effects": list(summary["effects"]),
         "attenuations": plan.attenuations,
@@ -57,24 +98,6 @@ def write_adverse(
     }
     report = {"settings": settings, "summary": summary, "cases": cases}
     write_report(folder, report)
-
-
-def _header(title: str) -> str:
-    return (
-        f"{title:26s}{'cases':>6s}{'refused':>9s}{'> 3 σ: β':>10s}{'visib.':>8s}{'depth':>7s}"
-        f"{'any':>6s}{'ratio':>8s}{'long':>6s}{'σ':>6s}"
-    )
-
-
-def _line(title: str, found: Summary) -> str:
-    beyond = found["beyond"]
-    return (
-        f"{title:26s}{found['cases']:6d}{percent(found['refused']):>9s}"
-        f"{percent(beyond['attenuation']):>10s}{percent(beyond['visibility']):>8s}"
-        f"{percent(beyond['depth']):>7s}{percent(found['beyond_any']):>6s}"
-        f"{number(found['ratio'], 2):>8s}{percent(found['too_long']):>6s}"
-        f"{percent(found['visibility_relative_stddev']):>6s}"
-    )
 
 
 def _accuracy(summary: Summary) -> str:

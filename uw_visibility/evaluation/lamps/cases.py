@@ -5,14 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.evaluation.readings import Reading, Truth, flat, match_and_read
+from uw_visibility.evaluation.readings import Reading, Truth, match_and_read
+from uw_visibility.evaluation.studies import StudyResult
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.pipeline.estimate_water import estimate_water
 from uw_visibility.simulation.camera import Pose, StereoCamera
@@ -68,33 +68,6 @@ class LampCase:
     matched: bool = True
 
 
-@dataclass(frozen=True)
-class LampResult:
-    """Results of a case.
-
-    Attributes
-    ----------
-    case : LampCase
-        What it was.
-    truth : Truth
-        The water.
-    readings : dict of str to Reading
-        By the names of `TOLD`.
-    """
-
-    case: LampCase
-    truth: Truth
-    readings: dict[str, Reading]
-
-    def row(self) -> dict[str, Any]:
-        """Return the case as a row of a table."""
-        return {
-            "seed": self.case.seed, "lamps": self.case.lamps,
-            "mean_attenuation": self.case.mean_attenuation, "surfaces": self.case.surfaces,
-            **flat({"true": self.truth, **self.readings}),
-        }
-
-
 def pose_of(seed: int) -> Pose:
     """Draw a view ahead over a reef, tilted down by 8 to 30 degrees."""
     random = np.random.default_rng([seed, 5])
@@ -106,7 +79,7 @@ def pose_of(seed: int) -> Pose:
     )
 
 
-def evaluate_lamp_case(case: LampCase, config: PipelineConfig) -> LampResult:
+def evaluate_lamp_case(case: LampCase, config: PipelineConfig) -> StudyResult:
     """Render a frame under lamps, and estimate the water by what is told of them."""
     lamps = default_rig(case.lamps)
     lighting = Lighting(lamps, daylight=False, shaded=case.surfaces == "lambertian")
@@ -132,7 +105,11 @@ def evaluate_lamp_case(case: LampCase, config: PipelineConfig) -> LampResult:
         )
         for name, parameters in told.items()
     }
-    return LampResult(case, truth, readings)
+    labels = {
+        "seed": case.seed, "lamps": case.lamps, "mean_attenuation": case.mean_attenuation,
+        "surfaces": case.surfaces,
+    }
+    return StudyResult(labels, truth, readings)
 
 
 def clear_water(config: PipelineConfig) -> NDArray[np.float64]:

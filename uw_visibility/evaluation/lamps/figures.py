@@ -20,10 +20,12 @@ from uw_visibility.evaluation.figures.style import (
     TRUTH_STYLE,
     save,
 )
-from uw_visibility.evaluation.lamps.cases import TOLD, LampResult
-from uw_visibility.evaluation.lamps.summary import NEAR, Summary
+from uw_visibility.evaluation.lamps.cases import TOLD
+from uw_visibility.evaluation.lamps.summary import NEAR
 from uw_visibility.evaluation.lamps.survey import PICTURES, SurveyResult
 from uw_visibility.evaluation.readings import CHANNELS
+from uw_visibility.evaluation.studies import StudyResult
+from uw_visibility.evaluation.summary import Summary
 from uw_visibility.optics.transfer import from_linear
 
 COLOURS = {"known": OURS, "misplaced": HISTOGRAM, "daylight": PLAIN}
@@ -32,7 +34,7 @@ ORDER = (("right", "within 20 %", OURS), ("other", "assessed, not within 20 %", 
          ("refused", "refused", "#cccccc"))
 
 
-def draw_visibility(path: Path, results: Sequence[LampResult], summary: Summary) -> None:
+def draw_visibility(path: Path, results: Sequence[StudyResult], summary: Summary) -> None:
     """Draw visibility by night over its truth, and how many frames are right or refused."""
     figure = Figure(figsize=(11.0, 4.8), layout="constrained")
     scatter, bars = figure.subplots(1, 2, width_ratios=(3, 2))

@@ -7,12 +7,21 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from uw_visibility.evaluation.lamps.cases import TOLD, LampResult
+from uw_visibility.evaluation.lamps.cases import TOLD
 from uw_visibility.evaluation.lamps.study import LampPlan
-from uw_visibility.evaluation.lamps.summary import Summary
 from uw_visibility.evaluation.lamps.survey import PICTURES, SurveyResult
 from uw_visibility.evaluation.readings import CHANNELS
-from uw_visibility.evaluation.tables import as_csv, number, percent, told, write_report
+from uw_visibility.evaluation.studies import StudyResult, line
+from uw_visibility.evaluation.summary import Summary
+from uw_visibility.evaluation.tables import told, write_report, write_rows
+
+COLUMNS = (
+    ("frames", 7, "cases"), ("assessed", 9, "assessed"), ("refused", 8, "refused"),
+    ("right", 7, "right"), ("> 3 σ: β", 10, "beyond.attenuation"),
+    ("visib.", 8, "beyond.visibility"), ("depth", 7, "beyond.depth"), ("ratio", 8, "ratio"),
+    ("σ", 6, "visibility_relative_stddev"),
+)
+"""Of the tables of frames: name, width, statistic."""
 
 
 def lamps_text(summary: Summary) -> str:
@@ -23,12 +32,12 @@ def lamps_text(summary: Summary) -> str:
         "over true visibility"
     ]
     for name, title in TOLD.items():
-        lines = [_header(title), _line("  all", summary["told"][name])]
+        lines = [line(title, COLUMNS), line("  all", COLUMNS, summary["told"][name])]
         for split, words in (
             ("lamps", "{} lamps"), ("attenuation", "α {} 1/m"), ("surfaces", "{} surfaces"),
         ):
             lines += [
-                _line(f"  {words.format(value)}", found[name])
+                line(f"  {words.format(value)}", COLUMNS, found[name])
                 for value, found in summary[split].items() if len(summary[split]) > 1
             ]
         lines += _reasons(summary["told"][name])
@@ -39,16 +48,13 @@ def lamps_text(summary: Summary) -> str:
 
 
 def write_lamps(
-    folder: Path, plan: LampPlan, results: list[LampResult], survey: SurveyResult | None,
+    folder: Path, plan: LampPlan, results: list[StudyResult], survey: SurveyResult | None,
     summary: Summary,
 ) -> None:
     """Write ``lamp_cases.csv``, ``survey.csv`` and ``evaluation.json``."""
     cases = [result.row() for result in results]
-    (folder / "lamp_cases.csv").write_text(as_csv(cases), encoding="utf-8")
-    frames = []
-    if survey is not None:
-        frames = [row.row(index) for index, row in enumerate(survey.rows)]
-        (folder / "survey.csv").write_text(as_csv(frames), encoding="utf-8")
+    frames = [] if survey is None else [row.row(k) for k, row in enumerate(survey.rows)]
+    write_rows(folder, {"lamp_cases": cases, "survey": frames})
     settings = {
         "attenuations": plan.attenuations,
         "lamps": plan.lamps,
@@ -65,24 +71,6 @@ def write_lamps(
     write_report(folder, report)
 
 
-def _header(title: str) -> str:
-    return (
-        f"{title:26s}{'frames':>7s}{'assessed':>9s}{'refused':>8s}{'right':>7s}"
-        f"{'> 3 σ: β':>10s}{'visib.':>8s}{'depth':>7s}{'ratio':>8s}{'σ':>6s}"
-    )
-
-
-def _line(title: str, found: Summary) -> str:
-    beyond = found["beyond"]
-    return (
-        f"{title:26s}{found['cases']:7d}{percent(found['assessed']):>9s}"
-        f"{percent(found['refused']):>8s}{percent(found['right']):>7s}"
-        f"{percent(beyond['attenuation']):>10s}{percent(beyond['visibility']):>8s}"
-        f"{percent(beyond['depth']):>7s}{number(found['ratio'], 2):>8s}"
-        f"{percent(found['visibility_relative_stddev']):>6s}"
-    )
-
-
 def _reasons(found: Summary) -> list[str]:
     told = "; ".join(f"{reason}: {n}" for reason, n in found["reasons"].items())
     return [f"  refused: {told}"] if told else []
@@ -92,9 +80,9 @@ def _survey_text(survey: Summary) -> str:
     lines = [
         f"survey of {survey['frames']} frames; {survey['cells']} pieces of ground, "
         f"each in {survey['views']} frames",
-        _header("water"),
-        _line("  each frame alone", survey["single"]),
-        _line("  with those before it", survey["pooled"]),
+        line("water", COLUMNS),
+        line("  each frame alone", COLUMNS, survey["single"]),
+        line("  with those before it", COLUMNS, survey["pooled"]),
         *_reasons(survey["pooled"]),
     ]
     errors = ", ".join(

@@ -5,23 +5,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
-from uw_visibility.evaluation.adverse.summary import OK, statistics
-from uw_visibility.evaluation.lamps.cases import TOLD, LampResult
 from uw_visibility.evaluation.lamps.survey import PICTURES, SurveyResult
 from uw_visibility.evaluation.readings import CHANNELS, Reading, Truth
+from uw_visibility.evaluation.studies import StudyResult, by_estimate, statistics
+from uw_visibility.evaluation.summary import OK, Summary
 
 NEAR = 0.2
 """Relative error of visibility up to which it is right."""
 
-Summary = dict[str, Any]
 
-
-def summarise_lamps(results: Sequence[LampResult], survey: SurveyResult | None) -> Summary:
+def summarise_lamps(results: Sequence[StudyResult], survey: SurveyResult | None) -> Summary:
     """Reduce a study to its summary.
 
     Returns
@@ -32,17 +29,12 @@ def summarise_lamps(results: Sequence[LampResult], survey: SurveyResult | None) 
     """
     return {
         "frames": len(results),
-        "told": by_told(results),
-        "lamps": _split(results, lambda r: str(r.case.lamps)),
-        "attenuation": _split(results, lambda r: f"{r.case.mean_attenuation:g}"),
-        "surfaces": _split(results, lambda r: r.case.surfaces),
+        "told": by_estimate(results, of_pairs),
+        "lamps": _split(results, "lamps"),
+        "attenuation": _split(results, "mean_attenuation"),
+        "surfaces": _split(results, "surfaces"),
         "survey": None if survey is None else _of_survey(survey),
     }
-
-
-def by_told(results: Sequence[LampResult]) -> dict[str, Summary]:
-    """Return what frames show, by the names of `TOLD`."""
-    return {name: of_pairs([(r.truth, r.readings[name]) for r in results]) for name in TOLD}
 
 
 def of_pairs(pairs: Sequence[tuple[Truth, Reading]]) -> Summary:
@@ -61,13 +53,12 @@ def of_pairs(pairs: Sequence[tuple[Truth, Reading]]) -> Summary:
     return found
 
 
-def _split(
-    results: Sequence[LampResult], key: Callable[[LampResult], str]
-) -> dict[str, dict[str, Summary]]:
-    return {
-        name: by_told([r for r in results if key(r) == name])
-        for name in dict.fromkeys(key(r) for r in results)
-    }
+def _split(results: Sequence[StudyResult], label: str) -> dict[str, dict[str, Summary]]:
+    parts: dict[str, list[StudyResult]] = {}
+    for result in results:
+        value = result.labels[label]
+        parts.setdefault(value if isinstance(value, str) else f"{value:g}", []).append(result)
+    return {name: by_estimate(some, of_pairs) for name, some in parts.items()}
 
 
 def _of_survey(survey: SurveyResult) -> Summary:

@@ -1,20 +1,20 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Summary statistics of the adverse study: error, σ, refusals, and estimates beyond 3 σ."""
+"""What the adverse study and that under lamps share: results, statistics, lines of tables."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from uw_visibility.evaluation.adverse.cases import METHODS, AdverseResult
-from uw_visibility.evaluation.adverse.effects import CONTROL
-from uw_visibility.evaluation.readings import Reading, Truth
-from uw_visibility.status import Status
+from uw_visibility.evaluation.readings import Reading, Truth, flat
+from uw_visibility.evaluation.summary import OK, Summary, columns_of
+from uw_visibility.evaluation.tables import number, percent
 
 SIGMAS = 3.0
 """An error beyond that many standard deviations is wrong."""
@@ -23,49 +23,28 @@ TOO_LONG = 1.2
 CERTAIN = 0.15
 """A relative standard deviation of visibility up to which it says much."""
 
-OK = str(Status.OK)
-Summary = dict[str, Any]
 
+@dataclass(frozen=True)
+class StudyResult:
+    """Results of a case.
 
-def summarise_adverse(results: Sequence[AdverseResult]) -> Summary:
-    """Reduce a study to its summary.
-
-    Returns
-    -------
-    dict
-        ``effects``: by effect, then by the names of `METHODS`; ``levels``: the same
-        by effect and level; ``adverse``: over all cases but the control's;
-        ``control``: over the control's, with and without open water in view.
+    Attributes
+    ----------
+    labels : dict of str to object
+        What it was, by columns of the table.
+    truth : Truth
+        The water; where β is not one number, the one that is effective over the ranges in view.
+    readings : dict of str to Reading
+        What estimates say of it, by their names in tables.
     """
-    names = list(dict.fromkeys(result.effect for result in results))
-    adverse = [result for result in results if result.effect != CONTROL]
-    control = [result for result in results if result.effect == CONTROL]
-    return {
-        "cases": len(results),
-        "scenes": list(dict.fromkeys(result.scene for result in results)),
-        "effects": {
-            name: by_method([r for r in results if r.effect == name]) for name in names
-        },
-        "levels": {
-            name: {
-                level: by_method([r for r in results if (r.effect, r.level) == (name, level)])
-                for level in dict.fromkeys(r.level for r in results if r.effect == name)
-            }
-            for name in names
-        },
-        "adverse": by_method(adverse),
-        "control": {
-            "open_water": by_method([r for r in control if r.open_water]),
-            "no_open_water": by_method([r for r in control if not r.open_water]),
-        },
-    }
 
+    labels: dict[str, Any]
+    truth: Truth
+    readings: dict[str, Reading]
 
-def by_method(results: Sequence[AdverseResult]) -> dict[str, Summary]:
-    """Return `statistics` of the results by the names of `METHODS`; empty without any."""
-    if not results:
-        return {}
-    return {name: statistics([(r.truth, r.readings[name]) for r in results]) for name in METHODS}
+    def row(self) -> dict[str, Any]:
+        """Return the case as a row of a table."""
+        return {**self.labels, **flat({"true": self.truth, **self.readings})}
 
 
 def statistics(pairs: Sequence[tuple[Truth, Reading]]) -> Summary:
@@ -119,6 +98,15 @@ def statistics(pairs: Sequence[tuple[Truth, Reading]]) -> Summary:
     }
 
 
+def by_estimate(
+    results: Sequence[StudyResult],
+    measure: Callable[[Sequence[tuple[Truth, Reading]]], Summary] = statistics,
+) -> dict[str, Summary]:
+    """Return a measure of cases by the names of their readings; empty without any."""
+    names = results[0].readings if results else {}
+    return {name: measure([(r.truth, r.readings[name]) for r in results]) for name in names}
+
+
 def _channels_beyond(truth: Truth, reading: Reading) -> list[bool]:
     return [
         _beyond(found, true, stddev)
@@ -157,3 +145,30 @@ def _mean(values: Iterable[float]) -> float:
 def _median(values: Iterable[float]) -> float:
     known = [value for value in values if math.isfinite(value)]
     return float(np.median(known)) if known else math.nan
+
+
+def line(
+    title: str, columns: Sequence[tuple[str, int, str]], found: Summary | None = None
+) -> str:
+    """Return a line of a table for a terminal: the names of columns, or what was found.
+
+    Parameters
+    ----------
+    title : str
+    columns : sequence of (str, int, str)
+        Name and width of each column, and the statistic that it shows by its dotted name:
+        shares in percent, but for ``cases`` and ``ratio``.
+    found : dict, optional
+        See `statistics`; the line is the head of the table without it.
+    """
+    cells = [f"{name:>{width}s}" for name, width, _ in columns]
+    if found is not None:
+        values = columns_of(found)
+        cells = [f"{_shown(name, values[name]):>{width}s}" for _, width, name in columns]
+    return f"{title:26s}{''.join(cells)}"
+
+
+def _shown(name: str, value: float) -> str:
+    if name == "cases":
+        return str(value)
+    return number(value, 2) if name == "ratio" else percent(value)
