@@ -7,7 +7,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.replay.light_history import LightHistory
 from uw_visibility.replay.pool import FramePool
 from uw_visibility.water.estimate import LampLight
@@ -28,7 +27,7 @@ def test_the_light_a_frame_gets_is_that_of_a_frame_that_is_sure_to_be_answered(
     jobs: int, fast: bool
 ) -> None:
     """Whether all before are answered, or as few as the pool allows."""
-    ahead = FramePool(jobs, PipelineConfig()).read_ahead
+    ahead = FramePool(jobs).read_ahead
     lights = LightHistory(ahead)
     answered = 0
     for frame in range(12):
@@ -40,4 +39,4 @@ def test_the_light_a_frame_gets_is_that_of_a_frame_that_is_sure_to_be_answered(
 
 
 def test_one_process_gives_each_frame_the_light_of_the_last() -> None:
-    assert FramePool(1, PipelineConfig()).read_ahead == 0
+    assert FramePool(1).read_ahead == 0

@@ -121,28 +121,18 @@ class ParameterInfo:
             )
 
 
-def parameter(
-    default: Any,
-    description: str,
-    *,
-    unit: str = "",
-    minimum: float | None = None,
-    maximum: float | None = None,
-    choices: tuple[str, ...] = (),
-    read_only: bool = False,
-    repeats: bool = False,
-) -> Any:
-    """Declare a described parameter as a dataclass field; see `ParameterInfo`."""
-    metadata = {
-        "description": description,
-        "unit": unit,
-        "minimum": minimum,
-        "maximum": maximum,
-        "choices": choices,
-        "read_only": read_only,
-        "repeats": repeats,
-    }
-    return dataclasses.field(default=default, metadata=metadata)
+def parameter(default: Any, description: str, **facts: Any) -> Any:
+    """Declare a described parameter as a dataclass field.
+
+    Parameters
+    ----------
+    default : object
+    description : str
+        One sentence.
+    **facts
+        Unit, bounds and what else `ParameterInfo` has of it, by the names there.
+    """
+    return dataclasses.field(default=default, metadata={"description": description, **facts})
 
 
 def section(group: type) -> Any:

@@ -20,6 +20,8 @@ from uw_visibility.status import Status
 
 # Below this mean attenuation, 1/m, distances are beyond what a scene of a few metres tells.
 TURBID = 0.05
+# Mean attenuations are the same within this, 1/m, whatever was added and taken off again.
+TELLING_APART = 1e-9
 OK = str(Status.OK)
 
 Pair = tuple[Truth, Reading, str]
@@ -61,11 +63,7 @@ def summarise(evaluation: Evaluation) -> Summary:
             }
             for attenuation in evaluation.plan.attenuations
             for depth in evaluation.plan.depths
-            for same in [[
-                case for case in cases
-                if (case.truth.depth == depth
-                    and np.isclose(case.truth.mean_attenuation, attenuation, atol=1e-9))
-            ]]
+            for same in [_of_water([c for c in cases if c.truth.depth == depth], attenuation)]
         ],
         "unmatched": _unmatched(cases),
         "depth_edges": _depth_edges(cases),
@@ -102,7 +100,7 @@ def water_errors(pairs: Sequence[Pair]) -> Summary:
         "mean_attenuation_error": _errors(pairs, _alpha_error),
         "distance_relative_error": _errors(pairs, _distance_error),
         "distance_relative_error_turbid": _errors(turbid, _distance_error),
-        "depth_error": _errors(pairs, _depth_error),
+        "depth_error": _errors(pairs, lambda t, r: abs(r.depth - t.depth)),
         "attenuation_within": _within(beta),
         "mean_attenuation_within": _within(alpha),
         "not_assessed": _reasons((r.status, name) for _, r, name in pairs),
@@ -117,10 +115,6 @@ def _alpha_error(truth: Truth, reading: Reading) -> float:
 
 def _distance_error(truth: Truth, reading: Reading) -> float:
     return abs(reading.distance / truth.distance - 1.0)
-
-
-def _depth_error(truth: Truth, reading: Reading) -> float:
-    return abs(reading.depth - truth.depth)
 
 
 def _errors(pairs: Sequence[Pair], error: Callable[[Truth, Reading], float]) -> Summary:
@@ -222,12 +216,12 @@ def _noise(evaluation: Evaluation) -> list[Summary]:
         }
         for noise in ("0", *plan.noises)
         for attenuation in plan.attenuations
-        for same in [[
-            case for case in cases
-            if (case.noise == noise
-                and np.isclose(case.truth.mean_attenuation, attenuation, atol=1e-9))
-        ]]
+        for same in [_of_water([c for c in cases if c.noise == noise], attenuation)]
     ]
+
+
+def _of_water(cases: Sequence[CaseResult], attenuation: float) -> list[CaseResult]:
+    return [c for c in cases if abs(c.truth.mean_attenuation - attenuation) < TELLING_APART]
 
 
 def _mean_colour(cases: Sequence[CaseResult]) -> dict[str, dict[str, float | int]]:

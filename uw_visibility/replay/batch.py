@@ -13,7 +13,7 @@ from uw_visibility.errors import InputError, printable
 from uw_visibility.replay.bags.layout import find_files
 from uw_visibility.replay.inputs.lacks import check_in_any
 from uw_visibility.replay.inputs.options import ReplayOptions
-from uw_visibility.replay.pool import FramePool
+from uw_visibility.replay.pool import FramePool, frame_pool
 from uw_visibility.replay.progress import MakeCounter, Progress
 from uw_visibility.replay.report.sentences import verdict
 from uw_visibility.replay.results.folder import MARK
@@ -79,7 +79,7 @@ def replay_bags(
         # Before hours of work on the others, not after.
         if finished[bag] is None:
             check_place(target, force)
-    with FramePool(jobs, options.pipeline) as pool:
+    with frame_pool(jobs, options.pipeline) as pool:
         outcomes: list[Summary | InputError] = []
         for bag, target in targets.items():
             try:

@@ -18,7 +18,7 @@ from uw_visibility.optics.spectra import load_response
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
-from uw_visibility.replay.pool import FramePool
+from uw_visibility.replay.pool import FramePool, frame_pool
 from uw_visibility.replay.progress import Progress
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.joining import Joiner
@@ -100,7 +100,7 @@ def calibrate_recordings(
     options = _unprejudiced(options)
     _check_spread(_sensed_depths(bags, options))
     series = CalibrationSeries()
-    with FramePool(jobs, options.pipeline) as pool:
+    with frame_pool(jobs, options.pipeline) as pool:
         for bag in bags:
             _add_recording(series, bag, options, pool)
     found = calibrate(

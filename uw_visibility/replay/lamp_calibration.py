@@ -112,7 +112,7 @@ def _sightings(
     decoder = Decoder({channel.type: channel for channel in used}, reader.ros1)
     pairs = FrameReader(options.node.rectify)
     pipeline: Pipeline | None = None
-    observer = _Observer(first)
+    tracker = PointTracker(first)
     expected = stream.expected_frames
     progress = Progress(bag.name, expected)
     try:
@@ -126,37 +126,32 @@ def _sightings(
                     for m in (event.left, event.right, event.left_info, event.right_info))))
                 if pipeline is None or pipeline.rig != pair.rig:
                     pipeline = Pipeline(pair.rig, options.pipeline)
-                yield observer.observe(pair, pipeline)
+                yield _observe(pair, pipeline, tracker)
             except InputError as error:
                 reasons[str(error)] += 1
     finally:
         progress.close()
 
 
-class _Observer:
-    """Tracks points of the ground from frame to frame, with their light."""
-
-    def __init__(self, first: int) -> None:
-        self._tracker = PointTracker(first)
-
-    def observe(self, pair: StereoPair, pipeline: Pipeline) -> Sightings:
-        if pair.left.ndim != 3:
-            raise InputError("lamps are calibrated from images in colour: these are grey")
-        result = pipeline.process(
-            pair.left, pair.right, valid=pair.valid, enhance=(), confidence=False,
-            colour=pair.chroma)
-        left, camera = pair.left, pipeline.config.camera
-        saturated = (left == np.iinfo(left.dtype).max).any(axis=2)
-        centres = (
-            pair.rig.principal_point, pair.rig.principal_point_right or pair.rig.principal_point)
-        flat = FlatFieldCorrection(camera, centres, Workers(1))
-        if flat.needed:
-            left, _ = flat.correct(left, pair.right)
-        irradiance = linear_table(camera.transfer, left.dtype)[left]
-        self._tracker.follow(irradiance)
-        ranges = result.range
-        if pair.valid is not None:
-            ranges = np.where(pair.valid, ranges, np.float32(np.nan))
-        return observe_points(
-            irradiance, saturated, ranges, pair.rig.ray_directions(ranges.shape),
-            self._tracker.points.astype(np.float64), self._tracker.tracks)
+def _observe(pair: StereoPair, pipeline: Pipeline, tracker: PointTracker) -> Sightings:
+    """Follow points of the ground to a frame, and return their light in it."""
+    if pair.left.ndim != 3:
+        raise InputError("lamps are calibrated from images in colour: these are grey")
+    result = pipeline.process(
+        pair.left, pair.right, valid=pair.valid, enhance=(), confidence=False,
+        colour=pair.chroma)
+    left, camera = pair.left, pipeline.config.camera
+    saturated = (left == np.iinfo(left.dtype).max).any(axis=2)
+    centres = (
+        pair.rig.principal_point, pair.rig.principal_point_right or pair.rig.principal_point)
+    flat = FlatFieldCorrection(camera, centres, Workers(1))
+    if flat.needed:
+        left, _ = flat.correct(left, pair.right)
+    irradiance = linear_table(camera.transfer, left.dtype)[left]
+    tracker.follow(irradiance)
+    ranges = result.range
+    if pair.valid is not None:
+        ranges = np.where(pair.valid, ranges, np.float32(np.nan))
+    return observe_points(
+        irradiance, saturated, ranges, pair.rig.ray_directions(ranges.shape),
+        tracker.points.astype(np.float64), tracker.tracks)

@@ -13,8 +13,7 @@ import signal
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor, Future
-from contextlib import ExitStack
-from types import TracebackType
+from contextlib import contextmanager
 from typing import TypeVar
 
 from uw_visibility.compute.processes import process_pool
@@ -29,30 +28,28 @@ READ_AHEAD = 2
 
 
 class FramePool:
-    """Process pool for frames; to be used in a ``with`` statement.
+    """Pool for frames; see `frame_pool`.
 
     Parameters
     ----------
     jobs : int
         Processes; 1 works in this one.
-    config : PipelineConfig
-        What to get ready for.
+    executor : Executor, optional
+        Of the processes, where there are several.
     """
 
-    def __init__(self, jobs: int, config: PipelineConfig) -> None:
-        self.jobs = jobs
-        self._config = config
-        self._pool: Executor | None = None
-        self._open = ExitStack()
+    def __init__(self, jobs: int, executor: Executor | None = None) -> None:
+        self._jobs = jobs
+        self._executor = executor
 
     @property
     def read_ahead(self) -> int:
         """Tasks that may be unanswered when the next one is given."""
-        return 0 if self.jobs == 1 else READ_AHEAD * self.jobs
+        return 0 if self._jobs == 1 else READ_AHEAD * self._jobs
 
     def answers(self, items: Iterable[FrameTask | Other]) -> Iterator[FrameAnswer | Other]:
         """Yield the answers to tasks in the order of the items; hand on what is no task."""
-        if self._pool is None:
+        if self._executor is None:
             for item in items:
                 yield answer(item) if isinstance(item, FrameTask) else item
             return
@@ -60,12 +57,12 @@ class FramePool:
         tasks = 0
         for item in items:
             if isinstance(item, FrameTask):
-                waiting.append(self._pool.submit(answer, item))
+                waiting.append(self._executor.submit(answer, item))
                 tasks += 1
             else:
                 waiting.append(item)
             while waiting and (
-                tasks > READ_AHEAD * self.jobs or not isinstance(waiting[0], Future)
+                tasks > self.read_ahead or not isinstance(waiting[0], Future)
                 or waiting[0].done()
             ):
                 head = waiting.popleft()
@@ -74,23 +71,18 @@ class FramePool:
         for head in waiting:
             yield head.result() if isinstance(head, Future) else head
 
-    def __enter__(self) -> FramePool:
-        # Here and once, rather than in each process or with each frame.
-        try_out(self._config)
-        if self.jobs == 1:
-            warm_up(self._config)
-        else:
-            self._pool = self._open.enter_context(process_pool(self.jobs, _begin, self._config))
-        return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        # Which says what the end of a process means.
-        self._open.__exit__(kind, error, trace)
+@contextmanager
+def frame_pool(jobs: int, config: PipelineConfig) -> Iterator[FramePool]:
+    """Open a pool of so many processes, ready for frames with a configuration."""
+    # Here and once, rather than in each process or with each frame.
+    try_out(config)
+    if jobs == 1:
+        warm_up(config)
+        yield FramePool(jobs)
+        return
+    with process_pool(jobs, _begin, config) as executor:
+        yield FramePool(jobs, executor)
 
 
 def _begin(config: PipelineConfig) -> None:
