@@ -10,9 +10,8 @@ matches with gaps filled, and the truth.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -58,9 +57,6 @@ class EdgeErrors:
         px, of pixels whose truth is known.
     colour_near, colour_elsewhere : float
         ΔE*ab to the scene in air of the image restored with the map.
-    milliseconds : float
-        Processor time of the matting in one thread; NaN for other maps. It is
-        measured, so that two runs differ in it, and is left out of tables.
     """
 
     map: str
@@ -68,7 +64,6 @@ class EdgeErrors:
     disparity_elsewhere: float
     colour_near: float
     colour_elsewhere: float
-    milliseconds: float = field(default=float("nan"), compare=False)
 
     def row(self) -> dict[str, Any]:
         """Return the errors as a row of a table."""
@@ -86,6 +81,7 @@ def edge_errors(
     result: FrameResult,
     rig: StereoRig,
     config: PipelineConfig,
+    call: Callable[[str, Callable[[], Map]], Map] = lambda name, refine: refine(),
 ) -> list[EdgeErrors]:
     """Measure each map of `MAPS`.
 
@@ -99,6 +95,8 @@ def edge_errors(
         What the pipeline said of the pair.
     rig, config
         Those of the pipeline.
+    call : callable
+        Calls each matting, told its name, and returns what that does: to time it.
 
     Returns
     -------
@@ -110,13 +108,12 @@ def edge_errors(
     mesh = step.coarse_disparity(View.of(left), View.of(right))
     maps = {"mesh": inpaint(mesh), "final": result.stereo.filled}
     maps["truth"] = fill_from_background(scene.disparity_left)
-    times = {}
     matting = Matting(config.enhancement, workers)
     for method, refine in (
         ("guided", lambda: matting.refine(mesh, left)),
         ("laplacian", lambda: refine_by_laplacian(mesh, left, config.enhancement)),
     ):
-        maps[method], times[method] = _timed(refine)
+        maps[method] = call(method, refine)
     restorer = Restorer(config.enhancement, config.camera.transfer, workers)
     errors = []
     for name in MAPS:
@@ -126,15 +123,5 @@ def edge_errors(
         off = np.abs(maps[name] - scene.disparity_left)
         disparities = halo(off, scene.disparity_left, DISTANCE)
         errors.append(EdgeErrors(
-            name, disparities.near, disparities.elsewhere, colours.near, colours.elsewhere,
-            times.get(name, float("nan")),
-        ))
+            name, disparities.near, disparities.elsewhere, colours.near, colours.elsewhere))
     return errors
-
-
-def _timed(call: Callable[[], Map]) -> tuple[Map, float]:
-    """Return a call's result and its processor time, ms, once memory is allocated."""
-    call()
-    begin = time.thread_time()
-    found = call()
-    return found, 1e3 * (time.thread_time() - begin)

@@ -67,7 +67,7 @@ def mosaic_chroma(image: NDArray[Any], pattern: str) -> ChromaImage:
         cells[..., channel] = image[row:height:2, column:width:2, channel]
     noise = _noise_share(image[:height, :width, 1], pattern) * noise_stddev(read_only(cells)) ** 2
     hidden = noise - noise_stddev(read_only(image)) ** 2
-    return ChromaImage(None, 1, np.sqrt(np.maximum(hidden, 0.0)) / _code(image))
+    return ChromaImage(None, 1, np.sqrt(np.maximum(hidden, 0.0)) / code_value(image))
 
 
 def subsampled_chroma(image: NDArray[Any]) -> ChromaImage:
@@ -114,6 +114,6 @@ def _smoothest(difference: NDArray[np.floating]) -> float:
     return float(np.quantile(alive, SMOOTHEST)) if alive.size else 0.0
 
 
-def _code(image: NDArray[Any]) -> float:
-    """Code values for one of 8 bits."""
-    return float((np.iinfo(image.dtype).max + 1) / 256)
+def code_value(pixels: NDArray[Any]) -> float:
+    """Return how many code values of an image, uint8 or uint16, are one of 8 bits."""
+    return float((np.iinfo(pixels.dtype).max + 1) / 256)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from uw_visibility.images.arrays import Image, Mask, PerChannel, RangeMap
-from uw_visibility.images.chroma import ChromaImage
+from uw_visibility.images.chroma import ChromaImage, code_value
 from uw_visibility.images.noise import noise_stddev
 
 
@@ -169,8 +169,3 @@ def _samples(
     if chroma.hidden_noise is not None:
         noise = np.hypot(noise, code_value(samples) * chroma.hidden_noise)
     return ColourSamples(samples, transfer, noise, chroma.scale, True)
-
-
-def code_value(pixels: Image) -> float:
-    """Return how many code values of an image, uint8 or uint16, are one of 8 bits."""
-    return float((np.iinfo(pixels.dtype).max + 1) / 256)

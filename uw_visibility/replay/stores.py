@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, TypeAlias
 
 from uw_visibility.errors import InputError, needing, refusing
-from uw_visibility.replay.results.folder import MARK, check_target, read_state
+from uw_visibility.replay.results.folder import MARK, check_target, read_state, refuse_to_replace
 
 Place: TypeAlias = Path | str
 """Where a recording or a result is: a path of this machine, or a URL."""
@@ -210,10 +210,8 @@ def check_place(target: Place, force: bool) -> None:
     store, path = _open(target)
     with refusing(f"cannot read {target}", Exception):
         there, result = store.exists(path), store.exists(f"{path}/{MARK}")
-    if there and not result:
-        raise InputError(f"{target} exists already and is no replay: give another name")
-    if there and not force:
-        raise InputError(f"{target} exists already: give another name, or --force to replace")
+    if there:
+        refuse_to_replace(target, result, force)
 
 
 def exists(where: Place) -> bool:

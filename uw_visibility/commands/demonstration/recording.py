@@ -32,8 +32,8 @@ class RecordedFrame:
         The images, RGB.
     rig : StereoRig
         Their geometry.
-    attenuation, ambient_light : ndarray, shape (3,), float64
-        True β in 1/m and I∞, RGB.
+    attenuation : ndarray, shape (3,), float64
+        True β in 1/m, RGB.
     mean_attenuation, depth : float
         True α in 1/m and depth in m, positive down.
     disparity : ndarray, shape (H, W), float32
@@ -46,7 +46,6 @@ class RecordedFrame:
     right: NDArray[np.uint8]
     rig: StereoRig
     attenuation: NDArray[np.float64]
-    ambient_light: NDArray[np.float64]
     mean_attenuation: float
     depth: float
     disparity: NDArray[np.float32]
@@ -85,7 +84,6 @@ def _frame(time: int, instant: dict[str, Any]) -> RecordedFrame:
         right=read_image(message["/right/image_rect"]),
         rig=StereoRig.from_camera_info(message["/left/camera_info"], message["/right/camera_info"]),
         attenuation=read_vector(message[TRUTH + "attenuation"]),
-        ambient_light=read_vector(message[TRUTH + "ambient_light"]),
         mean_attenuation=message[TRUTH + "mean_attenuation"].data,
         depth=-message[TRUTH + "depth"].pose.pose.position.z,
         disparity=read_disparity(message[TRUTH + "disparity"]),

@@ -44,7 +44,12 @@ def check_target(target: Path, force: bool) -> None:
         return
     if target.is_dir() and not target.is_symlink() and not any(target.iterdir()):
         return
-    if not (target / MARK).is_file() or target.is_symlink():
+    refuse_to_replace(target, (target / MARK).is_file() and not target.is_symlink(), force)
+
+
+def refuse_to_replace(target: Path | str, result: bool, force: bool) -> None:
+    """Refuse to replace what is no result, or a result without force."""
+    if not result:
         raise InputError(f"{target} exists already and is no replay: give another name")
     if not force:
         raise InputError(f"{target} exists already: give another name, or --force to replace")
