@@ -5,12 +5,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 from uw_visibility.errors import InputError
 
+Made = TypeVar("Made")
 Options: TypeAlias = Mapping[str, tuple[Any, ...]]
 """Default and help, by an option's name and what stands for its values.
 
@@ -47,6 +49,19 @@ def _kind(value: Any) -> type:
 
 def _shown(value: Any) -> str:
     return value if isinstance(value, str) else f"{value:g}"
+
+
+def of_arguments(
+    kind: Callable[..., Made], arguments: argparse.Namespace, **others: Any
+) -> Made:
+    """Make a dataclass of the arguments that are named as its fields, and of others."""
+    given = {
+        field.name: getattr(arguments, field.name) for field in fields(kind)  # type: ignore[arg-type]
+        if field.name not in others and hasattr(arguments, field.name)
+    }
+    values = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
+    return kind(**values, **others)
 
 
 def read_params_file(path: Path | None) -> dict[str, Any]:

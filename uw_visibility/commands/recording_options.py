@@ -10,8 +10,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from uw_visibility.commands.params_file import of_arguments, read_params_file
 from uw_visibility.commands.progress import say
 from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.errors import InputError, needing
@@ -52,8 +53,8 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     add("--jobs", metavar="N", type=int, default=0, help="processes; 0 takes one per processor")
 
 
-def read_recording_options(arguments: argparse.Namespace) -> ReplayOptions:
-    """Return the options of a replay.
+def read_recording_options(arguments: argparse.Namespace, **others: Any) -> ReplayOptions:
+    """Return the options of a replay: those of the arguments that have their names, and others.
 
     Raises
     ------
@@ -61,7 +62,6 @@ def read_recording_options(arguments: argparse.Namespace) -> ReplayOptions:
         If an option or a file that it names cannot be used.
     """
     from uw_visibility.commands.calibration_file import read_camera_infos
-    from uw_visibility.commands.params_file import read_params_file
     from uw_visibility.config.schema import NodeConfig, PipelineConfig
     from uw_visibility.replay.inputs.options import ReplayOptions
     from uw_visibility.replay.inputs.topics import Wanted
@@ -70,18 +70,12 @@ def read_recording_options(arguments: argparse.Namespace) -> ReplayOptions:
     pipeline, node = PipelineConfig.from_parameters(values), NodeConfig.from_parameters(values)
     if arguments.rectify:
         node = replace(node, rectify=True)
-    return ReplayOptions(
-        pipeline=pipeline,
-        node=node,
-        wanted=Wanted(
-            arguments.left, arguments.right, arguments.left_info, arguments.right_info,
-            arguments.depth_sensor,
-        ),
+    return of_arguments(
+        ReplayOptions, arguments, pipeline=pipeline, node=node,
+        wanted=of_arguments(Wanted, arguments, depth=arguments.depth_sensor),
         sensor_type=values.get("plausibility.sensor_type"),
         infos=read_camera_infos(arguments.calibration) if arguments.calibration else None,
-        start=arguments.start,
-        duration=arguments.duration,
-        every=arguments.every,
+        **others,
     )
 
 

@@ -158,26 +158,16 @@ def _options(arguments: argparse.Namespace) -> ReplayOptions:
     from uw_visibility.replay.inputs.scalars import ScalarTopic
     from uw_visibility.replay.line_fit import LineFit
 
-    options = read_recording_options(arguments)
+    options = read_recording_options(
+        arguments, geo=arguments.geo is not None,
+        joins=tuple(ScalarTopic.parse(text) for text in arguments.join),
+        turbidity=None if arguments.turbidity is None else LineFit.read(arguments.turbidity),
+    )
     node = options.node
     if arguments.all_topics:
         node = replace(node, publish_depth_image=True, publish_points=True)
     return replace(
-        options,
-        node=node,
-        all_topics=arguments.all_topics,
-        wanted=replace(options.wanted, position=arguments.geo),
-        images=arguments.images,
-        video=arguments.video,
-        geo=arguments.geo is not None,
-        netcdf=arguments.netcdf,
-        parquet=arguments.parquet,
-        joins=tuple(ScalarTopic.parse(text) for text in arguments.join),
-        join_tolerance=arguments.join_tolerance,
-        turbidity=None if arguments.turbidity is None else LineFit.read(arguments.turbidity),
-        match_original=arguments.match_original,
-        origin=None if arguments.origin is None else tuple(arguments.origin),
-    )
+        options, node=node, wanted=replace(options.wanted, position=arguments.geo))
 
 
 def _replay(

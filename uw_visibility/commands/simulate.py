@@ -5,12 +5,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
-from uw_visibility.commands.params_file import Options, add_described
+from uw_visibility.commands.params_file import Options, add_described, of_arguments
 from uw_visibility.commands.progress import say
 from uw_visibility.errors import InputError, check_range
 
@@ -18,8 +17,6 @@ if TYPE_CHECKING:
     from uw_visibility.simulation.camera import Sensor
     from uw_visibility.simulation.lamps import Lighting
     from uw_visibility.simulation.water import WaterEffects
-
-Made = TypeVar("Made")
 
 MOST_THREADS = 64
 
@@ -185,14 +182,14 @@ def run(arguments: argparse.Namespace) -> None:
     focal_length = arguments.focal_length
     if focal_length is None:
         focal_length = arguments.width * 15 / 16
-    transect = _of_arguments(
+    transect = of_arguments(
         Transect, arguments,
         altitude=_altitude(arguments.altitude),
         tilt=90.0 if arguments.downward else Transect.tilt,
-        camera=_of_arguments(StereoCamera, arguments, focal_length=focal_length),
+        camera=of_arguments(StereoCamera, arguments, focal_length=focal_length),
         sensor=_sensor(arguments),
-        effects=_of_arguments(Effects, arguments),
-        camera_effects=_of_arguments(CameraEffects, arguments),
+        effects=of_arguments(Effects, arguments),
+        camera_effects=of_arguments(CameraEffects, arguments),
         water_effects=_water_effects(arguments),
         lighting=_lighting(arguments),
     )
@@ -207,19 +204,6 @@ def run(arguments: argparse.Namespace) -> None:
         progress=lambda frames: progress_bar(frames, "simulate", transect.frames),
     )
     say(f"{arguments.output}: {transect.frames} stereo frames at {transect.rate:g} Hz")
-
-
-def _of_arguments(
-    kind: Callable[..., Made], arguments: argparse.Namespace, **others: Any
-) -> Made:
-    """Make a dataclass of the arguments that are named as its fields, and of others."""
-    given = {
-        field.name: getattr(arguments, field.name) for field in fields(kind)  # type: ignore[arg-type]
-        if field.name not in others and hasattr(arguments, field.name)
-    }
-    values = {
-        name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
-    return kind(**values, **others)
 
 
 def _altitude(heights: list[float]) -> tuple[float, float]:
@@ -254,7 +238,7 @@ def _lighting(arguments: argparse.Namespace) -> Lighting:
         raise InputError("--night and --daylight are two lights: give one of them")
     if arguments.night and not lamps:
         raise InputError("--night has no light without lamps: give --lamps 2, say")
-    return _of_arguments(
+    return of_arguments(
         Lighting, arguments, lamps=lamps, daylight=arguments.daylight or not lamps,
         shaded=not arguments.no_shading, jitter=arguments.lamp_jitter,
     )
@@ -275,7 +259,7 @@ def _sensor(arguments: argparse.Namespace) -> Sensor:
         return NOISELESS
     if arguments.noise_codes is not None:
         return Sensor.gaussian(arguments.noise_codes)
-    return _of_arguments(Sensor, arguments)
+    return of_arguments(Sensor, arguments)
 
 
 def _water_effects(arguments: argparse.Namespace) -> WaterEffects:
@@ -285,7 +269,7 @@ def _water_effects(arguments: argparse.Namespace) -> WaterEffects:
     if len(veil) not in (1, 3):
         raise InputError(f"--veil has {len(veil)} values: give one ratio, or three for R, G, B")
     (layer, layer_height), (plume, plume_share) = arguments.layer, arguments.plume
-    return _of_arguments(
+    return of_arguments(
         WaterEffects, arguments, veil=veil * (3 // len(veil)),
         layer=layer, layer_height=layer_height, plume=plume, plume_share=plume_share,
     )

@@ -98,6 +98,11 @@ def statistics(pairs: Sequence[tuple[Truth, Reading]]) -> Summary:
     }
 
 
+def having(results: Sequence[StudyResult], **labels: Any) -> list[StudyResult]:
+    """Return the results of cases with some labels."""
+    return [result for result in results if labels.items() <= result.labels.items()]
+
+
 def by_estimate(
     results: Sequence[StudyResult],
     measure: Callable[[Sequence[tuple[Truth, Reading]]], Summary] = statistics,

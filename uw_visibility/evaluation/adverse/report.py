@@ -4,14 +4,13 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from uw_visibility.evaluation.adverse.cases import METHODS, AdversePlan
 from uw_visibility.evaluation.adverse.effects import CONTROL
-from uw_visibility.evaluation.studies import StudyResult, by_estimate, line
+from uw_visibility.evaluation.studies import StudyResult, by_estimate, having, line
 from uw_visibility.evaluation.summary import Summary, columns_of
 from uw_visibility.evaluation.tables import number, percent, told, write_report, write_rows
 
@@ -33,23 +32,24 @@ def summarise_adverse(results: Sequence[StudyResult]) -> Summary:
         by effect and level; ``adverse``: over all cases but the control's;
         ``control``: over the control's, with and without open water in view.
     """
-    levels: dict[str, dict[str, list[StudyResult]]] = {}
-    for result in results:
-        of_effect = levels.setdefault(result.labels["effect"], {})
-        of_effect.setdefault(result.labels["level"], []).append(result)
-    effects = {name: [*itertools.chain(*of.values())] for name, of in levels.items()}
-    control = effects.get(CONTROL, [])
+    effects = {
+        name: having(results, effect=name)
+        for name in dict.fromkeys(result.labels["effect"] for result in results)
+    }
     return {
         "cases": len(results),
         "scenes": list(dict.fromkeys(result.labels["scene"] for result in results)),
         "effects": {name: by_estimate(some) for name, some in effects.items()},
         "levels": {
-            name: {level: by_estimate(some) for level, some in of.items()}
-            for name, of in levels.items()
+            name: {
+                level: by_estimate(having(some, level=level))
+                for level in dict.fromkeys(result.labels["level"] for result in some)
+            }
+            for name, some in effects.items()
         },
         "adverse": by_estimate([r for r in results if r.labels["effect"] != CONTROL]),
         "control": {
-            name: by_estimate([r for r in control if r.labels["open_water"] is seen])
+            name: by_estimate(having(results, effect=CONTROL, open_water=seen))
             for name, seen in (("open_water", True), ("no_open_water", False))
         },
     }
