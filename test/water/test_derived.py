@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from uw_visibility import estimate_water
-from uw_visibility.evaluation.adverse.scenes import AdverseSource
+from uw_visibility.evaluation.adverse.scenes import load_adverse_scene
+from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.optics.jerlov import water_types
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.optics.water_type import TYPES, water_type
@@ -80,7 +81,7 @@ def test_a_dark_channel_does_not_hinder():
 def test_types_are_found_in_images_rendered_with_their_spectra():
     """Right or a neighbour in nine of ten, where the standard deviation says it can be told."""
     right, told = 0, 0
-    scene = AdverseSource(seed=0).load()
+    scene = load_adverse_scene(SceneSource(seed=0))
     for name in water_types():
         for depth in (2.0, 8.0):
             water = Water(0.0, depth, None, WaterEffects(water_type=name))

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.radiance import recover_radiance
+from uw_visibility.enhancement.white_balance import RestorationWater
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation import baselines, metrics
 from uw_visibility.evaluation.degrade import Scene, fill_from_background
@@ -343,15 +344,10 @@ def _peer_images(
 
 def _oracle(image: Image, range_map: Map, truth: Truth) -> Image:
     """Restore an image with the true water and range, without limit of the gain (eq. 8)."""
-    water = _TrueWater(np.array(truth.attenuation), np.array(truth.ambient_light))
+    light = np.array(truth.ambient_light)
+    water = RestorationWater(np.array(truth.attenuation), light, light)
     radiance = recover_radiance(image, range_map, water)
     return np.asarray(np.clip(radiance * 255 + 0.5, 0, 255), dtype=np.uint8)
-
-
-@dataclass(frozen=True)
-class _TrueWater:
-    attenuation: NDArray[np.float64]
-    ambient_light: NDArray[np.float64]
 
 
 def _peer_matches(

@@ -41,10 +41,13 @@ class SceneSource:
         Folder of a Middlebury-like scene.
     seed : int
         Seed of the rendered scene, where there is no folder.
+    open_water : bool
+        Whether the rendered scene shows open water; of the adverse study's alone.
     """
 
     folder: Path | None = None
     seed: int = 0
+    open_water: bool = False
 
     def load(self) -> Scene:
         """Load or render the scene; the last one is kept.

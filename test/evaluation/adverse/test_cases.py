@@ -15,7 +15,8 @@ from uw_visibility.evaluation.adverse.cases import (
     evaluate_adverse_case,
 )
 from uw_visibility.evaluation.adverse.effects import Level
-from uw_visibility.evaluation.adverse.scenes import AdverseSource, find_adverse_scenes
+from uw_visibility.evaluation.adverse.scenes import find_adverse_scenes, load_adverse_scene
+from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.studies import StudyResult
 from uw_visibility.simulation.camera_effects import CameraEffects
 from uw_visibility.simulation.water import WaterEffects
@@ -23,19 +24,19 @@ from uw_visibility.simulation.water import WaterEffects
 CONFIG = PipelineConfig.from_parameters({"threads": 1})
 
 
-def run(source: AdverseSource, matched: bool = False, alpha: float = 0.3, **level: object):
+def run(source: SceneSource, matched: bool = False, alpha: float = 0.3, **level: object):
     case = AdverseCase(source, "test", Level("test", **level), alpha, 2.0, matched=matched)
     return evaluate_adverse_case(case, CONFIG)
 
 
 @pytest.fixture(scope="module")
-def source(scene_folder: Path) -> AdverseSource:
+def source(scene_folder: Path) -> SceneSource:
     (found,) = find_adverse_scenes([scene_folder])
     return found
 
 
 @pytest.fixture(scope="module")
-def plain(source: AdverseSource) -> StudyResult:
+def plain(source: SceneSource) -> StudyResult:
     return run(source)
 
 
@@ -78,7 +79,7 @@ def test_rendered_scenes_with_and_without_open_water() -> None:
     sources = find_adverse_scenes([])
     assert sorted({source.open_water for source in sources}) == [False, True]
     for source in sources[1:3]:
-        scene = source.load()
+        scene = load_adverse_scene(source)
         unknown = np.isnan(scene.disparity)
         np.testing.assert_array_equal(unknown, np.isinf(scene.left.range))
         assert (unknown.mean() > 0.05) == source.open_water

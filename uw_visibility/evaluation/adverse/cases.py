@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import check_range
 from uw_visibility.evaluation.adverse.effects import Level, chosen
-from uw_visibility.evaluation.adverse.scenes import AdverseScene, AdverseSource
+from uw_visibility.evaluation.adverse.scenes import AdverseScene, load_adverse_scene
 from uw_visibility.evaluation.backscatter import fit_backscatter
 from uw_visibility.evaluation.readings import Reader, Reading, Truth, match_and_read
+from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.studies import StudyResult
 from uw_visibility.pipeline.estimate_water import estimate_water
 from uw_visibility.simulation.camera import StereoCamera
@@ -48,7 +49,7 @@ class AdverseCase:
 
     Attributes
     ----------
-    source : AdverseSource
+    source : SceneSource
         The scene.
     effect : str
         Name of the effect.
@@ -64,7 +65,7 @@ class AdverseCase:
         Whether the estimators get matched disparities instead of true ones.
     """
 
-    source: AdverseSource
+    source: SceneSource
     effect: str
     level: Level
     mean_attenuation: float
@@ -79,7 +80,7 @@ class AdversePlan:
 
     Attributes
     ----------
-    scenes : sequence of AdverseSource
+    scenes : sequence of SceneSource
         The scenes.
     effects : tuple of str
         Names of effects; empty for all.
@@ -93,7 +94,7 @@ class AdversePlan:
         What the estimators are told.
     """
 
-    scenes: Sequence[AdverseSource]
+    scenes: Sequence[SceneSource]
     effects: tuple[str, ...] = ()
     attenuations: tuple[float, ...] = ATTENUATIONS
     depths: tuple[float, ...] = DEPTHS
@@ -137,7 +138,7 @@ def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> StudyRes
     InputError
         If the scene cannot be loaded.
     """
-    scene, level = case.source.load(), case.level
+    scene, level = load_adverse_scene(case.source), case.level
     told = PipelineConfig.from_parameters({**config.to_parameters(), **level.parameters})
     water = Water(case.mean_attenuation, case.depth, None, level.water)
     left, right, gains = _expose(scene, level, water, case)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.evaluation.degrade import Scene, fill_from_background, load_scene
-from uw_visibility.evaluation.scenes import ALTITUDE, TILT, find_scenes
+from uw_visibility.evaluation.scenes import ALTITUDE, TILT, SceneSource, find_scenes
 from uw_visibility.simulation.camera import Pose, StereoCamera
 from uw_visibility.simulation.formation import Geometry
 from uw_visibility.simulation.scene import reef
@@ -34,35 +34,6 @@ LARGEST_WIDTH = 700
 
 HEIGHT = 1.0
 """Height above the floor, m, taken for cameras of recorded scenes, which look ahead."""
-
-
-@dataclass(frozen=True)
-class AdverseSource:
-    """A scene by where it comes from; small, so that processes can exchange it.
-
-    Attributes
-    ----------
-    folder : Path or None
-        Folder of a Middlebury-like scene.
-    seed : int
-        Seed of the rendered scene, where there is no folder.
-    open_water : bool
-        Whether the rendered scene shows open water.
-    """
-
-    folder: Path | None = None
-    seed: int = 0
-    open_water: bool = False
-
-    def load(self) -> AdverseScene:
-        """Load or render the scene; the last one is kept.
-
-        Raises
-        ------
-        InputError
-            If a file is absent or cannot be read.
-        """
-        return _load(self)
 
 
 @dataclass(frozen=True)
@@ -95,7 +66,7 @@ class AdverseScene:
     open_water: bool
 
 
-def find_adverse_scenes(datasets: Sequence[Path]) -> list[AdverseSource]:
+def find_adverse_scenes(datasets: Sequence[Path]) -> list[SceneSource]:
     """Find the scenes of datasets; without any, reefs are rendered, with open water and without.
 
     Raises
@@ -104,12 +75,19 @@ def find_adverse_scenes(datasets: Sequence[Path]) -> list[AdverseSource]:
         See `find_scenes`.
     """
     if datasets:
-        return [AdverseSource(source.folder) for source in find_scenes(datasets)]
-    return [AdverseSource(seed=seed, open_water=seen) for seen in (False, True) for seed in SEEDS]
+        return find_scenes(datasets)
+    return [SceneSource(seed=seed, open_water=seen) for seen in (False, True) for seed in SEEDS]
 
 
 @lru_cache(maxsize=1)
-def _load(source: AdverseSource) -> AdverseScene:
+def load_adverse_scene(source: SceneSource) -> AdverseScene:
+    """Load a scene, or render it; the last one is kept.
+
+    Raises
+    ------
+    InputError
+        If a file is absent or cannot be read.
+    """
     if source.folder is None:
         return _rendered(source.seed, source.open_water)
     return _recorded(load_scene(source.folder))
