@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uw_visibility import Pipeline, PipelineConfig, StereoRig
+from uw_visibility import Pipeline, PipelineConfig
 from uw_visibility.evaluation.metrics import correct_fraction, matched_fraction
 from uw_visibility.evaluation.scenes import find_scenes, search_limit, tolerance
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
@@ -33,7 +33,7 @@ def main() -> None:
     table = []
     for source in find_scenes(parser.parse_args().datasets):
         scene = source.load()
-        rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+        rig = scene.rig
         limit = {"stereo.max_disparity": search_limit(scene) - 1}
         pipelines = [
             Pipeline(rig, PipelineConfig.from_parameters({**limit, **setting}))

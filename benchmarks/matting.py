@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uw_visibility import Pipeline, PipelineConfig, StereoRig
+from uw_visibility import Pipeline, PipelineConfig
 from uw_visibility.evaluation.depth_edges import DISTANCE, MAPS, edge_errors
 from uw_visibility.evaluation.scenes import find_scenes, search_limit
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
@@ -36,7 +36,7 @@ def main() -> None:
         scene = source.load()
         config = PipelineConfig.from_parameters(
             {"stereo.max_disparity": search_limit(scene) - 1, "threads": 1})
-        rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+        rig = scene.rig
         left, right = scene.degraded(MEAN_ATTENUATION, DEPTH, kappa)
         result = Pipeline(rig, config).process(left, right)
         times: dict[str, float] = {}

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility import Pipeline, PipelineConfig, StereoRig
+from uw_visibility import Pipeline, PipelineConfig
 from uw_visibility.evaluation.baselines import equalised_matching, semi_global_matching
 from uw_visibility.evaluation.degrade import Scene
 from uw_visibility.evaluation.metrics import bad_fraction, correct_fraction
@@ -104,7 +104,7 @@ def measure_times(scene: Scene, rounds: int) -> dict[str, float]:
 
 def make_pipeline(scene: Scene) -> Pipeline:
     """Return a pipeline of one thread for a scene."""
-    rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+    rig = scene.rig
     parameters = {"stereo.max_disparity": search_limit(scene) - 1, "threads": 1}
     return Pipeline(rig, PipelineConfig.from_parameters(parameters))
 

@@ -138,7 +138,7 @@ def degrade(
     """Return geometry, pair, true disparity and left radiance of a scene in water."""
     images = scene.degraded(alpha, DEPTH, clear_water_attenuation(load_response("nikon_d5100")))
     width = scene.disparity_left.shape[1]
-    rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+    rig = scene.rig
     if width <= SIZE[0]:
         return rig, *images, scene.disparity_left, scene.left
     left, right, radiance = (
@@ -147,7 +147,7 @@ def degrade(
     scale = SIZE[0] / width
     truth = cv2.resize(scene.disparity_left, SIZE, interpolation=cv2.INTER_NEAREST) * scale
     centre = ((SIZE[0] - 1) / 2, (SIZE[1] - 1) / 2)
-    rig = StereoRig(scene.focal_length * scale, scene.baseline, centre)
+    rig = StereoRig(scene.rig.focal_length * scale, scene.rig.baseline, centre)
     return rig, left, right, truth, radiance
 
 

@@ -35,20 +35,21 @@ def write_scene(folder, width=30, disparity=60, right_disparity=True):
 @pytest.mark.parametrize(("width", "scale"), [(30, 3), (640, 2), (1282, 1)])
 def test_the_width_tells_the_scale(tmp_path, width, scale):
     scene = load_scene(write_scene(tmp_path / "scene", width))
-    assert scene.focal_length == pytest.approx(3740 / scale)
+    assert scene.rig.focal_length == pytest.approx(3740 / scale)
     assert scene.disparity_left[5, 5] == pytest.approx(60 / scale)
     assert not scene.known[0, 0]
-    assert scene.principal_point == ((width - 1) / 2, 9.5)
+    assert scene.rig.principal_point == ((width - 1) / 2, 9.5)
     # At the image's centre the ray is the optical axis: range is f·B/d.
-    centre = scene.range_of(scene.disparity_left)[9, width // 2]
+    centre = scene.rig.range_from_disparity(scene.disparity_left)[9, width // 2]
     assert centre == pytest.approx(3740 * 0.160 / 60, rel=1e-4)
 
 
 def test_range_is_along_the_line_of_sight(tmp_path):
     scene = load_scene(write_scene(tmp_path / "scene", 1282))
-    cx, cy = scene.principal_point
+    cx, cy = scene.rig.principal_point
     expected = 3740 * 0.16 / 60 * np.sqrt(1 + (cx / 3740) ** 2 + (cy / 3740) ** 2)
-    assert scene.range_of(scene.disparity_left)[-1, -1] == pytest.approx(expected, rel=1e-6)
+    corner = scene.rig.range_from_disparity(scene.disparity_left)[-1, -1]
+    assert corner == pytest.approx(expected, rel=1e-6)
 
 
 def test_unknown_pixels_take_the_farther_neighbour():
@@ -112,7 +113,7 @@ def test_colour_differences_of_degraded_scenes_and_of_their_best_recovery(shared
             scene = load_scene(shared_data / "middlebury" / name)
             left, _ = scene.degraded(alpha, 2.0, KAPPA)
             truth = lab(scene.left / 255)
-            gain = np.exp((KAPPA + alpha) * scene.range_of(
+            gain = np.exp((KAPPA + alpha) * scene.rig.range_from_disparity(
                 fill_from_background(scene.disparity_left))[..., np.newaxis])
             ambient = np.exp(-(KAPPA + alpha) * 2)
             recovered = 1 + (left / 255 / ambient - 1) * gain

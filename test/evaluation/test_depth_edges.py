@@ -17,7 +17,6 @@ from uw_visibility.evaluation.scenes import render_scene
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.stereo.rig import StereoRig
 
 ALPHA, DEPTH = 0.3, 2.0
 CLEAR_WATER = clear_water_attenuation(load_response("nikon_d5100"))
@@ -31,7 +30,7 @@ def seen():
     truth = Truth.of_clear_water_and_particles(ALPHA, DEPTH, CLEAR_WATER, 0.05)
     left, right = scene.degraded(ALPHA, DEPTH, CLEAR_WATER)
     config = PipelineConfig.from_parameters({"threads": 1, "stereo.max_disparity": 63})
-    rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+    rig = scene.rig
     return scene, truth, left, right, rig, config, Pipeline(rig, config).process(left, right)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from uw_visibility import Pipeline, PipelineConfig, StereoRig
+from uw_visibility import Pipeline, PipelineConfig
 from uw_visibility.cli import main
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.baselines import semi_global_matching
@@ -70,7 +70,7 @@ def anew(scene_folder):
     # The paper's water, which is lit as the scene is.
     config = PipelineConfig.from_parameters(
         {"water.veil": "paper", "stereo.max_disparity": limit - 1})
-    rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+    rig = scene.rig
     return scene, left, right, limit, Pipeline(rig, config).process(left, right)
 
 

@@ -278,7 +278,7 @@ class _Bench:
         self.config = replace(config, stereo=stereo)
         self.rig = scene.rig
         self.pipeline = Pipeline(self.rig, self.config)
-        self.exact_range = scene.range_of(scene.disparity_left)
+        self.exact_range = scene.rig.range_from_disparity(scene.disparity_left)
         self.reader = Reader(config)
 
     def read(
@@ -330,7 +330,7 @@ def _peer_images(
 ) -> tuple[dict[str, Image], Image]:
     """Return the left images that need no estimate, and the oracle's right one."""
     oracle_left, oracle_right = (
-        _oracle(image, scene.range_of(fill_from_background(disparity)), truth)
+        _oracle(image, scene.rig.range_from_disparity(fill_from_background(disparity)), truth)
         for image, disparity in ((left, scene.disparity_left), (right, scene.disparity_right))
     )
     images = {

@@ -37,12 +37,8 @@ class Scene:
         The images, RGB, taken as normalised radiance.
     disparity_left, disparity_right : (H, W) float32 ndarray
         True disparity of either view, px; NaN where it is not known.
-    focal_length : float
-        px.
-    baseline : float
-        m.
-    principal_point : tuple of float
-        (cx, cy), px: the centre of the image, in both views.
+    rig : StereoRig
+        Geometry of the pair; the principal point is the centre of the image, in both views.
     """
 
     name: str
@@ -50,23 +46,12 @@ class Scene:
     right: NDArray[np.uint8]
     disparity_left: NDArray[np.float32]
     disparity_right: NDArray[np.float32]
-    focal_length: float
-    baseline: float
-    principal_point: tuple[float, float]
+    rig: StereoRig
 
     @property
     def known(self) -> NDArray[np.bool_]:
         """(H, W) bool: pixels of the left view whose disparity is known."""
         return np.isfinite(self.disparity_left)
-
-    @property
-    def rig(self) -> StereoRig:
-        """Geometry of the pair."""
-        return StereoRig(self.focal_length, self.baseline, self.principal_point)
-
-    def range_of(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Range along the line of sight, m, of a filled disparity map of either view."""
-        return self.rig.range_from_disparity(disparity)
 
     def degraded(
         self,
@@ -78,7 +63,7 @@ class Scene:
         """Return the pair as a camera below water sees it; see `degrade`."""
         left, right = (
             degrade(
-                image, self.range_of(fill_from_background(disparity)),
+                image, self.rig.range_from_disparity(fill_from_background(disparity)),
                 mean_attenuation, depth, clear_water_attenuation, sensor, seed,
             )
             for seed, (image, disparity) in enumerate((
@@ -124,9 +109,8 @@ def load_scene(folder: str | Path) -> Scene:
         right=right,
         disparity_left=disparity_left,
         disparity_right=disparity_right,
-        focal_length=FULL_SIZE_FOCAL_LENGTH / scale,
-        baseline=BASELINE,
-        principal_point=((width - 1) / 2, (height - 1) / 2),
+        rig=StereoRig(
+            FULL_SIZE_FOCAL_LENGTH / scale, BASELINE, ((width - 1) / 2, (height - 1) / 2)),
     )
 
 

@@ -156,9 +156,7 @@ def render_scene(seed: int, camera: StereoCamera | None = None) -> Scene:
         right=_as_image(frame.radiance_right),
         disparity_left=frame.disparity_left,
         disparity_right=frame.disparity_right,
-        focal_length=camera.focal_length,
-        baseline=camera.baseline,
-        principal_point=camera.principal_point,
+        rig=camera.rig,
     )
 
 

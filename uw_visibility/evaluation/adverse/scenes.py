@@ -129,7 +129,7 @@ def _recorded(scene: Scene) -> AdverseScene:
         disparity[: height * step : step, : width * step : step] / np.float32(step)
         for disparity in (scene.disparity_left, scene.disparity_right)
     ]
-    camera = StereoCamera(width, height, scene.focal_length / step, scene.baseline)
+    camera = StereoCamera(width, height, scene.rig.focal_length / step, scene.rig.baseline)
     rig = camera.rig
     views = []
     for image, disparity in zip((scene.left, scene.right), disparities, strict=True):
