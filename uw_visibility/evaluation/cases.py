@@ -32,12 +32,12 @@ from uw_visibility.evaluation.oracle_matching import match_with_truth
 from uw_visibility.evaluation.readings import Reader, Reading, Truth, flat
 from uw_visibility.evaluation.reliability import Reliability
 from uw_visibility.evaluation.scenes import SceneSource, search_limit, tolerance
+from uw_visibility.images.arrays import Map
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.water.observations import Envelopes
 
 Image = NDArray[np.uint8]
-Map = NDArray[np.float32]
 
 READINGS = titles("estimator", {
     "step1": "ours after step 1, ranges of the pipeline",

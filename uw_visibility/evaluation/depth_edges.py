@@ -24,13 +24,12 @@ from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.evaluation.degrade import Scene, fill_from_background
 from uw_visibility.evaluation.matting_laplacian import refine_by_laplacian
 from uw_visibility.evaluation.metrics import colour_difference, halo
+from uw_visibility.images.arrays import Map
 from uw_visibility.images.view import View
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.pipeline.second_step import SecondStep
 from uw_visibility.stereo.interpolation import inpaint
 from uw_visibility.stereo.rig import StereoRig
-
-Map = NDArray[np.float32]
 
 MAPS = {
     "mesh": "mesh of step 1",

@@ -24,9 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
-
-Map = NDArray[np.float32]
-Array = NDArray[np.float64]
+from uw_visibility.images.arrays import Array, Map
 
 BLOCK = 16
 """Width of a position in px: the light of lamps is as smooth, and more ground passes it."""

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Type aliases of the arrays of one frame."""
+"""Type aliases of arrays; shapes and units of the plain ones stand in docstrings."""
 
 from __future__ import annotations
 
@@ -26,3 +26,9 @@ Points: TypeAlias = NDArray[np.float32]
 
 PerChannel: TypeAlias = NDArray[np.float64]
 """``(3,)`` float64 for R, G, B, or ``(1,)`` for grey."""
+
+Map: TypeAlias = NDArray[np.float32]
+"""float32 by pixel."""
+
+Array: TypeAlias = NDArray[np.float64]
+"""float64 of any shape."""

@@ -11,18 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.config.documents import read_document
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array
 
 FEWEST = 8
 """Frames that a fit needs."""
 BLOCKS = 10
 # How far beyond the fitted values the line is taken to go on, as a part of their span.
 BEYOND = 0.25
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -113,7 +111,7 @@ class LineFit:
 
 
 def fit_line(
-    x: Vector, x_stddev: Vector, y: Vector, source: str = "", against: str = ""
+    x: Array, x_stddev: Array, y: Array, source: str = "", against: str = ""
 ) -> LineFit | None:
     """Fit a line with errors in both coordinates: slope S_xy / (S_xx − σ²).
 
@@ -164,7 +162,7 @@ def fit_line(
     )
 
 
-def _line(x: Vector, x_stddev: Vector, y: Vector) -> tuple[float, float, float, float]:
+def _line(x: Array, x_stddev: Array, y: Array) -> tuple[float, float, float, float]:
     """Return level at x = 0, slope, scatter of y, and the slope of y on x alone."""
     (s_xx, s_xy), (_, s_yy) = np.cov(x, y)
     if s_xx == 0.0 or s_yy == 0.0:

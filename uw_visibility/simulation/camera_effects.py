@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError, check_range
+from uw_visibility.images.arrays import Array, Map
 from uw_visibility.optics.transfer import from_linear
 from uw_visibility.simulation.camera import Sensor
 
-Map = NDArray[np.float32]
 Image = NDArray[np.uint8]
-Vector = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 LARGEST_GAIN = 4.0
@@ -62,7 +61,7 @@ class CameraEffects:
         check_range("exposure difference", self.exposure_difference, -0.9, 9.0)
         check_range("JPEG quality", self.jpeg, 0, 100)
 
-    def gains(self, irradiance: Map) -> Vector:
+    def gains(self, irradiance: Map) -> Array:
         """Return the gains of white balance for a frame, by its left image, RGB."""
         fixed = np.array(self.white_balance)
         if not self.automatic_white_balance:
@@ -72,7 +71,7 @@ class CameraEffects:
         return np.asarray(fixed * np.minimum(automatic, LARGEST_GAIN))
 
     def record(
-        self, irradiance: Map, sensor: Sensor, random: np.random.Generator, gains: Vector,
+        self, irradiance: Map, sensor: Sensor, random: np.random.Generator, gains: Array,
         *, right: bool = False,
     ) -> Image:
         """Turn irradiance into pixels: lens, exposure, sensor, colours, curve, codec.

@@ -8,13 +8,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.images.arrays import Map
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.noise import value_noise
-
-Map = NDArray[np.float32]
 
 
 class Particle(NamedTuple):

@@ -16,13 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from uw_visibility.images.arrays import Array, Map
 from uw_visibility.optics import light_model
 from uw_visibility.optics.light_model import attenuate
 from uw_visibility.simulation.view import View
 from uw_visibility.simulation.water import Water, WaterEffects
-
-Map = NDArray[np.float32]
-Vector = NDArray[np.float64]
 
 FEW_PIXELS = 20_000
 """Pixels that are enough to fit the effective attenuation to."""
@@ -51,7 +49,7 @@ class Geometry:
     height: float
 
     @classmethod
-    def of_rays(cls, rays: NDArray[np.float64], up: Vector, height: float) -> Geometry:
+    def of_rays(cls, rays: NDArray[np.float64], up: Array, height: float) -> Geometry:
         """Take unit rays, shape (H, W, 3), and the upward direction, in one frame."""
         rows, columns = rays.shape[:2]
         column, row = np.meshgrid(

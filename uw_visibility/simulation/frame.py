@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import check_range
+from uw_visibility.images.arrays import Array, Map
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
 from uw_visibility.simulation.camera_effects import CameraEffects
@@ -28,9 +29,7 @@ from uw_visibility.simulation.scene import Scene
 from uw_visibility.simulation.view import View, look
 from uw_visibility.simulation.water import EXPOSED, RESPONSE, Water
 
-Map = NDArray[np.float32]
 Image = NDArray[np.uint8]
-Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Effects:
@@ -95,11 +94,11 @@ class RenderedFrame:
     disparity_right: Map
     radiance_left: Map
     radiance_right: Map
-    attenuation: Vector
-    ambient_light: Vector
+    attenuation: Array
+    ambient_light: Array
     mean_attenuation: float
     depth: float
-    scene_light: Vector
+    scene_light: Array
     lamps: tuple[Lamp, ...] = ()
 
 
@@ -237,7 +236,7 @@ class Renderer:
         return exposure_for(light, EXPOSED)
 
     def _shine(
-        self, view: View, scene: Scene, eye: Vector, rays: Vector, time: float
+        self, view: View, scene: Scene, eye: Array, rays: Array, time: float
     ) -> None:
         amplitude = self.effects.caustics
         with np.errstate(invalid="ignore"):  # open water is infinitely far
@@ -284,7 +283,7 @@ class Renderer:
         return irradiance
 
 
-def mean_attenuation(attenuation: Vector, water: Water) -> float:
+def mean_attenuation(attenuation: Array, water: Water) -> float:
     """Return α (eq. 9) of an effective attenuation; of the paper's water as it was given."""
     grey = water.effects.water_type is None and not any(water.effects.channel_attenuation)
     if grey and np.array_equal(attenuation, water.attenuation()):

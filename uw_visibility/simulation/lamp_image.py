@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array, Map
 from uw_visibility.simulation.effects import Particle, blot
 from uw_visibility.simulation.formation import blur_by_range
 from uw_visibility.simulation.lamp_light import (
@@ -23,9 +23,6 @@ from uw_visibility.simulation.lamp_light import (
 from uw_visibility.simulation.lamps import Lamp, Lighting
 from uw_visibility.simulation.view import View
 from uw_visibility.simulation.water import Water
-
-Map = NDArray[np.float32]
-Vector = NDArray[np.float64]
 
 BRIGHT = 99.0
 """Percentile of an image that automatic exposure looks at."""
@@ -50,8 +47,8 @@ class LitView:
     """
 
     view: View
-    rays: Vector
-    rotation: Vector
+    rays: Array
+    rotation: Array
     offset: float
     focal_length: float
 
@@ -102,7 +99,7 @@ def form_lamp_image(
     scattering = beta * lighting.scattering_albedo
     array = lamp_array(lamps, lit.offset)
 
-    def parts(rays: Vector, ranges: Map, reflectance: Map, normals: Map) -> tuple[Map, Map]:
+    def parts(rays: Array, ranges: Map, reflectance: Map, normals: Map) -> tuple[Map, Map]:
         facing = (normals @ lit.rotation).astype(np.float32) if lighting.shaded else None
         return (
             light_surfaces(rays, ranges, reflectance, facing, array, beta, workers),
@@ -122,8 +119,8 @@ def form_lamp_image(
 
 
 def add_lit_snow(
-    irradiance: Map, lit: LitView, particles: Sequence[Particle], background: Vector,
-    brightness: float, lamps: tuple[Lamp, ...], beta: Vector,
+    irradiance: Map, lit: LitView, particles: Sequence[Particle], background: Array,
+    brightness: float, lamps: tuple[Lamp, ...], beta: Array,
 ) -> None:
     """Marine snow in the light of lamps: white particles, bright where lamps are near.
 

@@ -21,17 +21,14 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.lighting import beam_falloff
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array, Map
 from uw_visibility.simulation.lamps import Lamp
 from uw_visibility.simulation.phase_functions import phase_table
-
-Map = NDArray[np.float32]
-Vector = NDArray[np.float64]
 
 NEAREST = 0.01
 """Distance of a lamp from a camera in m, below which its scattered light has no bound."""
@@ -40,7 +37,7 @@ NODES = 24
 """Nodes of the integral for beams of 60 degrees and more, within 1e-5; narrower ones take more."""
 
 
-def lamp_array(lamps: tuple[Lamp, ...], camera_offset: float) -> Vector:
+def lamp_array(lamps: tuple[Lamp, ...], camera_offset: float) -> Array:
     """Return lamps as kernels take them, in a camera's own frame.
 
     Parameters
@@ -63,7 +60,7 @@ def lamp_array(lamps: tuple[Lamp, ...], camera_offset: float) -> Vector:
     return np.array(rows, dtype=np.float64).reshape(-1, 10)
 
 
-def irradiance_on(points: Vector, lamps: Vector, beta: Vector) -> Vector:
+def irradiance_on(points: Array, lamps: Array, beta: Array) -> Array:
     """Irradiance at the camera of white particles or surfaces that face every lamp.
 
     Parameters
@@ -91,8 +88,8 @@ def irradiance_on(points: Vector, lamps: Vector, beta: Vector) -> Vector:
 
 
 def light_surfaces(
-    rays: Vector, ranges: Map, reflectance: Map, normals: Map | None, lamps: Vector,
-    beta: Vector, workers: Workers,
+    rays: Array, ranges: Map, reflectance: Map, normals: Map | None, lamps: Array,
+    beta: Array, workers: Workers,
 ) -> Map:
     """Direct signal: light of the lamps that surfaces reflect to the camera.
 
@@ -125,7 +122,7 @@ def light_surfaces(
 
 
 def scatter(
-    rays: Vector, ranges: Map, lamps: Vector, beta: Vector, scattering: Vector,
+    rays: Array, ranges: Map, lamps: Array, beta: Array, scattering: Array,
     phase_function: str, workers: Workers,
 ) -> Map:
     """Backscatter: light of the lamps that the water scatters towards the camera.

@@ -8,11 +8,10 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from uw_visibility.errors import InputError
-
-Array = NDArray[np.float64]
+from uw_visibility.images.arrays import Array
 
 HENYEY_GREENSTEIN, FOURNIER_FORAND = "henyey-greenstein", "fournier-forand"
 PHASE_FUNCTIONS = (HENYEY_GREENSTEIN, FOURNIER_FORAND)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.images.arrays import Array
 from uw_visibility.simulation.noise import fractal_noise, noise_lattice
 
 SPACING = 0.04
@@ -24,8 +25,6 @@ SPACING = 0.04
 
 BLOCK = 16
 """Samples of the height field on a block's side."""
-
-Array = NDArray[np.float64]
 
 
 class Scene(NamedTuple):

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array
 from uw_visibility.optics.jerlov import BACKSCATTERED, water_types
 from uw_visibility.optics.spectra import CameraResponse, daylight_spectrum, load_response
 from uw_visibility.optics.water_type import clear_water, inherent_properties
@@ -32,8 +33,6 @@ PARTICLE_WAVELENGTH = 550.0
 
 _WAVELENGTHS = np.arange(380.0, 781.0, 5.0)
 _PATHS = np.concatenate([[0.0], np.geomspace(0.02, 400.0, 400)])
-
-Vector = NDArray[np.float64]
 
 
 def spectral_types() -> list[str]:
@@ -57,10 +56,10 @@ class BandAverages:
         Logarithm of what the veil lacks of its value at infinity.
     """
 
-    light: Vector
-    path: Vector
-    log_transmission: Vector
-    log_unveiled: Vector
+    light: Array
+    path: Array
+    log_transmission: Array
+    log_unveiled: Array
 
     def transmission(self, ranges: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return the band-averaged transmission, shape (..., 3); 0 at infinity."""
@@ -70,7 +69,7 @@ class BandAverages:
         """Missing share of the veil's value at infinity, shape (..., 3), 0 .. 1."""
         return self._interpolate(ranges, self.log_unveiled)
 
-    def _interpolate(self, ranges: NDArray[np.floating], table: Vector) -> NDArray[np.float64]:
+    def _interpolate(self, ranges: NDArray[np.floating], table: Array) -> NDArray[np.float64]:
         flat = np.asarray(ranges, dtype=np.float64).ravel()
         values = np.stack([np.exp(np.interp(flat, self.path, table[:, c])) for c in range(3)], 1)
         values[np.isinf(flat)] = 0.0
@@ -127,7 +126,7 @@ def band_averages(
     return BandAverages(light, _PATHS, transmission, unveiled)
 
 
-def _spectrum(water_type: str) -> tuple[Vector, Vector, Vector]:
+def _spectrum(water_type: str) -> tuple[Array, Array, Array]:
     """Return absorption, scattering and backscattering on the grid of wavelengths in 1/m."""
     if water_type not in spectral_types():
         raise InputError(
@@ -141,7 +140,7 @@ def _spectrum(water_type: str) -> tuple[Vector, Vector, Vector]:
     return absorption, scattering, BACKSCATTERED * scattering
 
 
-def _weights(response: CameraResponse) -> Vector:
+def _weights(response: CameraResponse) -> Array:
     """Return response times daylight on the grid of wavelengths, shape (n, 3)."""
     daylight = np.interp(_WAVELENGTHS, *daylight_spectrum())
     return np.asarray(response.at(_WAVELENGTHS) * daylight[:, np.newaxis])

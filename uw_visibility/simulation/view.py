@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import Array, Map
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.raycast import NOTHING, look_at, nearest
 from uw_visibility.simulation.scene import Scene
@@ -28,9 +29,6 @@ EDGE = 0.02
 
 TILE = 16
 """Width of a tile in px."""
-
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError, check_range
+from uw_visibility.images.arrays import Array
 from uw_visibility.optics.light_model import ambient_light_at_depth
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.simulation.spectrum import BandAverages, band_averages, spectral_types
@@ -20,7 +20,6 @@ RESPONSE = "nikon_d5100"
 EXPOSED = 0.8
 """Irradiance of white in the strongest channel with automatic exposure."""
 
-Vector = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 
@@ -127,7 +126,7 @@ class Water:
         if self.exposure is not None:
             check_range("exposure", self.exposure, 0.0, above=True)
 
-    def attenuation(self) -> Vector:
+    def attenuation(self) -> Array:
         """Return β in 1/m, RGB, without layer and plume; of a spectrum, that at range zero."""
         bands = self.bands()
         if bands is not None:
@@ -135,14 +134,14 @@ class Water:
         clear = clear_water_attenuation(load_response(RESPONSE))
         return np.asarray(clear + self.mean_attenuation + self.effects.channel_attenuation)
 
-    def scene_light(self) -> Vector:
+    def scene_light(self) -> Array:
         """Return W, which lights the scene at the camera's depth, as irradiance in the image."""
         light = self._light()
         brightest = (light * np.maximum(self.effects.veil, 1.0)).max()
         gain = EXPOSED / brightest if self.exposure is None else self.exposure
         return np.asarray(gain * light)
 
-    def ambient_light(self) -> Vector:
+    def ambient_light(self) -> Array:
         """Return the veil B at infinity, which open water is seen as; the paper's I∞."""
         return np.asarray(self.scene_light() * self.effects.veil)
 
@@ -156,7 +155,7 @@ class Water:
             effects.cdom, RESPONSE,
         )
 
-    def _light(self) -> Vector:
+    def _light(self) -> Array:
         bands = self.bands()
         if bands is not None:
             return bands.light

@@ -19,6 +19,7 @@ from uw_visibility.evaluation.backscatter import fit_backscatter
 from uw_visibility.evaluation.readings import Reader, Reading, Truth, match_and_read
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.studies import StudyResult
+from uw_visibility.images.arrays import Map
 from uw_visibility.pipeline.estimate_water import estimate_water
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.effects import marine_snow
@@ -27,7 +28,6 @@ from uw_visibility.simulation.view import View
 from uw_visibility.simulation.water import Water
 
 Image = NDArray[np.uint8]
-Map = NDArray[np.float32]
 
 METHODS = {
     "ours": "ours",

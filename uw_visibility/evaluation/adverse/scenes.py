@@ -11,18 +11,16 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.evaluation.degrade import Scene, fill_from_background, load_scene
 from uw_visibility.evaluation.scenes import ALTITUDE, TILT, SceneSource, find_scenes
+from uw_visibility.images.arrays import Map
 from uw_visibility.simulation.camera import Pose, StereoCamera
 from uw_visibility.simulation.formation import Geometry
 from uw_visibility.simulation.scene import reef
 from uw_visibility.simulation.view import View, look
 from uw_visibility.stereo.rig import StereoRig
-
-Map = NDArray[np.float32]
 
 CAMERA = StereoCamera(480, 360, 450.0, 0.12)
 SEEDS = (0, 1)

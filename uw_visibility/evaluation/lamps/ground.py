@@ -10,10 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.images.arrays import Array, Map
 from uw_visibility.simulation.camera import Pose, StereoCamera
-
-Map = NDArray[np.float32]
-Array = NDArray[np.float64]
 
 CELL = 0.1
 """Width of a piece of ground, m."""

@@ -25,6 +25,7 @@ from uw_visibility.evaluation.metrics import colour_difference
 from uw_visibility.evaluation.parallel import Progress, run_all
 from uw_visibility.evaluation.readings import Reading, Truth, flat
 from uw_visibility.evaluation.survey_statistics import SurveyStatistics
+from uw_visibility.images.arrays import Map
 from uw_visibility.optics.transfer import to_linear
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
@@ -32,8 +33,6 @@ from uw_visibility.simulation.frame import RenderedFrame
 from uw_visibility.simulation.lamp_light import lamp_array, light_surfaces, scatter
 from uw_visibility.simulation.lamps import lighting_parameters
 from uw_visibility.water.filter import WaterFilter
-
-Map = NDArray[np.float32]
 
 PICTURES = {
     "raw": "as recorded",
