@@ -48,9 +48,11 @@ _LEAST_WEIGHT = np.float32(0.05)
 _BETWEEN_SURE, _ONE_SURFACE = 2, 1.0
 # Log odds of a wrong match: without anything against it; for difference over texture; for the
 # share of the matches of the whole image that the right view denies; for the share of the
-# look-alikes that were not matched to the same surface, and as much for that of those denied.
-_BASE, _DIFFERENCE, _DENIED_OF_ALL = -4.67, np.float32(0.55), 4.58
-_AGAINST = np.float32(4.06)
+# look-alikes that were not matched to the same surface, and as much for that of those denied; for
+# a level of restored noise, and the most levels that count.
+_BASE, _DIFFERENCE, _DENIED_OF_ALL = -4.577, np.float32(0.333), 3.48
+_AGAINST = np.float32(3.997)
+_PER_LEVEL, _MOST_NOISE = 0.0515, 30.0
 # Entries of the table of confidence for a unit of log odds: most matches are much alike.
 _PER_UNIT = 256
 _CONFIDENCE = confidence_table(_PER_UNIT)
@@ -81,7 +83,8 @@ def rate_in_noise(
     height = disparity.shape[0]
     confidence = np.empty(disparity.shape, np.float32)
     marks, share = mark(disparity, best_right, workers)
-    base = np.float32(_BASE + _DENIED_OF_ALL * share)
+    base = np.float32(
+        _BASE + _DENIED_OF_ALL * share + _PER_LEVEL * min(image.noise, _MOST_NOISE))
     workers.rows(
         ask_look_alikes, height, disparity, marks, image.grey, image.gain, confidence)
     workers.rows(_rate, height, disparity, *descriptors, base, _CONFIDENCE, confidence)

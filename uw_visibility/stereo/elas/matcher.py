@@ -23,10 +23,12 @@ from uw_visibility.stereo.elas.descriptors import SCALE, Descriptors
 from uw_visibility.stereo.elas.edges import EdgeVote
 from uw_visibility.stereo.elas.evidence import CELL, NoiseFilter
 from uw_visibility.stereo.elas.noise_settings import (
+    CONFIDENCE_FOR_COLOUR,
     NOISE_RADIUS,
     least_confidence,
     settings_in_noise,
 )
+from uw_visibility.stereo.elas.semi_global import SemiGlobalSearch, compare_tones
 from uw_visibility.stereo.elas.smoothing import AdaptiveMean
 from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints, SupportSettings
 
@@ -108,10 +110,12 @@ class Matcher:
         self._plane = np.empty(shape, np.float32)
         self._steep = np.empty(shape, np.bool_)
         self._search = DenseSearch(shape, disparities, settings, workers)
+        self._search_in_noise = SemiGlobalSearch(shape, disparities, settings, workers)
         self._noise = NoiseFilter(shape, config.noise_ratio)
         self._segments = postprocess.SegmentFilter(shape)
         self._edges = EdgeVote(shape)
         self._left: ContrastNormalizer | None = None
+        self._right: ContrastNormalizer | None = None
         self._mean = AdaptiveMean(shape, config.smoothing_difference)
 
     def describe(self, left: ContrastNormalizer, right: ContrastNormalizer) -> None:
@@ -124,6 +128,8 @@ class Matcher:
         """Compute the descriptors of one view of a pair: 0 is the left one, 1 the right."""
         if side == 0:
             self._left = image
+        else:
+            self._right = image
         self._views[side].compute(image.grey, image.gain, self._workers)
 
     def describe_raw(
@@ -212,14 +218,8 @@ class Matcher:
             nowhere = np.zeros(self._shape, np.float32) if confidence else None
             return DenseMatch(disparity, disparity.copy(), nowhere)
         descriptors = (self._views[0].values, self._views[1].values)
-        self._workers.together(
-            lambda: self._draw_mesh(support),
-            lambda: self._search.try_candidates(descriptors, support.points, airlight),
-        )
         config = self._settings()
-        self._search.try_plane(
-            descriptors, self._plane, self._steep, config.likelihood_weight, airlight
-        )
+        self._find_best(config, descriptors, support, airlight, disparity)
         self._postprocess(config, descriptors, disparity)
         with_occlusions = disparity.copy()
         postprocess.remove_occluded(disparity, self._workers)
@@ -231,7 +231,7 @@ class Matcher:
         rated = None
         if confidence or asked > 0 or least > 0:
             rated = self._rate(disparity, best_right, descriptors)
-            for_colour = max(asked, least_for_colour)
+            for_colour = max(asked, least_for_colour, min(least, CONFIDENCE_FOR_COLOUR))
             if for_colour > 0:
                 with_occlusions[(rated > 0) & (rated < for_colour)] = np.nan
             if least > 0:
@@ -240,6 +240,36 @@ class Matcher:
                 disparity[rated < asked] = np.nan
                 rated[np.isnan(disparity)] = 0.0
         return DenseMatch(disparity, right, rated, with_occlusions)
+
+    def _find_best(
+        self,
+        config: StereoConfig,
+        descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+        support: SupportPoints,
+        airlight: AirlightPrior | None,
+        disparity: NDArray[np.float32],
+    ) -> None:
+        """Write the disparities that both views agree on, at sub-pixel resolution."""
+        best, tolerance = self._search.best, config.left_right_tolerance
+        if self._left is not None and self._right is not None and self._is_noisy():
+            self._draw_mesh(support)
+            self._search_in_noise.search(
+                descriptors, compare_tones(self._left, self._right, support.points),
+                support.points, self._left.noise, self._plane, self._steep,
+                config.likelihood_weight, best, disparity)
+            postprocess.check(best, tolerance, disparity, self._workers)
+            return
+        self._workers.together(
+            lambda: self._draw_mesh(support),
+            lambda: self._search.try_candidates(descriptors, support.points, airlight),
+        )
+        self._search.try_plane(
+            descriptors, self._plane, self._steep, config.likelihood_weight, airlight
+        )
+        postprocess.check_and_refine(best, descriptors, tolerance, disparity, self._workers)
+
+    def _is_noisy(self) -> bool:
+        return self._left is not None and self._left.noise > LEAST_NOISE
 
     def _rate(
         self,
@@ -285,11 +315,8 @@ class Matcher:
         descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
         disparity: NDArray[np.float32],
     ) -> None:
-        postprocess.check_and_refine(
-            self._search.best, descriptors, config.left_right_tolerance, disparity, self._workers
-        )
         self._noise.remove(descriptors, disparity, self._noise_gradient(), self._workers)
-        if self._left is not None and self._left.noise > LEAST_NOISE:
+        if self._is_noisy():
             self._mean.smooth(disparity, NOISE_RADIUS, self._workers)
         self._segments.remove(
             disparity, config.segment_size, config.segment_difference, self._workers

@@ -9,7 +9,7 @@ from dataclasses import replace
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.stereo.denoising import LEAST_NOISE
 
-NOISE_RADIUS = 3
+NOISE_RADIUS = 2
 """Neighbours to each side of a first mean in noise, px, which makes surfaces smooth and not
 what is matched by chance."""
 
@@ -18,19 +18,21 @@ what is matched by chance."""
 _FULL_NOISE = 6.0
 # Neighbours to each side that the disparity map is averaged over besides: noise moves
 # disparities by a pixel or two, and neighbours on a surface tell where between.
-_MORE_RADIUS = 7
+_MORE_RADIUS = 5
 # A hole is a mismatch rather than an occlusion, and may be wider by so many px.
-_MORE_GAP = 10
+_MORE_GAP = 15
 # After that mean the steps of a surface are so much smaller, and those of chance are not. Somewhat
 # smaller segments are enough then.
-_SEGMENT_DIFFERENCE, _SEGMENT_SIZE = 0.5, 0.75
+_SEGMENT_DIFFERENCE, _SEGMENT_SIZE = 0.5, 0.5
 # Views that agree by chance mostly do so by two pixels.
 _TOLERANCE = 1
-# Least confidence of what is published: it rises with noise from where noise begins, and ends where
-# a match is as likely wrong as right. A fixed one costs as many right ones where noise is low as
-# it takes wrong ones where it is high.
-_CONFIDENCE_FROM, _CONFIDENCE_PER_LEVEL, _MOST_CONFIDENCE = 0.42, 0.006, 0.59
-_CONFIDENCE_RISE = 0.2
+CONFIDENCE_FOR_COLOUR = 0.4
+"""Least confidence of what colour and water are told of: matches that are less likely would tell
+of another water."""
+
+# Least confidence of what is published, where it is more likely right than wrong; less where
+# noise begins, so that nothing jumps.
+_CONFIDENCE, _CONFIDENCE_RISE = 0.53, 0.165
 
 
 def settings_in_noise(config: StereoConfig, noise: float) -> StereoConfig:
@@ -74,7 +76,4 @@ def least_confidence(noise: float) -> float:
     """
     if noise <= LEAST_NOISE:
         return 0.0
-    return min(
-        _CONFIDENCE_RISE * noise, _CONFIDENCE_FROM + _CONFIDENCE_PER_LEVEL * noise,
-        _MOST_CONFIDENCE,
-    )
+    return min(_CONFIDENCE_RISE * noise, _CONFIDENCE)

@@ -52,6 +52,13 @@ def check_and_refine(
     )
 
 
+def check(
+    best: NDArray[np.int16], tolerance: int, disparity: NDArray[np.float32], workers: Workers
+) -> None:
+    """Left/right check of disparities ``(H, W)``, in place; see `check_and_refine`."""
+    workers.rows(_check, disparity.shape[0], best[0], best[1], tolerance, disparity)
+
+
 class SegmentFilter:
     """Removal of small segments, in memory that is allocated once.
 
@@ -113,6 +120,17 @@ def remove_occluded(disparity: NDArray[np.float32], workers: Workers) -> None:
         Threads.
     """
     workers.rows(_remove_occluded, disparity.shape[0], disparity)
+
+
+@njit(nogil=True)
+def _check(
+    start: int, stop: int, best_left: Any, best_right: Any, tolerance: int, disparity: Any
+) -> None:
+    for y in range(start, stop):
+        for x in range(best_left.shape[1]):
+            d = np.int32(best_left[y, x])
+            if d < 0 or abs(best_right[y, x - d] - d) > tolerance:
+                disparity[y, x] = np.nan
 
 
 @njit(nogil=True)

@@ -1,0 +1,113 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Semi-global search: paths and tones tell in noise what one descriptor does not."""
+
+import numpy as np
+import pytest
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.stereo.contrast import ContrastNormalizer
+from uw_visibility.stereo.elas.absolute_difference import BYTES
+from uw_visibility.stereo.elas.dense import DenseSettings
+from uw_visibility.stereo.elas.descriptors import Descriptors
+from uw_visibility.stereo.elas.semi_global import SemiGlobalSearch, compare_tones
+
+SETTINGS = DenseSettings(plane_radius=2, plane_deviation=1.0, outlier=0.05, airlight=0.0)
+DISPARITIES = 0, 40
+NOISE = 15.0
+
+
+def normalizers(pair, noise=0.0, brighter=0.0):
+    """Return both views with noise of so many levels, and the right one so much brighter."""
+    views = []
+    for side, pixels in enumerate(pair):
+        view = ContrastNormalizer(pixels.shape)
+        rng = np.random.default_rng(side)
+        levels = 60 + 0.5 * pixels + noise * rng.standard_normal(pixels.shape) + side * brighter
+        view.grey[:] = 256 * levels
+        view.gain[:] = 1 / 256
+        views.append(view)
+    return views
+
+
+def search(views, points, *, plane=np.nan, threads=1, descriptors=True):
+    """Return the disparities of both views, and those of the left one between whole pixels."""
+    shape, workers = views[0].grey.shape, Workers(threads)
+    described = []
+    for view in views:
+        of_view = Descriptors(shape)
+        of_view.compute(view.grey, view.gain, workers)
+        described.append(of_view.values if descriptors else np.full_like(of_view.values, 128))
+    best, refined = np.empty((2, *shape), np.int16), np.empty(shape, np.float32)
+    SemiGlobalSearch(shape, DISPARITIES, SETTINGS, workers).search(
+        tuple(described), compare_tones(*views, points), points, NOISE,
+        np.full(shape, plane, np.float32), np.zeros(shape, np.bool_), 0.05, best, refined)
+    return best, refined
+
+
+def points_at(*disparities):
+    return np.array([(50 + 5 * i, 48, d) for i, d in enumerate(disparities)], np.float32)
+
+
+def best_descriptors(views):
+    """Return the disparity of the best match of each descriptor alone."""
+    shape = views[0].grey.shape
+    left, right = (Descriptors(shape) for _ in views)
+    for described, view in zip((left, right), views, strict=True):
+        described.compute(view.grey, view.gain, Workers(1))
+    here, there = (d.values.reshape(*shape, BYTES).astype(int) for d in (left, right))
+    costs = [np.abs(here - np.roll(there, d, axis=1)).sum(axis=2) for d in range(41)]
+    return np.argmin(costs, axis=0)
+
+
+def test_paths_match_what_single_descriptors_do_not(shifted_pair):
+    views = normalizers(shifted_pair(disparity=12), noise=8.0)
+    inner = np.s_[4:-4, 45:-4]
+    alone = np.abs(best_descriptors(views)[inner] - 12) <= 1
+    best, refined = search(views, points_at(3, 30))
+    assert alone.mean() < 0.8
+    assert (np.abs(refined[inner] - 12) <= 1).mean() > 0.96
+    assert (np.abs(best[1][4:-4, 20:-45] - 12) <= 1).mean() > 0.96
+
+
+def test_the_mesh_s_plane_tells_where_nothing_else_does():
+    blank = np.full((96, 160), 100, np.uint8)
+    _, refined = search(normalizers((blank, blank)), points_at(3, 30), plane=17.0)
+    np.testing.assert_allclose(refined[:, 45:], 17.0, atol=0.1)
+
+
+@pytest.mark.parametrize("brighter", [0.0, 25.0])
+def test_tones_tell_a_smooth_surface_whatever_the_exposure(brighter):
+    # No gradients are compared.
+    row = 60 * np.cumsum(np.random.default_rng(2).standard_normal(200)) / 15
+    row = np.uint8(np.clip(row - row.min(), 0, 255))
+    pair = np.tile(row[:160], (96, 1)), np.tile(row[12:172], (96, 1))
+    views = normalizers(pair, brighter=brighter)
+    _, refined = search(views, points_at(12, 12, 12, 3, 30), descriptors=False)
+    assert (np.abs(refined[:, 45:-4] - 12) <= 1).mean() > 0.9
+
+
+def test_disparities_are_tried_that_lie_among_those_of_support_points(shifted_pair):
+    views = normalizers(shifted_pair(disparity=12))
+    best, refined = search(views, points_at(20, 24))
+    found = best[0][:, 45:]
+    assert found.min() >= 16
+    assert found.max() <= 29
+    assert np.nanmin(refined) > 15
+
+
+def test_threads_and_strips_change_nothing(shifted_pair):
+    views = normalizers(shifted_pair((200, 160), disparity=12), noise=10.0)
+    points = points_at(3, 30)
+    for first, second in zip(
+        search(views, points), search(views, points, threads=3), strict=True
+    ):
+        np.testing.assert_array_equal(first, second)
+
+
+def test_left_of_the_right_view_nothing_is_matched(shifted_pair):
+    best, refined = search(normalizers(shifted_pair(disparity=12)), points_at(12, 14))
+    # The least disparity that is tried is 9, and descriptors reach two pixels.
+    np.testing.assert_array_equal(best[0][:, :11], -1)
+    assert np.isnan(refined[:, :11]).all()
+    assert (best[0][:, 11:] >= 0).all()
