@@ -18,7 +18,7 @@ from uw_visibility.status import Status
 def rendered():
     """Return a rendered reef, seen through turbid water, and its rig."""
     scene = SceneSource(seed=0).load()
-    rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+    rig = scene.rig
     clear = np.array([0.228, 0.066, 0.025])
     left, _ = scene.degraded(0.2, 2.0, clear)
     return left, scene.disparity_left, rig, clear + 0.2

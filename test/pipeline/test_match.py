@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from uw_visibility import StereoRig, estimate_water, match
+from uw_visibility import estimate_water, match
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.scenes import SceneSource
 
@@ -16,7 +16,7 @@ CLEAR = np.array([0.228, 0.066, 0.025])
 def test_a_pair_is_matched_and_its_water_read():
     scene = SceneSource(seed=0).load()
     left, right = scene.degraded(0.2, 2.0, CLEAR)
-    rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+    rig = scene.rig
     stereo = match(left, right, rig, PipelineConfig.from_parameters({"stereo.max_disparity": 96}))
     matched = np.isfinite(stereo.disparity)
     np.testing.assert_array_equal(np.isfinite(stereo.range), matched)

@@ -28,7 +28,7 @@ def in_water(shared_data):
         scene = load_scene(shared_data / "middlebury" / name)
         left, right = scene.degraded(0.2, DEPTH, CLEAR)
         config = PipelineConfig.from_parameters({"stereo.max_disparity": max_disparity})
-        rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+        rig = scene.rig
         results[name] = scene, left, Pipeline(rig, config).process(left, right)
     return results
 

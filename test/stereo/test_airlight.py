@@ -146,7 +146,7 @@ def test_more_is_right_with_it_than_without(shared_data, name):
         disparity_right=scene.disparity_left[:, ::-1].copy(),
     )
     kappa = clear_water_attenuation(load_response("nikon_d5100"))
-    rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+    rig = scene.rig
     right = dict.fromkeys((0.0, 50.0), 0.0)
     for strength in right:
         pipeline = Pipeline(rig, PipelineConfig.from_parameters(

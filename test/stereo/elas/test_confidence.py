@@ -11,7 +11,6 @@ from uw_visibility.evaluation.scenes import render_scene, search_limit
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.simulation.camera import Sensor
-from uw_visibility.stereo.rig import StereoRig
 
 PARTS = 5
 
@@ -21,7 +20,7 @@ def matched(scene, mean_attenuation, codes=0.0, **parameters):
     kappa = clear_water_attenuation(load_response("nikon_d5100"))
     config = PipelineConfig.from_parameters(
         {"stereo.max_disparity": search_limit(scene) - 1, "threads": 1, **parameters})
-    rig = StereoRig(scene.focal_length, scene.baseline, scene.principal_point)
+    rig = scene.rig
     pair = scene.degraded(mean_attenuation, 2.0, kappa, Sensor.gaussian(codes))
     return Pipeline(rig, config).process(*pair, enhance=())
 
