@@ -4,8 +4,14 @@
 
 import numpy as np
 import pytest
+from scipy.special import erfcx
 
-from uw_visibility.water.clear_water import CLEAR, SPREAD, hold_above_clear_water
+from uw_visibility.water.clear_water import (
+    CLEAR,
+    SPREAD,
+    hold_above_clear_water,
+    inverse_mills,
+)
 from uw_visibility.water.fit import Fit
 
 KAPPA = np.array([0.228, 0.066, 0.025])
@@ -71,3 +77,9 @@ def test_channels_that_are_known_together_alone_stay_finite(stddev):
         after = hold_above_clear_water(fit(KAPPA + shift * stddev, stddev, alike=1.0), KAPPA)
         assert np.isfinite(after.parameters).all()
         assert np.isfinite(after.covariance).all()
+
+
+@pytest.mark.parametrize("a", [-60.0, -3.0, 0.0, 4.0, 24.9, 25.1, 200.0])
+def test_mean_of_a_truncated_normal_law_far_out_as_well(a):
+    expected = np.sqrt(2.0 / np.pi) / erfcx(a / np.sqrt(2.0))
+    assert inverse_mills(a) == pytest.approx(expected, rel=1e-8, abs=1e-300)

@@ -13,12 +13,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erfcx
 
-from uw_visibility.water.fit import Fit, moved
+from uw_visibility.compute.jit import njit
+from uw_visibility.water.fit import Fit, measure, move, moved
 from uw_visibility.water.priors import CLEAR_WATER_TOLERANCE
 
 # Waters that are clear beforehand, and the attenuation by particles, 1/m, over which the
@@ -27,6 +28,8 @@ CLEAR = 0.1
 SPREAD = 0.6
 # Clear water that is less likely than this is left out.
 NEGLIGIBLE = 1e-3
+# Deviations from which on the normal law's tail is taken from its expansion.
+FAR = 25.0
 
 
 def hold_above_clear_water(fit: Fit, clear_water: NDArray[np.float64]) -> Fit:
@@ -44,44 +47,47 @@ def hold_above_clear_water(fit: Fit, clear_water: NDArray[np.float64]) -> Fit:
     Fit
         What is far above clear water stays as it is.
     """
-    above, cost = _truncated(fit, clear_water)
-    seen = fit.covariance[0::2]
-    total = seen[:, 0::2] + np.diag((CLEAR_WATER_TOLERANCE * clear_water) ** 2)
-    inverse = np.linalg.inv(total)
-    missing = clear_water - fit.parameters[:, 0]
-    distance = float(missing @ inverse @ missing)
+    values, covariance, cost = _truncate(fit.parameters, fit.covariance, clear_water)
+    above = replace(fit, parameters=values, covariance=covariance)
+    step, known, information, distance = measure(
+        fit.parameters, fit.covariance, clear_water,
+        np.diag((CLEAR_WATER_TOLERANCE * clear_water) ** 2))
     # Odds of a normal law at one value to one spread over many (Occam's factor).
-    stddev = 1.0 / math.sqrt(float(inverse.sum()))
+    stddev = 1.0 / math.sqrt(float(information.sum()))
     spread = (1.0 - CLEAR) / CLEAR * math.sqrt(2.0 * math.pi) * stddev / SPREAD
     share = 1.0 / (1.0 + spread * math.exp(min(max(0.5 * (distance - cost), 0.0), 50.0)))
     if share < NEGLIGIBLE:
         return above
-    gain = (inverse @ seen).T
-    return _mixed(moved(fit, gain @ missing, gain @ seen), above, share)
+    return _mixed(moved(fit, step, known), above, share)
 
 
-def _truncated(fit: Fit, clear_water: NDArray[np.float64]) -> tuple[Fit, float]:
-    """Truncate each channel at clear water in turn; return that and the squared distances."""
+@njit(nogil=True)
+def _truncate(parameters: Any, covariance: Any, clear_water: Any) -> tuple[Any, Any, float]:
+    """Truncate each channel at clear water in turn; also return the squared distances."""
     cost = 0.0
     for c in range(3):
-        row = fit.covariance[2 * c]
         # Of channels that go together, rounding may leave less than nothing.
-        known = math.sqrt(max(row[2 * c], 0.0))
-        stddev = math.hypot(known, CLEAR_WATER_TOLERANCE * clear_water[c])
-        below = float(clear_water[c] - fit.parameters[c, 0]) / stddev
+        known = max(covariance[2 * c, 2 * c], 0.0)
+        stddev = math.sqrt(known + (CLEAR_WATER_TOLERANCE * clear_water[c]) ** 2)
+        below = (clear_water[c] - parameters[c, 0]) / stddev
         cost += max(below, 0.0) ** 2
         ratio = inverse_mills(below)
-        gain = row / stddev
-        fit = moved(fit, ratio * gain, ratio * (ratio - below) * np.outer(gain, gain))
-    return fit, cost
+        gain = covariance[2 * c] / stddev
+        parameters, covariance = move(
+            parameters, covariance, ratio * gain, ratio * (ratio - below) * np.outer(gain, gain))
+    return parameters, covariance, cost
 
 
+@njit(nogil=True)
 def inverse_mills(a: float) -> float:
     """Inverse Mills ratio φ(a) / (1 − Φ(a)): mean of a normal law that is truncated at a.
 
     The variance above a is 1 − m (m − a) with this mean m.
     """
-    return math.sqrt(2.0 / math.pi) / float(erfcx(a / math.sqrt(2.0)))
+    if a > FAR:
+        # Laplace's expansion: both of the quotient's numbers are too small.
+        return a + 1.0 / a - 2.0 / a**3 + 10.0 / a**5
+    return math.sqrt(2.0 / math.pi) * math.exp(-0.5 * a * a) / math.erfc(a / math.sqrt(2.0))
 
 
 def _mixed(one: Fit, other: Fit, share: float) -> Fit:

@@ -127,24 +127,61 @@ def _jacobian(
 
 def moved(fit: Fit, step: NDArray[np.float64], known: NDArray[np.float64]) -> Fit:
     """Add a step to the parameters, and take what is known now off their covariance."""
-    values, covariance = np.empty((3, 2)), np.empty((6, 6))
-    _move(fit.parameters, fit.covariance, step, known, values, covariance)
+    values, covariance = move(fit.parameters, fit.covariance, step, known)
     return replace(fit, parameters=values, covariance=covariance)
 
 
 @njit(nogil=True)
-def _move(
-    before: Any, covariance_before: Any, step: Any, known: Any, values: Any, covariance: Any
-) -> None:
-    """Write parameters and covariance after a step; within bounds, and symmetric."""
+def move(parameters: Any, covariance: Any, step: Any, known: Any) -> tuple[Any, Any]:
+    """Return parameters and covariance after a step; within bounds, and symmetric."""
     least, largest = ATTENUATION_BOUNDS
+    values, rest = np.empty((3, 2)), np.empty((6, 6))
     for c in range(3):
-        values[c, 0] = min(max(before[c, 0] + step[2 * c], least), largest)
-        values[c, 1] = max(before[c, 1] + step[2 * c + 1], LEAST_LIGHT * before[c, 1])
+        values[c, 0] = min(max(parameters[c, 0] + step[2 * c], least), largest)
+        values[c, 1] = max(parameters[c, 1] + step[2 * c + 1], LEAST_LIGHT * parameters[c, 1])
     for i in range(6):
         for j in range(6):
-            covariance[i, j] = 0.5 * (
-                (covariance_before[i, j] - known[i, j]) + (covariance_before[j, i] - known[j, i]))
+            rest[i, j] = 0.5 * (
+                (covariance[i, j] - known[i, j]) + (covariance[j, i] - known[j, i]))
+    return values, rest
+
+
+@njit(nogil=True)
+def measure(
+    parameters: Any, covariance: Any, attenuation: Any, noise: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Measure the attenuations (Kalman's update).
+
+    Parameters
+    ----------
+    parameters, covariance : ndarray
+        Of a `Fit`.
+    attenuation : (3,) float64 ndarray
+        As measured, 1/m.
+    noise : (3, 3) float64 ndarray
+        Its covariance.
+
+    Returns
+    -------
+    step, known : (6,), (6, 6) float64 ndarray
+        For `move`.
+    information : (3, 3) float64 ndarray
+        Inverse of the innovation's covariance.
+    distance : float
+        Squared distance of the measurement from the fit, in standard deviations.
+    """
+    total = np.empty((3, 3))
+    off = np.empty(3)
+    for a in range(3):
+        off[a] = attenuation[a] - parameters[a, 0]
+        for b in range(3):
+            total[a, b] = covariance[2 * a, 2 * b] + noise[a, b]
+    information = np.linalg.inv(total)
+    weighted = information @ off
+    seen = np.empty((3, 6))
+    for a in range(3):
+        seen[a] = covariance[2 * a]
+    return seen.T @ weighted, seen.T @ (information @ seen), information, off @ weighted
 
 
 def blank(

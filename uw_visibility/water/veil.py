@@ -23,7 +23,13 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.optics.light_model import transmission
 from uw_visibility.water.clear_water import hold_above_clear_water
 from uw_visibility.water.contrast import Decay
-from uw_visibility.water.fit import AMBIENT_LIGHT_MAX, ATTENUATION_BOUNDS, Fit, moved
+from uw_visibility.water.fit import (
+    AMBIENT_LIGHT_MAX,
+    ATTENUATION_BOUNDS,
+    Fit,
+    measure,
+    moved,
+)
 from uw_visibility.water.lower_envelope import NEIGHBOURING_BINS
 from uw_visibility.water.observations import Envelopes
 from uw_visibility.water.open_water import OpenWater
@@ -60,6 +66,8 @@ MISFIT = 5.5
 # ... and from which on none does where they follow a smooth course over range besides, which
 # darkest patches do not, but a layer does, and a veil that is brighter where things are far.
 TREND_MISFIT, TREND = 2.8, 0.25
+# Eigenvalue of a fit's correlations from which on rounding has not spoilt it.
+LEAST_EIGENVALUE = 1e-6
 # Likelihoods have longer tails than a normal law (Cauchy's scale, in deviations).
 TAIL = 2.0
 # What bins say together is worth so many times less than as if neighbours alone were alike:
@@ -452,28 +460,24 @@ def _off(parameters: Any, covariance: Any, clear_water: Any) -> float:
 
 def likelihood_of_contrast(fit: Fit, contrast: Decay) -> float:
     """Logarithm of how likely the decay of contrast is, if the fit holds."""
-    innovation = contrast.attenuation - fit.parameters[:, 0]
-    covariance = fit.covariance[0::2, 0::2] + contrast.covariance
-    distance = float(innovation @ np.linalg.solve(covariance, innovation))
-    _, logarithm = np.linalg.slogdet(covariance)
-    return -0.5 * (3.0 * TAIL**2 * math.log1p(distance / (3.0 * TAIL**2)) + float(logarithm))
+    _, _, information, distance = measure(
+        fit.parameters, fit.covariance, contrast.attenuation, contrast.covariance)
+    _, logarithm = np.linalg.slogdet(information)
+    return -0.5 * (3.0 * TAIL**2 * math.log1p(distance / (3.0 * TAIL**2)) - float(logarithm))
 
 
 def _distance(fit: Fit, contrast: Decay) -> float:
     """Distance of the decay of contrast from the fit, in standard deviations of one number."""
-    innovation = contrast.attenuation - fit.parameters[:, 0]
-    covariance = fit.covariance[0::2, 0::2] + contrast.covariance
-    return math.sqrt(float(innovation @ np.linalg.solve(covariance, innovation)) / 3.0)
+    *_, distance = measure(
+        fit.parameters, fit.covariance, contrast.attenuation, contrast.covariance)
+    return math.sqrt(distance / 3.0)
 
 
 def _update(fit: Fit, contrast: Decay) -> Fit:
     """Measure β by the decay of contrast (Kalman's update); less so where it is far off."""
-    gap = _distance(fit, contrast)
-    noise = contrast.covariance * (1.0 + (gap / TAIL) ** 2)
-    seen = fit.covariance[0::2]
-    gain = np.linalg.solve(seen[:, 0::2] + noise, seen).T
-    return _regular(moved(
-        fit, gain @ (contrast.attenuation - fit.parameters[:, 0]), gain @ seen))
+    noise = contrast.covariance * (1.0 + (_distance(fit, contrast) / TAIL) ** 2)
+    step, known, *_ = measure(fit.parameters, fit.covariance, contrast.attenuation, noise)
+    return _regular(moved(fit, step, known))
 
 
 def _regular(fit: Fit) -> Fit:
@@ -482,11 +486,33 @@ def _regular(fit: Fit) -> Fit:
     By numpy and not in a kernel: there, eigenvectors are those of SciPy's own library, whose
     last digit depended on its number of threads in Ubuntu 24.04's versions.
     """
+    if _is_regular(fit.covariance):
+        return fit
     scale = np.sqrt(np.maximum(np.abs(np.diag(fit.covariance)), 1e-18))
     scales = np.outer(scale, scale)
     values, vectors = np.linalg.eigh(fit.covariance / scales)
-    regular = (vectors * np.maximum(values, 1e-6)) @ vectors.T * scales
+    regular = (vectors * np.maximum(values, LEAST_EIGENVALUE)) @ vectors.T * scales
     return replace(fit, covariance=regular)
+
+
+@njit(nogil=True)
+def _is_regular(covariance: Any) -> bool:
+    """Whether no eigenvalue of the correlations is below the least: then Cholesky's factor is."""
+    factor = np.empty((6, 6))
+    for i in range(6):
+        for j in range(i + 1):
+            scale = math.sqrt(
+                max(abs(covariance[i, i]), 1e-18) * max(abs(covariance[j, j]), 1e-18))
+            rest = covariance[i, j] / scale
+            for k in range(j):
+                rest -= factor[i, k] * factor[j, k]
+            if i > j:
+                factor[i, j] = rest / factor[j, j]
+            elif rest > LEAST_EIGENVALUE:
+                factor[i, i] = math.sqrt(rest - LEAST_EIGENVALUE)
+            else:
+                return False
+    return True
 
 
 def _mixture(components: list[Fit], weights: NDArray[np.float64]) -> Fit:
