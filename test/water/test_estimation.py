@@ -253,7 +253,7 @@ def scenes(shared_data):
 def errors_of(scenes, method, **settings):
     found = []
     for scene in scenes:
-        distance = scene.range_of(scene.disparity_left)
+        distance = scene.rig.range_from_disparity(scene.disparity_left)
         for alpha in (0.0, 0.1, 0.2, 0.3):
             image, _ = scene.degraded(alpha, 2.0, KAPPA)
             estimate = estimator(method=method).estimate(
