@@ -181,3 +181,67 @@ def test_attenuation_stays_within_its_bounds():
     found = lower(distance, dark, np.full(3, 0.5))
     assert (found.parameters[:, 0] <= ATTENUATION_BOUNDS[1]).all()
     assert np.isfinite(found.parameters).all()
+
+
+
+def test_a_few_wrong_matches_among_measured_ranges_hardly_count():
+    """They put near, dark patches where only light ones are; exact ranges hold no such."""
+    beta = KAPPA + 0.2
+    ambient = np.exp(-2 * beta)
+    distance = np.linspace(4, 13, 40)
+    left = np.exp(-np.outer(beta, distance))
+
+    def attenuation(rho, range_error):
+        dark = ambient[:, np.newaxis] * (1.0 - (1.0 - rho) * left)
+        return lower(
+            distance, dark, 0.99 * ambient, range_error=range_error, deviation=0.3 / 255,
+        ).parameters[:, 0]
+
+    moved = []
+    for range_error in (1e-3, 0.0):
+        shifts = []
+        for seed in range(10):
+            rho = np.random.default_rng(seed).uniform(0.05, 0.35, left.shape)
+            wrong = rho.copy()
+            wrong[:, 12:14] = -0.3
+            shifts.append(attenuation(wrong, range_error) - attenuation(rho, range_error))
+        moved.append(np.abs(shifts).mean())
+    assert moved[0] < 0.6 * moved[1]
+
+
+class TestWhitePatch:
+    """Ground before a grey wall, whose darkest patches look like water that ends there."""
+
+    DISTANCE = np.concatenate((np.linspace(3.0, 6.8, 30), np.linspace(8.0, 8.7, 6)))
+    BETA, AMBIENT = KAPPA + 0.1, np.array([0.52, 0.72, 0.78])
+
+    def light_errors(self, seed, glint=0.0):
+        """Relative errors of I∞ with the bright envelope and without; white is at 5 m."""
+        rng = np.random.default_rng(seed)
+        left = np.exp(-np.outer(self.BETA, self.DISTANCE))
+
+        def seen(radiance):
+            return self.AMBIENT[:, np.newaxis] * (1.0 - (1.0 - radiance) * left)
+
+        dark = seen(np.where(self.DISTANCE > 7.0, 0.42, rng.uniform(0.02, 0.22, left.shape)))
+        bright = seen(np.where(np.abs(self.DISTANCE - 5.0) < 0.2, 0.95, 0.6))
+        bright[:, 10] += glint * self.AMBIENT
+        bound = np.sort(bright)[:, -3]
+        ranges = np.tile(self.DISTANCE, (3, 1))
+        patches = np.stack((ranges, bright, np.full(bright.shape, 1 / 255)), axis=2)
+        return [
+            fit_lower_envelope(
+                ranges, dark, np.full(dark.shape, 0.3 / 255), bound,
+                np.stack((KAPPA, bound), axis=1), KAPPA, ALL, 1e-3, patches=shown,
+            ).parameters[:, 1] / self.AMBIENT - 1.0
+            for shown in (patches, None)
+        ]
+
+    def test_white_tells_the_light_where_the_darkest_patches_do_not(self):
+        errors = np.square([self.light_errors(seed) for seed in range(40)])
+        with_white, without = np.sqrt(errors.mean(axis=(0, 2)))
+        assert with_white < 0.6 * without
+
+    def test_a_glint_brighter_than_the_light_is_no_white_patch(self):
+        plain, glint = (self.light_errors(0, glint)[0] for glint in (0.0, 0.4))
+        np.testing.assert_allclose(glint, plain, atol=2e-3)

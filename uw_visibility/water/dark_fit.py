@@ -79,8 +79,10 @@ def fit_one_light(
         return fit_plain(envelope.range, envelope.dark, ambient_min, first, active)
     return fit_lower_envelope(
         envelope.dark_range, envelope.dark, envelope.deviation, ambient_min, first,
-        clear_water, active, range_error,
-        brightest_patches(envelope),
+        clear_water, active, range_error, brightest_patches(envelope),
+        patches=np.stack((
+            np.broadcast_to(envelope.range, envelope.bright.shape), envelope.bright,
+            envelope.step), axis=2),
     )
 
 

@@ -18,17 +18,19 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.optics.light_model import transmission, veil_of
 
 # The scales of the loss, as `set_scales` fills them in.
-BELOW, ABOVE, LIMIT, NOISE, EXPECTED = range(5)
-SCALES = 5
+BELOW, ABOVE, LIMIT_BELOW, LIMIT_ABOVE, NOISE, EXPECTED = range(6)
+SCALES = 6
 
 # Part of the direct light by which a patch may look darker than black.
 DARKNESS_BELOW = 0.01
 # Part by which the darkest patches of bins differ.
 DARKNESS_ABOVE = 0.2
 # Bins above the curve lose weight beyond this part of their scale, bins below it
-# beyond so many times their scale: they can only be wrong.
-LIMIT_ABOVE = 0.25
-LIMIT_BELOW = 5.0
+# beyond so many times their scale: they can only be wrong. Measured ranges often are: a
+# few wrong matches among a bin's own, and it would count as much as all bins above the curve.
+OUTLIER_ABOVE = 0.25
+OUTLIER_BELOW = 5.0
+OUTLIER_BELOW_MEASURED = 2.0
 # How far from black the darkest patches of a scene are all together, on average
 # and at one standard deviation, in parts of how far bins differ.
 EXPECTED_DARKNESS = 0.2
@@ -82,6 +84,7 @@ def set_scales(
     scale : (SCALES, 3, N) float64 ndarray
         Filled.
     """
+    outlier = OUTLIER_BELOW_MEASURED if range_error > 0.0 else OUTLIER_BELOW
     for c in range(3):
         for i in range(distance.shape[1]):
             d = distance[c, i]
@@ -92,7 +95,8 @@ def set_scales(
             scale[NOISE, c, i] = np.sqrt(variance)
             scale[BELOW, c, i] = np.sqrt(variance + (DARKNESS_BELOW * direct) ** 2)
             scale[ABOVE, c, i] = np.sqrt(variance + (DARKNESS_ABOVE * direct) ** 2)
-            scale[LIMIT, c, i] = LIMIT_ABOVE * scale[ABOVE, c, i]
+            scale[LIMIT_ABOVE, c, i] = OUTLIER_ABOVE * scale[ABOVE, c, i]
+            scale[LIMIT_BELOW, c, i] = outlier * scale[BELOW, c, i]
     typical = typical_darkness(p, left, dark, known, light, scale)
     for c in range(3):
         shown = np.isfinite(typical[c])
@@ -129,11 +133,10 @@ def residual(p: Any, left: Any, dark: Any, scale: Any, c: int, i: int) -> float:
 def loss(r: float, scale: Any, c: int, i: int) -> tuple[float, float]:
     """Geman-McClure (below the curve) or Cauchy (above) cost of a residual, and its weight."""
     if r < 0:
-        sigma = scale[BELOW, c, i]
-        limit = LIMIT_BELOW * sigma
+        sigma, limit = scale[BELOW, c, i], scale[LIMIT_BELOW, c, i]
         q = 1.0 + (r / limit) ** 2
         return (r / sigma) ** 2 / q, 1.0 / (q * sigma) ** 2
-    sigma, limit = scale[ABOVE, c, i], scale[LIMIT, c, i]
+    sigma, limit = scale[ABOVE, c, i], scale[LIMIT_ABOVE, c, i]
     q = 1.0 + (r / limit) ** 2
     return (limit / sigma) ** 2 * np.log(q), 1.0 / (q * sigma * sigma)
 
@@ -153,7 +156,7 @@ def deviance(
         for i in range(dark.shape[1]):
             if not known[c, i]:
                 continue
-            above = np.hypot(scale[NOISE, c, i], LIMIT_ABOVE * scale[ABOVE, c, i])
+            above = np.hypot(scale[NOISE, c, i], OUTLIER_ABOVE * scale[ABOVE, c, i])
             below = scale[BELOW, c, i]
             r = residual(p, left, dark, scale, c, i)
             if r < 0:

@@ -51,6 +51,7 @@ def fit_lower_envelope(
     bright: NDArray[np.float64] | None = None,
     light: NDArray[np.float64] | None = None,
     ambient_max: NDArray[np.float64] | None = None,
+    patches: NDArray[np.float64] | None = None,
 ) -> Fit:
     """Robust fit of the lower envelope of dark patches, all channels together.
 
@@ -84,6 +85,10 @@ def fit_lower_envelope(
         not black on the dark patches is so many times brighter.
     ambient_max : (3,) float64 ndarray, optional
         Upper bound of I∞.
+    patches : (3, N, 3) float64 ndarray, optional
+        Range, irradiance and code step of the bright envelope, where veil and light are
+        one: the brightest patch is nearly white, see `uw_visibility.water.priors`. I∞ is
+        near its lower bound where absent.
 
     Returns
     -------
@@ -110,6 +115,7 @@ def fit_lower_envelope(
         range_error,
         np.full((3, 2), np.inf) if bright is None else bright,
         np.ones(3) if light is None else light,
+        np.empty((3, 0, 3)) if patches is None else patches,
     )
     parameters = np.where(active[:, np.newaxis], values.reshape(3, 2), np.nan)
     return Fit(
@@ -120,7 +126,7 @@ def fit_lower_envelope(
 @njit(nogil=True)
 def _minimise(
     distance: Any, dark: Any, deviation: Any, known: Any, active: Any, start: Any, lower: Any,
-    upper: Any, clear_water: Any, range_error: float, bright: Any, light: Any,
+    upper: Any, clear_water: Any, range_error: float, bright: Any, light: Any, patches: Any,
 ) -> tuple[Any, Any, int, bool, float, float, float]:
     """Damped Gauss-Newton within bounds; scales follow the parameters at first."""
     p = start.copy()
@@ -146,7 +152,7 @@ def _minimise(
         slope[:] = 0.0
         cost = add_normal_equations(p, distance, left, dark, known, scale, hessian, slope)
         cost += add_weak_priors(
-            p, active, clear_water, lower[1::2], tolerance, True, hessian, slope)
+            p, active, clear_water, lower[1::2], tolerance, True, patches, hessian, slope)
         while True:
             trial = _step(p, hessian, slope, damping, lower, upper, active)
             move = np.max(np.abs(trial - p) / (1e-3 + np.abs(p)))
@@ -156,7 +162,8 @@ def _minimise(
             transmit(trial, distance, trial_left)
             trial_cost = total_loss(trial, trial_left, dark, known, scale)
             trial_cost += add_weak_priors(
-                trial, active, clear_water, lower[1::2], tolerance, True, scratch, scratch_slope
+                trial, active, clear_water, lower[1::2], tolerance, True, patches, scratch,
+                scratch_slope,
             )
             if trial_cost <= cost:
                 p = trial
@@ -169,7 +176,8 @@ def _minimise(
         p, distance, left, dark, deviation, known, range_error, EXPECTED_DARKNESS, light, scale)
     cost, misfit = deviance(p, left, dark, known, scale)
     covariance = _covariance(
-        p, distance, left, dark, known, active, clear_water, lower, bright, light, scale)
+        p, distance, left, dark, known, active, clear_water, lower, bright, light, patches,
+        scale)
     trend = durbin_watson(p, left, dark, known, scale)
     return p, covariance, iterations, converged, cost, misfit, trend
 
@@ -199,14 +207,15 @@ def _step(
 @njit(nogil=True)
 def _covariance(
     p: Any, distance: Any, left: Any, dark: Any, known: Any, active: Any, clear_water: Any,
-    lower: Any, bright: Any, light: Any, scale: Any,
+    lower: Any, bright: Any, light: Any, patches: Any, scale: Any,
 ) -> Any:
     """Sandwich covariance, and the effect of darkest patches that are not black."""
     curvature = np.zeros((6, 6))
     slope = np.zeros(6)
     tolerance = weak_channel_tolerance(p, active, clear_water)
     # A bound that holds attenuation up says nothing about how far it may be above.
-    add_weak_priors(p, active, clear_water, lower[1::2], tolerance, False, curvature, slope)
+    add_weak_priors(
+        p, active, clear_water, lower[1::2], tolerance, False, patches, curvature, slope)
     # A prior's score varies as much as its curvature says; a bin's as much as
     # its residual shows.
     spread = curvature.copy()

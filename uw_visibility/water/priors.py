@@ -6,8 +6,8 @@ In clear water the image alone tells neither how bright the ambient light is nor
 colour: there is little of it between the camera and the scene. Three things are known
 beforehand, each roughly, and they decide as far as the image's own covariance lets
 them: particles and dissolved matter attenuate the channels alike, more or less (eq. 3);
-the brightest patch is nearly white, and so nearly as bright as the ambient light
-(eq. 5); and the ambient light is daylight that has come through the water above
+the brightest patch is nearly white (eq. 5), which tells the light's level where veil and
+light are one; and the ambient light is daylight that has come through the water above
 (eq. 2), whose three channels have two unknowns, brightness and depth.
 """
 
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.optics.light_model import contrast_gain, radiance_of
 from uw_visibility.water.fit import ATTENUATION_BOUNDS, Fit
 
 # What particles and dissolved matter add differs between the channels by this part
@@ -29,10 +30,13 @@ CHANNEL_TOLERANCE = 0.3
 CHANNEL_TOLERANCE_MIN = 0.02
 WEAK_CHANNEL_TOLERANCE = 0.5
 WEAK_CHANNEL_TOLERANCE_MIN = 0.05
-# How far the ambient light is above the brightest patch, as a logarithm; in the fit,
-# the brightest patch is seldom darker than the ambient light by much more than a part.
-BRIGHT_EXCESS = 0.05
-BRIGHT_TOLERANCE = 0.25
+# Radiance of the brightest patch, and its standard deviation: of one near by, and in the fit
+# that of the whole scene, which leaves room for dull ones.
+BRIGHT_RADIANCE = 0.9
+BRIGHT_DEVIATION = 0.15
+WHITE_DEVIATION = 0.27
+# Where the veil is not the light, it is in the fit seldom brighter than its lower bound by
+# much more than this part.
 WEAK_BRIGHT_TOLERANCE = 0.5
 # Attenuation is at least that of clear water (eq. 3), which is known to about a
 # tenth for a camera whose response is.
@@ -41,7 +45,7 @@ CLEAR_WATER_TOLERANCE = 0.1
 # deviations gives way: water and light of that kind are not what was expected.
 LIMIT = 2.0
 ITERATIONS = 5
-# Tolerance of the light's colour that leaves it to the image.
+# Tolerance of the light's colour or brightness that leaves it to the image.
 NOTHING_EXPECTED = 10.0
 # Channels' attenuations, brightness, colour of the light.
 ROWS = 7
@@ -95,8 +99,8 @@ def fuse(
     light : (3,) float64 ndarray, optional
         Light on the scene over the veil, W / B; 1 as in the paper where absent.
     veil, veil_tolerance : (3,) float64 ndarray, optional
-        What is known of I∞, and the standard deviation of its logarithm; by default it
-        is near the brightest patch.
+        What is known of I∞ beside the fit, and the standard deviation of its logarithm;
+        nothing by default.
 
     Returns
     -------
@@ -112,8 +116,8 @@ def fuse(
     if light is not None:
         # Daylight is what lights the scene, not the veil.
         colour -= float(off_colour @ np.log(light))
-    log_veil = np.log(ambient_min) + BRIGHT_EXCESS if veil is None else np.log(veil)
-    tolerance = np.full(3, BRIGHT_TOLERANCE) if veil_tolerance is None else veil_tolerance
+    log_veil = np.log(ambient_min if veil is None else veil)
+    tolerance = np.full(3, NOTHING_EXPECTED) if veil_tolerance is None else veil_tolerance
     parameters, covariance = _combine(
         fit.parameters.ravel(), fit.covariance, clear_water, log_veil, tolerance, off_colour,
         colour, daylight_tolerance)
@@ -190,7 +194,7 @@ def weak_channel_tolerance(p: Any, active: Any, clear_water: Any) -> float:
 @njit(nogil=True)
 def add_weak_priors(
     p: Any, active: Any, clear_water: Any, ambient_min: Any, tolerance: float, bounded: bool,
-    hessian: Any, slope: Any,
+    patches: Any, hessian: Any, slope: Any,
 ) -> float:
     """Add the weak priors' curvature and descent direction; return their cost.
 
@@ -206,6 +210,8 @@ def add_weak_priors(
         That of `weak_channel_tolerance`, 1/m.
     bounded : bool
         Whether β ≥ κ adds curvature.
+    patches : (3, N, 3) float64 ndarray
+        See `add_white_prior`; where N is 0, I∞ is near `ambient_min` instead.
     hessian, slope : (6, 6), (6,) float64 ndarray
         Added to.
     """
@@ -223,6 +229,9 @@ def add_weak_priors(
         if missing < 0 and bounded:
             hessian[2 * c, 2 * c] += 1 / (sigma * sigma)
             slope[2 * c] -= missing / sigma
+        if patches.shape[1] > 0:
+            cost += add_white_prior(p, patches, c, hessian, slope)
+            continue
         sigma = WEAK_BRIGHT_TOLERANCE * ambient_min[c]
         excess = (p[2 * c + 1] - ambient_min[c]) / sigma
         cost += excess * excess
@@ -241,3 +250,44 @@ def add_weak_priors(
                 same = 1.0 if other == c else 0.0
                 hessian[2 * c, 2 * other] += weight * (same - 1.0 / number)
     return cost
+
+
+@njit(nogil=True)
+def add_white_prior(p: Any, patches: Any, c: int, hessian: Any, slope: Any) -> float:
+    """Add the prior that the brightest patch is nearly white (eq. 5); return its cost.
+
+    What is brighter than the ambient light is an outlier, and where a code value is more
+    than the prior knows, nothing is seen.
+
+    Parameters
+    ----------
+    p : (6,) float64 ndarray
+        β_R, I∞_R, β_G, I∞_G, β_B, I∞_B.
+    patches : (3, N, 3) float64 ndarray
+        Range, irradiance and code step of the bright envelope.
+    c : int
+        Channel.
+    hessian, slope : (6, 6), (6,) float64 ndarray
+        Added to.
+    """
+    attenuation, ambient = p[2 * c], p[2 * c + 1]
+    radiance, place = -np.inf, -1
+    for i in range(patches.shape[1]):
+        gain = contrast_gain(attenuation, patches[c, i, 0])
+        if patches[c, i, 2] * gain < WHITE_DEVIATION * ambient:
+            found = radiance_of(patches[c, i, 1], gain, ambient, ambient)
+            if radiance < found <= 1.0:
+                radiance, place = found, i
+    if place < 0:
+        return 0.0
+    distance, irradiance = patches[c, place, 0], patches[c, place, 1]
+    off = (radiance - BRIGHT_RADIANCE) / WHITE_DEVIATION
+    by = np.empty(2)
+    by[0] = (radiance - 1.0) * distance / WHITE_DEVIATION
+    by[1] = -irradiance * contrast_gain(attenuation, distance) / (
+        ambient * ambient * WHITE_DEVIATION)
+    for j in range(2):
+        slope[2 * c + j] -= off * by[j]
+        for k in range(2):
+            hessian[2 * c + j, 2 * c + k] += by[j] * by[k]
+    return float(off * off)

@@ -33,7 +33,11 @@ from uw_visibility.water.fit import (
 from uw_visibility.water.lower_envelope import NEIGHBOURING_BINS
 from uw_visibility.water.observations import Envelopes
 from uw_visibility.water.open_water import OpenWater
-from uw_visibility.water.priors import CLEAR_WATER_TOLERANCE
+from uw_visibility.water.priors import (
+    BRIGHT_DEVIATION,
+    BRIGHT_RADIANCE,
+    CLEAR_WATER_TOLERANCE,
+)
 
 # Veil over the brightest patch, and how likely each is beforehand: half of the frames
 # are as the paper has it. In this order, so that what is hopeless is not fitted.
@@ -47,9 +51,6 @@ HOPELESS = 8.0
 RATIO_TOLERANCE = 0.25
 # Bounds of the veil in units of what is known of it, or of its deviation.
 BELOW, ABOVE, DEVIATIONS = 0.8, 1.4, 2.5
-# Radiance of the brightest patch, and its standard deviation.
-BRIGHT_RADIANCE = 0.9
-BRIGHT_DEVIATION = 0.15
 LIGHT_LIMITS = (0.5, 8.0)
 # Light and veil that differ by no more than this, as a logarithm, are taken for one.
 SAME_LIGHT = 0.3
