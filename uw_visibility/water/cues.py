@@ -72,6 +72,8 @@ class Cues(NamedTuple):
         Whether the pixels went through a JPEG that was not told of.
     level : Observations or None
         Of the image with open water's veil all over, where its gradient matters.
+    level_by : callable or None
+        Levels the image by a gradient.
     """
 
     contrast: Decay | None = None
@@ -81,6 +83,7 @@ class Cues(NamedTuple):
     places: PlaceCourse | None = None
     compressed: bool = False
     level: Observations | None = None
+    level_by: Callable[[VeilGradient], Observations] | None = None
 
     @property
     def certain_water(self) -> OpenWater | None:
@@ -134,18 +137,23 @@ def gather_cues(
     rounding = np.sqrt(samples.noise**2 + ROUNDING_VARIANCE)
     surfaces = surface_statistics(codes, ranges, mask, irradiance, envelope.limits)
     local = decay(*contrast_course(surfaces, rounding), active)
+    halves = observe_halves(surfaces, rounding * np.nan_to_num(envelope.step).max(axis=1))
+    places = place_course(surfaces)
+
+    def level_by(gradient: VeilGradient) -> Observations:
+        level = level_envelope(
+            observe_samples(level_samples(samples, gradient)), gradient, places)
+        return Observations(
+            level, fuse_decays(local, envelope_decay(level, active)),
+            level_halves(halves, gradient))
+
     cues = Cues(
         fuse_decays(local, envelope_decay(envelope, active)),
         find_open_water(codes, ranges, valid, irradiance, envelope),
-        observe_halves(surfaces, rounding * np.nan_to_num(envelope.step).max(axis=1)),
-        places=place_course(surfaces),
+        halves,
+        places=places,
         compressed=not samples.codec_known and blocking(codes) > BLOCKS,
+        level_by=level_by,
     )
     gradient = cues.gradient
-    if gradient is None or cues.places is None or cues.halves is None:
-        return cues
-    level = level_envelope(
-        observe_samples(level_samples(samples, gradient)), gradient, cues.places)
-    contrast = fuse_decays(local, envelope_decay(level, active))
-    return cues._replace(
-        level=Observations(level, contrast, level_halves(cues.halves, gradient)))
+    return cues if gradient is None else cues._replace(level=level_by(gradient))

@@ -25,6 +25,7 @@ from uw_visibility.water.dark_fit import (
     fit_one_light,
     fit_other_transfer,
 )
+from uw_visibility.water.dark_gradient import NEGLIGIBLE, bend_of, find_gradients, unbent
 from uw_visibility.water.estimate import WaterEstimate, assemble, refuse
 from uw_visibility.water.fit import Fit, blank
 from uw_visibility.water.grey_average import is_grey_on_average
@@ -49,7 +50,7 @@ from uw_visibility.water.veil import (
     average,
     fit_free_veil,
 )
-from uw_visibility.water.veil_gradient import UNCERTAIN
+from uw_visibility.water.veil_gradient import UNCERTAIN, VeilGradient
 
 # Dark envelope: its quantile, and the pixels below it at least. The paper takes
 # 1 % (eq. 4). The darkest 5 pixels are a patch rather than a speck; where ranges
@@ -62,6 +63,8 @@ BRIGHT_QUANTILE = 0.99
 # them: where water is thick, the fit knows of noise alone.
 ATTENUATION_ERROR = 0.02
 AMBIENT_ERROR = 0.01
+# Where the veil of an image without open water is wanted.
+MIDDLE = np.array((0.5, 0.5))
 # What a JPEG that nobody told of leaves attenuation off by, as a part of it, in a channel
 # without light: it rounds colour, and so the dim channels, to the light of the bright one.
 COMPRESSION_ERROR = 0.45
@@ -251,7 +254,7 @@ class WaterEstimator:
             Observations(envelope, cues.contrast, cues.halves), active, cues)
         if fitted is None:
             return WaterEstimate.not_assessable(Status.FIT_FAILED, envelope)
-        found, (envelope, _, halves) = fitted
+        found, (envelope, _, halves) = self._level_rows(*fitted, active, cues)
         covariance = found.fit.covariance.copy()
         for channel in np.flatnonzero(active):
             status[channel] = validate_fit(found.fit, envelope, int(channel))
@@ -262,8 +265,10 @@ class WaterEstimator:
             uneven = compare_halves(halves, attenuation, veil, found.scene_light)
             refuted = uneven.refutes(attenuation)
             status = refuse(status, refuted)
-            covariance[0::2, 0::2] += uneven.stddev_of(attenuation) ** 2 * np.outer(
-                attenuation, attenuation)
+            average, stddev = uneven.averaged(attenuation)
+            covariance[0::2, 0::2] += np.outer(stddev, stddev)
+            found = replace(found, fit=replace(found.fit, parameters=np.stack(
+                (average, veil), axis=1)))
         if cues.compressed:
             light = brightest(envelope, active)
             error = COMPRESSION_ERROR * (1.0 - light / light.max()) * found.fit.parameters[:, 0]
@@ -329,11 +334,49 @@ class WaterEstimator:
                 disagreement=max(found.disagreement, in_water.disagreement))
         return averaged, level if log_odds > 0 else seen
 
+    def _level_rows(
+        self, found: VeilFit, seen: Observations, active: NDArray[np.bool_], cues: Cues
+    ) -> tuple[VeilFit, Observations]:
+        """Average with fits that a vertical gradient of veil or attenuation is levelled in."""
+        if seen.halves is None or cues.places is None or cues.level_by is None:
+            return found, seen
+        attenuation, veil = found.fit.parameters.T
+        gradients = find_gradients(
+            seen.halves, active, attenuation, veil, found.scene_light)
+        if gradients is None:
+            return found, seen
+        of_veil, of_attenuation = gradients
+        shares = np.array((of_veil.odds, of_attenuation.odds))
+        shares /= 1.0 + shares.sum()
+        if shares[1] > NEGLIGIBLE:
+            bend = bend_of(of_attenuation, cues.places, seen.envelope)
+            found = replace(found, fit=unbent(found.fit, bend, shares[1], self._clear_water))
+        # What open water shows of the veil is not asked of dark patches again.
+        if shares[0] < NEGLIGIBLE or seen is cues.level:
+            return found, seen
+        water = cues.certain_water
+        level = cues.level_by(VeilGradient(
+            np.tile((of_veil.slope, 0.0), (3, 1)),
+            MIDDLE if water is None else water.gradient.place))
+        levelled = self._fit_observations(level, active, water, cues.coarse)
+        if levelled is None:
+            return found, seen
+        change = (levelled.fit.parameters - found.fit.parameters).ravel()
+        change *= of_veil.stddev / of_veil.slope
+        levelled = replace(levelled, fit=replace(
+            levelled.fit, covariance=levelled.fit.covariance + np.outer(change, change)))
+        log_odds = math.log(shares[0] / max(1.0 - shares[0], 1e-9))
+        return average(found, levelled, log_odds), level if log_odds > 0 else seen
+
     def _fit_observations(
         self, seen: Observations, active: NDArray[np.bool_], water: OpenWater | None,
         coarse: bool, ratios: RatioFits | None = None,
     ) -> VeilFit | None:
         """Fit with the veil apart from the light; None where there is no fit."""
+        # Levelled pixels may be saturated, or too few.
+        if any(refuse_channel(seen.envelope, int(c)) is not Status.OK
+               for c in np.flatnonzero(active)):
+            return None
 
         def fuse_priors(
             found: Fit, light: NDArray[np.float64], veil: NDArray[np.float64],

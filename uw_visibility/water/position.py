@@ -9,13 +9,13 @@ more than dark patches do, no single attenuation describes the frame.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.optics.light_model import transmission
 from uw_visibility.status import Status
 from uw_visibility.water.surfaces import REGIONS, SurfaceStatistics
 
@@ -25,18 +25,25 @@ SPLITS = ("left and right", "top and bottom", "middle and surroundings")
 FEWEST = 40
 FEWEST_BINS = 2
 DARK = 0.03
+# Least transmission that a dark patch shows: what is as bright as the veil shows none.
+LEAST_TRANSMISSION = 0.02
 # Darkest patches of halves differ by this part of the direct light.
 DARKNESS = 0.08
 # Neighbouring bins show the same objects.
 NEIGHBOURING_BINS = 2.0
-# Halves of one water differ by up to so many deviations; what is beyond makes an error
-# of attenuation that is so many times as large, as range goes with position.
-USUAL = 1.5
-EFFECT = 1.7
+# Images whose halves show different water beforehand, how far they are apart as a part of
+# attenuation, and how well that on average is known to be between them, as a part of the change.
+UNLIKE = 0.1
+APART = 0.7
+EFFECT = 0.5
+# Deviations from the median from which on a bin counts less (Cauchy's scale).
+TAIL = 2.0
+# How well the veil in front of a half is known, as a part of it.
+VEIL_ERROR = 0.02
 # Differences beyond so many deviations and this part of attenuation refute the estimate, for
 # each split; less is needed where surroundings are darker, as lenses and lamps make them.
-SIGNIFICANT = np.array([4.0, 4.0, 5.0])
-LARGE = np.array([0.15, 0.15, 0.25])
+SIGNIFICANT = np.array([4.0, 4.0, 8.0])
+LARGE = np.array([0.5, 0.5, 0.25])
 SIGNIFICANT_FALL, LARGE_FALL = 3.5, 0.12
 
 
@@ -60,14 +67,40 @@ class Unevenness:
         """(3,): difference over its deviation for each split, the median channel's."""
         return np.asarray(np.median(self.difference / self.stddev, axis=1))
 
-    def stddev_of(self, attenuation: NDArray[np.float64]) -> float:
-        """Standard deviation of attenuation by its unevenness, as a part of itself.
+    def averaged(
+        self, attenuation: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Attenuation of the water on average, and its standard deviation by unevenness.
 
-        Differences that scenes of one water show do not count.
+        The lower envelope of an image is that of its clearest part. Where halves differ by
+        more than scenes of one water make them, that on average lies between them; where the
+        middle is the brighter, a lens darkens the rest.
+
+        Parameters
+        ----------
+        attenuation : (3,) float64 ndarray
+            As estimated, 1/m.
+
+        Returns
+        -------
+        attenuation, stddev : (3,) float64 ndarray
+            1/m.
         """
-        beyond = np.abs(self.difference) - USUAL * self.stddev
-        part = np.median(np.maximum(beyond, 0.0) / attenuation, axis=1)
-        return EFFECT * float(part.max())
+        variance = self.stddev**2
+        by = np.stack((np.ones(3), np.ones(3), attenuation))
+        spread = (APART * attenuation.mean() * by / by.mean(axis=1, keepdims=True)) ** 2
+        kept = spread / (spread + variance)
+        # Odds of halves that differ to one water, as the median channel has them.
+        odds = np.median(
+            np.log(np.sqrt(1.0 - kept)) + 0.5 * kept * self.difference**2 / variance, axis=1)
+        share = UNLIKE / (UNLIKE + (1.0 - UNLIKE) * np.exp(-np.minimum(odds, 50.0)))
+        size = np.median(np.abs(kept * self.difference) / by, axis=1)
+        # No lens makes the surroundings brighter, but they may lack dark patches.
+        change = np.array((0.5, 0.5, np.median(self.difference[2]) > 0)) * size
+        split = int((share * change * by.mean(axis=1)).argmax())
+        shift = share[split] * change[split] * by[split]
+        error = math.sqrt(share[split] * (1.0 - share[split]) + share[split] * EFFECT**2)
+        return attenuation + shift, error * change[split] * by[split]
 
     def refutes(self, attenuation: NDArray[np.float64]) -> Status:
         """OK, or the reason why one attenuation does not describe the frame."""
@@ -86,8 +119,8 @@ class HalfEnvelopes:
 
     Attributes
     ----------
-    range : (3, N) float64 ndarray
-        Mean range of each bin, m, for each split; NaN where a half has too few pixels.
+    range : (2, 3, N) float64 ndarray
+        Mean range of the pixels, m: halves by splits by bins; NaN where a half has too few.
     dark : (2, 3, 3, N) float64 ndarray
         Irradiance: halves by splits by channels.
     noise : (3,) float64 ndarray
@@ -113,15 +146,13 @@ def observe_halves(
     noise : (3,) float64 ndarray
         Standard deviation of the image's noise and rounding, as irradiance.
     """
-    places = statistics.places.sum(axis=1)
-    mean = places[:, 0] / np.maximum(places[:, 1], 1.0)
     # Halves by splits by bins by channels by levels.
     halves = _halves(statistics.levels)
     about = _halves(statistics.places)
     enough = halves[:, :, :, 0].sum(axis=3).min(axis=0) >= FEWEST
     dark = np.moveaxis(_quantile(halves, statistics.edges), 3, 2)
-    place = about[..., 2:] / np.maximum(about[..., 1:2], 1.0)
-    return HalfEnvelopes(np.where(enough, mean, np.nan), dark, noise, place)
+    mean = about[..., (0, 2, 3)] / np.maximum(about[..., 1:2], 1.0)
+    return HalfEnvelopes(np.where(enough, mean[..., 0], np.nan), dark, noise, mean[..., 1:])
 
 
 def _halves(of_regions: NDArray[Any]) -> NDArray[Any]:
@@ -147,22 +178,55 @@ def compare_halves(
     """
     difference = np.zeros((len(SPLITS), 3))
     stddev = np.full((len(SPLITS), 3), np.inf)
-    for split, distance in enumerate(halves.range):
-        both = np.isfinite(distance)
-        if both.sum() < FEWEST_BINS:
+    for split in range(len(SPLITS)):
+        shift, weight = attenuation_apart(halves, split, attenuation, veil, light)
+        if shift.shape[1] < FEWEST_BINS:
             continue
-        left = transmission(attenuation[:, np.newaxis], distance[both])
-        # What a unit of attenuation changes, and what differs besides.
-        by = veil[:, np.newaxis] * distance[both] * left
-        other = np.hypot(DARKNESS * light[:, np.newaxis] * left, halves.noise[:, np.newaxis])
-        weight = (by / other) ** 2
-        shift = (halves.dark[0, split] - halves.dark[1, split])[:, both] / by
+        # Ranges of a bin that are wrong in one half make it an outlier.
+        weight = np.minimum(weight, np.median(weight, axis=1, keepdims=True))
+        off = shift - np.median(shift, axis=1, keepdims=True)
+        weight = weight / (1.0 + weight * (off / TAIL) ** 2)
         total = weight.sum(axis=1)
         mean = (weight * shift).sum(axis=1) / total
-        scatter = (weight * (shift - mean[:, np.newaxis]) ** 2).sum(axis=1) / (both.sum() - 1)
+        scatter = (weight * (shift - mean[:, np.newaxis]) ** 2).sum(axis=1) / (shift.shape[1] - 1)
         difference[split] = mean
         stddev[split] = np.sqrt(NEIGHBOURING_BINS * np.maximum(scatter, 1.0) / total)
     return Unevenness(difference, stddev)
+
+
+def attenuation_apart(
+    halves: HalfEnvelopes, split: int, attenuation: NDArray[np.float64],
+    veil: NDArray[np.float64], light: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Attenuation of a first half less that of the second, 1/m, if black is as dark in both.
+
+    Parameters
+    ----------
+    halves : HalfEnvelopes
+    split : int
+    attenuation, veil, light : (3,) float64 ndarray
+        β, B and W as estimated.
+
+    Returns
+    -------
+    difference, weight : (3, N) float64 ndarray
+        Of each bin that both halves have, and the inverse of its variance.
+    """
+    both = np.isfinite(halves.range[:, split]).all(axis=0)
+    distance = halves.range[:, split, both][:, np.newaxis]
+    # Transmission that each half shows: what differs much does so by more than in proportion.
+    left = np.maximum(
+        1.0 - halves.dark[:, split][:, :, both] / veil[:, np.newaxis], LEAST_TRANSMISSION)
+    shown = -np.log(left) / distance
+    apart = shown[0] - shown[1]
+    # What a unit of attenuation changes (logarithmic mean), and what differs besides.
+    ratio = np.log(left[1] / left[0])
+    alike = np.abs(ratio) < 1e-6
+    mean = np.where(alike, left[0], (left[1] - left[0]) / np.where(alike, 1.0, ratio))
+    by = mean * distance.mean(axis=0) * veil[:, np.newaxis]
+    darkness = DARKNESS * light[:, np.newaxis] * np.sqrt((left**2).mean(axis=0))
+    other = halves.noise[:, np.newaxis] ** 2 + (VEIL_ERROR * veil[:, np.newaxis]) ** 2
+    return apart, by**2 / (darkness**2 + other)
 
 
 def _quantile(counts: NDArray[Any], edges: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -23,8 +23,10 @@ DISTANCE_PART = 160
 DISTANCE_LEAST = 2
 # Neighbours of one surface: their ranges differ by less than this part.
 SAME_SURFACE = 0.04
-# Left or right, top or bottom, middle or surroundings: a bit each.
+# Left or right, upper or lower, middle or surroundings: a bit each.
 REGIONS = 8
+# Of the pixels that are read, one in so many rows and columns tells where those of a range lie.
+SPARSE = 4
 # Levels of the square root of irradiance.
 LEVELS = 128
 # Columns of `SurfaceStatistics.contrast`.
@@ -47,7 +49,8 @@ class SurfaceStatistics(NamedTuple):
         Irradiance where each level begins, and the last ends.
     places : (M, 8, 4) float64 ndarray
         For each of these bins and regions: sum of ranges, m; pixels; sums of rows and
-        columns in parts of the image.
+        columns in parts of the image. Upper and lower regions are those of the bin's own
+        pixels: of ground ahead, all that is at one range is in one half of the image.
     """
 
     contrast: NDArray[np.float64]
@@ -81,21 +84,42 @@ def surface_statistics(
     levels = np.zeros((BINS // REGION_GROUP, REGIONS, 3, LEVELS), np.int32)
     places = np.zeros((BINS // REGION_GROUP, REGIONS, 4))
     if high > low > 0:
+        bins_per_log = np.float32(BINS / math.log(high / low))
+        stride = max(1, round(math.sqrt(range_map.size / PIXELS_READ)))
         _accumulate(
             image, range_map, mask, irradiance,
             (np.sqrt(irradiance / top) * (LEVELS - 1)).astype(np.uint8),
-            np.float32(low), np.float32(BINS / math.log(high / low)),
+            np.float32(low), bins_per_log,
+            _mean_rows(range_map, np.float32(low), bins_per_log, SPARSE * stride),
             max(DISTANCE_LEAST, round(range_map.shape[1] / DISTANCE_PART)),
-            max(1, round(math.sqrt(range_map.size / PIXELS_READ))), sums, levels, places)
+            stride, sums, levels, places)
     edges = top * (np.arange(LEVELS + 1) / (LEVELS - 1)) ** 2
     places[:, :, 2:] /= range_map.shape
     return SurfaceStatistics(sums, levels, edges, places)
 
 
 @njit(nogil=True)
+def _mean_rows(range_map: Any, low: float, bins_per_log: float, stride: int) -> Any:
+    """Mean row of the pixels of each bin of `SurfaceStatistics.levels`."""
+    rows = np.zeros(BINS // REGION_GROUP)
+    count = np.zeros(BINS // REGION_GROUP)
+    for y in range(stride // 2, range_map.shape[0], stride):
+        for x in range(stride // 2, range_map.shape[1], stride):
+            here = range_map[y, x]
+            # Comparisons with NaN are false.
+            if here >= low and here < np.inf:
+                at = int(math.log(here / low) * bins_per_log)
+                if at < BINS:
+                    rows[at // REGION_GROUP] += y
+                    count[at // REGION_GROUP] += 1
+    return rows / np.maximum(count, 1.0)
+
+
+@njit(nogil=True)
 def _accumulate(
     image: Any, range_map: Any, mask: Any, irradiance: Any, level_of: Any, low: float,
-    bins_per_log: float, distance: int, stride: int, sums: Any, levels: Any, places: Any,
+    bins_per_log: float, mean_rows: Any, distance: int, stride: int, sums: Any, levels: Any,
+    places: Any,
 ) -> None:
     """Fill the sums of `SurfaceStatistics`."""
     height, width = range_map.shape
@@ -125,7 +149,7 @@ def _accumulate(
             region = 0
             if x >= middle_x:
                 region += 1
-            if y >= middle_y:
+            if y >= mean_rows[at // REGION_GROUP]:
                 region += 2
             if (y - middle_y) ** 2 + (x - middle_x) ** 2 >= ring:
                 region += 4
