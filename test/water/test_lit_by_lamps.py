@@ -56,3 +56,27 @@ def test_a_white_board_before_dull_ground_is_not_taken_for_lamps(near: float, ve
             radiance, distance, CLEAR_WATER + 0.05, np.full(3, 0.9 * veil), np.full(3, 0.9))
         found = estimator().estimate(image, distance.astype(np.float32), range_error=0.0)
         assert found.status is not Status.LIT_BY_LAMPS
+
+
+@pytest.mark.parametrize("far", [1.5, 2.6])
+def test_a_board_and_ground_in_shade_are_taken_for_lamps_only_where_one_spans_enough(
+    far: float,
+) -> None:
+    """Shade makes either fall with range as lamps do, and over a hand's breadth may be chance."""
+    height, width = SIZE
+    row, column = np.mgrid[:height, :width]
+    distance = np.linspace(far, 1.05, height)[:, np.newaxis] + 0.0 * column
+    board = (abs(row - height / 2) < height / 4) & (abs(column - width / 2) < width / 4)
+    distance[board] = 0.45 * (1.0 + 0.3 * column[board] / width)
+    squares = 0.1 + 0.85 * ((row // 12 + column // 12) % 2)
+    shade = np.where(board, 0.45 / distance, 1.05 / distance) ** 1.8
+    lamps = []
+    for seed in range(3):
+        radiance = np.where(
+            board[..., np.newaxis], squares[..., np.newaxis], 0.25 * texture(seed, distance))
+        image = attenuate(
+            radiance * shade[..., np.newaxis], distance.astype(np.float32), CLEAR_WATER + 0.02,
+            np.full(3, 0.05), np.full(3, 0.9))
+        found = estimator().estimate(image, distance.astype(np.float32), range_error=0.0)
+        lamps.append(found.status is Status.LIT_BY_LAMPS)
+    assert lamps == [far > 2.0] * 3

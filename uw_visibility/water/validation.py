@@ -47,8 +47,9 @@ LAMP_SLOPE, LAMP_SLOPE_ERROR = -0.8, 2.0
 LAMP_FALL, LAMP_DARKNESS = 0.6, 0.5
 # A white board before dull ground falls by day as well, but at once. Of the fall by lamps this
 # much is left where it may have one step besides; ranges farther apart than by this ratio
-# belong to two things, between which nothing is known to fall.
-LAMP_FALL_BESIDE_STEP, RANGE_GAP = 0.55, 1.25
+# belong to two things, between which nothing is known to fall. Of things that are as far apart
+# as a board and the ground, one has to span as much: shade alone may fall over less.
+LAMP_FALL_BESIDE_STEP, RANGE_GAP, FAR_APART = 0.55, 1.25, 1.6
 
 
 def lit_by_lamps(envelope: Envelopes) -> bool:
@@ -95,13 +96,17 @@ def _logarithmic_slope(
 def _fall_beside_step(
     distance: NDArray[np.float64], values: NDArray[np.float64], weight: NDArray[np.float64]
 ) -> float:
-    """Last value over the first, but for one step and where nothing is seen.
+    """Last value over the first of the longest thing, but for one step and where nothing is seen.
 
     By ln value = a + b ln distance + (c beyond a step), with the step where the residuals are
     the least.
     """
-    x, y = np.log(distance), np.log(values)
-    root = np.sqrt(weight)
+    x, y, root = np.log(distance), np.log(values), np.sqrt(weight)
+    things = np.split(np.arange(len(x)), np.flatnonzero(np.diff(x) > math.log(FAR_APART)) + 1)
+    thing = max(things, key=lambda part: float(x[part[-1]] - x[part[0]]))
+    x, y, root = x[thing], y[thing], root[thing]
+    if len(things) > 1 and (len(x) < MIN_BINS or x[-1] - x[0] < math.log(FAR_APART)):
+        return 1.0
     best = slope = math.inf
     for step in range(2, len(x) - 1):
         near = np.arange(len(x)) < step
