@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.compute.threads import Workers
-from uw_visibility.stereo.contrast import ContrastNormalizer
+from uw_visibility.stereo.contrast import ContrastNormalizer, least_noise_weights
 
 ATTENUATION = np.array([0.5, 0.3, 0.2])
 AMBIENT = np.array([0.3, 0.7, 0.8])
@@ -112,3 +112,9 @@ def test_lamp_lit_contrast_of_the_far_is_raised_and_that_of_the_near_kept():
     # Twice the raw contrast's half way, at the median range.
     raised = 2.0 * np.interp(4.0, steps, direct[2]) / np.interp(6.0, steps, direct[2])
     assert far / near == pytest.approx(raised, rel=0.2)
+
+
+def test_of_what_is_kilometres_away_the_clearest_channel_counts():
+    ranges = np.full((8, 8), 5000.0, np.float32)
+    weights = least_noise_weights(ranges, np.array([0.6, 0.2, np.nan]), np.array([0.5, 0.4, 0.6]))
+    np.testing.assert_array_equal(weights, [0.0, 1.0, 0.0])

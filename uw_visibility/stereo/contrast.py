@@ -258,7 +258,13 @@ def _weights_at(
     distance: float, attenuation: NDArray[np.float64], ambient_light: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     weights = ambient_light * transmission(attenuation, distance)
-    return np.asarray(weights / weights.sum())
+    total = weights.sum()
+    if total == 0.0:
+        # So far away that nothing is left in 64 bits: the clearest channel is the last one.
+        lit = ambient_light > 0.0
+        weights = np.where(lit & (attenuation <= attenuation[lit].min()), ambient_light, 0.0)
+        total = weights.sum()
+    return np.asarray(weights / total)
 
 
 def _known(
