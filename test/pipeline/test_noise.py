@@ -26,10 +26,11 @@ WATER = [0.55, 0.4, 0.35]
 RIG = StereoRig(600.0, 0.4, (319.5, 179.5))
 
 
-def pair(noise: float, rig: StereoRig = RIG) -> tuple[np.ndarray, np.ndarray]:
-    """A wall at 12 m above one at 6 m, with texture of 4 px."""
-    disparity = np.full(HEIGHT, DISPARITY)
-    disparity[: HEIGHT // 2] //= 2
+def pair(
+    noise: float, rig: StereoRig = RIG, steps: tuple[int, ...] = (DISPARITY // 2, DISPARITY)
+) -> tuple[np.ndarray, np.ndarray]:
+    """Walls above one another, the uppermost at 12 m and the last at 6 m, with texture of 4 px."""
+    disparity = np.repeat(steps, HEIGHT // len(steps))
     generator = np.random.default_rng(11)
     wide = blurred(generator.normal(size=(HEIGHT, WIDTH + DISPARITY, 3)), 4.0)
     wide = np.clip(0.5 + 0.2 * wide / wide.std(), 0.0, 1.0)
@@ -100,7 +101,8 @@ def test_a_coarser_scale_gives_the_same_bits_whatever_the_threads() -> None:
 
 
 def test_doubtful_matches_tell_nothing_of_the_water_asked_for_confidence_or_not() -> None:
-    left, right = pair(2.0)
+    # Of two walls cues may disagree, whatever else is told; five make a course over range.
+    left, right = pair(2.0, steps=(20, 24, 28, 33, 40))
     rated, unrated = process(left, right), process(left, right, confidence=False)
     np.testing.assert_array_equal(rated.water.attenuation, unrated.water.attenuation)
     np.testing.assert_array_equal(rated.disparity, unrated.disparity)

@@ -9,9 +9,9 @@ around that look like them, most are unmatched, matched farther away, or denied 
 view. So each pixel asks those around it, weighted by how much they look alike, as in a weighted
 mode filter (Min, Lu and Do, doi:10.1109/TIP.2011.2163164).
 
-Fitted to four Middlebury scenes and rendered ones in water with 1 to 4 codes of noise, at full
-size and at coarser scales; `docs/stereo-noise.md` has its reliability on scenes that a fit left
-out.
+Fitted to four Middlebury scenes and rendered ones in water with 1 to 4 codes of noise, some
+through JPEG, at full size and at coarser scales; `docs/stereo-noise.md` has its reliability on
+scenes that a fit left out.
 """
 
 from __future__ import annotations
@@ -47,12 +47,10 @@ _LEAST_WEIGHT = np.float32(0.05)
 # Doubtful pixels in a row that stand between sure ones, which are within so many px.
 _BETWEEN_SURE, _ONE_SURFACE = 2, 1.0
 # Log odds of a wrong match: without anything against it; for difference over texture; for the
-# share of the matches of the whole image that the right view denies; for the share of the
-# look-alikes that were not matched to the same surface, and as much for that of those denied; for
-# a level of restored noise, and the most levels that count.
-_BASE, _DIFFERENCE, _DENIED_OF_ALL = -4.577, np.float32(0.333), 3.48
-_AGAINST = np.float32(3.997)
-_PER_LEVEL, _MOST_NOISE = 0.0515, 30.0
+# share of the look-alikes that were not matched to the same surface, and as much for that of
+# those that the right view denies; for a level of restored noise, and the most levels that count.
+_BASE, _DIFFERENCE, _AGAINST = -4.091, np.float32(0.322), np.float32(4.255)
+_PER_LEVEL, _MOST_NOISE = 0.0537, 30.0
 # Entries of the table of confidence for a unit of log odds: most matches are much alike.
 _PER_UNIT = 256
 _CONFIDENCE = confidence_table(_PER_UNIT)
@@ -82,9 +80,8 @@ def rate_in_noise(
     """
     height = disparity.shape[0]
     confidence = np.empty(disparity.shape, np.float32)
-    marks, share = mark(disparity, best_right, workers)
-    base = np.float32(
-        _BASE + _DENIED_OF_ALL * share + _PER_LEVEL * min(image.noise, _MOST_NOISE))
+    marks, _ = mark(disparity, best_right, workers)
+    base = np.float32(_BASE + _PER_LEVEL * min(image.noise, _MOST_NOISE))
     workers.rows(
         ask_look_alikes, height, disparity, marks, image.grey, image.gain, confidence)
     workers.rows(_rate, height, disparity, *descriptors, base, _CONFIDENCE, confidence)

@@ -32,7 +32,7 @@ of another water."""
 
 # Least confidence of what is published, where it is more likely right than wrong; less where
 # noise begins, so that nothing jumps.
-_CONFIDENCE, _CONFIDENCE_RISE = 0.53, 0.165
+_CONFIDENCE, _CONFIDENCE_RISE = 0.51, 0.14
 
 
 def settings_in_noise(config: StereoConfig, noise: float) -> StereoConfig:
