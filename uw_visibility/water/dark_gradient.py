@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.optics.light_model import transmission, veil_thickness
+from uw_visibility.compute.jit import njit
 from uw_visibility.water.fit import Fit
 from uw_visibility.water.observations import Envelopes
 from uw_visibility.water.position import (
@@ -46,7 +47,9 @@ LEAST_VEIL = 0.6
 # than this part of the variance that is expected.
 CHANNELS = 3.0
 LEAST_SCATTER = 0.3
-ITERATIONS = 3
+ITERATIONS = 4
+# What makes a parabola over few ranges regular.
+RIDGE = 1e-9
 # Least irradiance, below that of any code value.
 DARKEST = 1e-6
 # Part of what a gradient of attenuation bends that an estimate follows, and its deviation.
@@ -92,66 +95,93 @@ def find_gradients(
     both = np.isfinite(halves.range[:, ROWS]).all(axis=0)
     if both.sum() < FEWEST_BINS:
         return None
-    apart, weight = attenuation_apart(halves, ROWS, attenuation, veil, light)
-    apart, weight = apart[active], weight[active]
-    veil, light, noise = (
-        of_channel[active, np.newaxis] for of_channel in (veil, light, halves.noise))
-    rows, distance = halves.place[:, ROWS, both, 0], halves.range[:, ROWS, both]
-    dark = np.maximum(halves.dark[:, ROWS, active][:, :, both], DARKEST)
-    mean = dark.mean(axis=0)
-    left = transmission(attenuation[active, np.newaxis], distance.mean(axis=0))
-    # Halves differ in range as well, though less: by as much as neighbouring bins do.
-    farther = np.log(distance[0] / distance[1])
-    black = veil_thickness(np.minimum(dark / veil, 1.0 - LEAST_TRANSMISSION), 1.0)
-    by_range = _slopes(
-        np.log(distance.mean(axis=0)),
-        np.concatenate((np.log(mean), (black / distance[:, np.newaxis]).mean(axis=0),
-                        rows.mean(axis=0)[np.newaxis])))
-    count = len(veil)
-    beside = rows[0] - rows[1] - by_range[-1] * farther
-    # Of what is not black, the veil is a part.
-    part = np.clip(veil * (1.0 - left) / mean, LEAST_VEIL, 1.0)
-    of_veil = (np.log(dark[0] / dark[1]) - by_range[:count] * farther) / part
-    variance = ((DARKNESS * light * left) ** 2 + noise**2) / (part * mean) ** 2
-    of_attenuation = apart - by_range[count:-1] * farther
+    values, weights = np.zeros((2, 2, np.count_nonzero(active), np.count_nonzero(both)))
+    beside = np.empty(values.shape[2])
+    _values(
+        halves.range[:, ROWS, both], halves.place[:, ROWS, both, 0],
+        np.maximum(halves.dark[:, ROWS, active][:, :, both], DARKEST), attenuation[active],
+        veil[active], light[active], halves.noise[active], values, weights, beside)
     spread = ATTENUATION_SPREAD * float(attenuation[active].mean())
     return (
-        _gradient(of_veil, 1.0 / variance, beside, VEIL_SPREAD, (USUAL, UNUSUAL)),
-        _gradient(of_attenuation, weight, beside, spread, (UNUSUAL, USUAL)),
+        _gradient(values[0], weights[0], beside, VEIL_SPREAD, (USUAL, UNUSUAL)),
+        _gradient(values[1], weights[1], beside, spread, (UNUSUAL, USUAL)),
     )
 
 
-def _slopes(x: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Slopes of the parabolas that fit (K, N) values over x best."""
+@njit(nogil=True)
+def _values(
+    distance: Any, rows: Any, dark: Any, attenuation: Any, veil: Any, light: Any, noise: Any,
+    values: Any, weights: Any, beside: Any,
+) -> None:
+    """What halves differ in veil and attenuation, and in rows, but for what they do in range."""
+    logarithm = np.log(0.5 * (distance[0] + distance[1]))
+    farther = np.log(distance[0] / distance[1])
+    beside[:] = rows[0] - rows[1] - _slopes(logarithm, 0.5 * (rows[0] + rows[1])) * farther
+    for c in range(len(veil)):
+        mean = 0.5 * (dark[0, c] + dark[1, c])
+        black = -np.log(np.maximum(1.0 - dark[:, c] / veil[c], LEAST_TRANSMISSION)) / distance
+        of_veil = _slopes(logarithm, np.log(mean)) * farther
+        of_attenuation = _slopes(logarithm, 0.5 * (black[0] + black[1])) * farther
+        for at in range(len(farther)):
+            left = math.exp(-attenuation[c] * 0.5 * (distance[0, at] + distance[1, at]))
+            # Of what is not black, the veil is a part.
+            part = min(max(veil[c] * (1.0 - left) / mean[at], LEAST_VEIL), 1.0)
+            values[0, c, at] = (math.log(dark[0, c, at] / dark[1, c, at]) - of_veil[at]) / part
+            weights[0, c, at] = (part * mean[at]) ** 2 / (
+                (DARKNESS * light[c] * left) ** 2 + noise[c] ** 2)
+            apart, weights[1, c, at] = attenuation_apart(
+                distance[0, at], distance[1, at], dark[0, c, at], dark[1, c, at], veil[c],
+                light[c], noise[c])
+            values[1, c, at] = apart - of_attenuation[at]
+
+
+@njit(nogil=True)
+def _slopes(x: Any, values: Any) -> Any:
+    """Slopes of the parabola that fits values over x best."""
     off = x - x.mean()
-    found = np.linalg.lstsq(
-        np.stack((np.ones_like(off), off, off**2), axis=1), values.T, rcond=None)[0]
-    return np.asarray(found[1][:, np.newaxis] + 2.0 * found[2][:, np.newaxis] * off)
+    columns = np.stack((np.ones_like(off), off, off**2))
+    found = np.linalg.solve(columns @ columns.T + RIDGE * np.eye(3), columns @ values)
+    return found[1] + 2.0 * found[2] * off
 
 
 def _gradient(
-    value: NDArray[np.float64], weight: NDArray[np.float64], rows: NDArray[np.float64],
+    values: NDArray[np.float64], weights: NDArray[np.float64], rows: NDArray[np.float64],
     spread: float, priors: tuple[float, float],
 ) -> DarkGradient:
     """Robust regression through the origin, shrunk to its spread, and its odds.
 
     The priors are those of what falls downwards and of what rises.
     """
-    weight = np.minimum(weight, np.median(weight, axis=1, keepdims=True))
-    slope = total = 0.0
-    for _ in range(ITERATIONS):
-        robust = weight / (1.0 + weight * ((value - slope * rows) / TAIL) ** 2)
-        total = float((robust * rows**2).sum())
-        if total <= 0.0:
-            return DarkGradient(0.0, spread, 0.0)
-        slope = float((robust * rows * value).sum()) / total
-    scatter = float((robust * (value - slope * rows) ** 2).sum()) / (value.size - len(value))
+    slope, scatter, total = _regress(values, weights, rows)
+    if total <= 0.0:
+        return DarkGradient(0.0, spread, 0.0)
     variance = CHANNELS * max(scatter, LEAST_SCATTER) / total
     kept = spread**2 / (spread**2 + variance)
     evidence = 0.5 * (math.log(1.0 - kept) + kept * slope**2 / variance)
     prior = priors[0] if slope < 0 else priors[1]
     odds = prior / (1.0 - USUAL - UNUSUAL) * math.exp(min(evidence, LARGEST_EVIDENCE))
     return DarkGradient(kept * slope, math.sqrt(kept * variance), odds)
+
+
+@njit(nogil=True)
+def _regress(values: Any, weights: Any, rows: Any) -> tuple[float, float, float]:
+    """Slope through the origin, mean square of the residuals, and sum of the weights."""
+    slope = total = scatter = 0.0
+    for c in range(len(values)):
+        weights[c] = np.minimum(weights[c], np.median(weights[c]))
+    for _ in range(ITERATIONS):
+        total = product = scatter = 0.0
+        for c in range(len(values)):
+            for at in range(len(rows)):
+                off = values[c, at] - slope * rows[at]
+                robust = weights[c, at] / (1.0 + weights[c, at] * (off / TAIL) ** 2)
+                total += robust * rows[at] ** 2
+                product += robust * rows[at] * values[c, at]
+                scatter += robust * off**2
+        if total <= 0.0:
+            break
+        slope = product / total
+    return slope, scatter / (values.size - len(values)), total
 
 
 def bend_of(gradient: DarkGradient, places: PlaceCourse, envelope: Envelopes) -> float:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.jit import njit
 from uw_visibility.status import Status
 from uw_visibility.water.surfaces import REGIONS, SurfaceStatistics
 
@@ -178,55 +179,78 @@ def compare_halves(
     """
     difference = np.zeros((len(SPLITS), 3))
     stddev = np.full((len(SPLITS), 3), np.inf)
-    for split in range(len(SPLITS)):
-        shift, weight = attenuation_apart(halves, split, attenuation, veil, light)
-        if shift.shape[1] < FEWEST_BINS:
-            continue
-        # Ranges of a bin that are wrong in one half make it an outlier.
-        weight = np.minimum(weight, np.median(weight, axis=1, keepdims=True))
-        off = shift - np.median(shift, axis=1, keepdims=True)
-        weight = weight / (1.0 + weight * (off / TAIL) ** 2)
-        total = weight.sum(axis=1)
-        mean = (weight * shift).sum(axis=1) / total
-        scatter = (weight * (shift - mean[:, np.newaxis]) ** 2).sum(axis=1) / (shift.shape[1] - 1)
-        difference[split] = mean
-        stddev[split] = np.sqrt(NEIGHBOURING_BINS * np.maximum(scatter, 1.0) / total)
+    _compare(
+        halves.range, np.ascontiguousarray(halves.dark), halves.noise, veil, light,
+        difference, stddev)
     return Unevenness(difference, stddev)
 
 
+@njit(nogil=True)
+def _compare(
+    ranges: Any, dark: Any, noise: Any, veil: Any, light: Any, difference: Any, stddev: Any,
+) -> None:
+    bins = ranges.shape[2]
+    apart, weight = np.empty(bins), np.empty(bins)
+    for split in range(ranges.shape[1]):
+        for c in range(len(veil)):
+            count = 0
+            for at in range(bins):
+                near, far = ranges[0, split, at], ranges[1, split, at]
+                if np.isfinite(near) and np.isfinite(far):
+                    apart[count], weight[count] = attenuation_apart(
+                        near, far, dark[0, split, c, at], dark[1, split, c, at], veil[c],
+                        light[c], noise[c])
+                    count += 1
+            if count < FEWEST_BINS:
+                continue
+            shift, counts = apart[:count], weight[:count]
+            # Ranges of a bin that are wrong in one half make it an outlier.
+            most, middle = np.median(counts), np.median(shift)
+            total = mean = scatter = 0.0
+            for at in range(count):
+                counts[at] = min(counts[at], most)
+                counts[at] /= 1.0 + counts[at] * ((shift[at] - middle) / TAIL) ** 2
+                total += counts[at]
+                mean += counts[at] * shift[at]
+            mean /= total
+            for at in range(count):
+                scatter += counts[at] * (shift[at] - mean) ** 2
+            difference[split, c] = mean
+            stddev[split, c] = math.sqrt(
+                NEIGHBOURING_BINS * max(scatter / (count - 1), 1.0) / total)
+
+
+@njit(nogil=True)
 def attenuation_apart(
-    halves: HalfEnvelopes, split: int, attenuation: NDArray[np.float64],
-    veil: NDArray[np.float64], light: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Attenuation of a first half less that of the second, 1/m, if black is as dark in both.
+    first_range: float, second_range: float, first_dark: float, second_dark: float,
+    veil: float, light: float, noise: float,
+) -> tuple[float, float]:
+    """Attenuation of a first half less that of the second, if black is as dark in both.
 
     Parameters
     ----------
-    halves : HalfEnvelopes
-    split : int
-    attenuation, veil, light : (3,) float64 ndarray
-        β, B and W as estimated.
+    first_range, second_range : float
+        m.
+    first_dark, second_dark : float
+        Irradiance of dark patches.
+    veil, light, noise : float
+        B, W, and the standard deviation of noise and rounding.
 
     Returns
     -------
-    difference, weight : (3, N) float64 ndarray
-        Of each bin that both halves have, and the inverse of its variance.
+    difference, weight : float
+        1/m, and the inverse of its variance.
     """
-    both = np.isfinite(halves.range[:, split]).all(axis=0)
-    distance = halves.range[:, split, both][:, np.newaxis]
     # Transmission that each half shows: what differs much does so by more than in proportion.
-    left = np.maximum(
-        1.0 - halves.dark[:, split][:, :, both] / veil[:, np.newaxis], LEAST_TRANSMISSION)
-    shown = -np.log(left) / distance
-    apart = shown[0] - shown[1]
+    first = max(1.0 - first_dark / veil, LEAST_TRANSMISSION)
+    second = max(1.0 - second_dark / veil, LEAST_TRANSMISSION)
+    difference = math.log(second) / second_range - math.log(first) / first_range
     # What a unit of attenuation changes (logarithmic mean), and what differs besides.
-    ratio = np.log(left[1] / left[0])
-    alike = np.abs(ratio) < 1e-6
-    mean = np.where(alike, left[0], (left[1] - left[0]) / np.where(alike, 1.0, ratio))
-    by = mean * distance.mean(axis=0) * veil[:, np.newaxis]
-    darkness = DARKNESS * light[:, np.newaxis] * np.sqrt((left**2).mean(axis=0))
-    other = halves.noise[:, np.newaxis] ** 2 + (VEIL_ERROR * veil[:, np.newaxis]) ** 2
-    return apart, by**2 / (darkness**2 + other)
+    ratio = math.log(second / first)
+    mean = first if abs(ratio) < 1e-6 else (second - first) / ratio
+    by = mean * 0.5 * (first_range + second_range) * veil
+    darkness = 0.5 * (DARKNESS * light) ** 2 * (first**2 + second**2)
+    return difference, by**2 / (darkness + noise**2 + (VEIL_ERROR * veil) ** 2)
 
 
 def _quantile(counts: NDArray[Any], edges: NDArray[np.float64]) -> NDArray[np.float64]:
