@@ -35,7 +35,7 @@ ROWS = 1
 FEWEST_BINS = 4
 # Images with either gradient beforehand: as light from above and particles that settle make
 # it, and the other way round.
-USUAL, UNUSUAL = 0.1, 0.02
+USUAL, UNUSUAL = 0.15, 0.03
 # How large gradients are, as a part of veil or attenuation per height of the image.
 VEIL_SPREAD, ATTENUATION_SPREAD = 0.6, 1.0
 # A gradient that is less likely than this is none; logarithm of the largest evidence.

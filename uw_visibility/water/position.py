@@ -34,7 +34,7 @@ DARKNESS = 0.08
 NEIGHBOURING_BINS = 2.0
 # Images whose halves show different water beforehand, how far they are apart as a part of
 # attenuation, and how well that on average is known to be between them, as a part of the change.
-UNLIKE = 0.1
+UNLIKE = 0.2
 APART = 0.7
 EFFECT = 0.5
 # Deviations from the median from which on a bin counts less (Cauchy's scale).
@@ -45,7 +45,7 @@ VEIL_ERROR = 0.02
 # each split; less is needed where surroundings are darker, as lenses and lamps make them.
 SIGNIFICANT = np.array([4.0, 4.0, 8.0])
 LARGE = np.array([0.5, 0.5, 0.25])
-SIGNIFICANT_FALL, LARGE_FALL = 3.5, 0.12
+SIGNIFICANT_FALL, LARGE_FALL = 3.0, 0.12
 
 
 @dataclass(frozen=True)
