@@ -54,3 +54,18 @@ def test_too_few_matches_tell_nothing() -> None:
     views = pair(2.0, 90)
     assert with_codec_noise(views, POINTS[:5]) is views
     assert with_codec_noise(views, np.empty((0, 3), np.float32)) is views
+
+
+def test_where_little_but_blocks_is_left_rounding_is_noise() -> None:
+    # Of the views' own noise nothing can be told: no match is given.
+    none = np.empty((0, 3), np.float32)
+    faint = StereoViews(*(
+        View.of(coarse(np.uint8(90 + (view.pixels.astype(float) - 90) / 4)))
+        for view in pair(0.0, None)))
+    for view in with_codec_noise(faint, none):
+        np.testing.assert_allclose(view.low_frequency_noise, 1.5 * 2.0)
+
+
+def coarse(pixels: np.ndarray) -> np.ndarray:
+    data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 60])[1]
+    return cv2.imdecode(data, 1)

@@ -25,6 +25,9 @@ _REACH, _MOST = 8, 200
 # So many matches tell it, and of their differences this quantile: at others disparity is wrong,
 # or between whole pixels, where texture is in the difference too.
 _FEWEST, _QUANTILE = 20, 0.15
+# Blockiness from which on what JPEG rounded is noise of its own, how much for a unit of it, 8-bit
+# code values, and at most: of faint far scenes little else is left at quality 75.
+_BLOCKS_ALONE, _PER_BLOCKINESS, _MOST_OF_BLOCKS = 1.6, 12.0, 2.0
 # Noise from which on it counts, 8-bit code values. What is less may be texture.
 _LEAST = 0.45
 # Factor by number of channels: it is of brightness, alike in all, while noise of channels is
@@ -44,10 +47,14 @@ def with_codec_noise(views: StereoViews, points: Points) -> StereoViews:
     points : ndarray
         ``(N, 3)`` float32: column, row and disparity of matches, px.
     """
-    if max(blocking(view.pixels) for view in views) <= BLOCKS:
+    blocks = max(blocking(view.pixels) for view in views)
+    if blocks <= BLOCKS:
         return views
+    code = code_value(views.left.pixels)
     noise = low_frequency_noise(views.left.pixels, views.right.pixels, points)
-    if noise <= _LEAST * code_value(views.left.pixels):
+    of_blocks = min(_PER_BLOCKINESS * (blocks - _BLOCKS_ALONE), _MOST_OF_BLOCKS)
+    noise = max(noise, code * of_blocks)
+    if noise <= _LEAST * code:
         return views
     return StereoViews(*(
         replace(view, low_frequency_noise=np.maximum(
