@@ -143,3 +143,43 @@ def test_where_yellow_matter_takes_the_blue_depth_by_clear_waters_colour_is_not_
     assert depth - yellow > 0.5 * depth
     assert depth - yellow < 3.0 * unsure
     assert depth - yellow > 1.8 * stddev
+
+
+class TestNeutralLight:
+    """It is the surface's, or of a camera that was balanced below water."""
+
+    BALANCED = (1.79, 1.0, 1.35)
+
+    def assessed(self, depth, white=(1.0, 1.0, 1.0), gains=(1.0, 1.0, 1.0)):
+        """Depth and its model's standard deviation in turbid coastal water, 3C."""
+        diffuse = water_type_attenuation("3C", RESPONSE, diffuse=True)
+        light = np.exp(-diffuse * depth) * gains
+        attenuation = water_type_attenuation("3C", RESPONSE)
+        model = DepthModel("clear", RESPONSE, white)
+        found, _ = model.depth(attenuation, light, 1e-8 * np.eye(6))
+        return found, model.model_stddev(found, attenuation, np.full(3, 0.05), light)[0]
+
+    def test_of_a_camera_whose_white_is_not_told_it_leaves_depth_open(self):
+        depth = 8.0
+        diffuse = water_type_attenuation("3C", RESPONSE, diffuse=True)
+        found, stddev = self.assessed(depth, gains=np.exp(0.95 * diffuse * depth))
+        assert found < 2.0
+        assert depth - found < 3.0 * stddev
+
+    def test_of_a_camera_whose_white_is_told_it_does_not(self):
+        depth = 0.5
+        _, untold = self.assessed(depth)
+        _, told = self.assessed(depth, self.BALANCED, self.BALANCED)
+        assert told < 0.7 * untold
+
+    def test_coloured_light_is_as_sure_as_before(self):
+        (_, untold), (_, told) = (
+            self.assessed(6.0, white, white) for white in ((1.0, 1.0, 1.0), self.BALANCED))
+        assert untold == pytest.approx(told, rel=0.05)
+
+
+def test_light_without_red_is_no_error():
+    model = DepthModel("clear", RESPONSE)
+    stddev, _ = model.model_stddev(
+        60.0, KAPPA + 0.1, np.full(3, 0.01), np.array([1e-12, 1e-12, 1.0]))
+    assert math.isfinite(stddev)

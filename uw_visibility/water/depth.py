@@ -30,6 +30,11 @@ COLOUR_TOLERANCE = 0.2
 # The white that a camera has at the surface differs from the reference by this part.
 WHITE_TOLERANCE = 0.15
 SPREAD_STEP = 0.5
+# Cameras of which no white was told that are balanced below water, and how far from neutral
+# light is then, as a logarithm; mean depth beforehand, m.
+BALANCED = 0.1
+NEUTRAL_TOLERANCE = 0.15
+USUAL_DEPTH = 6.0
 
 
 class DepthModel:
@@ -98,7 +103,8 @@ class DepthModel:
         -------
         stddev : float
             m; the spread of depths that other types give about it, each as likely as
-            the colour of the light makes it, with that of the camera's white.
+            the colour of the light makes it, with that of the camera's white. Neutral
+            light is the surface's, or of a camera that was balanced at any depth.
         colour_error : float
             How far the colour is from daylight's below the best of the types, in
             standard deviations.
@@ -122,7 +128,36 @@ class DepthModel:
         types = float(weight @ (grid[best] - depth) ** 2)
         slope = own - own.mean()
         white = WHITE_TOLERANCE**2 / max(float(slope @ slope), 1e-9)
-        return math.sqrt(types + white), float(error[:-1].min())
+        balanced = self._probably_balanced(
+            off, errors, prior * np.exp(-0.5 * (beyond**2).sum(axis=1)))
+        anywhere = (USUAL_DEPTH - depth) ** 2 + USUAL_DEPTH**2
+        stddev = math.sqrt((1.0 - balanced) * (types + white) + balanced * anywhere)
+        return stddev, float(error[:-1].min())
+
+    def _probably_balanced(
+        self, off: NDArray[np.float64], errors: NDArray[np.float64], prior: NDArray[np.float64]
+    ) -> float:
+        """Probability that the camera was balanced at depth, by how neutral the light is.
+
+        Parameters
+        ----------
+        off : (T, N, 3) float64 ndarray
+            Logarithm of the light's colour over daylight's, for each type of water and depth.
+        errors : (T, N) float64 ndarray
+            Its length in standard deviations.
+        prior : (T,) float64 ndarray
+            Of the types.
+        """
+        if np.ptp(self._white) > 0.0:
+            return 0.0
+        neutral = math.exp(
+            -0.5 * float(off[0, 0] @ off[0, 0]) / NEUTRAL_TOLERANCE**2) / NEUTRAL_TOLERANCE**2
+        depths = SPREAD_STEP * np.arange(errors.shape[1])
+        usual = np.exp(-depths / USUAL_DEPTH)
+        daylight = prior @ np.exp(-0.5 * errors**2) @ usual
+        daylight /= prior.sum() * usual.sum() * COLOUR_TOLERANCE**2
+        balanced = BALANCED * neutral
+        return balanced / max(balanced + (1.0 - BALANCED) * float(daylight), 1e-300)
 
     def depth(
         self,
