@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from bag_copies import (
     FRAMES,
     HARD_PARAMETERS,
     Message,
+    compressed,
     copy_bag,
     messages_of,
     parameter_file,
@@ -304,6 +306,21 @@ def test_raw_images_are_rectified_or_refused(
     done = run(bag, tmp_path / "out", "--rectify")
     assert (done.code, len(done.rows)) == (0, 12)
     assert "unusable" not in {row["status"] for row in done.rows}
+
+
+def test_compressed_raw_images_are_refused_as_well(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def raw(messages: Iterator[Message]) -> Iterator[Message]:
+        for topic, kind, message, time in compressed(messages):
+            if topic.endswith("camera_info"):
+                message = replace(message, d=np.full(5, 0.1))
+            yield topic.replace("image_rect", "image_raw"), kind, message, time
+
+    bag = copy_bag(transect, tmp_path / "bag", edit=raw)
+    done = run(bag, tmp_path / "out", capsys=capsys)
+    assert done.code == 2
+    assert "/left/image_raw/compressed is raw by its name" in done.err
 
 
 def test_the_library_yields_what_the_command_writes(

@@ -107,7 +107,10 @@ def decode(data: bytes) -> NDArray[Any]:
     header = read_header(data)
     image: NDArray[Any] | None = None
     if data.startswith(JPEG):
-        _check_blocks(data)
+        # Imported here, since images without loss need no compiled code.
+        from uw_visibility.images.jpeg_scan import check_blocks
+
+        check_blocks(data)
         image = _decode_jpeg(data)
     try:
         if image is None:
@@ -140,13 +143,6 @@ def _decode_jpeg(data: bytes) -> NDArray[np.uint8] | None:
     except (OSError, SyntaxError, ValueError) as error:
         raise InputError("it is damaged, and cannot be decoded") from error
     return pixels if image.mode == "L" else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
-
-
-def _check_blocks(data: bytes) -> None:
-    # Imported here, since images without loss need no compiled code.
-    from uw_visibility.images.jpeg_scan import check_blocks
-
-    check_blocks(data)
 
 
 def _read_png(data: bytes) -> Header:

@@ -37,21 +37,17 @@ def overview(
     """
     known = np.isfinite(disparity)
     low, high = np.percentile(disparity[known], DRAWN_SHARE) if known.any() else (0.0, 0.0)
-    drawn = draw_disparity(disparity, known, float(low), float(high))
+    drawn = draw_disparity(disparity, float(low), float(high))
     return np.concatenate((shown(image), shown(enhanced), drawn), axis=1)
 
 
-def draw_disparity(
-    disparity: NDArray[np.float32], known: NDArray[np.bool_], low: float, high: float
-) -> NDArray[np.uint8]:
+def draw_disparity(disparity: NDArray[np.float32], low: float, high: float) -> NDArray[np.uint8]:
     """Draw disparities in colours.
 
     Parameters
     ----------
     disparity : (H, W) float32 ndarray
-        px.
-    known : (H, W) bool ndarray
-        Where something matched; elsewhere it is black.
+        px; NaN where nothing matched, which is black.
     low, high : float
         Disparities at the ends of the colours, px.
 
@@ -60,6 +56,7 @@ def draw_disparity(
     (H, W, 3) uint8 ndarray
         RGB.
     """
+    known = np.isfinite(disparity)
     share = (np.where(known, disparity, low) - low) / max(high - low, 1e-6)
     drawn = viridis(np.clip(share, 0.0, 1.0))
     drawn[~known] = NOT_MATCHED

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.images import MessageFactory, Stamped
+from uw_visibility.plausibility.verdict import Comparison
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate
@@ -210,7 +211,7 @@ ESTIMATES = MappingProxyType({name: kind for name, (kind, _) in _BUILDERS.items(
 
 
 def nis_messages(
-    make: MessageFactory, stamp: int, frame_id: str, innovation: float, variance: float, nis: float
+    make: MessageFactory, comparison: Comparison, frame_id: str
 ) -> Iterator[tuple[str, Any]]:
     """Make the messages of a comparison, by topic.
 
@@ -218,12 +219,10 @@ def nis_messages(
     ----------
     make : MessageFactory
         Makes the messages.
-    stamp : int
-        Of the image that the depth was estimated from, ns.
+    comparison : Comparison
+        Of sensor and estimate, at the stamp of an image.
     frame_id : str
         Frame of the depth.
-    innovation, variance, nis : float
-        ν, m; S, m²; ν²/S.
 
     Yields
     ------
@@ -231,6 +230,7 @@ def nis_messages(
         Of `NIS_TOPICS`.
     message : object
     """
-    yield NIS, make(NIS_TOPICS[NIS], data=nis)
-    header = ImageHeader.at(stamp, frame_id).message(make)
-    yield STAMPED_NIS, vector_message(make, header, (nis, innovation, variance))
+    yield NIS, make(NIS_TOPICS[NIS], data=comparison.nis)
+    header = ImageHeader.at(comparison.estimate.stamp, frame_id).message(make)
+    yield STAMPED_NIS, vector_message(
+        make, header, (comparison.nis, comparison.innovation, comparison.variance))

@@ -211,6 +211,13 @@ def read_image(message: ImageMessage, name: str = "image") -> NDArray[Any]:
     return native if conversion is None else cv2.cvtColor(native, conversion)
 
 
+def read_disparity(message: Any) -> NDArray[np.float32]:
+    """Return the disparity of a DisparityImage, px, (H, W); NaN where it is not known."""
+    image = message.image
+    values = np.frombuffer(image.data, np.float32).reshape(image.height, image.width)
+    return np.where(values >= np.float32(message.min_disparity), values, np.float32(np.nan))
+
+
 def output_encoding(encoding: str) -> str:
     """Return how the enhanced image of an input is encoded.
 

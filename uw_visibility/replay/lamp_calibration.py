@@ -15,12 +15,10 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.lighting import Lamp, LightingConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.vignetting import FlatFieldCorrection
-from uw_visibility.messages.frames import FrameReader, StereoFrame, StereoPair
+from uw_visibility.messages.frames import FrameReader, StereoPair
 from uw_visibility.optics.transfer import linear_table
 from uw_visibility.pipeline.pipeline import Pipeline
-from uw_visibility.replay.bags.decoder import Decoder
 from uw_visibility.replay.bags.reader import BagReader
-from uw_visibility.replay.bags.storage import Recorded
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
 from uw_visibility.replay.progress import Progress
@@ -108,22 +106,17 @@ def _sightings(
 ) -> Iterator[Sightings]:
     """Yield the points of each frame that can be used; count why others cannot."""
     stream = InputStream(reader, options)
-    used = [reader.channels[t] for t in (*stream.selection.images(), *stream.selection.infos())]
-    decoder = Decoder({channel.type: channel for channel in used}, reader.ros1)
     pairs = FrameReader(options.node.rectify)
     pipeline: Pipeline | None = None
     tracker = PointTracker(first)
-    expected = stream.expected_frames
-    progress = Progress(bag.name, expected)
+    progress = Progress(bag.name, stream.expected_frames)
     try:
         for event in stream.events():
             if not isinstance(event, RecordedFrame):
                 continue
             progress.add()
             try:
-                pair = pairs.read(StereoFrame(*(
-                    decoder.decode(m) if isinstance(m, Recorded) else m
-                    for m in (event.left, event.right, event.left_info, event.right_info))))
+                pair = pairs.read(event.messages(reader.deserialize))
                 if pipeline is None or pipeline.rig != pair.rig:
                     pipeline = Pipeline(pair.rig, options.pipeline)
                 yield _observe(pair, pipeline, tracker)

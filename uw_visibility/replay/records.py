@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from uw_visibility.messages.estimates import ImageHeader, field_of_view
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.plausibility.samples import DepthSample
-from uw_visibility.plausibility.verdict import Verdict
+from uw_visibility.plausibility.verdict import Comparison, Verdict
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate
@@ -106,8 +106,8 @@ class JoinedFrame:
         Of the filter over frames.
     sensor : DepthSample or None
         The depth sensor's value at the frame's stamp.
-    innovation, innovation_variance, nis : float
-        Of the test against the sensor, m, m² and ν²/S; NaN where they were not compared.
+    comparison : Comparison or None
+        Of the estimate with the sensor; None where they were not compared.
     verdict : Verdict or None
         Of the sensor's plausibility; None without a sensor.
     verdict_reason : str
@@ -123,9 +123,7 @@ class JoinedFrame:
     record: FrameRecord
     filtered: FilteredWater | None = None
     sensor: DepthSample | None = None
-    innovation: float = math.nan
-    innovation_variance: float = math.nan
-    nis: float = math.nan
+    comparison: Comparison | None = None
     verdict: Verdict | None = None
     verdict_reason: str = ""
     longitude: float = math.nan

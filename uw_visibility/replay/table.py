@@ -81,7 +81,6 @@ def row_of(
         "frame": str(record.frame), "datetime": iso_time(record.stamp),
         "stamp": seconds(record.stamp),
         "right_stamp": seconds(record.right_stamp), "time": seconds(record.time),
-        "innovation": number(joined.innovation), "nis": number(joined.nis),
         "plausibility": "" if joined.verdict is None else word(joined.verdict),
         "plausibility_reason": joined.verdict_reason,
         "longitude": number(joined.longitude), "latitude": number(joined.latitude),
@@ -91,6 +90,11 @@ def row_of(
     if joined.sensor is not None:
         row["sensor_depth"] = number(joined.sensor.depth)
         row["sensor_depth_stddev"] = number(joined.sensor.variance**0.5)
+    if joined.comparison is not None:
+        row |= {
+            "innovation": number(joined.comparison.innovation),
+            "nis": number(joined.comparison.nis),
+        }
     if record.estimate is None:
         return row | {"status": FAILED, "reason": record.reason}
     row |= _estimate_columns(record.estimate)

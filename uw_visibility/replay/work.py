@@ -12,13 +12,12 @@ from typing import Any
 
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
-from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.processor import FrameProcessor, FrameWork
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.replay.bags.decoder import Decoder, jazzy_types
 from uw_visibility.replay.bags.reader import BagReader
-from uw_visibility.replay.bags.storage import Channel, Recorded
+from uw_visibility.replay.bags.storage import Channel
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.stream import RecordedFrame
 from uw_visibility.replay.inputs.topics import Selection
@@ -140,10 +139,7 @@ class RecordingProcessor:
         return result, filtered, dict(self._messages(work, result, filtered))
 
     def _begin(self, frame: RecordedFrame) -> FrameWork:
-        messages = StereoFrame(*(
-            self._decoder.decode(m) if isinstance(m, Recorded) else m
-            for m in (frame.left, frame.right, frame.left_info, frame.right_info)
-        ))
+        messages = frame.messages(self._decoder.decode)
         return self._processor.begin(messages, self._recording.pipeline)
 
     def _assess(

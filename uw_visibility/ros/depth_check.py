@@ -142,10 +142,7 @@ class DepthCheck:
     def _publish(self, comparisons: list[Comparison]) -> None:
         frame = self._parameters.settings.node.depth_frame
         for comparison in comparisons:
-            for topic, message in nis_messages(
-                make_message, comparison.estimate.stamp, frame, comparison.innovation,
-                comparison.variance, comparison.nis,
-            ):
+            for topic, message in nis_messages(make_message, comparison, frame):
                 self._publishers[topic].publish(message)
 
 

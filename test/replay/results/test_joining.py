@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +18,7 @@ from hypothesis import strategies as st
 from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.errors import InputError
 from uw_visibility.plausibility.samples import DepthSample
-from uw_visibility.plausibility.verdict import Verdict
+from uw_visibility.plausibility.verdict import Comparison, Verdict
 from uw_visibility.replay.inputs.positions import (
     PROPERTIES,
     Position,
@@ -51,17 +50,22 @@ def depth_of(joined: JoinedFrame) -> float:
     return joined.sensor.depth
 
 
+def comparison_of(joined: JoinedFrame) -> Comparison:
+    assert joined.comparison is not None
+    return joined.comparison
+
+
 def test_a_row_waits_for_the_sensor_and_takes_its_value_in_between() -> None:
     joiner = Joiner(CONFIG)
     assert list(joiner.add_sensor(sensor(1.0, 2.0))) == []
     assert list(joiner.add_frame(record(1.5))) == []
     (joined,) = joiner.add_sensor(sensor(2.0, 4.0))
     assert depth_of(joined) == 3.0
-    assert joined.innovation == 0.0
+    assert comparison_of(joined).innovation == 0.0
     (joined,) = list(joiner.add_frame(record(2.0)))
-    assert joined.innovation == 1.0
+    assert comparison_of(joined).innovation == 1.0
     # S is the sum of what estimate, sensor and model are uncertain by.
-    assert joined.nis == pytest.approx(1.0 / (0.4**2 + 0.3**2))
+    assert comparison_of(joined).nis == pytest.approx(1.0 / (0.4**2 + 0.3**2))
     assert joined.verdict is Verdict.OK
 
 
@@ -70,7 +74,7 @@ def test_a_refused_depth_has_the_sensor_beside_it_but_no_nis() -> None:
     list(joiner.add_sensor(sensor(1.0, 2.0)))
     (joined,) = joiner.add_frame(record(1.0, None))
     assert depth_of(joined) == 2.0
-    assert math.isnan(joined.nis)
+    assert joined.comparison is None
     assert joined.verdict is Verdict.NOT_ASSESSABLE
     assert joined.verdict_reason == "the depth is not assessable: saturated"
 
@@ -110,7 +114,7 @@ def test_a_restart_forgets_the_learned_bias_but_not_what_was_counted() -> None:
             (joined,) = [*joiner.add_sensor(sensor(begin + k, 5.0)),
                          *joiner.add_frame(record(begin + k))]
             learned = k >= 2
-            assert joined.innovation == (0.0 if learned else 2.0)
+            assert comparison_of(joined).innovation == (0.0 if learned else 2.0)
             assert joined.verdict is (Verdict.OK if k >= 1 else Verdict.LEARNING)
         assert (report := joiner.report()) is not None
         assert report.compared == (4 if begin == 100.0 else 8)

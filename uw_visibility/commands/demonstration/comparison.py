@@ -15,13 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.commands.demonstration.recording import (
-    RecordedFrame,
-    read_disparity,
-    read_vector,
-)
+from uw_visibility.commands.demonstration.recording import RecordedFrame, read_vector
 from uw_visibility.config.schema import AssessmentConfig
 from uw_visibility.evaluation.metrics import correct_fraction, matched_fraction
+from uw_visibility.messages.images import read_disparity
 from uw_visibility.optics.light_model import visibility_distance
 
 NAN = math.nan

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.messages.images import read_image
+from uw_visibility.messages.images import read_disparity, read_image
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.stereo.rig import StereoRig
 
@@ -93,10 +93,3 @@ def _frame(time: int, instant: dict[str, Any]) -> RecordedFrame:
 def read_vector(message: Any) -> NDArray[np.float64]:
     """Return the components of a Vector3Stamped."""
     return np.array([message.vector.x, message.vector.y, message.vector.z])
-
-
-def read_disparity(message: Any) -> NDArray[np.float32]:
-    """Return the disparity of a DisparityImage in px; NaN where it is not known."""
-    image = message.image
-    values = np.frombuffer(image.data, np.float32).reshape(image.height, image.width)
-    return np.where(values >= np.float32(message.min_disparity), values, np.float32(np.nan))

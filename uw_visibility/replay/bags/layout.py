@@ -104,14 +104,11 @@ def find_files(path: Path) -> Layout:
     try:
         about = read_document(path / "metadata.yaml", "metadata")["rosbag2_bagfile_information"]
         packed = str(about.get("compression_mode", "")).lower() == "message"
-        expected = {
-            str(topic["topic_metadata"]["name"]): _count(topic["message_count"])
-            for topic in about.get("topics_with_message_count", [])
-        }
-        types = {
-            str(topic["topic_metadata"]["name"]): str(topic["topic_metadata"].get("type"))
-            for topic in about.get("topics_with_message_count", [])
-        }
+        expected, types = {}, {}
+        for topic in about.get("topics_with_message_count", []):
+            name = str(topic["topic_metadata"]["name"])
+            expected[name] = _count(topic["message_count"])
+            types[name] = str(topic["topic_metadata"].get("type"))
         # A name with a path would lead out of the bag.
         names = [Path(str(name)).name for name in about["relative_file_paths"]]
     except (InputError, KeyError, TypeError, AttributeError) as error:

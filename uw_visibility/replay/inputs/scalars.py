@@ -15,6 +15,7 @@ import numpy as np
 from uw_visibility.errors import InputError
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.inputs.topics import check_topic
 from uw_visibility.replay.inputs.track import Track
 
 LONGEST_TOLERANCE = 3600.0
@@ -171,9 +172,7 @@ def check_join(reader: BagReader, join: ScalarTopic) -> None:
     InputError
         Naming the topic, and the numbers that there are.
     """
-    if join.topic not in reader.channels:
-        raise InputError(
-            f"there is no topic {join.topic} in the recording: --list shows what there is")
+    check_topic(reader.channels, join.topic)
     first = next(reader.messages([join.topic]), None)
     if first is not None:
         join.check(reader.deserialize(first))

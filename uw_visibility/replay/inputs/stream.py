@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import functools
-import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ import numpy as np
 from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.errors import InputError
 from uw_visibility.messages.depth_sensor import read_depth
+from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.stamps import header_stamp
 from uw_visibility.messages.synchronizer import SynchronizedFrame, Synchronizer
 from uw_visibility.plausibility.samples import DepthSample
@@ -23,7 +23,7 @@ from uw_visibility.replay.bags.reader import BagReader, Recorded
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.positions import Position, read_position
 from uw_visibility.replay.inputs.scalars import ScalarTopic, ScalarValue, check_join
-from uw_visibility.replay.inputs.topics import ODOMETRY, Selection, find_topics
+from uw_visibility.replay.inputs.topics import ODOMETRY, Selection, find_topics, is_raw
 from uw_visibility.replay.reasons import count_reason
 from uw_visibility.stereo.calibration import CameraCalibration
 
@@ -53,6 +53,13 @@ class RecordedFrame(NamedTuple):
     right: Recorded
     left_info: Any
     right_info: Any
+
+    def messages(self, decode: Callable[[Recorded], Any]) -> StereoFrame:
+        """Return images and CameraInfo as messages, of what they were recorded as."""
+        return StereoFrame(*(
+            decode(part) if isinstance(part, Recorded) else part
+            for part in (self.left, self.right, self.left_info, self.right_info)
+        ))
 
 
 class SensorValue(NamedTuple):
@@ -246,7 +253,7 @@ class InputStream:
             return
         self._checked.add(side)
         image = self.selection.left if side == "left" else self.selection.right
-        if self._options.node.rectify or not re.search("raw", image.rpartition("/")[2]):
+        if self._options.node.rectify or not is_raw(image):
             return
         try:
             calibration = CameraCalibration.from_camera_info(

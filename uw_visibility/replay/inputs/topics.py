@@ -233,8 +233,10 @@ def depth_types(kind: str | None) -> dict[str, str]:
     return names if kind is None else {SENSOR_TYPES[kind]: kind}
 
 
-def check_topic(channels: Mapping[str, Channel], topic: str, types: Collection[str]) -> None:
-    """Refuse a topic that is missing, or of another type.
+def check_topic(
+    channels: Mapping[str, Channel], topic: str, types: Collection[str] = ()
+) -> None:
+    """Refuse a topic that is missing, or of another type than those given.
 
     Raises
     ------
@@ -243,5 +245,5 @@ def check_topic(channels: Mapping[str, Channel], topic: str, types: Collection[s
     """
     if topic not in channels:
         raise InputError(f"there is no topic {topic} in the recording: --list shows what there is")
-    if channels[topic].type not in types:
+    if types and channels[topic].type not in types:
         raise InputError(f"{topic} is a {channels[topic].type}: give one of {', '.join(types)}")

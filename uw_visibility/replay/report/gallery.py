@@ -17,7 +17,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.files import write_png
 from uw_visibility.images.overview import DRAWN_SHARE, draw_disparity, shown, viridis
 from uw_visibility.messages.compressed import read_compressed
-from uw_visibility.messages.images import read_image
+from uw_visibility.messages.images import read_disparity, read_image
 from uw_visibility.messages.stamps import header_stamp
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.options import ReplayOptions
@@ -54,8 +54,8 @@ class ColourScale(NamedTuple):
         known: list[NDArray[np.float32]] = []
         focal_baseline = math.nan
         for message in messages:
-            data = _disparities(message)[::STEP, ::STEP]
-            known.append(data[data >= message.min_disparity])
+            data = read_disparity(message)[::STEP, ::STEP]
+            known.append(data[np.isfinite(data)])
             focal_baseline = float(message.f) * float(message.t)
         values = np.concatenate(known) if known else np.empty(0, np.float32)
         if not values.size:
@@ -65,8 +65,7 @@ class ColourScale(NamedTuple):
 
     def draw(self, message: Any) -> NDArray[np.uint8]:
         """Return a DisparityImage in colours, (H, W, 3) RGB, black where nothing matched."""
-        data = _disparities(message)
-        return draw_disparity(data, data >= message.min_disparity, self.low, self.high)
+        return draw_disparity(read_disparity(message), self.low, self.high)
 
     def describe(self, disparity: float) -> str:
         """Return a disparity, and the range that it is, in words."""
@@ -79,11 +78,6 @@ def gradient() -> str:
     """Return the colours from the lowest disparity to the highest, as CSS has it."""
     stops = viridis(np.linspace(0.0, 1.0, 17)[None])[0]
     return ", ".join(f"rgb({r}, {g}, {b})" for r, g, b in stops)
-
-
-def _disparities(message: Any) -> NDArray[np.float32]:
-    image = message.image
-    return np.frombuffer(image.data, np.float32).reshape(image.height, image.width)
 
 
 class Picture(NamedTuple):

@@ -184,10 +184,7 @@ class Joiner:
         joined.sensor = interpolate(self._samples, stamp, self._config.timeout)
         while len(self._samples) > 1 and self._samples[1].stamp <= stamp:
             self._samples.popleft()
-        comparison = self._comparisons.pop(stamp, None)
-        if comparison is not None:
-            joined.innovation, joined.nis = comparison.innovation, comparison.nis
-            joined.innovation_variance = comparison.variance
+        joined.comparison = self._comparisons.pop(stamp, None)
         report = self._monitor.report(self._now)
         verdict, reason = report.verdict, report.reason
         if joined.record.estimate is None:

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import json
-import math
 import shutil
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
@@ -83,12 +82,10 @@ class ResultWriter:
 
     def write_nis(self, joined: JoinedFrame) -> None:
         """Write the NIS of a frame, where it has one."""
-        if math.isfinite(joined.nis):
-            for topic, message in nis_messages(
-                self._bag.make, joined.record.stamp, self._depth_frame, joined.innovation,
-                joined.innovation_variance, joined.nis,
-            ):
-                self._bag.write(f"/{topic}", message, joined.record.time)
+        if joined.comparison is None:
+            return
+        for topic, message in nis_messages(self._bag.make, joined.comparison, self._depth_frame):
+            self._bag.write(f"/{topic}", message, joined.record.time)
 
     def close(self, provenance: Mapping[str, Any]) -> None:
         """Complete the file."""
