@@ -87,28 +87,22 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
     InputError
         If it cannot be written, as on a full disk; an older file is left as it was.
     """
-    target = Path(path)
-    aside: Path | None = None
     data = content.encode("utf-8") if isinstance(content, str) else content
-    try:
+    with refusing(f"cannot write {path}", OSError, ValueError):
         # A link is kept, and what it leads to is replaced.
-        target = Path(os.path.realpath(target))
+        target = Path(os.path.realpath(path))
         if target.exists() and not target.is_file():
             raise InputError(f"cannot write {path}: it is no regular file")
         aside = aside_of(target)
-        with aside.open("xb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        aside.replace(target)
-    except (OSError, ValueError) as error:
-        if aside is not None:
+        try:
+            with aside.open("xb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            aside.replace(target)
+        finally:
             with suppress(OSError):
-                aside.unlink()
-        if isinstance(error, InputError):
-            raise
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot write {path}: {reason}") from error
+                aside.unlink(missing_ok=True)
 
 
 def aside_of(target: Path) -> Path:
@@ -137,20 +131,19 @@ def gathered(folder: Path, last: str, *, clear: bool = False) -> Iterator[Path]:
     """
     aside = folder / f".{uuid.uuid4().hex[:12]}{PARTIAL}"
     try:
-        aside.mkdir(parents=True)
-        for left in folder.glob(f".*{PARTIAL}"):
-            # Of a run that was ended by force.
-            if left != aside:
-                _remove(left)
-        yield aside
-        for entry in folder.iterdir():
-            if entry.name == last or (clear and entry not in (aside, lock_of(folder))):
-                _remove(entry)
-        files = sorted(aside.iterdir(), key=lambda file: (file.name == last, file.name))
-        for file in files:
-            file.replace(folder / file.name)
-    except OSError as error:
-        raise InputError(f"cannot write to folder {folder}: {error.strerror or error}") from error
+        with refusing(f"cannot write to folder {folder}"):
+            aside.mkdir(parents=True)
+            for left in folder.glob(f".*{PARTIAL}"):
+                # Of a run that was ended by force.
+                if left != aside:
+                    _remove(left)
+            yield aside
+            for entry in folder.iterdir():
+                if entry.name == last or (clear and entry not in (aside, lock_of(folder))):
+                    _remove(entry)
+            files = sorted(aside.iterdir(), key=lambda file: (file.name == last, file.name))
+            for file in files:
+                file.replace(folder / file.name)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
 
@@ -180,17 +173,15 @@ def sole_writer(target: Path) -> Iterator[None]:
     InputError
         If another process writes it, or the place cannot be written to.
     """
-    try:
+    with refusing(f"cannot write to folder {target.parent}", OSError, ValueError):
         lock = lock_of(target)
         lock.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = _locked(lock)
-    except BlockingIOError as error:
-        raise InputError(
-            f"another run writes {target}: wait for its end, or give another name"
-        ) from error
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot write to folder {target.parent}: {reason}") from error
+        try:
+            descriptor = _locked(lock)
+        except BlockingIOError as error:
+            raise InputError(
+                f"another run writes {target}: wait for its end, or give another name"
+            ) from error
     try:
         # Whoever was ended by force left these.
         for left in lock.parent.glob(f"{glob.escape(lock.stem)}.*{PARTIAL}"):

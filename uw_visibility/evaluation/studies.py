@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from uw_visibility.evaluation.readings import Reading, Truth, flat
-from uw_visibility.evaluation.summary import OK, Summary, columns_of
+from uw_visibility.evaluation.summary import OK, Summary, columns_of, mean
 from uw_visibility.evaluation.tables import number, percent
 
 SIGMAS = 3.0
@@ -78,15 +78,15 @@ def statistics(pairs: Sequence[tuple[Truth, Reading]]) -> Summary:
         "refused_depth": _share(not math.isfinite(reading.depth) for _, reading in pairs),
         "reasons": _reasons(pairs, lambda reading: (reading.status, reading.distance_status)),
         "reasons_depth": _reasons(pairs, lambda reading: (reading.status, reading.depth_status)),
-        "attenuation_error": _mean(
+        "attenuation_error": mean(
             abs(found - true)
             for truth, reading in pairs
             for found, true in zip(reading.attenuation, truth.attenuation, strict=True)
         ),
-        "attenuation_stddev": _mean(
+        "attenuation_stddev": mean(
             s for _, reading in pairs for s in reading.attenuation_stddev),
-        "depth_error": _mean(abs(reading.depth - truth.depth) for truth, reading in pairs),
-        "depth_stddev": _mean(reading.depth_stddev for _, reading in pairs),
+        "depth_error": mean(abs(reading.depth - truth.depth) for truth, reading in pairs),
+        "depth_stddev": mean(reading.depth_stddev for _, reading in pairs),
         "ratio": _median(ratios),
         "visibility_relative_stddev": _median(
             reading.distance_stddev / reading.distance for _, reading in pairs),
@@ -140,11 +140,6 @@ def _reasons(
 
 def _share(flags: Iterable[bool]) -> float:
     return float(np.mean(list(flags)))
-
-
-def _mean(values: Iterable[float]) -> float:
-    known = [value for value in values if math.isfinite(value)]
-    return float(np.mean(known)) if known else math.nan
 
 
 def _median(values: Iterable[float]) -> float:

@@ -150,14 +150,14 @@ def _reasons(found: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
 
 
 def _absolute_errors(cases: Sequence[CaseResult], name: str) -> float:
-    return _mean(_alpha_error(case.truth, case.readings[name]) for case in cases)
+    return mean(_alpha_error(case.truth, case.readings[name]) for case in cases)
 
 
 def _mean_disparity(cases: Sequence[CaseResult]) -> dict[str, dict[str, float]]:
     return {
         name: {
-            "unmatched": _mean(1.0 - case.matched[name] for case in cases),
-            "correct": _mean(case.correct[name] for case in cases),
+            "unmatched": mean(1.0 - case.matched[name] for case in cases),
+            "correct": mean(case.correct[name] for case in cases),
         }
         for name in MATCHES
     }
@@ -185,7 +185,7 @@ def _depth_edges(cases: Sequence[CaseResult]) -> Summary:
     errors = [error for case in cases for error in case.edges]
     return {
         name: {
-            field: _mean(getattr(error, field) for error in errors if error.map == name)
+            field: mean(getattr(error, field) for error in errors if error.map == name)
             for field in (
                 "disparity_near", "disparity_elsewhere", "colour_near", "colour_elsewhere")
         }
@@ -207,9 +207,9 @@ def _noise(evaluation: Evaluation) -> list[Summary]:
             "mean_attenuation_error": {name: _absolute_errors(same, name) for name in READINGS},
             "disparity": {
                 name: {
-                    "correct": _mean(case.correct[name] for case in same),
-                    "unmatched": _mean(1.0 - case.matched[name] for case in same),
-                    "wrong": _mean(case.wrong[name] for case in same),
+                    "correct": mean(case.correct[name] for case in same),
+                    "unmatched": mean(1.0 - case.matched[name] for case in same),
+                    "wrong": mean(case.wrong[name] for case in same),
                 }
                 for name in MATCHES
             },
@@ -227,7 +227,7 @@ def _of_water(cases: Sequence[CaseResult], attenuation: float) -> list[CaseResul
 def _mean_colour(cases: Sequence[CaseResult]) -> dict[str, dict[str, float | int]]:
     return {
         name: {
-            "mean": _mean(case.colour_difference[name] for case in cases),
+            "mean": mean(case.colour_difference[name] for case in cases),
             "assessed": sum(np.isfinite(case.colour_difference[name]) for case in cases),
         }
         for name in IMAGES
@@ -252,7 +252,8 @@ def _transect(rows: list[TransectRow]) -> Summary | None:
     return summary
 
 
-def _mean(values: Iterable[float]) -> float:
+def mean(values: Iterable[float]) -> float:
+    """Return the mean of those that are known; NaN of none."""
     known = np.array([value for value in values if np.isfinite(value)], dtype=np.float64)
     return float(known.mean()) if known.size else float("nan")
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -165,7 +166,6 @@ def _add_recording(
         _check_sensor(bag, stream)
         recording = Recording.of(reader, stream.selection, options, ())
         joiner = Joiner(stream.plausibility)
-        progress = Progress(bag.name, stream.expected_frames)
 
         def take(frames: Iterator[JoinedFrame]) -> None:
             for joined in frames:
@@ -175,7 +175,7 @@ def _add_recording(
             FrameTask(recording, event) if isinstance(event, RecordedFrame) else event
             for event in stream.events()
         )
-        try:
+        with closing(Progress(bag.name, stream.expected_frames)) as progress:
             for item in pool.answers(tasks):
                 if isinstance(item, FrameAnswer):
                     take(joiner.add_frame(item.record))
@@ -183,6 +183,4 @@ def _add_recording(
                 else:
                     take(joiner.add(item))
             take(joiner.finish())
-        finally:
-            progress.close()
         series.damage += reader.damage

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -109,8 +110,7 @@ def _sightings(
     pairs = FrameReader(options.node.rectify)
     pipeline: Pipeline | None = None
     tracker = PointTracker(first)
-    progress = Progress(bag.name, stream.expected_frames)
-    try:
+    with closing(Progress(bag.name, stream.expected_frames)) as progress:
         for event in stream.events():
             if not isinstance(event, RecordedFrame):
                 continue
@@ -122,8 +122,6 @@ def _sightings(
                 yield _observe(pair, pipeline, tracker)
             except InputError as error:
                 reasons[str(error)] += 1
-    finally:
-        progress.close()
 
 
 def _observe(pair: StereoPair, pipeline: Pipeline, tracker: PointTracker) -> Sightings:

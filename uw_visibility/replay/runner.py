@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Self
 
@@ -130,9 +131,8 @@ class _Replay:
 
     def run(self, pool: FramePool, counter: MakeCounter) -> None:
         """Replay the recording to its end."""
-        progress = counter(self._reader.path.name, self._stream.expected_frames)
-        try:
-            lights = LightHistory(pool.read_ahead)
+        lights = LightHistory(pool.read_ahead)
+        with closing(counter(self._reader.path.name, self._stream.expected_frames)) as progress:
             for item in pool.answers(self._tasks(self._stream.events(), lights)):
                 if isinstance(item, FrameAnswer):
                     filtered = self._recorder.write_frame(item)
@@ -141,8 +141,6 @@ class _Replay:
                     progress.add()
                 else:
                     self._write_rows(self._joiner.add(item))
-        finally:
-            progress.close()
         if self._copied:
             for message in self._reader.messages(self._copied, *self._stream.interval()):
                 self._recorder.copy(message, ros1=self._reader.ros1)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.replay.report.sentences import (
     Frames,
+    amount,
     definition,
     formula,
     number,
@@ -72,7 +73,7 @@ def _numbers(
     numbers: list[tuple[str, str]] = []
     synopsis = summary.synopsis
     if synopsis is not None and synopsis.frames:
-        count = f"{synopsis.frames} frame{'s' if synopsis.frames > 1 else ''}"
+        count = amount(synopsis.frames, "frame")
         numbers.append((percent(synopsis.share), f"of {count} show visibility by themselves"))
     if synopsis is not None and synopsis.told:
         numbers.append((

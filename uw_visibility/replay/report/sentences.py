@@ -209,8 +209,7 @@ def _filtering(summary: Summary) -> list[Sentence]:
     if summary.rejections():
         found.append([f"{_sentence(summary.rejections())}"])
     elif taken and not summary.filtering[str(TrackingEvent.OUTLIER)]:
-        found.append([f"The filter over frames rejected none of {taken} "
-                      f"estimate{'s' if taken > 1 else ''}."])
+        found.append([f"The filter over frames rejected none of {amount(taken, 'estimate')}."])
     elif not summary.filtering:
         found.append(["Frames were not filtered: each stands by itself."])
     if summary.surveyed():

@@ -18,7 +18,7 @@ from uw_visibility.errors import printable
 from uw_visibility.replay.inputs.positions import EARTH_RADIUS, wrap_longitude
 from uw_visibility.replay.report.figures import MOST_POINTS, Columns, thin
 from uw_visibility.replay.report.palette import HOLLOW, INK, RULE
-from uw_visibility.replay.report.sentences import number
+from uw_visibility.replay.report.sentences import amount, number
 from uw_visibility.replay.report.svg import NARROW, WIDE, Spot, draw, fit_layout
 
 COLOURED = {
@@ -144,7 +144,7 @@ def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
     what = label.partition(" [")[0]
     return draw(
         f"map-{quantity.replace('_', '-')}", f"Map of {what}",
-        f"{len(tracks)} track{'s' if len(tracks) > 1 else ''} over {number(extent[0], 2)} m by "
+        f"{amount(len(tracks), 'track')} over {number(extent[0], 2)} m by "
         f"{number(extent[1], 2)} m; {what} from {number(limits[0])} to {number(limits[1])}.",
         _height(*extent, WIDE), paint, _height(*extent, NARROW) + 0.8,
     )
