@@ -25,7 +25,7 @@ from uw_visibility.stereo.elas.postprocess import meeting_of_lines
 
 # Rows that one thread takes from top to bottom, and rows above them that its path from above
 # begins at: they are the same for any number of threads.
-_STRIP, _BEFORE = 96, 8
+_STRIP, _BEFORE = 80, 8
 # Cost of a level of even contrast that the tones differ, for each level of restored noise, and
 # the most of it: where noise is low gradients tell more, and cameras differ. What a difference
 # costs at most.
