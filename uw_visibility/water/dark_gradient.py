@@ -39,7 +39,7 @@ USUAL, UNUSUAL = 0.15, 0.03
 # How large gradients are, as a part of veil or attenuation per height of the image.
 VEIL_SPREAD, ATTENUATION_SPREAD = 0.6, 1.0
 # A gradient that is less likely than this is none; logarithm of the largest evidence.
-NEGLIGIBLE = 0.1
+NEGLIGIBLE = 0.35
 LARGEST_EVIDENCE = 50.0
 # Least part of the light of dark patches that is the veil.
 LEAST_VEIL = 0.6
