@@ -225,9 +225,10 @@ class Pipeline:
             self.process(*fine, enhance=(), confidence=False)
         if not grey:
             # Of a small image too little is seen to reach all that an estimate may need.
-            image, ranges = warm_up_scene(left)
+            image, maps = warm_up_scene(left)
             view = View.of(check_pair(image, right)[0], self.config.camera.transfer)
-            self._estimator.estimate_view(view, ranges, range_error=1e-3)
+            for ranges in maps:
+                self._estimator.estimate_view(view, ranges, range_error=1e-3)
             if self._by_lamps is not None:
                 self._by_lamps.warm_up(view.pixels)
         if compressed:

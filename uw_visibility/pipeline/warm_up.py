@@ -53,8 +53,11 @@ def warm_up_pair(
     return (first[..., 1], second[..., 1]) if grey else (first, second)
 
 
-def warm_up_scene(image: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.float32]]:
+def warm_up_scene(image: NDArray[Any]) -> tuple[NDArray[Any], tuple[NDArray[np.float32], ...]]:
     """Return an image and ranges with open water in view, for all that an estimate may need.
+
+    Ranges that fall downwards, and such that halves of the image see all of, since those are
+    compared at equal range.
 
     The water is brighter above, as looking ahead it is.
     """
@@ -63,6 +66,8 @@ def warm_up_scene(image: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.float32
     image = image.copy()
     brightness = np.linspace(0.6, 0.4, height // 3)[:, np.newaxis, np.newaxis]
     image[open_water] = brightness * np.iinfo(image.dtype).max
-    ranges = np.linspace(1.0, 4.0, height, dtype=np.float32)
-    ranges[open_water] = np.nan
-    return image, np.ascontiguousarray(np.broadcast_to(ranges[:, np.newaxis], (height, width)))
+    down = np.tile(np.linspace(1.0, 4.0, height)[:, np.newaxis], (1, width))
+    across = np.tile(1.0 + 3.0 * (np.linspace(0.0, 2.0, width, endpoint=False) % 1.0), (height, 1))
+    for ranges in (down, across):
+        ranges[open_water] = np.nan
+    return image, (down.astype(np.float32), across.astype(np.float32))

@@ -101,6 +101,8 @@ def fit_lower_envelope(
     lower[1::2] = ambient_min
     upper[1::2] = (
         AMBIENT_LIGHT_MAX if ambient_max is None else np.maximum(ambient_max, ambient_min))
+    # One kernel for arrays of any order in memory.
+    distance, dark, deviation = (np.ascontiguousarray(a) for a in (distance, dark, deviation))
     known = active[:, np.newaxis] & np.isfinite(dark)
     values, covariance, iterations, converged, cost, misfit, trend = _minimise(
         np.where(known, distance, 1.0),
@@ -115,7 +117,7 @@ def fit_lower_envelope(
         range_error,
         np.full((3, 2), np.inf) if bright is None else bright,
         np.ones(3) if light is None else light,
-        np.empty((3, 0, 3)) if patches is None else patches,
+        np.empty((3, 0, 3)) if patches is None else np.ascontiguousarray(patches),
     )
     parameters = np.where(active[:, np.newaxis], values.reshape(3, 2), np.nan)
     return Fit(
