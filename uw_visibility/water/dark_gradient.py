@@ -97,10 +97,11 @@ def find_gradients(
         return None
     values, weights = np.zeros((2, 2, np.count_nonzero(active), np.count_nonzero(both)))
     beside = np.empty(values.shape[2])
-    _values(
+    # Of one layout, or the kernel would be compiled once more, in flight.
+    _values(*map(np.ascontiguousarray, (
         halves.range[:, ROWS, both], halves.place[:, ROWS, both, 0],
         np.maximum(halves.dark[:, ROWS, active][:, :, both], DARKEST), attenuation[active],
-        veil[active], light[active], halves.noise[active], values, weights, beside)
+        veil[active], light[active], halves.noise[active])), values, weights, beside)
     spread = ATTENUATION_SPREAD * float(attenuation[active].mean())
     return (
         _gradient(values[0], weights[0], beside, VEIL_SPREAD, (USUAL, UNUSUAL)),

@@ -179,8 +179,9 @@ def compare_halves(
     """
     difference = np.zeros((len(SPLITS), 3))
     stddev = np.full((len(SPLITS), 3), np.inf)
+    # Of one layout, or the kernel would be compiled once more, in flight.
     _compare(
-        halves.range, np.ascontiguousarray(halves.dark), halves.noise, veil, light,
+        *map(np.ascontiguousarray, (halves.range, halves.dark, halves.noise, veil, light)),
         difference, stddev)
     return Unevenness(difference, stddev)
 

@@ -128,7 +128,7 @@ def level_samples(samples: ColourSamples, gradient: VeilGradient) -> ColourSampl
     _level(
         pixels, linear_table(samples.transfer, pixels.dtype),
         encode_table(samples.transfer, pixels.dtype), first,
-        gradient.slope / (height, width), level)
+        np.ascontiguousarray(gradient.slope / (height, width)), level)
     return replace(samples, pixels=read_only(level))
 
 
