@@ -26,8 +26,9 @@ DARKNESS_BELOW = 0.01
 # Part by which the darkest patches of bins differ.
 DARKNESS_ABOVE = 0.2
 # Bins above the curve lose weight beyond this part of their scale, bins below it
-# beyond so many times their scale: they can only be wrong. Measured ranges often are: a
-# few wrong matches among a bin's own, and it would count as much as all bins above the curve.
+# beyond so many times their scale: they can only be wrong. Measured ranges often are: a few
+# wrong matches among a bin's own, and it would count as much as all bins above the curve. That
+# is for a veil that is the light, whose level the brightest patch tells.
 OUTLIER_ABOVE = 0.25
 OUTLIER_BELOW = 5.0
 OUTLIER_BELOW_MEASURED = 2.0
@@ -60,7 +61,7 @@ def transmit(p: Any, distance: Any, left: Any) -> None:
 @njit(nogil=True)
 def set_scales(
     p: Any, distance: Any, left: Any, dark: Any, deviation: Any, known: Any, range_error: float,
-    darkness: float, light: Any, scale: Any,
+    darkness: float, light: Any, outlier: float, scale: Any,
 ) -> None:
     """Set the scales of residuals for parameters `p`.
 
@@ -81,10 +82,11 @@ def set_scales(
         far bins differ.
     light : (3,) float64 ndarray
         Light on the scene over the veil, W / B.
+    outlier : float
+        Scales below the curve beyond which a bin loses weight.
     scale : (SCALES, 3, N) float64 ndarray
         Filled.
     """
-    outlier = OUTLIER_BELOW_MEASURED if range_error > 0.0 else OUTLIER_BELOW
     for c in range(3):
         for i in range(distance.shape[1]):
             d = distance[c, i]

@@ -13,6 +13,8 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.optics.light_model import contrast_gain, radiance_of
 from uw_visibility.water.envelope_loss import (
     EXPECTED_DARKNESS,
+    OUTLIER_BELOW,
+    OUTLIER_BELOW_MEASURED,
     SCALES,
     add_normal_equations,
     darkness_deviation,
@@ -104,6 +106,7 @@ def fit_lower_envelope(
     # One kernel for arrays of any order in memory.
     distance, dark, deviation = (np.ascontiguousarray(a) for a in (distance, dark, deviation))
     known = active[:, np.newaxis] & np.isfinite(dark)
+    one_light = ambient_max is None
     values, covariance, iterations, converged, cost, misfit, trend = _minimise(
         np.where(known, distance, 1.0),
         np.where(known, dark, 0.0),
@@ -118,6 +121,7 @@ def fit_lower_envelope(
         np.full((3, 2), np.inf) if bright is None else bright,
         np.ones(3) if light is None else light,
         np.empty((3, 0, 3)) if patches is None else np.ascontiguousarray(patches),
+        OUTLIER_BELOW_MEASURED if one_light and range_error > 0.0 else OUTLIER_BELOW,
     )
     parameters = np.where(active[:, np.newaxis], values.reshape(3, 2), np.nan)
     return Fit(
@@ -129,6 +133,7 @@ def fit_lower_envelope(
 def _minimise(
     distance: Any, dark: Any, deviation: Any, known: Any, active: Any, start: Any, lower: Any,
     upper: Any, clear_water: Any, range_error: float, bright: Any, light: Any, patches: Any,
+    outlier: float,
 ) -> tuple[Any, Any, int, bool, float, float, float]:
     """Damped Gauss-Newton within bounds; scales follow the parameters at first."""
     p = start.copy()
@@ -148,7 +153,8 @@ def _minimise(
         if iterations <= ADAPTIVE_ITERATIONS:
             darkness = EXPECTED_DARKNESS if iterations > BLACK_ITERATIONS else 0.0
             set_scales(
-                p, distance, left, dark, deviation, known, range_error, darkness, light, scale)
+                p, distance, left, dark, deviation, known, range_error, darkness, light, outlier,
+                scale)
             tolerance = weak_channel_tolerance(p, active, clear_water)
         hessian[:] = 0.0
         slope[:] = 0.0
@@ -175,7 +181,8 @@ def _minimise(
                 break
             damping *= 10.0
     set_scales(
-        p, distance, left, dark, deviation, known, range_error, EXPECTED_DARKNESS, light, scale)
+        p, distance, left, dark, deviation, known, range_error, EXPECTED_DARKNESS, light, outlier,
+        scale)
     cost, misfit = deviance(p, left, dark, known, scale)
     covariance = _covariance(
         p, distance, left, dark, known, active, clear_water, lower, bright, light, patches,
