@@ -26,13 +26,21 @@ class TestFindGradients:
     RANGE = np.geomspace(1.5, 9.0, 14)
     ROW = np.linspace(0.9, 0.2, 14)
 
-    def found(self, veil: float = 0.0, attenuation: float = 0.0):
+    def found(
+        self, veil: float = 0.0, attenuation: float = 0.0, apart: float = 0.2, wrong: int = 0
+    ):
+        """Rows of a range so far apart; wrong matches at so many ranges, of light things above."""
         distance = np.stack((1.02 * self.RANGE, 0.98 * self.RANGE))
-        rows = np.stack((self.ROW - 0.1, self.ROW + 0.1))
+        rows = np.stack((self.ROW - 0.5 * apart, self.ROW + 0.5 * apart))
         thickness = (ATTENUATION[:, np.newaxis, np.newaxis] + attenuation * (rows - 0.5)) * distance
         light = VEIL[:, np.newaxis, np.newaxis] * (1.0 + veil * (rows - 0.5))
         dark = np.zeros((2, 3, 3, len(self.RANGE)))
         dark[:, 1] = np.moveaxis(light * (1.0 - np.exp(-thickness)), 0, 1)
+        rows[0, len(self.RANGE) - wrong:] -= 0.8
+        dark[0, 1, :, len(self.RANGE) - wrong:] *= 1.4
+        if wrong:
+            # Else all others show exactly none.
+            dark[0, 1] *= np.random.default_rng(0).normal(1.0, 0.1, dark[0, 1].shape)
         ranges = np.full((2, 3, len(self.RANGE)), np.nan)
         ranges[:, 1] = distance
         place = np.zeros((2, 3, len(self.RANGE), 2))
@@ -58,6 +66,13 @@ class TestFindGradients:
 
     def test_nothing_in_one_water(self):
         assert all(gradient.odds < 0.1 for gradient in self.found())
+
+    def test_wrong_matches_at_one_range_tell_of_nothing(self):
+        assert all(gradient.odds < 0.1 for gradient in self.found(apart=0.08, wrong=1))
+
+    def test_ground_that_is_seen_in_one_row_at_each_range_tells_nothing(self):
+        assert self.found(apart=0.04) is None
+        assert self.found(apart=0.04, wrong=2) is None
 
 
 def ground_ahead(seed: int, veil: float = 0.0, layer: float = 0.0) -> tuple:

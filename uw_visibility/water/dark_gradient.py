@@ -33,6 +33,9 @@ from uw_visibility.water.veil_gradient import PlaceCourse
 # The split of `HalfEnvelopes` into the upper and the lower pixels of each range.
 ROWS = 1
 FEWEST_BINS = 4
+# How far apart pixels of one range lie at least in the median range, as a part of the height:
+# of ground that is seen in one row alone, the few that lie apart are wrong matches.
+LEAST_APART = 0.04
 # Images with either gradient beforehand: as light from above and particles that settle make
 # it, and the other way round.
 USUAL, UNUSUAL = 0.15, 0.03
@@ -102,10 +105,12 @@ def find_gradients(
         halves.range[:, ROWS, both], halves.place[:, ROWS, both, 0],
         np.maximum(halves.dark[:, ROWS, active][:, :, both], DARKEST), attenuation[active],
         veil[active], light[active], halves.noise[active])), values, weights, beside)
+    if np.median(np.abs(beside)) < LEAST_APART:
+        return None
     spread = ATTENUATION_SPREAD * float(attenuation[active].mean())
     return (
-        _gradient(values[0], weights[0], beside, VEIL_SPREAD, (USUAL, UNUSUAL)),
-        _gradient(values[1], weights[1], beside, spread, (UNUSUAL, USUAL)),
+        _sure_gradient(values[0], weights[0], beside, VEIL_SPREAD, (USUAL, UNUSUAL)),
+        _sure_gradient(values[1], weights[1], beside, spread, (UNUSUAL, USUAL)),
     )
 
 
@@ -143,6 +148,22 @@ def _slopes(x: Any, values: Any) -> Any:
     columns = np.stack((np.ones_like(off), off, off**2))
     found = np.linalg.solve(columns @ columns.T + RIDGE * np.eye(3), columns @ values)
     return found[1] + 2.0 * found[2] * off
+
+
+def _sure_gradient(
+    values: NDArray[np.float64], weights: NDArray[np.float64], rows: NDArray[np.float64],
+    spread: float, priors: tuple[float, float],
+) -> DarkGradient:
+    """The less likely of the gradient that all ranges show, and that without the most telling one.
+
+    Wrong matches put far rows side by side at one range, which then outweighs all others.
+    """
+    leverage = np.median(weights, axis=0) * rows**2
+    others = np.arange(len(rows)) != int(leverage.argmax())
+    return min(
+        _gradient(values, weights.copy(), rows, spread, priors),
+        _gradient(values[:, others], weights[:, others], rows[others], spread, priors),
+        key=lambda gradient: gradient.odds)
 
 
 def _gradient(
