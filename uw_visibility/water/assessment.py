@@ -129,7 +129,7 @@ class Assessor:
         if not self._by_daylight:
             depth_status = Status.NO_DEPTH_BY_LAMPS
         elif estimate.status is Status.OK:
-            depth_status, depth = self._assess_depth(estimate, covariance)
+            depth_status, depth = self._assess_depth(estimate)
             if estimate.grey_on_average and self._white_is_daylight and estimate.light is not None:
                 depth_status, depth = Status.GREY_ON_AVERAGE, (math.nan,) * 3
             largest = MAX_RELATIVE_STDDEV * self._config.max_depth
@@ -138,23 +138,16 @@ class Assessor:
         return Visibility(
             status, depth_status, alpha, alpha_stddev, distance, distance_stddev, *depth)
 
-    def _assess_depth(
-        self, estimate: WaterEstimate, covariance: NDArray[np.float64]
-    ) -> tuple[Status, tuple[float, float, float]]:
+    def _assess_depth(self, estimate: WaterEstimate) -> tuple[Status, tuple[float, float, float]]:
         """Depth by the colour of daylight, its standard deviation and its precision.
 
         Where veil and light are told apart, the light is what came down; its depth
         holds what is not known of the water above and of the camera's white.
         """
-        if estimate.light is None:
-            depth, precision = self._depth.depth(
-                estimate.attenuation, estimate.ambient_light, covariance)
-            return Status.OK, (depth, precision, precision)
-        # How the light differs between frames of one scene is how the veil does.
-        scale = np.ones(6)
-        scale[1::2] = estimate.scene_light / estimate.ambient_light
         depth, precision = self._depth.depth(
-            estimate.attenuation, estimate.scene_light, covariance * np.outer(scale, scale))
+            estimate.attenuation, estimate.scene_light, covariance_with_light(estimate))
+        if estimate.light is None:
+            return Status.OK, (depth, precision, precision)
         patches = np.zeros((6, 6))
         patches[1::2, 1::2] = np.diag(estimate.scene_light_stddev**2)
         _, scene = self._depth.depth(estimate.attenuation, estimate.scene_light, patches)
@@ -197,6 +190,16 @@ def joint_covariance(estimate: WaterEstimate) -> NDArray[np.float64]:
         block = slice(2 * channel, 2 * channel + 2)
         joint[block, block] = estimate.covariance[channel]
     return joint
+
+
+def covariance_with_light(estimate: WaterEstimate) -> NDArray[np.float64]:
+    """Return `joint_covariance` with the light on the scene in the place of I∞.
+
+    How the light differs between frames of one scene is how the veil does.
+    """
+    scale = np.ones(6)
+    scale[1::2] = estimate.scene_light / estimate.ambient_light
+    return np.asarray(joint_covariance(estimate) * np.outer(scale, scale))
 
 
 def _first(status: Status, other: Status) -> Status:

@@ -20,7 +20,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.optics.jerlov import water_types
 from uw_visibility.optics.spectra import CameraResponse
 from uw_visibility.status import Status
-from uw_visibility.water.assessment import joint_covariance
+from uw_visibility.water.assessment import covariance_with_light
 from uw_visibility.water.depth import CLEAR, ESTIMATED, DepthModel, diffuse_attenuation
 from uw_visibility.water.estimate import WaterEstimate
 
@@ -140,7 +140,8 @@ def _fit(
     response: CameraResponse,
 ) -> tuple[Candidate, NDArray[np.float64]]:
     """Fit the white reference for a water type; return the residuals of depth with it."""
-    light = np.log([estimate.ambient_light for estimate in estimates])
+    # The veil has another colour than the light on the scene, which depth is told by.
+    light = np.log([estimate.scene_light for estimate in estimates])
     if water_type == ESTIMATED:
         rate = np.array([estimate.attenuation for estimate in estimates])
     else:
@@ -153,7 +154,7 @@ def _fit(
     spread = np.array([found[0][1], 0.0, found[1][1]])
     model = DepthModel(water_type, response, reference)
     depths = np.array([
-        model.depth(e.attenuation, e.ambient_light, joint_covariance(e))[0] for e in estimates
+        model.depth(e.attenuation, e.scene_light, covariance_with_light(e))[0] for e in estimates
     ])
     residuals = depths - sensed
     candidate = Candidate(water_type, reference, reference * spread, _robust_rms(residuals))
