@@ -90,13 +90,14 @@ def attenuation(client: Any, large_scene: Any, info: Any) -> np.ndarray:
     return np.array([vector.x, vector.y, vector.z])
 
 
-# A JPEG with colour at half of the resolution has lost some of what the estimate needs.
+# A JPEG with colour at half of the resolution has lost some of what the estimate needs, and one
+# with all of it is matched as noise is: 0.3 standard deviations of attenuation.
 @pytest.mark.parametrize(("kind", "codec", "layout", "encoding", "tolerance"), [
     ("bgr8; png compressed bgr8", ".png", coloured, "bgr8", 1e-6),
     ("rgb16; png compressed bgr16", ".png", deep, "rgb16", 0.05),
     ("bayer_rggb8; png compressed", ".png", mosaic, "rgb8", 0.08),
     ("mono8; png compressed", ".png", grey, "mono8", None),
-    ("rgb8; jpeg compressed bgr8", "JPEG", coloured, "rgb8", 0.05),
+    ("rgb8; jpeg compressed bgr8", "JPEG", coloured, "rgb8", 0.08),
     ("bgr8; jpeg compressed bgr8", ".jpg", coloured, "bgr8", 0.15),
     ("jpeg", ".jpg", coloured, "bgr8", 0.15),
     ("mono8; jpeg compressed ", ".jpg", grey, "mono8", None),
