@@ -265,10 +265,10 @@ class WaterEstimator:
             uneven = compare_halves(halves, attenuation, veil, found.scene_light)
             refuted = uneven.refutes(attenuation)
             status = refuse(status, refuted)
-            average, stddev = uneven.averaged(attenuation)
+            between, stddev = uneven.averaged(attenuation)
             covariance[0::2, 0::2] += np.outer(stddev, stddev)
             found = replace(found, fit=replace(found.fit, parameters=np.stack(
-                (average, veil), axis=1)))
+                (between, veil), axis=1)))
         if cues.compressed:
             light = brightest(envelope, active)
             error = COMPRESSION_ERROR * (1.0 - light / light.max()) * found.fit.parameters[:, 0]
