@@ -128,8 +128,7 @@ def _check(
 ) -> None:
     for y in range(start, stop):
         for x in range(best_left.shape[1]):
-            d = np.int32(best_left[y, x])
-            if d < 0 or abs(best_right[y, x - d] - d) > tolerance:
+            if not _agree(np.int32(best_left[y, x]), best_right[y], x, tolerance):
                 disparity[y, x] = np.nan
 
 
@@ -143,7 +142,7 @@ def _check_and_refine(
         for x in range(width):
             disparity[y, x] = np.nan
             d = np.int32(best_left[y, x])
-            if d < 0 or abs(best_right[y, x - d] - d) > tolerance:
+            if not _agree(d, best_right[y], x, tolerance):
                 continue
             offset = 0.0
             if BORDER < x - d < width - BORDER - 1:
@@ -155,6 +154,12 @@ def _check_and_refine(
                     absolute_difference(left, i, right, j - BYTES),
                 )
             disparity[y, x] = max(d + offset, 0.0)
+
+
+@njit(nogil=True)
+def _agree(d: Any, best_right: Any, x: int, tolerance: int) -> bool:
+    """Whether a column of the left view is matched, and the right view's row agrees."""
+    return d >= 0 and abs(best_right[x - d] - d) <= tolerance
 
 
 @njit(nogil=True)
