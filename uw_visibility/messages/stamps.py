@@ -1,10 +1,11 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Header stamps of serialised messages, without decoding the rest."""
+"""Stamps: in the headers of serialised messages, without decoding the rest, and as text."""
 
 from __future__ import annotations
 
 import struct
+from datetime import UTC, datetime
 
 from uw_visibility.errors import InputError
 
@@ -56,3 +57,23 @@ def with_stamp(data: bytes, stamp: int) -> bytes:
 
 def _stamp_format(data: bytes) -> str:
     return ("<" if data[1] & 1 else ">") + "iI"
+
+
+def seconds(nanoseconds: int) -> str:
+    """Return a time in s with all its digits."""
+    # By its amount: -1.5 s are -2 s and 500,000,000 ns.
+    whole, fraction = divmod(abs(nanoseconds), SECOND)
+    return f"{'-' * (nanoseconds < 0)}{whole}.{fraction:09d}"
+
+
+def nanoseconds(text: str) -> int:
+    """Return a time in ns, of what `seconds` wrote."""
+    whole, _, fraction = text.removeprefix("-").partition(".")
+    amount = int(whole) * SECOND + int(fraction)
+    return -amount if text.startswith("-") else amount
+
+
+def iso_time(nanoseconds: int) -> str:
+    """Return a time in UTC as ISO 8601, with all its digits."""
+    second = datetime.fromtimestamp(nanoseconds // SECOND, UTC)
+    return f"{second:%Y-%m-%dT%H:%M:%S}.{nanoseconds % SECOND:09d}Z"

@@ -27,6 +27,11 @@ class DepthSample:
     depth: float
     variance: float
 
+    @property
+    def depth_stddev(self) -> float:
+        """Standard deviation of `depth`, m."""
+        return self.variance**0.5
+
 
 def interpolate(
     samples: Sequence[DepthSample], stamp: int, longest_gap: float

@@ -4,10 +4,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Literal
+from typing import Any, Literal
 
+from uw_visibility.messages.stamps import iso_time, seconds
 from uw_visibility.optics.water_type import TYPES
 from uw_visibility.plausibility.verdict import Verdict
 from uw_visibility.status import Status
@@ -48,6 +51,9 @@ class Column:
         The column whose standard deviation this is.
     status : str
         The column that says why a value is missing.
+    source : str
+        Where the value is, as in ``"estimate.water.attenuation.0"``: an attribute of a
+        `JoinedFrame` or what `recorder.row_of` derives, and on from there.
     """
 
     kind: Kind
@@ -59,10 +65,30 @@ class Column:
     meanings: tuple[str, ...] = ()
     stddev_of: str = ""
     status: str = ""
+    source: str = ""
 
     def meaning(self, choice: str) -> str:
         """Return what a word of the table says in reports and messages."""
         return dict(zip(self.choices, self.meanings, strict=True)).get(choice, choice)
+
+    def text(self, sources: Mapping[str, Any]) -> str:
+        """Return what the table has for a frame; empty where it is not known.
+
+        Numbers are written so that reading them gives the same ones.
+        """
+        first, *path = self.source.split(".")
+        value = sources[first]
+        for name in path:
+            if value is None:
+                return ""
+            value = value[int(name)] if name.isdigit() else getattr(value, name)
+        if self.kind == "datetime":
+            return iso_time(value)
+        if self.unit == "s":  # times are held in ns
+            return seconds(value)
+        if self.kind == "number":
+            return repr(float(value)) if value is not None and math.isfinite(value) else ""
+        return word(value) if isinstance(value, Enum) else str(value if value is not None else "")
 
 
 def word(value: Enum) -> str:
@@ -73,58 +99,75 @@ def word(value: Enum) -> str:
     return value.name.lower() if isinstance(value, Status) else str(value).replace(" ", "_")
 
 
-def _integer(title: str, description: str = "") -> Column:
-    return Column("integer", title, "1", description)
+def _integer(source: str, title: str) -> Column:
+    return Column("integer", title, "1", source=source)
 
 
-def _number(title: str, unit: str, description: str = "", standard_name: str = "") -> Column:
-    return Column("number", title, unit, description, standard_name)
+def _number(
+    source: str, title: str, unit: str, description: str = "", standard_name: str = ""
+) -> Column:
+    return Column("number", title, unit, description, standard_name, source=source)
 
 
-def _choice(title: str, choices: type[Enum], **more: str) -> Column:
+def _choice(source: str, title: str, choices: type[Enum], **more: str) -> Column:
     return Column(
         "choice", title, choices=(*map(word, choices), *more),
-        meanings=(*map(str, choices), *more.values()))
+        meanings=(*map(str, choices), *more.values()), source=source)
 
 
-def with_stddev(
-    name: str, title: str, unit: str, description: str = "", standard_name: str = "",
-    status: str = "",
+def _with_stddev(
+    name: str, source: str, title: str, unit: str, description: str = "",
+    standard_name: str = "", status: str = "",
 ) -> dict[str, Column]:
     """Return a column of numbers and that of their standard deviations."""
     error = f"{standard_name} standard_error" if standard_name else ""
     return {
         name: Column(
-            "number", title, unit, description, standard_name, status=status),
+            "number", title, unit, description, standard_name, status=status, source=source),
         f"{name}_stddev": Column(
-            "number", f"standard deviation of {title}", unit, "", error, stddev_of=name),
+            "number", f"standard deviation of {title}", unit, "", error, stddev_of=name,
+            source=f"{source}_stddev"),
     }
 
 
-def _attenuation(prefix: str, of: str) -> dict[str, Column]:
-    found: dict[str, Column] = {}
-    for channel in CHANNELS:
-        found |= with_stddev(
-            f"{prefix}attenuation_{channel}", f"attenuation β, {channel} channel{of}", "m-1",
-            "Beam attenuation as the camera's channel sees it (Roser et al. 2014, eq. 1)",
-            BEAM, status="" if prefix else "status")
-    return found
-
-
-def _visibility(prefix: str, of: str) -> dict[str, Column]:
+def _by_channel(
+    name: str, source: str, title: str, unit: str, description: str, standard_name: str = "",
+    status: str = "", of: str = "",
+) -> dict[str, Column]:
+    """Return the columns of each channel of an array and of its standard deviations."""
     return {
-        **with_stddev(
-            f"{prefix}mean_attenuation", f"mean attenuation α{of}", "m-1",
+        column: replace(described, source=f"{described.source}.{index}")
+        for index, channel in enumerate(CHANNELS)
+        for column, described in _with_stddev(
+            f"{name}_{channel}", source, f"{title}, {channel} channel{of}", unit, description,
+            standard_name, status).items()
+    }
+
+
+def _attenuation(prefix: str, source: str, of: str) -> dict[str, Column]:
+    return _by_channel(
+        f"{prefix}attenuation", f"{source}.water.attenuation", "attenuation β", "m-1",
+        "Beam attenuation as the camera's channel sees it (Roser et al. 2014, eq. 1)",
+        BEAM, "" if prefix else "status", of)
+
+
+def _visibility(prefix: str, source: str, of: str) -> dict[str, Column]:
+    return {
+        **_with_stddev(
+            f"{prefix}mean_attenuation", f"{source}.visibility.mean_attenuation",
+            f"mean attenuation α{of}", "m-1",
             "Mean over the channels of what the water attenuates beyond clear sea water "
             "(Roser et al. 2014, eq. 9)", status="" if prefix else "status"),
-        **with_stddev(
-            f"{prefix}visibility_distance", f"visibility distance{of}", "m",
+        **_with_stddev(
+            f"{prefix}visibility_distance", f"{source}.visibility.distance",
+            f"visibility distance{of}", "m",
             "Distance at which contrast is down to the one that parameter assessment.contrast "
             "names, 5 % if not changed, in the clearest channel: "
             "ln((1 - C)/(2 C) + 1)/min β, 2.35/min β (Roser et al. 2014, eq. 11-12)",
             status="" if prefix else "visibility_status"),
-        **with_stddev(
-            f"{prefix}depth", f"depth of the camera by the colour of daylight{of}", "m",
+        **_with_stddev(
+            f"{prefix}depth", f"{source}.visibility.depth",
+            f"depth of the camera by the colour of daylight{of}", "m",
             "Positive down (Roser et al. 2014, eq. 13-14)", "depth",
             status="" if prefix else "depth_status"),
     }
@@ -137,90 +180,107 @@ _STANDARD_NAMES = {
 
 
 def _derived(prefix: str, of: str) -> dict[str, Column]:
+    source = f"{prefix}derived"
     found: dict[str, Column] = {}
     for name, quantity in QUANTITIES.items():
-        found |= with_stddev(
-            f"{prefix}{name}", f"{quantity.title}{of}", quantity.unit,
+        found |= _with_stddev(
+            f"{prefix}{name}", f"{source}.{name}", f"{quantity.title}{of}", quantity.unit,
             f"{quantity.definition}. {quantity.caveat} Source: {quantity.source}.",
             _STANDARD_NAMES.get(name, ""), status=f"{prefix}water_type_status")
     return {
         **found,
         f"{prefix}water_type": Column(
             "choice", f"nearest Jerlov water type{of}", choices=TYPES, meanings=TYPES,
-            description="By the likelihood of the attenuation in the three channels"),
+            description="By the likelihood of the attenuation in the three channels",
+            source=f"{source}.water_type"),
         f"{prefix}water_type_likelihood": _number(
-            f"likelihood of that type{of}", "1", "Its share of the likelihood of all ten types"),
-        f"{prefix}water_type_status": _choice(f"why no water type is told{of}", Status),
+            f"{source}.water_type_likelihood", f"likelihood of that type{of}", "1",
+            "Its share of the likelihood of all ten types"),
+        f"{prefix}water_type_status": _choice(
+            f"{source}.water_type_status", f"why no water type is told{of}", Status),
     }
 
 
 FILTERED = ", filtered over frames"
 
 COLUMNS: dict[str, Column] = {
-    "frame": _integer("number of the frame in the recording"),
+    "frame": _integer("record.frame", "number of the frame in the recording"),
     "datetime": Column(
-        "datetime", "stamp of the left image", description="UTC, ISO 8601"),
-    "stamp": _number("stamp of the left image", "s", "Since 1970, UTC, to the nanosecond"),
-    "right_stamp": _number("stamp of the right image", "s", "As stamp"),
-    "time": _number("time at which the left image was received", "s", "As stamp"),
+        "datetime", "stamp of the left image", description="UTC, ISO 8601",
+        source="record.stamp"),
+    "stamp": _number(
+        "record.stamp", "stamp of the left image", "s", "Since 1970, UTC, to the nanosecond"),
+    "right_stamp": _number("record.right_stamp", "stamp of the right image", "s", "As stamp"),
+    "time": _number(
+        "record.time", "time at which the left image was received", "s", "As stamp"),
     "status": _choice(
-        "whether attenuation was assessed, or why not", Status,
+        "estimate.water.status", "whether attenuation was assessed, or why not", Status,
         **{FAILED: "the frame gave no result; the column reason says why"}),
-    "visibility_status": _choice("whether visibility was assessed, or why not", Status),
-    "depth_status": _choice("whether depth was assessed, or why not", Status),
-    "reason": Column("text", "why the frame gave no result"),
-    **_attenuation("", ""),
-    **{
-        name: column for channel in CHANNELS for name, column in with_stddev(
-            f"ambient_light_{channel}", f"ambient light I∞, {channel} channel", "1",
-            "Irradiance of open water, 1 is the largest value of a pixel", status="status",
-        ).items()
-    },
-    **_visibility("", ""),
+    "visibility_status": _choice(
+        "estimate.visibility.status", "whether visibility was assessed, or why not", Status),
+    "depth_status": _choice(
+        "estimate.visibility.depth_status", "whether depth was assessed, or why not", Status),
+    "reason": Column("text", "why the frame gave no result", source="record.reason"),
+    **_attenuation("", "estimate", ""),
+    **_by_channel(
+        "ambient_light", "estimate.water.ambient_light", "ambient light I∞", "1",
+        "Irradiance of open water, 1 is the largest value of a pixel", status="status"),
+    **_visibility("", "estimate", ""),
     "depth_precision": _number(
+        "estimate.visibility.depth_precision",
         "part of depth's standard deviation that differs between frames", "m",
         "Without what is not known of water type and white balance, which stay the same"),
     **_derived("", ""),
-    **_attenuation("filtered_", FILTERED),
-    **_visibility("filtered_", FILTERED),
+    **_attenuation("filtered_", "filtered", FILTERED),
+    **_visibility("filtered_", "filtered", FILTERED),
     **_derived("filtered_", FILTERED),
-    "filtering": _choice("what the frame did to the filter's state", TrackingEvent),
-    "survey_frames": _integer("frames that the filtered state is a survey of"),
-    "survey_range_min": _number("least range of the survey", "m"),
-    "survey_range_max": _number("largest range of the survey", "m"),
-    "support_points": _integer("support points of step 1"),
-    "coverage": _number("part of the left image that their mesh covers", "1"),
-    "matched_fraction": _number("matched part of the left image", "1"),
-    "matched_fraction_original": _number("matched part without restoration", "1"),
-    "limited_fraction": _number("part of the pixels whose gain was limited", "1"),
-    **with_stddev("sensor_depth", "depth by the depth sensor", "m", "Positive down", "depth"),
-    "innovation": _number("sensor minus estimate", "m"),
-    "nis": _number("squared innovation over its variance", "1"),
-    "plausibility": _choice("verdict on the depth sensor", Verdict),
-    "plausibility_reason": Column("text", "why that is not ok"),
-    "longitude": _number("longitude", "degrees_east", "WGS 84", "longitude"),
-    "latitude": _number("latitude", "degrees_north", "WGS 84", "latitude"),
-    "x": _number("position x of the recorded Odometry", "m"),
-    "y": _number("position y of the recorded Odometry", "m"),
+    "filtering": _choice(
+        "filtered.event", "what the frame did to the filter's state", TrackingEvent),
+    "survey_frames": _integer(
+        "filtered.survey.frames", "frames that the filtered state is a survey of"),
+    "survey_range_min": _number(
+        "filtered.survey.range_min", "least range of the survey", "m"),
+    "survey_range_max": _number(
+        "filtered.survey.range_max", "largest range of the survey", "m"),
+    "support_points": _integer("estimate.support_points", "support points of step 1"),
+    "coverage": _number(
+        "estimate.coverage", "part of the left image that their mesh covers", "1"),
+    "matched_fraction": _number(
+        "estimate.matched_fraction", "matched part of the left image", "1"),
+    "matched_fraction_original": _number(
+        "estimate.matched_fraction_original", "matched part without restoration", "1"),
+    "limited_fraction": _number(
+        "estimate.limited_fraction", "part of the pixels whose gain was limited", "1"),
+    **_with_stddev(
+        "sensor_depth", "sensor.depth", "depth by the depth sensor", "m", "Positive down",
+        "depth"),
+    "innovation": _number("comparison.innovation", "sensor minus estimate", "m"),
+    "nis": _number("comparison.nis", "squared innovation over its variance", "1"),
+    "plausibility": _choice("verdict", "verdict on the depth sensor", Verdict),
+    "plausibility_reason": Column("text", "why that is not ok", source="verdict_reason"),
+    "longitude": _number("longitude", "longitude", "degrees_east", "WGS 84", "longitude"),
+    "latitude": _number("latitude", "latitude", "degrees_north", "WGS 84", "latitude"),
+    "x": _number("x", "position x of the recorded Odometry", "m"),
+    "y": _number("y", "position y of the recorded Odometry", "m"),
 }
 """Columns of ``frames.csv`` by name, in order; empty = not known."""
 
 TURBIDITY = {
     name: column for prefix, of in (("", ""), ("filtered_", FILTERED))
-    for name, column in with_stddev(
-        f"{prefix}turbidity", f"turbidity{of}", "1",
+    for name, column in _with_stddev(
+        f"{prefix}turbidity", f"{prefix}turbidity", f"turbidity{of}", "1",
         "FNU as the user's own sensor would read, by a line fitted to it over the beam "
         "attenuation of the green channel (replay --turbidity)", "sea_water_turbidity",
     ).items()
 }
 """Columns that a fit to a turbidity sensor adds."""
 
-
 TRANSECT = "transect"
 TRANSECT_COLUMN = Column("text", "recording that the frame is of", description="Name of its folder")
 """Column that tables of several recordings begin with."""
 
 
-def joined(title: str) -> Column:
-    """Return the column of a joined topic."""
-    return Column("number", f"{title}, at the frame's stamp", "", "In the unit of the recording")
+def joined_column(title: str, index: int) -> Column:
+    """Return the column of a joined topic, of its place among them."""
+    return _number(
+        f"scalars.{index}", f"{title}, at the frame's stamp", "", "In the unit of the recording")

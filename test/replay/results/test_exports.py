@@ -20,12 +20,13 @@ import pytest
 from bag_copies import FRAMES, Message, copy_bag, copy_bag_ros1, run
 from rosbags.typesys import Stores, get_typestore
 
+from uw_visibility.messages.stamps import nanoseconds, seconds
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import COLUMNS, FAILED
 from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.results.data_dictionary import SUFFIX
 from uw_visibility.replay.results.netcdf import write_netcdf
-from uw_visibility.replay.table import TableWriter, nanoseconds, read_rows, seconds
+from uw_visibility.replay.table import TableWriter, read_rows
 from uw_visibility.status import Status
 
 LAST_FIX = FRAMES - 2

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from uw_visibility.messages.stamps import nanoseconds
 from uw_visibility.replay.columns import CHANNELS, COLUMNS
 from uw_visibility.replay.report.overview import percent
 from uw_visibility.replay.report.sentences import clock, number, rounded
-from uw_visibility.replay.table import nanoseconds
 
 
 def caption(row: Mapping[str, str], formula: str) -> str:

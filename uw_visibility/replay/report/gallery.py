@@ -18,12 +18,12 @@ from uw_visibility.images.files import write_png
 from uw_visibility.images.overview import DRAWN_SHARE, draw_disparity, shown, viridis
 from uw_visibility.messages.compressed import read_compressed
 from uw_visibility.messages.images import read_disparity, read_image
-from uw_visibility.messages.stamps import header_stamp
+from uw_visibility.messages.stamps import header_stamp, nanoseconds
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.results.mcap import NAME
-from uw_visibility.replay.table import nanoseconds, read_columns, read_rows
+from uw_visibility.replay.table import read_columns, read_rows
 
 # Frames that the colours of all are chosen from.
 SCALE_FRAMES = 16

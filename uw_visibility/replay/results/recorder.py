@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,14 @@ from uw_visibility.messages.estimates import ESTIMATES, Estimate
 from uw_visibility.messages.outputs import FILTERED, all_topics
 from uw_visibility.replay.bags.decoder import jazzy_types
 from uw_visibility.replay.bags.reader import Recorded
-from uw_visibility.replay.columns import COLUMNS, TURBIDITY, Column
-from uw_visibility.replay.columns import joined as joined_column
+from uw_visibility.replay.columns import COLUMNS, FAILED, TURBIDITY, Column, joined_column
 from uw_visibility.replay.frame_log import FrameLog
 from uw_visibility.replay.inputs.options import ReplayOptions
+from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.records import FrameEstimate, JoinedFrame
 from uw_visibility.replay.results.data_dictionary import write_dictionary
 from uw_visibility.replay.results.mcap import ResultWriter
-from uw_visibility.replay.table import TableWriter, row_of
+from uw_visibility.replay.table import TableWriter
 from uw_visibility.replay.work import FrameAnswer
 from uw_visibility.water.derived import DerivedModel
 from uw_visibility.water.estimate import LampLight
@@ -32,8 +33,42 @@ def columns_of(options: ReplayOptions) -> dict[str, Column]:
     """Return the columns of the table that a replay writes."""
     return {
         **COLUMNS, **(TURBIDITY if options.turbidity else {}),
-        **{join.column: joined_column(str(join)) for join in options.joins},
+        **{join.column: joined_column(str(join), k) for k, join in enumerate(options.joins)},
     }
+
+
+def row_of(
+    columns: Mapping[str, Column], joined: JoinedFrame, model: DerivedModel,
+    turbidity: LineFit | None = None,
+) -> dict[str, str]:
+    """Write a frame as a row of the table; what it lacks stays empty.
+
+    Parameters
+    ----------
+    columns : mapping of str to Column
+        Of the table.
+    joined : JoinedFrame
+    model : DerivedModel
+        Derives the field's quantities.
+    turbidity : LineFit or None
+        Of turbidity over attenuation.
+
+    Returns
+    -------
+    dict of str to str
+        Text by column.
+    """
+    estimate = joined.record.estimate
+    sources = {**vars(joined), "estimate": estimate}
+    for prefix, found in (("", estimate), ("filtered_", joined.filtered)):
+        derived = None if found is None else model.derive(found.water)
+        sources[f"{prefix}derived"] = derived
+        if turbidity is not None:
+            sources[f"{prefix}turbidity"], sources[f"{prefix}turbidity_stddev"] = (
+                (math.nan, math.nan) if derived is None else turbidity.predict(
+                    derived.beam_attenuation, derived.beam_attenuation_stddev))
+    row = {name: column.text(sources) for name, column in columns.items()}
+    return row if estimate is not None else {**row, "status": FAILED}
 
 
 def frame_topics(options: ReplayOptions) -> list[str]:
@@ -78,7 +113,6 @@ class FrameRecorder:
         self.resumed = 0
         self._folder = folder
         self._earlier = earlier
-        self._joins = [join.column for join in options.joins]
         self._turbidity = options.turbidity
         self.columns = columns_of(options)
         self.model = DerivedModel.from_config(options.pipeline)
@@ -117,7 +151,7 @@ class FrameRecorder:
 
     def write_row(self, joined: JoinedFrame) -> None:
         """Write a row that is complete, and the comparison with the sensor in it."""
-        self._table.write(row_of(joined, self.model, self._joins, self._turbidity))
+        self._table.write(row_of(self.columns, joined, self.model, self._turbidity))
         self._results.write_nis(joined)
         self._results.write_diagnostics(joined)
 
