@@ -27,8 +27,8 @@ from soak import spoil
 # The node says how it is once a second, which is what a case would wait for.
 NODE = """
 import sys
-from uw_visibility.ros.monitor import diagnostics
-diagnostics.PERIOD = 0.05
+from uw_visibility.ros import monitor
+monitor.PERIOD = 0.05
 from uw_visibility.ros.start import node
 sys.exit(node())
 """

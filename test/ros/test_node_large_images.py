@@ -30,8 +30,8 @@ LOST = 3.0  # s
 # Of which the node tells sooner than once a second.
 NODE = """
 import sys
-from uw_visibility.ros.monitor import diagnostics
-diagnostics.PERIOD = 0.05
+from uw_visibility.ros import monitor
+monitor.PERIOD = 0.05
 from uw_visibility.ros.start import node
 sys.exit(node())
 """

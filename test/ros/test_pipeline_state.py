@@ -9,8 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from uw_visibility.ros.monitor.finding import OK, WARN
-from uw_visibility.ros.monitor.reasons import ReasonLog
+from uw_visibility.ros.monitor import OK, WARN, ReasonLog
 from uw_visibility.ros.pipeline_state import PipelineState
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility

@@ -18,7 +18,7 @@ ENVIRONMENT = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 NODE = """
 import os, signal, sys, threading, time, rclpy
 from rclpy.node import Node
-from uw_visibility.ros.monitor.faults import FaultLog
+from uw_visibility.ros.monitor import FaultLog
 from uw_visibility.ros.run import run
 class Quiet(Node):
     def __init__(self):
@@ -61,7 +61,7 @@ def interrupt():
 
 # A signal comes while the node looks at what it will say of itself.
 IN_A_CALLBACK = NODE + INTERRUPT + """
-from uw_visibility.ros.monitor.diagnostics import DiagnosticsPublisher
+from uw_visibility.ros.monitor import DiagnosticsPublisher
 class Diagnosed(Quiet):
     def prepare(self):
         DiagnosticsPublisher(self, self.diagnose, self.faults)

@@ -75,5 +75,5 @@ def _load() -> tuple[Any, Any]:
     with needing("ros,report", "the demo"):
         from uw_visibility.commands.demonstration.node_process import NodeDied
         from uw_visibility.commands.demonstration.run import demonstrate
-        from uw_visibility.ros.client import link  # noqa: F401
+        from uw_visibility.ros import client  # noqa: F401
     return demonstrate, NodeDied

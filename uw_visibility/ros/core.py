@@ -24,9 +24,7 @@ from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.processor import FrameProcessor, FrameWork, try_out, warm_up
 from uw_visibility.ros.depth_check import DepthCheck
 from uw_visibility.ros.inputs import RESTING, SILENCE, StereoInput
-from uw_visibility.ros.monitor.faults import describe_fault
-from uw_visibility.ros.monitor.finding import OK, WARN, Finding
-from uw_visibility.ros.monitor.reasons import ReasonLog
+from uw_visibility.ros.monitor import OK, WARN, Finding, ReasonLog, describe_fault
 from uw_visibility.ros.parameters import NodeParameters, Settings, check_qos_overrides
 from uw_visibility.ros.pipeline_state import PipelineState
 from uw_visibility.ros.transport.factory import make_message, message_type

@@ -19,8 +19,7 @@ from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.plausibility.monitor import DepthMonitor
 from uw_visibility.plausibility.samples import DepthSample
 from uw_visibility.plausibility.verdict import Comparison, Report, Verdict
-from uw_visibility.ros.monitor.finding import ERROR, OK, STALE, WARN, Finding
-from uw_visibility.ros.monitor.reasons import ReasonLog
+from uw_visibility.ros.monitor import ERROR, OK, STALE, WARN, Finding, ReasonLog
 from uw_visibility.ros.parameters import NodeParameters
 from uw_visibility.ros.transport.factory import make_message, message_type
 from uw_visibility.ros.transport.qos import describe_publishers, publish_on, subscribe_to
@@ -162,9 +161,9 @@ def _values(report: Report) -> dict[str, Any]:
     if last is not None:
         values |= {
             "estimated depth (m)": _number(last.estimate.depth),
-            "estimated depth stddev (m)": _number(last.estimate.variance**0.5),
+            "estimated depth stddev (m)": _number(last.estimate.depth_stddev),
             "sensor depth (m)": _number(last.sensor.depth),
-            "sensor depth stddev (m)": _number(last.sensor.variance**0.5),
+            "sensor depth stddev (m)": _number(last.sensor.depth_stddev),
             "innovation (m)": _number(last.innovation),
             "innovation variance (m^2)": _number(last.variance),
             "nis": _number(last.nis),

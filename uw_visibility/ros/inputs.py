@@ -16,9 +16,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.messages.synchronizer import SIDES, SynchronizedFrame, Synchronizer
-from uw_visibility.ros.monitor.finding import ERROR, OK, WARN, Finding
-from uw_visibility.ros.monitor.rates import RecentCounts
-from uw_visibility.ros.monitor.reasons import ReasonLog
+from uw_visibility.ros.monitor import ERROR, OK, WARN, Finding, ReasonLog, RecentCounts
 from uw_visibility.ros.parameters import NodeParameters
 from uw_visibility.ros.transport.qos import IMAGE_DEPTH, describe_publishers, subscribe_to
 from uw_visibility.ros.transport.subscription import AdaptiveReliabilitySubscription

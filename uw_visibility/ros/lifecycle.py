@@ -15,7 +15,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from uw_visibility.errors import InputError, printable
-from uw_visibility.ros.monitor.finding import OK, WARN, Finding
+from uw_visibility.ros.monitor import OK, WARN, Finding
 from uw_visibility.ros.run import STOP_TIMEOUT, run
 
 if TYPE_CHECKING:
@@ -45,8 +45,7 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         super().__init__("uw_visibility")
         # Imported here: the middleware looks for others meanwhile, in threads of its own.
         from uw_visibility.ros.core import NodeCore
-        from uw_visibility.ros.monitor.diagnostics import DiagnosticsPublisher
-        from uw_visibility.ros.monitor.faults import FaultLog
+        from uw_visibility.ros.monitor import DiagnosticsPublisher, FaultLog
         from uw_visibility.ros.parameters import NodeParameters
 
         self.faults = FaultLog(self)

@@ -30,8 +30,7 @@ class UwVisibilityNode(Node):
         super().__init__("uw_visibility")
         # Imported here: the middleware looks for others meanwhile, in threads of its own.
         from uw_visibility.ros.core import NodeCore
-        from uw_visibility.ros.monitor.diagnostics import DiagnosticsPublisher
-        from uw_visibility.ros.monitor.faults import FaultLog
+        from uw_visibility.ros.monitor import DiagnosticsPublisher, FaultLog
         from uw_visibility.ros.parameters import NodeParameters
 
         self.faults = FaultLog(self)

@@ -22,7 +22,7 @@ from uw_visibility.config.parameters import ParameterInfo, describe
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError, printable
 from uw_visibility.optics.spectra import load_response
-from uw_visibility.ros.monitor.faults import describe_fault
+from uw_visibility.ros.monitor import describe_fault
 from uw_visibility.ros.transport.qos import QOS_PREFIX
 
 TYPES = {

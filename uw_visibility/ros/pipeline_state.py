@@ -13,13 +13,17 @@ from typing import Any
 from uw_visibility.compute.jit import counts
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.ros.inputs import SILENCE
-from uw_visibility.ros.monitor.finding import ERROR, OK, WARN, Finding
-from uw_visibility.ros.monitor.rates import RecentCounts
-from uw_visibility.ros.monitor.reasons import ReasonLog
+from uw_visibility.ros.monitor import (
+    ERROR,
+    OK,
+    SHOWN_REASONS,
+    WARN,
+    Finding,
+    ReasonLog,
+    RecentCounts,
+)
 from uw_visibility.status import Status
 from uw_visibility.water.filter import FilteredWater
-
-SHOWN_REASONS = 10
 
 
 class PipelineState:

@@ -12,8 +12,7 @@ from uw_visibility.commands.demonstration.node_process import NodeDied
 from uw_visibility.commands.demonstration.recording import RecordedFrame
 
 if TYPE_CHECKING:
-    from uw_visibility.ros.client.collector import Collector
-    from uw_visibility.ros.client.player import Player
+    from uw_visibility.ros.client import Collector, Player
 
 Check = Callable[[], None]
 """Called again and again; raises where the work cannot or shall not go on."""

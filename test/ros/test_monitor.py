@@ -1,11 +1,11 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reasons are logged at once, then rarely, and never grow without bound."""
+"""Reasons are logged at once, then rarely, and never grow without bound; counts slide."""
 
 from __future__ import annotations
 
 from uw_visibility.errors import LONGEST_MESSAGE
-from uw_visibility.ros.monitor.reasons import FURTHER, MAX_LINES, MAX_REASONS, ReasonLog
+from uw_visibility.ros.monitor import FURTHER, MAX_LINES, MAX_REASONS, ReasonLog, RecentCounts
 
 
 def test_reason_is_logged_at_once_and_then_with_its_count() -> None:
@@ -47,3 +47,20 @@ def test_texts_from_outside_cannot_forge_lines_of_the_log() -> None:
     ReasonLog(lines.append).add("odd encoding 'a\n[INFO] all is well\x1b[2J'" + 5000 * "x")
     assert len(lines[0]) <= LONGEST_MESSAGE
     assert lines[0].isprintable()
+
+
+def test_growth_within_the_window() -> None:
+    recent = RecentCounts(5.0)
+    assert recent.update(0.0, {"left": 7}) == {}
+    growths = [recent.update(t, {"left": 7 + 2 * t, "right": 3}) for t in range(1, 20)]
+    assert growths[2] == {"left": 6, "right": 3}
+    assert growths[-1] == {"left": 10}
+    assert recent.duration == 5.0
+
+
+def test_window_without_updates_reaches_back_to_the_last_one() -> None:
+    recent = RecentCounts(5.0)
+    recent.update(0.0, {"left": 0})
+    recent.update(1.0, {"left": 1})
+    assert recent.update(60.0, {"left": 1}) == {}
+    assert recent.duration == 59.0

@@ -1,23 +1,73 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Collector of another node's messages, with the times of their arrival."""
+"""Client of the node: plays messages into it, and collects its outputs."""
 
 from __future__ import annotations
 
 import functools
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
-from uw_visibility.messages.stamps import header_stamp
+from uw_visibility.messages.stamps import header_stamp, with_stamp
 from uw_visibility.ros.transport.factory import message_type
 
 UNSTAMPED = ("std_msgs/msg/Float64",)
+
+
+class Player:
+    """Publisher of serialised messages.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Publishers are made on it.
+    topics : mapping of str to str
+        Type of message by topic. Every type begins with a header.
+    reliability : ReliabilityPolicy
+        By default reliable, so that an image of many packets arrives whole.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topics: Mapping[str, str],
+        reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE,
+    ) -> None:
+        self._node = node
+        # Deep enough to hold both images while a slow machine sends them.
+        qos = QoSProfile(depth=10, reliability=reliability)
+        self._publishers = {
+            topic: node.create_publisher(message_type(name), topic, qos)
+            for topic, name in topics.items()
+        }
+
+    def unheard(self) -> list[str]:
+        """Return the topics that nobody subscribes to yet."""
+        return [t for t, p in self._publishers.items() if p.get_subscription_count() == 0]
+
+    def publish(self, messages: Mapping[str, bytes]) -> int:
+        """Publish messages of one instant, stamped with the present time.
+
+        Returns
+        -------
+        int
+            The stamp in ns, the same for all.
+        """
+        stamp = time.time_ns()
+        for topic, data in messages.items():
+            self._publishers[topic].publish(with_stamp(data, stamp))
+        return stamp
 
 
 class Arrival(NamedTuple):
@@ -107,3 +157,49 @@ class Collector:
         with self._news:
             self._arrivals[topic].append(Arrival(now, data))
             self._news.notify_all()
+
+
+@contextmanager
+def open_link(
+    domain: int, played: Mapping[str, str], collected: Mapping[str, str]
+) -> Iterator[tuple[Player, Collector]]:
+    """Join a ROS domain with a player and a collector, as long as the context lasts.
+
+    Parameters
+    ----------
+    domain : int
+        ROS domain.
+    played, collected : mapping of str to str
+        Types of message by topic.
+
+    Yields
+    ------
+    player : Player
+    collector : Collector
+        Receives in a thread of its own.
+    """
+    context = rclpy.Context()
+    # Signals are the command's: Ctrl-C has to end more than ROS.
+    rclpy.init(
+        args=[], context=context, domain_id=domain,
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    node = rclpy.create_node("uw_visibility_demo", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    ending = Future()
+    thread = threading.Thread(
+        target=executor.spin_until_future_complete, args=(ending,), name="collector", daemon=True
+    )
+    try:
+        player, collector = Player(node, played), Collector(node, collected)
+        thread.start()
+        yield player, collector
+    finally:
+        # The executor takes away what it waits with, from under whoever still spins it.
+        ending.set_result(None)
+        if thread.is_alive():
+            thread.join()
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown(context=context)

@@ -1,0 +1,266 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a node tells of itself: findings, rates, reasons why there is no output, diagnostics."""
+
+from __future__ import annotations
+
+import threading
+import time
+import traceback
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from uw_visibility.errors import LONGEST_MESSAGE, printable
+
+OK, WARN, ERROR, STALE = (
+    DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE,
+)
+
+# Reasons carry numbers of the input, so a bad publisher can make many of them.
+MAX_REASONS = 100
+# Lines in one period, of whatever reasons.
+MAX_LINES = 20
+FURTHER = "further reasons"
+SHOWN_REASONS = 10
+# How long a fault is the callbacks' present state, s.
+RECENT = 10.0
+# Of the diagnostics, s.
+PERIOD = 1.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """State of a part of the node: level, one sentence, and numbers."""
+
+    level: bytes
+    message: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+class RecentCounts:
+    """Differences of counters over the last seconds.
+
+    Parameters
+    ----------
+    window : float
+        How far back the differences reach, s.
+
+    Attributes
+    ----------
+    duration : float
+        How far back they reach so far, s.
+    """
+
+    def __init__(self, window: float) -> None:
+        self.duration = 0.0
+        self._window = window
+        self._snapshots: deque[tuple[float, dict[str, int]]] = deque()
+
+    def update(self, now: float, counts: Mapping[str, int]) -> dict[str, int]:
+        """Return the counts over the last seconds.
+
+        Parameters
+        ----------
+        now : float
+            Time, s.
+        counts : mapping of str to int
+            Counters, which only grow.
+
+        Returns
+        -------
+        dict of str to int
+            What each counter grew by; those that did not grow are absent.
+        """
+        self._snapshots.append((now, dict(counts)))
+        while len(self._snapshots) > 2 and now - self._snapshots[1][0] >= self._window:
+            self._snapshots.popleft()
+        begin, before = self._snapshots[0]
+        self.duration = now - begin
+        growth = {name: count - before.get(name, 0) for name, count in counts.items()}
+        return {name: number for name, number in growth.items() if number}
+
+
+class ReasonLog:
+    """Logs a reason when it is new, and again at most once per period, with its count.
+
+    Of many reasons those that occurred last are kept.
+
+    Safe to use from several threads.
+
+    Parameters
+    ----------
+    log : callable
+        Takes the line to log.
+    period : float
+        Shortest time between two lines for one reason, s.
+    clock : callable
+        Returns a time in s.
+
+    Attributes
+    ----------
+    counts : Counter of str
+        How often each of the latest reasons occurred, the last one last.
+    total : int
+        How often any reason occurred.
+    """
+
+    def __init__(
+        self,
+        log: Callable[[str], None],
+        period: float = 5.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.counts: Counter[str] = Counter()
+        self.total = 0
+        self._log = log
+        self._period = period
+        self._clock = clock
+        self._logged: dict[str, float] = {}
+        self._lines: deque[float] = deque(maxlen=MAX_LINES)
+        self._lock = threading.Lock()
+
+    def selection(self, number: int) -> dict[str, int]:
+        """Return the latest and the most frequent reasons, so many of each, and all others as one.
+
+        Parameters
+        ----------
+        number : int
+            How many of either.
+
+        Returns
+        -------
+        dict of str to int
+            How often each occurred.
+        """
+        with self._lock:
+            shown = dict([*self.counts.items()][-number:]) | dict(self.counts.most_common(number))
+            rest = self.total - sum(shown.values())
+        return shown | ({FURTHER: rest} if rest else {})
+
+    def add(self, reason: str, details: str = "") -> None:
+        """Count a reason; details are added the first time it is logged."""
+        reason = printable(reason, LONGEST_MESSAGE)
+        with self._lock:
+            self.total += 1
+            count = self.counts.pop(reason, 0) + 1
+            self.counts[reason] = count
+            if len(self.counts) > MAX_REASONS:
+                oldest = next(iter(self.counts))
+                del self.counts[oldest]
+                self._logged.pop(oldest, None)
+            now = self._clock()
+            last = self._logged.get(reason)
+            if last is not None and now - last < self._period:
+                return
+            if len(self._lines) == MAX_LINES and now - self._lines[0] < self._period:
+                return
+            self._logged[reason] = now
+            self._lines.append(now)
+        lines = "\n".join(printable(line, LONGEST_MESSAGE) for line in details.split("\n"))
+        self._log(reason + (f" ({count} times so far)" if count > 1 else lines))
+
+
+class FaultLog:
+    """Log of exceptions that callbacks and timers raised, with their counts.
+
+    Safe to use from several threads. Once the node's context has ended, which rclpy's own
+    handlers of signals do while callbacks run, whatever uses it fails: that is no fault.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Whose log tells of them.
+    """
+
+    def __init__(self, node: Node) -> None:
+        log = node.get_logger()
+        self._context = node.context
+        self._reasons = ReasonLog(lambda line: log.error(line))
+        self._last: tuple[float, str] | None = None
+
+    def add(self, error: BaseException) -> None:
+        """Count an exception; its traceback is logged the first time."""
+        if not self._context.ok():
+            return
+        reason = describe_fault(error)
+        self._last = time.monotonic(), reason
+        details = "".join(traceback.format_exception(error))
+        self._reasons.add(f"a callback failed with {reason}", f"\n{details}")
+
+    def diagnose(self) -> Finding:
+        """Return level, message and numbers."""
+        values: dict[str, Any] = {"failed callbacks": self._reasons.total}
+        values |= {
+            f"problem: {reason}": count
+            for reason, count in self._reasons.selection(SHOWN_REASONS).items()
+        }
+        if self._last is None:
+            return Finding(OK, "no callback has failed", values)
+        when, reason = self._last
+        level = ERROR if time.monotonic() - when <= RECENT else WARN
+        return Finding(level, f"a callback failed with {reason}", values)
+
+
+def describe_fault(error: BaseException) -> str:
+    """Return an exception's type and the line that raised it."""
+    places = traceback.extract_tb(error.__traceback__)
+    name = type(error).__name__
+    return f"{name} at {places[-1].filename}:{places[-1].lineno}" if places else name
+
+
+class DiagnosticsPublisher:
+    """Publishes findings as diagnostic_updater does, under the node's name, once a second.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Publisher and timer are made on it.
+    find : callable
+        Returns the findings by the part of the node that they are about.
+    faults : FaultLog
+        Is told if that fails, and reports on the part `callbacks`.
+    """
+
+    def __init__(
+        self, node: Node, find: Callable[[], Mapping[str, Finding]], faults: FaultLog
+    ) -> None:
+        self._node = node
+        self._find = find
+        self._faults = faults
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        # Time in the network and in the log is not that of a recording.
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(PERIOD, self._publish, clock=clock)
+
+    def _publish(self) -> None:
+        try:
+            findings = dict(self._find())
+        except Exception as error:
+            # Whatever cannot be told, that it cannot is.
+            self._faults.add(error)
+            findings = {}
+        findings["callbacks"] = self._faults.diagnose()
+        prefix = self._node.get_fully_qualified_name().lstrip("/")
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.status = [
+            DiagnosticStatus(
+                level=finding.level,
+                name=f"{prefix}: {part}",
+                # Names and texts of messages are in it.
+                message=printable(finding.message, LONGEST_MESSAGE),
+                hardware_id="none",
+                values=[
+                    KeyValue(key=printable(key, LONGEST_MESSAGE), value=printable(value))
+                    for key, value in finding.values.items()
+                ],
+            )
+            for part, finding in findings.items()
+        ]
+        self._publisher.publish(message)
