@@ -11,7 +11,7 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.degrade import fill_from_background
 from uw_visibility.evaluation.depth_edges import MAPS, edge_errors
 from uw_visibility.evaluation.metrics import correct_fraction
-from uw_visibility.evaluation.oracle_matching import match_with_truth
+from uw_visibility.evaluation.partial_pipeline import match_with_truth
 from uw_visibility.evaluation.readings import Truth
 from uw_visibility.evaluation.scenes import render_scene
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response

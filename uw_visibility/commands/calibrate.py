@@ -106,7 +106,7 @@ def _calibrate_lighting(arguments: argparse.Namespace) -> None:
             f"the picture would replace {picture}: give -o another name, or --force to replace")
     if picture is not None:
         with needing("report", "the picture of the lamps", ", or leave out -o"):
-            from uw_visibility.evaluation.lamps.calibration_figure import draw_calibration
+            from uw_visibility.evaluation.lamps.figures import draw_calibration
     with reading("calibrate"):
         from uw_visibility.replay.lamp_calibration import calibrate_lighting
 

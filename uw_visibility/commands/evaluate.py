@@ -231,8 +231,7 @@ def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> None:
     _check_figures()
     from uw_visibility.evaluation.lamps.cases import evaluate_lamp_case
     from uw_visibility.evaluation.lamps.figures import draw_survey, draw_visibility
-    from uw_visibility.evaluation.lamps.report import lamps_text, write_lamps
-    from uw_visibility.evaluation.lamps.summary import summarise_lamps
+    from uw_visibility.evaluation.lamps.report import lamps_text, summarise_lamps, write_lamps
     from uw_visibility.evaluation.lamps.survey import run_survey
     from uw_visibility.evaluation.parallel import run_cases
 

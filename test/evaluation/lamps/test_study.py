@@ -16,7 +16,7 @@ import pytest
 from uw_visibility.cli import main
 from uw_visibility.evaluation.lamps import cases, survey, survey_frames
 from uw_visibility.evaluation.lamps.cases import TOLD
-from uw_visibility.evaluation.lamps.summary import of_pairs
+from uw_visibility.evaluation.lamps.report import of_pairs
 from uw_visibility.evaluation.lamps.survey import at_best_exposure
 from uw_visibility.evaluation.readings import Reading, Truth
 from uw_visibility.optics.light_model import visibility_distance
