@@ -17,8 +17,7 @@ import pytest
 from uw_visibility.cli import main
 from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.day import DAY_MARK
-from uw_visibility.replay.results.data_dictionary import SUFFIX
-from uw_visibility.replay.table import read_rows
+from uw_visibility.replay.table import SUFFIX, read_rows
 from uw_visibility.simulation import bag as simulation
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.transect import Transect

@@ -7,8 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uw_visibility.replay.light_history import LightHistory
-from uw_visibility.replay.pool import FramePool
+from uw_visibility.replay.pool import FramePool, LightHistory
 from uw_visibility.water.estimate import LampLight
 
 

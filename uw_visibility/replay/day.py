@@ -15,14 +15,13 @@ from uw_visibility.errors import InputError, refusing
 from uw_visibility.replay.columns import TRANSECT, TRANSECT_COLUMN
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.positions import write_geojson
-from uw_visibility.replay.results.data_dictionary import SUFFIX, write_dictionary
 from uw_visibility.replay.results.folder import MARK, read_state
 from uw_visibility.replay.results.netcdf import write_netcdf
 from uw_visibility.replay.results.parquet import write_parquet
 from uw_visibility.replay.results.recorder import columns_of
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.stores import Place, child, exists, place, results_here
-from uw_visibility.replay.table import TableWriter, read_rows
+from uw_visibility.replay.table import SUFFIX, TableWriter, read_rows, write_dictionary
 from uw_visibility.water.derived import DerivedModel
 
 DAY_MARK = "transects.json"

@@ -14,12 +14,14 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TypeVar
 
 from uw_visibility.compute.processes import process_pool
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.messages.processor import try_out, warm_up
 from uw_visibility.replay.work import FrameAnswer, FrameTask, answer
+from uw_visibility.water.estimate import LampLight
 
 Other = TypeVar("Other")
 
@@ -89,3 +91,33 @@ def _begin(config: PipelineConfig) -> None:
     # Ctrl-C reaches every process of a terminal; the first one ends the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warm_up(config)
+
+
+class LightHistory:
+    """Light after each of the frames that are answered.
+
+    A frame gets the light up to so many frames before it: as many as several processes may be
+    at beside it, so that it does not depend on which of them is fast.
+
+    Parameters
+    ----------
+    ahead : int
+        Frames that may be unanswered when a task is given.
+    """
+
+    def __init__(self, ahead: int) -> None:
+        self._ahead = ahead
+        self._lights: deque[LampLight | None] = deque([None])
+        self._given = 0
+
+    def add(self, light: LampLight | None) -> None:
+        """Take in the light after the next frame that is answered."""
+        # What it was estimated from is long, and restores nothing.
+        self._lights.append(None if light is None else replace(light, cells=None, ground=None))
+
+    def next(self) -> LampLight | None:
+        """Light for the next frame; None before any is known."""
+        if self._given > self._ahead:
+            self._lights.popleft()
+        self._given += 1
+        return self._lights[0]

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 
 from uw_visibility.messages.estimates import ImageHeader, field_of_view
@@ -15,6 +16,10 @@ from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.filter import FilteredWater
+
+# Reasons may carry numbers of the input, and a recording may be long.
+MOST_REASONS = 50
+FURTHER = "further reasons"
 
 
 @dataclass(frozen=True)
@@ -131,3 +136,10 @@ class JoinedFrame:
     x: float = math.nan
     y: float = math.nan
     scalars: tuple[float, ...] = ()
+
+
+def count_reason(counter: Counter[str], reason: str) -> None:
+    """Count a reason; beyond `MOST_REASONS` different ones, all others are one."""
+    if reason not in counter and len(counter) >= MOST_REASONS:
+        reason = FURTHER
+    counter[reason] += 1

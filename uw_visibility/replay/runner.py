@@ -18,14 +18,12 @@ from uw_visibility.replay.inputs.lacks import without_lacking
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.positions import write_geojson
 from uw_visibility.replay.inputs.stream import Event, InputStream, RecordedFrame
-from uw_visibility.replay.light_history import LightHistory
-from uw_visibility.replay.pool import FramePool
+from uw_visibility.replay.pool import FramePool, LightHistory
 from uw_visibility.replay.progress import MakeCounter, Progress
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.folder import ResultFolder
 from uw_visibility.replay.results.joining import Joiner
-from uw_visibility.replay.results.layout_topics import copied_topics
-from uw_visibility.replay.results.mcap import EarlierPart
+from uw_visibility.replay.results.mcap import EarlierPart, copied_topics
 from uw_visibility.replay.results.netcdf import check_netcdf, write_netcdf
 from uw_visibility.replay.results.parquet import check_parquet, write_parquet
 from uw_visibility.replay.results.provenance import FileHash, Origin

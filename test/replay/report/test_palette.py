@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.optics.transfer import to_linear
 from uw_visibility.replay.report.gallery import gradient
-from uw_visibility.replay.report.palette import DATA, SURFACES
+from uw_visibility.replay.report.svg import DATA, SURFACES
 
 # Machado, Oliveira and Fernandes 2009, doi:10.1109/TVCG.2009.113, severity 1.0, linear RGB.
 SIMULATED = {

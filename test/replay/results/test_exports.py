@@ -24,9 +24,8 @@ from uw_visibility.messages.stamps import nanoseconds, seconds
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import COLUMNS, FAILED
 from uw_visibility.replay.line_fit import LineFit
-from uw_visibility.replay.results.data_dictionary import SUFFIX
 from uw_visibility.replay.results.netcdf import write_netcdf
-from uw_visibility.replay.table import TableWriter, read_rows
+from uw_visibility.replay.table import SUFFIX, TableWriter, read_rows
 from uw_visibility.status import Status
 
 LAST_FIX = FRAMES - 2

@@ -24,7 +24,7 @@ from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.positions import Position, read_position
 from uw_visibility.replay.inputs.scalars import ScalarTopic, ScalarValue, check_join
 from uw_visibility.replay.inputs.topics import ODOMETRY, Selection, find_topics, is_raw
-from uw_visibility.replay.reasons import count_reason
+from uw_visibility.replay.records import count_reason
 from uw_visibility.stereo.calibration import CameraCalibration
 
 

@@ -16,9 +16,8 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from uw_visibility.replay.report.palette import ESTIMATE, FILTERED, RULE, SENSOR
 from uw_visibility.replay.report.sentences import number, rounded
-from uw_visibility.replay.report.svg import Spot, draw
+from uw_visibility.replay.report.svg import ESTIMATE, FILTERED, RULE, SENSOR, Spot, draw
 
 Columns = Mapping[str, NDArray[np.float64]]
 

@@ -23,8 +23,7 @@ from uw_visibility.replay.report.figures import (
     clock_time,
     thin,
 )
-from uw_visibility.replay.report.palette import ESTIMATE, FILTERED, RULE
-from uw_visibility.replay.report.svg import Spot, draw, fit_layout
+from uw_visibility.replay.report.svg import ESTIMATE, FILTERED, RULE, Spot, draw, fit_layout
 from uw_visibility.replay.table import read_columns
 
 AGAINST = "beam_attenuation"

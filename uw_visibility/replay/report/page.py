@@ -11,7 +11,7 @@ import jinja2
 from markupsafe import Markup
 
 from uw_visibility.errors import LONGEST_MESSAGE, printable
-from uw_visibility.replay.report.palette import variables
+from uw_visibility.replay.report.svg import variables
 
 
 def write_page(path: Path, template: str, **values: Any) -> None:

@@ -17,12 +17,12 @@ from uw_visibility.config.parameters import flatten
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.topics import Selection
-from uw_visibility.replay.report.captions import caption
 from uw_visibility.replay.report.figures import NEEDED, data_uri, draw_series
 from uw_visibility.replay.report.gallery import ColourScale, gradient, pictures, preview
 from uw_visibility.replay.report.meaning import meaning
 from uw_visibility.replay.report.overview import (
     OVERVIEW_COLUMNS,
+    caption,
     contrast_of,
     derived_quantities,
     overview,

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from uw_visibility.errors import printable
 from uw_visibility.replay.inputs.positions import EARTH_RADIUS, wrap_longitude
 from uw_visibility.replay.report.figures import MOST_POINTS, Columns, thin
-from uw_visibility.replay.report.palette import HOLLOW, INK, RULE
 from uw_visibility.replay.report.sentences import amount, number
-from uw_visibility.replay.report.svg import NARROW, WIDE, Spot, draw, fit_layout
+from uw_visibility.replay.report.svg import HOLLOW, INK, NARROW, RULE, WIDE, Spot, draw, fit_layout
 
 COLOURED = {
     "visibility_distance": "visibility distance [m]",

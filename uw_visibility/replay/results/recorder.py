@@ -18,9 +18,8 @@ from uw_visibility.replay.frame_log import FrameLog
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.records import FrameEstimate, JoinedFrame
-from uw_visibility.replay.results.data_dictionary import write_dictionary
 from uw_visibility.replay.results.mcap import ResultWriter
-from uw_visibility.replay.table import TableWriter
+from uw_visibility.replay.table import TableWriter, write_dictionary
 from uw_visibility.replay.work import FrameAnswer
 from uw_visibility.water.derived import DerivedModel
 from uw_visibility.water.estimate import LampLight

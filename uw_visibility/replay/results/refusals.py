@@ -12,8 +12,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from uw_visibility.plausibility.verdict import Verdict
-from uw_visibility.replay.reasons import FURTHER, MOST_REASONS
-from uw_visibility.replay.records import JoinedFrame
+from uw_visibility.replay.records import FURTHER, MOST_REASONS, JoinedFrame
 from uw_visibility.status import Status
 
 WHOLE_FRAME = "the whole frame"

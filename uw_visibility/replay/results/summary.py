@@ -13,8 +13,7 @@ from typing import Any
 
 from uw_visibility.plausibility.monitor import Report
 from uw_visibility.replay.columns import FAILED, word
-from uw_visibility.replay.reasons import count_reason
-from uw_visibility.replay.records import JoinedFrame
+from uw_visibility.replay.records import JoinedFrame, count_reason
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.refusals import Refusals
 from uw_visibility.replay.results.synopsis import Synopsis
