@@ -26,7 +26,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from benchmarks.stereo_messages import stereo_messages
-from uw_visibility.commands.demonstration.isolation import reserved_domain
+from uw_visibility.commands.demonstration.node_process import reserved_domain
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.ros.transport.factory import message_type
 

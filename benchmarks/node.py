@@ -41,7 +41,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
 from benchmarks.stereo_messages import stereo_messages
-from uw_visibility.commands.demonstration.isolation import reserved_domain
+from uw_visibility.commands.demonstration.node_process import reserved_domain
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.stamps import header_stamp

@@ -22,7 +22,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
-from uw_visibility.commands.demonstration.isolation import reserved_domain
+from uw_visibility.commands.demonstration.node_process import reserved_domain
 
 WORKERS = 2
 NODE_FIXTURES = {"start_node", "make_client"}

@@ -20,7 +20,7 @@ from uw_visibility.config.parameters import describe
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages import synchronizer
 from uw_visibility.messages.outputs import all_topics
-from uw_visibility.plausibility.verdict import Verdict
+from uw_visibility.plausibility.comparison import Verdict
 from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.status import Status
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from uw_visibility.config.schema import PipelineConfig
-    from uw_visibility.pipeline.estimate_water import estimate_water
-    from uw_visibility.pipeline.match import match
+    from uw_visibility.pipeline.parts import estimate_water, match
     from uw_visibility.pipeline.pipeline import Pipeline
     from uw_visibility.pipeline.result import FrameResult
     from uw_visibility.stereo.rig import StereoRig
@@ -26,8 +25,8 @@ _HOMES = {
     "Pipeline": "pipeline.pipeline",
     "PipelineConfig": "config.schema",
     "StereoRig": "stereo.rig",
-    "estimate_water": "pipeline.estimate_water",
-    "match": "pipeline.match",
+    "estimate_water": "pipeline.parts",
+    "match": "pipeline.parts",
 }
 
 

@@ -18,7 +18,7 @@ from uw_visibility.cli import make_parser
 from uw_visibility.config.parameters import ParameterInfo, describe
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.outputs import all_topics
-from uw_visibility.plausibility.verdict import Verdict
+from uw_visibility.plausibility.comparison import Verdict
 from uw_visibility.replay.columns import COLUMNS, word
 from uw_visibility.replay.report.meaning import MEANINGS, REMEDIES
 from uw_visibility.status import Status

@@ -13,7 +13,7 @@ import pytest
 from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.errors import InputError
 from uw_visibility.messages.depth_sensor import read_depth
-from uw_visibility.plausibility.samples import DepthSample
+from uw_visibility.plausibility.comparison import DepthSample
 
 HEADER = SimpleNamespace(stamp=SimpleNamespace(sec=3, nanosec=7))
 STAMP = 3_000_000_007

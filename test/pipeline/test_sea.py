@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from uw_visibility import StereoRig, estimate_water
-from uw_visibility.pipeline.estimate_water import WaterResult
+from uw_visibility.pipeline.parts import WaterResult
 from uw_visibility.status import Status
 
 FOCAL_LENGTH = 1296.0

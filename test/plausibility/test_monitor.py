@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from uw_visibility.config.schema import PlausibilityConfig
+from uw_visibility.plausibility.comparison import DepthSample, Report, Verdict, interpolate
 from uw_visibility.plausibility.monitor import DepthMonitor
-from uw_visibility.plausibility.samples import DepthSample, interpolate
-from uw_visibility.plausibility.verdict import Report, Verdict
 from uw_visibility.status import Status
 
 SECOND = 1_000_000_000

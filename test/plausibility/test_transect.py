@@ -12,9 +12,8 @@ import pytest
 from uw_visibility.config.schema import PipelineConfig, PlausibilityConfig
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.plausibility.comparison import DepthSample, Verdict
 from uw_visibility.plausibility.monitor import DepthMonitor
-from uw_visibility.plausibility.samples import DepthSample
-from uw_visibility.plausibility.verdict import Verdict
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.transect import Transect
 

@@ -7,13 +7,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uw_visibility.optics.jerlov import water_type_attenuation, water_types
 from uw_visibility.optics.spectra import (
     clear_water_attenuation,
     clear_water_spectrum,
     daylight_spectrum,
     load_response,
 )
+from uw_visibility.optics.water_type import water_type_attenuation, water_types
 from uw_visibility.simulation.spectrum import band_averages
 
 

@@ -10,11 +10,11 @@ import pytest
 from uw_visibility.config.parameters import describe
 from uw_visibility.config.schema import AssessmentConfig
 from uw_visibility.errors import InputError
-from uw_visibility.optics.jerlov import (
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility.optics.water_type import (
     water_type_attenuation,
     water_types,
 )
-from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.depth import CLEAR, ESTIMATED, DepthModel, diffuse_attenuation

@@ -10,9 +10,8 @@ import pytest
 from uw_visibility import estimate_water
 from uw_visibility.evaluation.adverse.scenes import load_adverse_scene
 from uw_visibility.evaluation.scenes import SceneSource
-from uw_visibility.optics.jerlov import water_types
 from uw_visibility.optics.spectra import load_response
-from uw_visibility.optics.water_type import TYPES, water_type
+from uw_visibility.optics.water_type import TYPES, water_type, water_types
 from uw_visibility.simulation.formation import form_image
 from uw_visibility.simulation.water import Water, WaterEffects
 from uw_visibility.status import Status

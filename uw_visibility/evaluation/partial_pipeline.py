@@ -20,8 +20,8 @@ from uw_visibility.evaluation.readings import Truth
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.pipeline.first_step import CoarseEstimate
 from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.pipeline.result import StageClock
 from uw_visibility.pipeline.second_step import SecondStep
-from uw_visibility.pipeline.timing import StageClock
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimate import WaterEstimate

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.optics.light_model import ambient_light_at_depth, visibility_distance
-from uw_visibility.pipeline.estimate_water import WaterResult
+from uw_visibility.pipeline.parts import WaterResult
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.status import Status

@@ -10,7 +10,7 @@ from typing import Any
 from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.errors import InputError
 from uw_visibility.messages.images import stamp_to_nanoseconds
-from uw_visibility.plausibility.samples import DepthSample
+from uw_visibility.plausibility.comparison import DepthSample
 
 STANDARD_GRAVITY = 9.80665
 

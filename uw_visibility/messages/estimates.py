@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.images import MessageFactory, Stamped
-from uw_visibility.plausibility.verdict import Comparison
+from uw_visibility.plausibility.comparison import Comparison
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""All ten Jerlov water types: attenuation of beams and of daylight, and what a disk shows."""
+"""Jerlov water types: attenuation of beams and of daylight, for a camera, and what a disk shows."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.errors import InputError
 from uw_visibility.optics import tables
-from uw_visibility.optics.jerlov import BACKSCATTERED, water_type_spectrum, water_types
 from uw_visibility.optics.spectra import CameraResponse, clear_water_properties, daylight_spectrum
 from uw_visibility.optics.visual_range import remote_sensing_reflectance, secchi_depth
 
@@ -26,6 +26,9 @@ SECCHI_WAVELENGTHS = (443.0, 665.0)
 _WAVELENGTHS = np.arange(380.0, 781.0, 5.0)
 
 Vector = NDArray[np.float64]
+# Part of what natural particles scatter that goes backwards: mean of Petzold's
+# measurements (1972), in C. D. Mobley, Light and Water, 1994, table 3.10.
+BACKSCATTERED = 0.0183
 
 
 @dataclass(frozen=True)
@@ -147,3 +150,84 @@ def clear_water(wavelength: Vector) -> tuple[Vector, Vector]:
     """Absorption and scattering of clear sea water at wavelengths, nm, 1/m."""
     known, absorbed, scattered = clear_water_properties()
     return np.interp(wavelength, known, absorbed), np.interp(wavelength, known, scattered)
+
+
+def water_types() -> list[str]:
+    """Return the names of the Jerlov water types whose measured properties are shipped."""
+    _, rows = tables.read_shipped("jerlov_water_types.csv")
+    return list(dict.fromkeys(row[0] for row in rows))
+
+
+def water_type_spectrum(
+    water_type: str,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Measured absorption and scattering of a Jerlov water type.
+
+    Parameters
+    ----------
+    water_type : str
+        One of `water_types`.
+
+    Returns
+    -------
+    wavelength : (N,) float64 ndarray
+        nm, rising.
+    absorption, scattering : (N,) float64 ndarray
+        a and b, 1/m.
+
+    Raises
+    ------
+    InputError
+        If the type is not known.
+
+    References
+    ----------
+    B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types,
+    Applied Optics 61(33), 2022, doi 10.1364/AO.470464.
+    """
+    head, rows = tables.read_shipped("jerlov_water_types.csv")
+    if water_type not in water_types():
+        raise InputError(
+            f"no water type {water_type!r}: give one of {', '.join(water_types())}"
+        )
+    mine = [row for row in rows if row[0] == water_type]
+    values = tables.numbers(
+        (head, mine), ("wavelength_nm", "a_per_m", "b_per_m"), "jerlov_water_types.csv"
+    )
+    return values[:, 0], values[:, 1], values[:, 2]
+
+
+def water_type_attenuation(
+    water_type: str, response: CameraResponse, *, diffuse: bool = False
+) -> NDArray[np.float64]:
+    """Beam attenuation a + b of a Jerlov water type as a camera sees it, or the diffuse one.
+
+    Parameters
+    ----------
+    water_type : str
+        One of `water_types`.
+    response : CameraResponse
+    diffuse : bool
+        Whether to return K = a + b_b, by which daylight fades with depth: light scattered
+        forwards is not lost to it, so that only the part scattered back counts, as in clear
+        water's K_w.
+
+    Returns
+    -------
+    (3,) float64 ndarray
+        β or K for R, G, B, 1/m. Beyond the measured wavelengths, the nearest
+        measured one counts.
+
+    Raises
+    ------
+    InputError
+        If the type is not known.
+
+    References
+    ----------
+    B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types,
+    Applied Optics 61(33), 2022, doi 10.1364/AO.470464.
+    """
+    wavelength, absorbed, scattered = water_type_spectrum(water_type)
+    lost = BACKSCATTERED if diffuse else 1.0
+    return response.band_average(wavelength, absorbed + lost * scattered)

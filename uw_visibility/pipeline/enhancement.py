@@ -14,8 +14,13 @@ from uw_visibility.enhancement.restorers import RESTORER, RESTORERS
 from uw_visibility.enhancement.white_balance import RestorationWater, restoration_water
 from uw_visibility.images.arrays import Image, Mask, PerChannel
 from uw_visibility.images.view import StereoViews, View
-from uw_visibility.pipeline.filled_ranges import FilledRanges, FilledStereo
-from uw_visibility.pipeline.result import NOT_LIMITED, NOT_WANTED, EnhancedImages
+from uw_visibility.pipeline.result import (
+    NOT_LIMITED,
+    NOT_WANTED,
+    EnhancedImages,
+    FilledRanges,
+    FilledStereo,
+)
 
 
 class ChannelWater(NamedTuple):

@@ -20,7 +20,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap, Image, PerChannel, Points
 from uw_visibility.images.pair import exposure_status
 from uw_visibility.images.view import StereoViews, View
-from uw_visibility.pipeline.timing import StageClock
+from uw_visibility.pipeline.result import StageClock
 from uw_visibility.status import Status
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS, SupportPoints

@@ -15,8 +15,7 @@ from uw_visibility.enhancement.lamp_radiance import LampRestorer
 from uw_visibility.images.arrays import Image, Mask, PerChannel, RangeMap
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.optics.lamps import DirectLight, LampTables, nodes_of, tabulate
-from uw_visibility.pipeline.filled_ranges import FilledStereo
-from uw_visibility.pipeline.result import NOT_LIMITED, NOT_WANTED, EnhancedImages
+from uw_visibility.pipeline.result import NOT_LIMITED, NOT_WANTED, EnhancedImages, FilledStereo
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.estimate import LampLight

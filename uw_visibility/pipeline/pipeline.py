@@ -24,12 +24,16 @@ from uw_visibility.images.view import StereoViews, View
 from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.optics.light_model import scene_light_of
 from uw_visibility.pipeline.enhancement import ChannelWater, ImageEnhancement
-from uw_visibility.pipeline.filled_ranges import FilledStereo
 from uw_visibility.pipeline.first_step import CoarseEstimate, FirstStep
 from uw_visibility.pipeline.lamps import LampEnhancement, light_by_range, make_estimator
-from uw_visibility.pipeline.result import EnhancedImages, FrameResult, StereoResult
+from uw_visibility.pipeline.result import (
+    EnhancedImages,
+    FilledStereo,
+    FrameResult,
+    StageClock,
+    StereoResult,
+)
 from uw_visibility.pipeline.second_step import ImprovedDisparity, SecondStep
-from uw_visibility.pipeline.timing import StageClock
 from uw_visibility.pipeline.warm_up import warm_up_pair, warm_up_scene
 from uw_visibility.status import Status
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS

@@ -1,15 +1,22 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Results of one stereo pair, in groups."""
+"""Results of one stereo pair, in groups; ranges without holes and the time of its stages."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import DisparityMap, Image, Mask, PerChannel, RangeMap
 from uw_visibility.status import Status
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.stereo.views import in_right_view
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate
 
@@ -160,3 +167,84 @@ class FrameResult:
 
 def _matched_fraction(disparity: DisparityMap) -> float:
     return float(np.count_nonzero(np.isfinite(disparity)) / disparity.size)
+
+
+class FilledRanges(NamedTuple):
+    """Ranges of one view without holes.
+
+    Attributes
+    ----------
+    range_map : ndarray
+        ``(H, W)`` float32, m; infinite where the filled disparity lies at or beyond infinity.
+    matched : ndarray
+        ``(H, W)`` bool, where the range was measured.
+    """
+
+    range_map: RangeMap
+    matched: Mask
+
+
+class FilledStereo(NamedTuple):
+    """Disparity of the left view without holes, and ranges.
+
+    Attributes
+    ----------
+    disparity : ndarray
+        ``(H, W)`` float32, px; gaps filled.
+    measured : ndarray
+        ``(H, W)`` float32, m, of the left view; NaN where unmatched.
+    left : FilledRanges
+        Of the left view.
+    right : FilledRanges or None
+        Of the right view, where asked for.
+    """
+
+    disparity: DisparityMap
+    measured: RangeMap
+    left: FilledRanges
+    right: FilledRanges | None
+
+    @classmethod
+    def of(
+        cls, rig: StereoRig, disparity: DisparityMap, filled: DisparityMap, right: bool,
+        workers: Workers,
+    ) -> FilledStereo:
+        """Find the ranges of one view or of both.
+
+        Parameters
+        ----------
+        rig : StereoRig
+        disparity : ndarray
+            ``(H, W)`` float32, of the left view, px; NaN where unmatched.
+        filled : ndarray
+            ``(H, W)`` float32, the same without holes.
+        right : bool
+            Whether those of the right view are asked for.
+        workers : Workers
+            Threads.
+        """
+        left = FilledRanges(rig.range_of_filled(filled), np.isfinite(disparity))
+        of_right = None
+        if right:
+            seen = in_right_view(filled, workers)
+            matched = seen == in_right_view(disparity, workers)
+            of_right = FilledRanges(rig.range_of_filled(seen), matched)
+        return cls(filled, rig.range_from_disparity(disparity), left, of_right)
+
+
+class StageClock:
+    """Durations of the stages of one frame; called with a stage's name, it times a block."""
+
+    def __init__(self) -> None:
+        self._begin = time.perf_counter()
+        self._stages: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        yield
+        self._stages[stage] = 1e3 * (time.perf_counter() - begin)
+
+    def milliseconds(self) -> dict[str, float]:
+        """Return the stages and ``total``."""
+        return {**self._stages, "total": 1e3 * (time.perf_counter() - self._begin)}

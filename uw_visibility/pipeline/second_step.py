@@ -17,7 +17,7 @@ from uw_visibility.images.arrays import DisparityMap, PerChannel, Points
 from uw_visibility.images.view import StereoViews, View, code_value
 from uw_visibility.optics.lamps import DirectLight
 from uw_visibility.pipeline.first_step import CoarseEstimate, reduction_factor
-from uw_visibility.pipeline.timing import StageClock
+from uw_visibility.pipeline.result import StageClock
 from uw_visibility.stereo.airlight import Airlight, AirlightPrior
 from uw_visibility.stereo.codec_noise import with_codec_noise
 from uw_visibility.stereo.contrast import LUMA, ContrastNormalizer, least_noise_weights

@@ -17,8 +17,13 @@ import numpy as np
 from scipy.special import chdtri
 
 from uw_visibility.config.schema import PlausibilityConfig
-from uw_visibility.plausibility.samples import DepthSample, interpolate
-from uw_visibility.plausibility.verdict import Comparison, Report, Verdict
+from uw_visibility.plausibility.comparison import (
+    Comparison,
+    DepthSample,
+    Report,
+    Verdict,
+    interpolate,
+)
 from uw_visibility.status import Status
 
 # Memory is bounded whatever arrives: 10 s of a sensor at 200 Hz.

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from uw_visibility.messages.stamps import iso_time, seconds
 from uw_visibility.optics.water_type import TYPES
-from uw_visibility.plausibility.verdict import Verdict
+from uw_visibility.plausibility.comparison import Verdict
 from uw_visibility.status import Status
 from uw_visibility.water.derived import QUANTITIES
 from uw_visibility.water.tracking import TrackingEvent

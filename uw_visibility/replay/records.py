@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 from uw_visibility.messages.estimates import ImageHeader, field_of_view
 from uw_visibility.pipeline.result import FrameResult
-from uw_visibility.plausibility.samples import DepthSample
-from uw_visibility.plausibility.verdict import Comparison, Verdict
+from uw_visibility.plausibility.comparison import Comparison, DepthSample, Verdict
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate

@@ -16,9 +16,8 @@ from uw_visibility.messages.depth_sensor import SENSOR_TYPES, read_depth
 from uw_visibility.messages.estimates import NIS_TOPICS, nis_messages
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.plausibility.comparison import Comparison, DepthSample, Report, Verdict
 from uw_visibility.plausibility.monitor import DepthMonitor
-from uw_visibility.plausibility.samples import DepthSample
-from uw_visibility.plausibility.verdict import Comparison, Report, Verdict
 from uw_visibility.ros.monitor import ERROR, OK, STALE, WARN, Finding, ReasonLog
 from uw_visibility.ros.parameters import NodeParameters
 from uw_visibility.ros.transport.factory import make_message, message_type

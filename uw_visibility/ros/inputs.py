@@ -18,8 +18,12 @@ from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.messages.synchronizer import SIDES, SynchronizedFrame, Synchronizer
 from uw_visibility.ros.monitor import ERROR, OK, WARN, Finding, ReasonLog, RecentCounts
 from uw_visibility.ros.parameters import NodeParameters
-from uw_visibility.ros.transport.qos import IMAGE_DEPTH, describe_publishers, subscribe_to
-from uw_visibility.ros.transport.subscription import AdaptiveReliabilitySubscription
+from uw_visibility.ros.transport.qos import (
+    IMAGE_DEPTH,
+    AdaptiveReliabilitySubscription,
+    describe_publishers,
+    subscribe_to,
+)
 
 # An input that was silent for so long has stopped, s.
 SILENCE = 5.0

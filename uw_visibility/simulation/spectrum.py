@@ -19,9 +19,13 @@ from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
-from uw_visibility.optics.jerlov import BACKSCATTERED, water_types
 from uw_visibility.optics.spectra import CameraResponse, daylight_spectrum, load_response
-from uw_visibility.optics.water_type import clear_water, inherent_properties
+from uw_visibility.optics.water_type import (
+    BACKSCATTERED,
+    clear_water,
+    inherent_properties,
+    water_types,
+)
 
 CLEAR = "clear"
 """Name of clear sea water among the water types."""

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.errors import InputError
-from uw_visibility.optics.jerlov import water_types
 from uw_visibility.optics.spectra import CameraResponse
+from uw_visibility.optics.water_type import water_types
 from uw_visibility.status import Status
 from uw_visibility.water.assessment import covariance_with_light
 from uw_visibility.water.depth import CLEAR, ESTIMATED, DepthModel, diffuse_attenuation

@@ -9,12 +9,12 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uw_visibility.optics.jerlov import water_type_attenuation, water_types
 from uw_visibility.optics.spectra import (
     CameraResponse,
     clear_water_attenuation,
     theoretical_chromaticity,
 )
+from uw_visibility.optics.water_type import water_type_attenuation, water_types
 from uw_visibility.water.priors import Daylight
 
 GRID_STEP = 0.1

@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 
 from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.errors import InputError
-from uw_visibility.plausibility.samples import DepthSample
-from uw_visibility.plausibility.verdict import Comparison, Verdict
+from uw_visibility.plausibility.comparison import Comparison, DepthSample, Verdict
 from uw_visibility.replay.inputs.positions import (
     PROPERTIES,
     Position,

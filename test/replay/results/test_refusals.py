@@ -10,7 +10,7 @@ from typing import Any
 
 from frame_records import frame_estimate, frame_record
 
-from uw_visibility.plausibility.verdict import Verdict
+from uw_visibility.plausibility.comparison import Verdict
 from uw_visibility.replay.records import MOST_REASONS, JoinedFrame
 from uw_visibility.replay.results.refusals import MOST_RUNS, Refusals
 from uw_visibility.status import Status

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
 
-from uw_visibility.ros.transport.subscription import AdaptiveReliabilitySubscription
+from uw_visibility.ros.transport.qos import AdaptiveReliabilitySubscription
 
 BEST_EFFORT, RELIABLE = ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE
 

@@ -22,8 +22,7 @@ from uw_visibility.commands.demonstration.comparison import (
     write_csv,
 )
 from uw_visibility.commands.demonstration.figures import draw_frame, draw_series
-from uw_visibility.commands.demonstration.isolation import isolate, reserved_domain
-from uw_visibility.commands.demonstration.node_process import NodeProcess
+from uw_visibility.commands.demonstration.node_process import NodeProcess, isolate, reserved_domain
 from uw_visibility.commands.demonstration.play import Check, play, wait_until_ready
 from uw_visibility.commands.demonstration.recording import RecordedFrame, read_recording
 from uw_visibility.commands.progress import progress_bar, tell

@@ -20,7 +20,7 @@ from uw_visibility.evaluation.readings import Reader, Reading, Truth, match_and_
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.studies import StudyResult
 from uw_visibility.images.arrays import Map
-from uw_visibility.pipeline.estimate_water import estimate_water
+from uw_visibility.pipeline.parts import estimate_water
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.effects import marine_snow
 from uw_visibility.simulation.formation import effective_attenuation, form_image

@@ -14,7 +14,7 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.readings import Reading, Truth, match_and_read
 from uw_visibility.evaluation.studies import StudyResult
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
-from uw_visibility.pipeline.estimate_water import estimate_water
+from uw_visibility.pipeline.parts import estimate_water
 from uw_visibility.simulation.camera import Pose, StereoCamera
 from uw_visibility.simulation.frame import RenderedFrame, Renderer
 from uw_visibility.simulation.lamps import (

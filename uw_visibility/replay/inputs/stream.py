@@ -18,7 +18,7 @@ from uw_visibility.messages.depth_sensor import read_depth
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.stamps import header_stamp
 from uw_visibility.messages.synchronizer import SynchronizedFrame, Synchronizer
-from uw_visibility.plausibility.samples import DepthSample
+from uw_visibility.plausibility.comparison import DepthSample
 from uw_visibility.replay.bags.reader import BagReader, Recorded
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.positions import Position, read_position

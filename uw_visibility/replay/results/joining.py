@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from uw_visibility.config.schema import PlausibilityConfig
+from uw_visibility.plausibility.comparison import DepthSample, Verdict, interpolate
 from uw_visibility.plausibility.monitor import (
     RESTART_NANOSECONDS,
     WAITING_ESTIMATES,
@@ -16,8 +17,6 @@ from uw_visibility.plausibility.monitor import (
     DepthMonitor,
     Report,
 )
-from uw_visibility.plausibility.samples import DepthSample, interpolate
-from uw_visibility.plausibility.verdict import Verdict
 from uw_visibility.replay.inputs.positions import Position, PositionTrack, geographic
 from uw_visibility.replay.inputs.scalars import ScalarTopic, ScalarTrack, ScalarValue
 from uw_visibility.replay.inputs.stream import Restart, SensorValue

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from uw_visibility.plausibility.verdict import Verdict
+from uw_visibility.plausibility.comparison import Verdict
 from uw_visibility.replay.records import FURTHER, MOST_REASONS, JoinedFrame
 from uw_visibility.status import Status
 

@@ -1,9 +1,14 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""QoS of publishers and subscriptions, which parameters can override."""
+"""QoS of publishers and subscriptions, which parameters can override.
+
+Subscriptions to images are as reliable as the publishers of their topic allow.
+"""
 
 from __future__ import annotations
 
+import functools
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -21,6 +26,7 @@ from rclpy.qos import (
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 
 from uw_visibility.errors import InputError, printable
+from uw_visibility.messages.images import stamp_to_nanoseconds
 
 QOS_PREFIX = "qos_overrides."
 OUTPUT_DEPTH = 10
@@ -32,6 +38,8 @@ IMAGE_DEPTH = 5
 POLICIES = (
     QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY,
 )
+# Messages that are remembered, to know what two subscriptions have both received.
+REMEMBERED = 20
 
 
 def publish_on(node: Node, kind: type, topic: str) -> Any:
@@ -134,3 +142,116 @@ def _with_overrides(
         return create(*arguments, qos_overriding_options=options)
     except (InvalidQosOverridesError, InvalidParameterTypeException, RuntimeError) as error:
         raise InputError(f"a parameter under qos_overrides cannot be used: {error}") from error
+
+
+class AdaptiveReliabilitySubscription:
+    """Reliable while all publishers of the topic are, best effort otherwise.
+
+    Middleware cuts images into fragments, and a best-effort subscription loses the
+    whole image with any of them; a reliable one does not hear best-effort publishers
+    at all. When the publishers change, another subscription is made beside the present
+    one and takes over with the first message that it receives, so that there is no gap
+    between the two and no message is delivered by both. Where ``qos_overrides`` names a
+    reliability, that one stays.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Subscriptions are made on it.
+    kind : type
+        Class of the messages, which have a header.
+    topic : str
+        Its name, to be resolved by the node.
+    callback : callable
+        Takes each message.
+    depth : int
+        How many messages wait to be taken.
+
+    Raises
+    ------
+    InputError
+        If a parameter under ``qos_overrides`` cannot be used.
+    """
+
+    def __init__(
+        self, node: Node, kind: type, topic: str, callback: Callable[[Any], None],
+        depth: int = INPUT_DEPTH,
+    ) -> None:
+        self._node = node
+        self._kind = kind
+        self._topic = topic
+        self._callback = callback
+        self._depth = depth
+        self._made = 0
+        # Number of the subscription, stamp and time of publication of what was delivered lately.
+        self._delivered: deque[tuple[int, tuple[int, int]]] = deque(maxlen=REMEMBERED)
+        # Subscriptions by their number: the present one, then the one to take over.
+        self._subscriptions: dict[int, Any] = {}
+        self._subscribe(ReliabilityPolicy.BEST_EFFORT)
+        self._adaptive = reliability_is_open(node, self._present)
+
+    @property
+    def topic_name(self) -> str:
+        """The resolved name of the topic."""
+        return str(self._present.topic_name)
+
+    @property
+    def reliability(self) -> str:
+        """Reliability of the present subscription, in words."""
+        return str(self._present.qos_profile.reliability.name).lower().replace("_", " ")
+
+    def update_qos(self) -> None:
+        """Ask for the reliability that the publishers offer; called from time to time."""
+        if not self._adaptive:
+            return
+        offered = {
+            info.qos_profile.reliability
+            for info in self._node.get_publishers_info_by_topic(self._topic)
+        }
+        best = ReliabilityPolicy.BEST_EFFORT
+        if offered == {ReliabilityPolicy.RELIABLE}:
+            best = ReliabilityPolicy.RELIABLE
+        newest = max(self._subscriptions)
+        if self._subscriptions[newest].qos_profile.reliability is not best:
+            self._subscribe(best)
+        elif not offered or self._subscriptions[newest].get_publisher_count() > 0:
+            # It had the time since the last call, and messages may be rare.
+            self._take_over(newest)
+
+    def describe_publishers(self) -> str:
+        """Say who publishes on the topic; see `uw_visibility.ros.transport.qos`."""
+        return describe_publishers(self._node, self._present)
+
+    def destroy(self) -> None:
+        """Destroy what was subscribed."""
+        while self._subscriptions:
+            self._node.destroy_subscription(self._subscriptions.popitem()[1])
+
+    @property
+    def _present(self) -> Any:
+        return self._subscriptions[min(self._subscriptions)]
+
+    def _subscribe(self, reliability: ReliabilityPolicy) -> None:
+        # One that has not taken over yet is not wanted any more.
+        while len(self._subscriptions) > 1:
+            self._node.destroy_subscription(self._subscriptions.popitem()[1])
+        self._made += 1
+        self._subscriptions[self._made] = subscribe_to(
+            self._node, self._kind, self._topic,
+            functools.partial(self._deliver, self._made), reliability, self._depth,
+        )
+
+    def _take_over(self, number: int) -> None:
+        for other in [other for other in self._subscriptions if other < number]:
+            self._node.destroy_subscription(self._subscriptions.pop(other))
+
+    def _deliver(self, number: int, message: Any, info: dict[str, Any]) -> None:
+        if number not in self._subscriptions:
+            # It was destroyed while it had a message ready.
+            return
+        self._take_over(number)
+        published = stamp_to_nanoseconds(message.header.stamp), int(info["source_timestamp"])
+        if any(p == published and n != number for n, p in self._delivered):
+            return
+        self._delivered.append((number, published))
+        self._callback(message)

@@ -5,18 +5,18 @@
 import pytest
 
 from uw_visibility.errors import InputError
-from uw_visibility.optics import jerlov
+from uw_visibility.optics import water_type
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 
 
 def test_turbid_water_types_attenuate_more():
     response = load_response("nikon_d5100")
     clear = clear_water_attenuation(response)
-    types = jerlov.water_types()
+    types = water_type.water_types()
     assert {"IB", "II", "III"} <= set(types)
-    betas = [jerlov.water_type_attenuation(name, response) for name in ("IB", "II", "III")]
+    betas = [water_type.water_type_attenuation(name, response) for name in ("IB", "II", "III")]
     assert (clear < betas[0]).all()
     assert (betas[0] < betas[1]).all()
     assert (betas[1] < betas[2]).all()
     with pytest.raises(InputError, match="IB"):
-        jerlov.water_type_attenuation("X", response)
+        water_type.water_type_attenuation("X", response)

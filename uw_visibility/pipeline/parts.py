@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Attenuation, visibility and depth from one image and disparities of one's own."""
+"""Parts of the pipeline alone: the water from disparities of one's own, and dense matching."""
 
 from __future__ import annotations
 
@@ -14,10 +14,13 @@ from numpy.typing import NDArray
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Image
 from uw_visibility.images.pair import read_only
 from uw_visibility.images.view import View
 from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.pipeline.lamps import make_estimator
+from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.pipeline.result import StereoResult
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import DISPARITY_STDDEV, StereoRig
 from uw_visibility.water.assessment import Assessor, Visibility
@@ -135,3 +138,37 @@ def estimate_water(
         DerivedModel.from_config(config).derive(water), assessor.clear_water_attenuation,
         range_map,
     )
+
+
+def match(
+    left: Image,
+    right: Image,
+    rig: StereoRig,
+    config: PipelineConfig | None = None,
+) -> StereoResult:
+    """Match a rectified pair densely, with its contrast restored where water took it.
+
+    Both steps of the paper's Fig. 4 without the enhanced images; whoever has many
+    pairs of one size keeps a `Pipeline` instead.
+
+    Parameters
+    ----------
+    left, right : ndarray
+        ``(H, W, 3)`` RGB or ``(H, W)`` grey; uint8 or uint16; rectified.
+    rig : StereoRig
+        Geometry of the pair.
+    config : PipelineConfig, optional
+        The parameters of `Pipeline`.
+
+    Returns
+    -------
+    StereoResult
+        Disparity, px, with its confidence, and range, m; NaN where unmatched. Nothing
+        is filled.
+
+    Raises
+    ------
+    InputError
+        If the images do not fit, or show nothing that could be matched.
+    """
+    return Pipeline(rig, config).process(left, right, enhance=()).stereo
