@@ -29,6 +29,7 @@ from uw_visibility.water.validation import (
 from uw_visibility.water.veil import (
     EnvelopeFit,
     FitVeil,
+    PossibleVeil,
     VeilFit,
     fit_best_ratio,
     fit_open_water,
@@ -89,13 +90,12 @@ def fit_one_light(
 def fit_of_veil(
     envelope: Envelopes, active: NDArray[np.bool_], clear_water: NDArray[np.float64],
 ) -> FitVeil:
-    """Return the fit of the dark envelope as a function of the veil's bounds and the light."""
+    """Return the fit of the dark envelope as a function of the veil that may be."""
     patches = brightest_patches(envelope)
     typical = quantile_of_known(envelope.dark, 0.5)
 
-    def fit(
-        lower: NDArray[np.float64], upper: NDArray[np.float64], light: NDArray[np.float64]
-    ) -> Fit | None:
+    def fit(veil: PossibleVeil, attenuation: NDArray[np.float64] | None = None) -> Fit | None:
+        lower, upper, light = veil
         if (typical > upper)[active].any():
             return None
         share = np.clip(envelope.dark / lower[:, np.newaxis], 0.0, 0.98)
@@ -104,7 +104,8 @@ def fit_of_veil(
         first[active, 0] = quantile_of_known(black[active], 0.5)
         found = fit_lower_envelope(
             envelope.dark_range, envelope.dark, envelope.deviation, lower, first,
-            clear_water, active, envelope.range_error, patches, light, upper)
+            clear_water, active, envelope.range_error, patches, light, upper,
+            attenuation=attenuation)
         return _with_all_channels(found, active, clear_water, lower)
 
     return fit

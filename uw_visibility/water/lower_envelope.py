@@ -54,6 +54,7 @@ def fit_lower_envelope(
     light: NDArray[np.float64] | None = None,
     ambient_max: NDArray[np.float64] | None = None,
     patches: NDArray[np.float64] | None = None,
+    attenuation: NDArray[np.float64] | None = None,
 ) -> Fit:
     """Robust fit of the lower envelope of dark patches, all channels together.
 
@@ -91,6 +92,8 @@ def fit_lower_envelope(
         Range, irradiance and code step of the bright envelope, where veil and light are
         one: the brightest patch is nearly white, see `uw_visibility.water.priors`. I∞ is
         near its lower bound where absent.
+    attenuation : (3,) float64 ndarray, optional
+        β, 1/m, where it is known: I∞ alone is fitted.
 
     Returns
     -------
@@ -100,6 +103,8 @@ def fit_lower_envelope(
     """
     lower, upper = np.empty((2, 6))
     lower[0::2], upper[0::2] = ATTENUATION_BOUNDS
+    if attenuation is not None:
+        lower[0::2] = upper[0::2] = attenuation
     lower[1::2] = ambient_min
     upper[1::2] = (
         AMBIENT_LIGHT_MAX if ambient_max is None else np.maximum(ambient_max, ambient_min))

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,13 +74,38 @@ TAIL = 2.0
 # What bins say together is worth so many times less than as if neighbours alone were alike:
 # the darkest patches of a whole scene follow no law.
 TEMPERATURE = 6.0
+# Weight of a component below which nothing more is asked of it.
+NEGLIGIBLE = 0.01
 
-FitVeil = Callable[
-    [NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], Fit | None]
-"""Fit with a lower and an upper bound of the veil, (3,) each, and W / B, (3,).
 
-None where most dark patches are lighter than the upper bound: no water makes black so light.
-"""
+class PossibleVeil(NamedTuple):
+    """Veil that is taken for possible, and the light on the scene that goes with it.
+
+    Attributes
+    ----------
+    lower, upper : (3,) float64 ndarray
+        Bounds of the veil.
+    light : (3,) float64 ndarray
+        Light on the scene over the veil, W / B.
+    """
+
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    light: NDArray[np.float64]
+
+
+class FitVeil(Protocol):
+    """Fit of the dark envelope for a veil that may be.
+
+    None where most dark patches are lighter than its upper bound: no water makes black so light.
+    Where the attenuation is given, 1/m, (3,), the veil alone is fitted.
+    """
+
+    def __call__(
+        self, veil: PossibleVeil, attenuation: NDArray[np.float64] | None = None
+    ) -> Fit | None: ...
+
+
 FuseVeil = Callable[
     [Fit, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], Fit]
 """Fuse with priors: the fit, W / B, the veil and the deviation of its logarithm."""
@@ -112,11 +137,14 @@ class Component(NamedTuple):
         With the decay of contrast too, and above clear water's attenuation.
     likelihood : float
         Its logarithm.
+    veil : PossibleVeil
+        What the dark envelope was fitted with.
     """
 
     fused: Fit
     held: Fit
     likelihood: float
+    veil: PossibleVeil
 
 
 class RatioFits(NamedTuple):
@@ -237,7 +265,9 @@ def fit_free_veil(
     likelihood = float(logarithms.max()) + math.log(weights.sum())
     weights /= weights.sum()
     fused = [component.fused for component in components]
-    held = [component.held for component in components]
+    held = [
+        component.held if weight < NEGLIGIBLE else _with_veil_of_attenuation(fit, component)
+        for component, weight in zip(components, weights, strict=True)]
     nearest = min(fused, key=lambda component: component.misfit)
     alone = _mixture(fused, weights)
     name = "open water" if open_water is not None else "dark envelope"
@@ -301,7 +331,7 @@ def fit_best_ratio(
 def fit_open_water(
     fit: FitVeil, envelope: Envelopes, clear_water: NDArray[np.float64],
     veil: NDArray[np.float64], stddev: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], EnvelopeFit]:
+) -> tuple[PossibleVeil, EnvelopeFit]:
     """Fit the dark envelope with the veil that open water shows.
 
     Parameters
@@ -317,23 +347,23 @@ def fit_open_water(
 
     Returns
     -------
-    light : (3,) float64 ndarray
-        W / B.
+    veil : PossibleVeil
     fit : EnvelopeFit
     """
-    lower = np.maximum(veil - DEVIATIONS * stddev, 0.3 * veil)
-    upper = veil + DEVIATIONS * stddev
     light = np.clip(
         np.nan_to_num(envelope.bright).max(axis=1) / BRIGHT_RADIANCE / veil, *LIGHT_LIMITS)
-    found = fit(lower, upper, light)
+    possible = PossibleVeil(
+        np.maximum(veil - DEVIATIONS * stddev, 0.3 * veil), veil + DEVIATIONS * stddev, light)
+    found = fit(possible)
     if found is None:
-        return light, EnvelopeFit()
+        return possible, EnvelopeFit()
     light = np.clip(
         _bright_light(found.parameters[:, 0], veil, envelope) / veil, *LIGHT_LIMITS)
-    found = fit(lower, upper, light)
+    possible = possible._replace(light=light)
+    found = fit(possible)
     if found is None or not found.converged or not np.isfinite(found.covariance).all():
-        return light, EnvelopeFit()
-    return light, EnvelopeFit(found, _likelihood(found, clear_water))
+        return possible, EnvelopeFit()
+    return possible, EnvelopeFit(found, _likelihood(found, clear_water))
 
 
 def _likelier(best: EnvelopeFit, fit: Fit, likelihood: float) -> EnvelopeFit:
@@ -342,10 +372,7 @@ def _likelier(best: EnvelopeFit, fit: Fit, likelihood: float) -> EnvelopeFit:
 
 def _fit_ratio(fit: FitVeil, ratio: float, brightest: NDArray[np.float64]) -> Fit | None:
     """Fit for a ratio of veil and brightest patch; None where there is no fit."""
-    veil = ratio * brightest
-    as_the_paper = ratio == 1.0
-    upper = np.full(3, AMBIENT_LIGHT_MAX) if as_the_paper else ABOVE * veil
-    found = fit(veil if as_the_paper else BELOW * veil, upper, _light_of_ratio(ratio))
+    found = fit(_veil_of_ratio(ratio, brightest))
     if found is None:
         return None
     failed = (
@@ -355,8 +382,13 @@ def _fit_ratio(fit: FitVeil, ratio: float, brightest: NDArray[np.float64]) -> Fi
     return None if failed else found
 
 
-def _light_of_ratio(ratio: float) -> NDArray[np.float64]:
-    return np.full(3, min(max(1.0 / ratio, 1.0), LIGHT_LIMITS[1]))
+def _veil_of_ratio(ratio: float, brightest: NDArray[np.float64]) -> PossibleVeil:
+    veil = ratio * brightest
+    as_the_paper = ratio == 1.0
+    return PossibleVeil(
+        veil if as_the_paper else BELOW * veil,
+        np.full(3, AMBIENT_LIGHT_MAX) if as_the_paper else ABOVE * veil,
+        np.full(3, min(max(1.0 / ratio, 1.0), LIGHT_LIMITS[1])))
 
 
 def _over_ratios(
@@ -375,10 +407,11 @@ def _over_ratios(
         alone = _likelihood(found, clear_water)
         best = _likelier(best, found, alone)
         hopeless = alone < best.likelihood - HOPELESS
+        veil = _veil_of_ratio(ratio, brightest)
         fused = fuse(
-            found, _light_of_ratio(ratio), 1.05 * ratio * brightest, np.full(3, RATIO_TOLERANCE))
+            found, veil.light, 1.05 * ratio * brightest, np.full(3, RATIO_TOLERANCE))
         likelihood = alone + math.log(PRIOR[RATIOS.index(ratio)])
-        components.append(_component(fused, likelihood, clear_water, contrast))
+        components.append(_component(fused, likelihood, clear_water, contrast, veil))
     return RatioFits(components, best)
 
 
@@ -387,22 +420,37 @@ def _with_open_water(
     contrast: Decay | None, water: OpenWater,
 ) -> tuple[Component, EnvelopeFit] | None:
     """Fit with the veil that open water shows; also returns the envelope's alone."""
-    light, alone = fit_open_water(fit, envelope, clear_water, water.veil, water.stddev)
+    veil, alone = fit_open_water(fit, envelope, clear_water, water.veil, water.stddev)
     if alone.fit is None:
         return None
-    fused = fuse(alone.fit, light, water.veil, water.stddev / water.veil)
-    return _component(fused, alone.likelihood, clear_water, contrast), alone
+    fused = fuse(alone.fit, veil.light, water.veil, water.stddev / water.veil)
+    return _component(fused, alone.likelihood, clear_water, contrast, veil), alone
 
 
 def _component(
-    fit: Fit, likelihood: float, clear_water: NDArray[np.float64], contrast: Decay | None
+    fit: Fit, likelihood: float, clear_water: NDArray[np.float64], contrast: Decay | None,
+    veil: PossibleVeil,
 ) -> Component:
     """Add the decay of contrast, and clear water, to a fit with priors and its log likelihood."""
     fused = held = _regular(fit)
     if contrast is not None:
         likelihood += likelihood_of_contrast(fused, contrast)
         held = _update(fused, contrast)
-    return Component(fused, hold_above_clear_water(held, clear_water), likelihood)
+    return Component(fused, hold_above_clear_water(held, clear_water), likelihood, veil)
+
+
+def _with_veil_of_attenuation(fit: FitVeil, component: Component) -> Fit:
+    """Fit the veil again to the attenuation that priors and contrast have moved.
+
+    They move the veil along a straight line, far out of what the envelope shows where it knew
+    the attenuation badly: darker than patches that are brighter for the veil alone.
+    """
+    attenuation = component.held.parameters[:, 0]
+    found = fit(component.veil, attenuation)
+    if found is None:
+        return component.held
+    return replace(
+        component.held, parameters=np.stack((attenuation, found.parameters[:, 1]), axis=1))
 
 
 def _weighted(component: Component, logarithm: float) -> Component:
