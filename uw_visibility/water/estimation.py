@@ -53,11 +53,12 @@ from uw_visibility.water.veil import (
 from uw_visibility.water.veil_gradient import UNCERTAIN, VeilGradient
 
 # Dark envelope: its quantile, and the pixels below it at least. The paper takes
-# 1 % (eq. 4). The darkest 5 pixels are a patch rather than a speck; where ranges
-# are interpolated, more of them are wrong.
+# 1 % (eq. 4). The darkest 5 pixels are a patch rather than a speck; where ranges are
+# interpolated or measured, some are wrong: a dark near thing that is taken for a far one is
+# darker than all that is there. With one light, bins below the envelope count less instead.
 PLAIN_DARK = (0.01, 0.5)
 DARK = (0.0002, 5.0)
-COARSE_DARK = (0.002, 20.0)
+MEASURED_DARK = (0.002, 20.0)
 BRIGHT_QUANTILE = 0.99
 # What attenuation and ambient light are off by where the paper's model holds, as a part of
 # them: where water is thick, the fit knows of noise alone.
@@ -441,7 +442,8 @@ class WaterEstimator:
     ) -> Envelopes:
         config = self._config
         plain = config.method == "paper"
-        dark_quantile, fewest_dark = PLAIN_DARK if plain else COARSE_DARK if coarse else DARK
+        measured = coarse or (range_error > 0.0 and config.veil == "free")
+        dark_quantile, fewest_dark = PLAIN_DARK if plain else MEASURED_DARK if measured else DARK
         ranges, valid = samples.reduce(np.asarray(range_map, dtype=np.float32), valid)
         return observe(
             samples,
