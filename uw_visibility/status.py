@@ -67,3 +67,10 @@ class Status(str, Enum):
 
     def __str__(self) -> str:
         return self.value
+
+
+REFUTING = frozenset((
+    Status.CLEARER_THAN_CLEAR_WATER, Status.OTHER_TRANSFER, Status.UNEVEN_RADIUS,
+    Status.UNEVEN_SIDES, Status.CUES_DISAGREE, Status.NOT_ONE_WATER,
+))
+"""Reasons by which a frame shows that water, light or camera are not what is assumed."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.status import Status
+from uw_visibility.status import REFUTING, Status
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.filter import WaterFilter
 from uw_visibility.water.observations import Envelopes
@@ -56,10 +56,20 @@ def test_what_is_filtered_is_assessed_too() -> None:
 def test_a_distance_that_is_no_longer_known_is_refused_for_the_reason_of_the_frame() -> None:
     kept = WaterFilter(PipelineConfig())
     kept.update(water(), 0.0)
-    blind = WaterEstimate.not_assessable(Status.NOT_ONE_WATER)
+    blind = WaterEstimate.not_assessable(Status.TOO_DARK)
     found = [kept.update(blind, time) for time in (0.2, 4.5)]
     assert [one.event for one in found if one] == [TrackingEvent.PREDICTED] * 2
-    assert [one.visibility.status for one in found if one] == [Status.OK, Status.NOT_ONE_WATER]
+    assert [one.visibility.status for one in found if one] == [Status.OK, Status.TOO_DARK]
+
+
+@pytest.mark.parametrize("reason", sorted(REFUTING))
+def test_a_frame_that_refutes_the_model_is_not_bridged_by_those_before(reason: Status) -> None:
+    kept = WaterFilter(PipelineConfig())
+    kept.update(water(), 0.0)
+    frames = [WaterEstimate.not_assessable(why) for why in (Status.TOO_DARK, reason)]
+    found = [kept.update(frame, 0.2 + 0.2 * k) for k, frame in enumerate([*frames, frames[0]])]
+    assert [one.water.status for one in found if one] == [Status.OK, reason, Status.OK]
+    assert [np.isfinite(one.visibility.distance) for one in found if one] == [True, False, True]
 
 
 def statuses(odds: list[float]) -> list[Status]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.status import Status
+from uw_visibility.status import REFUTING, Status
 from uw_visibility.water.assessment import Assessor, Visibility
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.estimation import WaterEstimator
@@ -23,6 +23,9 @@ from uw_visibility.water.lamp_survey import LampSurvey
 from uw_visibility.water.survey import Survey, SurveyEstimate
 from uw_visibility.water.tracking import TrackingEvent, WaterTracker
 from uw_visibility.water.transfer_check import TransferVote
+
+# A frame that the state is not taken from.
+_UNSEEN = (TrackingEvent.PREDICTED, TrackingEvent.NOT_ASSESSABLE)
 
 
 class FilteredWater(NamedTuple):
@@ -113,9 +116,11 @@ class WaterFilter:
         event = self._tracker.event
         assert event is not None
         survey = self._surveyed(water, filtered, stamp, event)
-        if self._transfer.certain:
+        refuted = Status.OTHER_TRANSFER if self._transfer.certain else water.status
+        # What shows nothing is bridged; what contradicts a frame does so to those before it too.
+        if self._transfer.certain or (event in _UNSEEN and refuted in REFUTING):
             filtered, event, survey = WaterEstimate.not_assessable(
-                Status.OTHER_TRANSFER, water.envelope), TrackingEvent.NOT_ASSESSABLE, None
+                refuted, water.envelope), TrackingEvent.NOT_ASSESSABLE, None
         elif survey is not None:
             filtered, event = survey.water, TrackingEvent.SURVEYED
         filtered = replace(filtered, grey_on_average=grey)
