@@ -29,8 +29,10 @@ def frame(grey: bool, red: float = 0.1) -> WaterEstimate:
 
 
 @pytest.mark.parametrize(("gain", "grey"), [
-    ((1.0, 1.0, 1.0), True), ((1.07, 1.0, 0.94), True), ((0.9, 1.0, 1.0), False),
+    ((1.0, 1.0, 1.0), True), ((1.07, 1.0, 0.94), True), ((0.9, 1.0, 0.98), False),
     ((1.0, 1.0, 1.1), False), ((0.0, 1.0, 1.0), False),
+    # The gain of red ends before it is grey.
+    ((0.7, 1.0, 1.0), True), ((0.7, 1.0, 1.01), False), ((1.3, 1.0, 1.0), False),
 ])
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
 def test_channels_of_one_mean_are_grey(gain, grey, kind):
