@@ -7,7 +7,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from uw_visibility.replay.bags.salvage_mcap import MAGIC, McapSalvage
 from uw_visibility.replay.bags.salvage_rosbag1 import Rosbag1Salvage
 from uw_visibility.replay.bags.source import RecordingPath, Source, open_regular
 from uw_visibility.replay.bags.sqlite import SqliteFile
-from uw_visibility.replay.bags.storage import Channel, Recorded, Storage, wanted
+from uw_visibility.replay.bags.storage import Channel, Part, Recorded, Storage
 
 FORMATS = {
     MessageDefinitionFormat.MSG: "msg",
@@ -86,10 +86,9 @@ class IndexedFile:
         begin, end = self._reader.start_time, self._reader.end_time
         self.span = (begin, end - 1) if end > begin else None
 
-    def messages(
-        self, topics: Collection[str] | None, start: int | None, stop: int | None
-    ) -> Iterator[Recorded]:
+    def messages(self, part: Part) -> Iterator[Recorded]:
         """Yield messages; where the index leads astray, scan the rest."""
+        topics, start, stop = part
         chosen = [c for c in self._reader.connections if topics is None or c.topic in topics]
         if not chosen:
             return
@@ -110,7 +109,7 @@ class IndexedFile:
             except InputError as hopeless:
                 self.damage.append(str(hopeless))
                 return
-            yield from _after(read, rest, topics, start, stop)
+            yield from _after(read, rest, part)
             self.damage += [note for note in rest.damage if note not in self.damage]
             rest.close()
 
@@ -119,18 +118,12 @@ class IndexedFile:
         self._reader.close()
 
 
-def _after(
-    read: Counter[str],
-    rest: Storage,
-    topics: Collection[str] | None,
-    start: int | None,
-    stop: int | None,
-) -> Iterator[Recorded]:
+def _after(read: Counter[str], rest: Storage, part: Part) -> Iterator[Recorded]:
     """Yield what a scan finds beyond the messages read already, counted by topic."""
-    for message in rest.messages(topics, start, stop):
+    for message in rest.messages(part):
         if read[message.topic] > 0:
             read[message.topic] -= 1
-        elif wanted(message, topics, start, stop):
+        elif part.holds(message):
             yield message
 
 

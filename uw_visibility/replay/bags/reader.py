@@ -7,6 +7,7 @@ from __future__ import annotations
 import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from uw_visibility.replay.bags.decoder import Decoder, common_types
 from uw_visibility.replay.bags.indexed import SALVAGE, open_file
 from uw_visibility.replay.bags.layout import PACKED, Named, UnreadableError, find_files, suffix
 from uw_visibility.replay.bags.packing import ZSTD, PackingError, unpack, unpack_file
-from uw_visibility.replay.bags.storage import Channel, Recorded, Storage
+from uw_visibility.replay.bags.storage import Channel, Part, Recorded, Storage
 
 # Times are nanoseconds of 63 bit.
 LATEST = 1 << 63
@@ -115,7 +116,7 @@ class BagReader:
         damaged = {named.topic: topic for topic, named in self._corrections.items()}
         wanted = None if topics is None else {damaged.get(topic, topic) for topic in topics}
         for storage in self._storages:
-            for message in storage.messages(wanted, start, stop):
+            for message in storage.messages(Part(wanted, start, stop)):
                 named = self._corrections.get(message.topic)
                 if named is not None:
                     message = message._replace(topic=named.topic, type=named.type)
@@ -184,9 +185,7 @@ class BagReader:
                 if first.count is not None and channel.count is not None:
                     count = first.count + channel.count
                 best = first if first.format else channel
-                merged[channel.topic] = Channel(
-                    best.topic, best.type, best.format, best.definition, count
-                )
+                merged[channel.topic] = replace(best, count=count)
             else:
                 self._notes.append(
                     f"{printable(channel.topic)} has a second type, {printable(channel.type)}"
@@ -202,7 +201,4 @@ class BagReader:
                 f"{printable(named.topic)} ({printable(named.type)}), as metadata.yaml has it"
             )
             channel = Channel(*named, "", "", channel.count)
-        return Channel(
-            channel.topic, channel.type, channel.format, channel.definition,
-            self._expected.get(channel.topic, channel.count),
-        )
+        return replace(channel, count=self._expected.get(channel.topic, channel.count))

@@ -11,13 +11,13 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 
 from uw_visibility.replay.bags.packing import unpack_part
 from uw_visibility.replay.bags.source import MOST_AT_ONCE, LimitError, Source
-from uw_visibility.replay.bags.storage import Channel, Recorded, wanted
+from uw_visibility.replay.bags.storage import DIFFER, LOST, SKIPPED, Channel, Recorded, Salvage
 
 MAGIC = b"\x89MCAP0\r\n"
 SCHEMA, CHANNEL, MESSAGE, CHUNK = 3, 4, 5, 6
@@ -32,44 +32,12 @@ RECORD = re.compile(
 )
 
 
-class McapSalvage:
-    """Scans an MCAP file from its start; a `Storage` without an index."""
-
-    span = None
+class McapSalvage(Salvage):
+    """Scans an MCAP file from its start."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
         self._schemas: dict[int, tuple[str, str, str]] = {}
-        self._by_id: dict[int, Channel] = {}
-        self.damage: list[str] = []
-        self._lost = self._skipped = self._differ = 0
-        for _ in self._scan(messages=False):
-            pass
-        self.channels = list(self._by_id.values())
-
-    def messages(
-        self, topics: Collection[str] | None, start: int | None, stop: int | None
-    ) -> Iterator[Recorded]:
-        """Yield messages in the order of the file."""
-        self._lost = self._skipped = self._differ = 0
-        for message in self._scan(messages=True):
-            if wanted(message, topics, start, stop):
-                yield message
-        for count, what in (
-            (self._lost, "chunks of messages could not be unpacked to their end"),
-            (self._differ, "chunks are not what their checksums say, and used all the same"),
-            (self._skipped, "damaged records were skipped"),
-        ):
-            if count:
-                self.damage.append(f"{self._path.name}: {count} {what}")
-
-    def close(self) -> None:
-        """Nothing is open between two scans."""
-
-    def _scan(self, messages: bool) -> Iterator[Recorded]:
-        with Source.of(self._path) as source:
-            # Its first bytes may be damaged like any others.
-            yield from self._records(source, len(MAGIC), messages, chunks=True)
+        super().__init__(path, len(MAGIC))
 
     def _records(
         self, source: Source, at: int, messages: bool, chunks: bool
@@ -87,7 +55,7 @@ class McapSalvage:
                 after = self._next(source, at + 1, chunks)
                 end = source.size if after is None else after
                 if kind != CHUNK or not chunks:
-                    self._skipped += after is not None
+                    self._losses[SKIPPED] += after is not None
                     at = end
                     continue
             try:
@@ -95,30 +63,23 @@ class McapSalvage:
                 if kind == CHUNK:
                     yield from self._chunk(content, messages)
                 elif kind == MESSAGE and messages:
-                    yield from self._message(content)
+                    channel, _, time, _ = struct.unpack_from("<HIQQ", content)
+                    yield from self._message(channel, time, content[MESSAGE_FIELDS:])
                 elif kind in (SCHEMA, CHANNEL):
                     self._describe(kind, BytesIO(content))
             except (struct.error, LimitError):
-                self._skipped += 1
+                self._losses[SKIPPED] += 1
             at = end
 
     def _end(
         self, source: Source, at: int, kind: int, length: int, chunks: bool
     ) -> int | None:
         """Return where a record ends, or None where nothing that says so fits."""
-        lengths = [length]
-        if kind == CHUNK:
-            if not chunks:
-                return None
-            head = source.read(at + HEAD, CHUNK_FIELDS + 16)
-            if len(head) == CHUNK_FIELDS + 16:
-                (name,) = struct.unpack_from("<I", head, CHUNK_FIELDS)
-                if name <= 4:
-                    (packed,) = struct.unpack_from("<Q", head, CHUNK_FIELDS + 4 + name)
-                    lengths.append(CHUNK_FIELDS + 12 + name + packed)
-        for candidate in lengths:
-            end = at + HEAD + candidate
-            if kind != 0 and self._begins(source, end):
+        if kind == CHUNK and not chunks:
+            return None
+        for candidate in (length, _chunk_length(source, at) if kind == CHUNK else None):
+            end = None if candidate is None else at + HEAD + candidate
+            if kind != 0 and end is not None and self._begins(source, end):
                 return end
         return None
 
@@ -139,12 +100,7 @@ class McapSalvage:
         for place in source.find(RECORD, at):
             kind, length = struct.unpack("<BQ", source.read(place, HEAD))
             if kind == CHUNK and chunks:
-                head = source.read(place + HEAD, CHUNK_FIELDS + 16)
-                (name,) = struct.unpack_from("<I", head, CHUNK_FIELDS)
-                if len(head) < CHUNK_FIELDS + 12 + name:
-                    continue
-                (packed,) = struct.unpack_from("<Q", head, CHUNK_FIELDS + 4 + name)
-                if length == CHUNK_FIELDS + 12 + name + packed:
+                if length == _chunk_length(source, place):
                     return place
             elif kind == MESSAGE and length >= MESSAGE_FIELDS:
                 content = source.read(place + HEAD, 2)
@@ -160,19 +116,11 @@ class McapSalvage:
         (length,) = struct.unpack("<Q", stream.read(8))
         records, problem = unpack_part(stream.read(min(length, len(content))), compression)
         if problem or len(records) < size:
-            self._lost += 1
+            self._losses[LOST] += 1
         elif checksum and zlib.crc32(records[:size]) != checksum:
-            self._differ += 1
+            self._losses[DIFFER] += 1
         if records:
             yield from self._records(Source.of(records), 0, messages, chunks=False)
-
-    def _message(self, content: bytes) -> Iterator[Recorded]:
-        channel, _, time, _ = struct.unpack_from("<HIQQ", content)
-        if channel in self._by_id:
-            about = self._by_id[channel]
-            yield Recorded(about.topic, about.type, time, content[MESSAGE_FIELDS:])
-        else:
-            self._skipped += 1
 
     def _describe(self, kind: int, content: BytesIO) -> None:
         (number,) = struct.unpack("<H", content.read(2))
@@ -184,6 +132,18 @@ class McapSalvage:
         (schema,) = struct.unpack("<H", content.read(2))
         name, form, definition = self._schemas.get(schema, ("unknown", "", ""))
         self._by_id.setdefault(number, Channel(_string(content), name, form, definition))
+
+
+def _chunk_length(source: Source, at: int) -> int | None:
+    """Return the length of a chunk's content by what is in it, or None where it is cut off."""
+    head = source.read(at + HEAD, CHUNK_FIELDS + 16)
+    if len(head) < CHUNK_FIELDS + 12:
+        return None
+    (name,) = struct.unpack_from("<I", head, CHUNK_FIELDS)
+    if len(head) < CHUNK_FIELDS + 12 + name:
+        return None
+    (packed,) = struct.unpack_from("<Q", head, CHUNK_FIELDS + 4 + name)
+    return int(CHUNK_FIELDS + 12 + name + packed)
 
 
 def _string(stream: BytesIO) -> str:

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
+from uw_visibility.messages.stamps import SECOND
 from uw_visibility.replay.bags.packing import unpack_part
 from uw_visibility.replay.bags.source import LimitError, Source
-from uw_visibility.replay.bags.storage import Channel, Recorded, wanted
+from uw_visibility.replay.bags.storage import LOST, SKIPPED, Channel, Recorded, Salvage
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, CHUNK, CONNECTION = 2, 5, 7
@@ -25,51 +26,22 @@ LONGEST_BEFORE = 64
 LONGEST_HEADER = 1 << 20
 
 
-class Rosbag1Salvage:
-    """Scans a bag of ROS 1 from its start; a `Storage` without an index."""
-
-    span = None
+class Rosbag1Salvage(Salvage):
+    """Scans a bag of ROS 1 from its start."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._by_id: dict[int, Channel] = {}
-        self.damage: list[str] = []
-        self._lost = self._skipped = 0
-        for _ in self._scan():
-            pass
-        self.channels = list(self._by_id.values())
+        super().__init__(path, len(MAGIC))
 
-    def messages(
-        self, topics: Collection[str] | None, start: int | None, stop: int | None
+    def _records(
+        self, source: Source, at: int, messages: bool, chunks: bool
     ) -> Iterator[Recorded]:
-        """Yield messages in the order of the file."""
-        self._lost = self._skipped = 0
-        for message in self._scan():
-            if wanted(message, topics, start, stop):
-                yield message
-        for count, what in (
-            (self._lost, "chunks of messages could not be unpacked to their end"),
-            (self._skipped, "damaged records were skipped"),
-        ):
-            if count:
-                self.damage.append(f"{self._path.name}: {count} {what}")
-
-    def close(self) -> None:
-        """Nothing is open between two scans."""
-
-    def _scan(self) -> Iterator[Recorded]:
-        with Source.of(self._path) as source:
-            # Its first bytes may be damaged like any others.
-            yield from self._records(source, len(MAGIC), chunks=True)
-
-    def _records(self, source: Source, at: int, chunks: bool) -> Iterator[Recorded]:
         while at < source.size:
             record = _header(source, at)
             if record is None:
                 after = _next(source, at + 1)
                 if after is None:
                     return
-                self._skipped += 1
+                self._losses[SKIPPED] += 1
                 at = after
                 continue
             fields, begin, length = record
@@ -78,36 +50,34 @@ class Rosbag1Salvage:
             if end > source.size or (end < source.size and _header(source, end) is None):
                 # A wrong length, or the end of a file that is cut off.
                 after = _next(source, begin)
-                self._skipped += after is not None
+                self._losses[SKIPPED] += after is not None
                 end = source.size if after is None else after
             try:
-                yield from self._record(source, kind, fields, (begin, end), length, chunks)
+                if kind in (MESSAGE, CHUNK, CONNECTION):
+                    data = source.read(begin, end - begin)
+                    yield from self._record(kind, fields, data, messages, chunks, length)
             except (struct.error, KeyError, LimitError):
-                self._skipped += 1
+                self._losses[SKIPPED] += 1
             at = end
 
     def _record(
-        self, source: Source, kind: int, fields: dict[str, bytes], place: tuple[int, int],
-        length: int, chunks: bool,
+        self, kind: int, fields: dict[str, bytes], data: bytes, messages: bool, chunks: bool,
+        length: int,
     ) -> Iterator[Recorded]:
-        begin, end = place
-        if kind not in (MESSAGE, CHUNK, CONNECTION):
-            return
-        data = source.read(begin, end - begin)
         if kind == CHUNK and chunks:
             # Of a chunk that is cut off, the records before the cut are whole.
-            yield from self._chunk(fields.get("compression", b"none"), data)
+            compression = fields.get("compression", b"none").decode(errors="replace")
+            records, problem = unpack_part(data, compression)
+            if problem:
+                self._losses[LOST] += 1
+            if records:
+                yield from self._records(Source.of(records), 0, messages, chunks=False)
         elif kind == CONNECTION:
             self._describe(fields, _fields(data) or {})
         elif kind == MESSAGE and len(data) == length:
-            yield from self._message(fields, data)
-
-    def _chunk(self, compression: bytes, data: bytes) -> Iterator[Recorded]:
-        records, problem = unpack_part(data, compression.decode(errors="replace"))
-        if problem:
-            self._lost += 1
-        if records:
-            yield from self._records(Source.of(records), 0, chunks=False)
+            (number,) = struct.unpack("<I", fields["conn"])
+            seconds, nanoseconds = struct.unpack("<II", fields["time"])
+            yield from self._message(number, seconds * SECOND + nanoseconds, data)
 
     def _describe(self, fields: dict[str, bytes], about: dict[str, bytes]) -> None:
         (number,) = struct.unpack("<I", fields["conn"])
@@ -117,16 +87,6 @@ class Rosbag1Salvage:
         topic = fields.get("topic", b"").decode(errors="replace")
         channel = Channel(topic, f"{package}/msg/{name}", "msg", definition)
         self._by_id.setdefault(number, channel)
-
-    def _message(self, fields: dict[str, bytes], data: bytes) -> Iterator[Recorded]:
-        (number,) = struct.unpack("<I", fields["conn"])
-        seconds, nanoseconds = struct.unpack("<II", fields["time"])
-        if number in self._by_id:
-            about = self._by_id[number]
-            time = seconds * 1_000_000_000 + nanoseconds
-            yield Recorded(about.topic, about.type, time, data)
-        else:
-            self._skipped += 1
 
 
 def _header(source: Source, at: int) -> tuple[dict[str, bytes], int, int] | None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from uw_visibility.config.files import check_regular
 from uw_visibility.errors import InputError, printable
 from uw_visibility.replay.bags.source import MOST_AT_ONCE, Source
 from uw_visibility.replay.bags.sqlite_repair import repaired
-from uw_visibility.replay.bags.storage import Channel, Recorded, wanted
+from uw_visibility.replay.bags.storage import Channel, Part, Recorded
 
 TABLES = ("topics", "messages")
 DEFINITIONS = "message_definitions"
@@ -65,15 +66,13 @@ class SqliteFile:
             self._database.close()
             raise
 
-    def messages(
-        self, topics: Collection[str] | None, start: int | None, stop: int | None
-    ) -> Iterator[Recorded]:
+    def messages(self, part: Part) -> Iterator[Recorded]:
         """Yield messages in the order of time; where that fails, the rest as recorded."""
         refused = size = 0
         # Of the rows that were reached, the latest ones.
         latest, rows = -1, set[int]()
         try:
-            for row in self._run(SORTED.format(_where(self._ids(topics), start, stop))):
+            for row in self._run(SORTED.format(_where(self._ids(part.topics), part))):
                 message = self._message(row)
                 if message is None:
                     refused += 1
@@ -87,7 +86,7 @@ class SqliteFile:
                 yield message
         except ERRORS as error:
             self._note(f"is damaged ({error}): read as far as it goes")
-            yield from self._one_by_one(topics, start, stop, latest, rows)
+            yield from self._one_by_one(part, latest, rows)
         if refused:
             self._note(f"has {refused} rows that are no messages")
 
@@ -146,8 +145,7 @@ class SqliteFile:
         if nowhere:
             self._note(f"{nowhere} messages are of topics that it does not name")
         self.channels = [
-            Channel(c.topic, c.type, c.format, c.definition,
-                    None if counts is None else counts.get(number, 0))
+            replace(c, count=None if counts is None else counts.get(number, 0))
             for number, c in self._topics.items()
         ]
         try:
@@ -204,8 +202,7 @@ class SqliteFile:
         return Recorded(about.topic, about.type, time, data)
 
     def _one_by_one(
-        self, topics: Collection[str] | None, start: int | None, stop: int | None,
-        latest: int, rows: Collection[int],
+        self, part: Part, latest: int, rows: Collection[int]
     ) -> Iterator[Recorded]:
         """Yield the messages of rows that can be reached, later than those of before."""
         number = missing = lost = 0
@@ -227,7 +224,7 @@ class SqliteFile:
                 lost += 1
             elif message.time < latest or number in rows:
                 continue
-            elif wanted(message, topics, start, stop):
+            elif part.holds(message):
                 yield message
         if lost:
             self._note(f"{lost} messages among others are lost")
@@ -265,10 +262,10 @@ def _limit(database: sqlite3.Connection) -> None:
     database.text_factory = lambda data: data.decode(errors="replace")
 
 
-def _where(ids: list[int], start: int | None, stop: int | None) -> str:
+def _where(ids: list[int], part: Part) -> str:
     conditions = [f"topic_id IN ({', '.join(str(number) for number in ids)})"]
-    if start is not None:
-        conditions.append(f"timestamp >= {start}")
-    if stop is not None:
-        conditions.append(f"timestamp < {stop}")
+    if part.start is not None:
+        conditions.append(f"timestamp >= {part.start}")
+    if part.stop is not None:
+        conditions.append(f"timestamp < {part.stop}")
     return f" WHERE {' AND '.join(conditions)}"
