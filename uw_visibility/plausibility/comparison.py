@@ -8,6 +8,7 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import Protocol, TypeVar
 
 
 @dataclass(frozen=True)
@@ -34,38 +35,55 @@ class DepthSample:
         return self.variance**0.5
 
 
-def interpolate(
-    samples: Sequence[DepthSample], stamp: int, longest_gap: float
-) -> DepthSample | None:
-    """Interpolate the depth linearly at a stamp.
+class Stamped(Protocol):
+    """Protocol of a value with a stamp, ns."""
+
+    @property
+    def stamp(self) -> int: ...
+
+
+Value = TypeVar("Value", bound=Stamped)
+
+
+def neighbours(
+    values: Sequence[Value], stamp: int, longest_gap: float
+) -> tuple[Value, Value, float] | None:
+    """Return the values before and after a stamp, and which part of the way it is.
 
     Parameters
     ----------
-    samples : sequence of DepthSample
+    values : sequence of Stamped
         By rising stamp.
     stamp : int
         In ns.
     longest_gap : float
-        Neighbours further apart than this are not neighbours, s.
+        Values further apart than this are not neighbours, s.
 
     Returns
     -------
-    DepthSample or None
-        None where the samples do not enclose the stamp closely.
+    tuple or None
+        None where the values do not enclose the stamp closely.
     """
-    index = bisect_left(samples, stamp, key=lambda sample: sample.stamp)
-    if index == len(samples):
+    index = bisect_left(values, stamp, key=lambda value: value.stamp)
+    if index == len(values):
         return None
-    after = samples[index]
+    after = values[index]
     if after.stamp == stamp:
-        return after
-    if index == 0:
-        return None
-    before = samples[index - 1]
+        return after, after, 1.0
+    before = values[max(index - 1, 0)]
     gap = after.stamp - before.stamp
-    if gap > longest_gap * 1e9:
+    # Before the first value there is no neighbour.
+    return (before, after, (stamp - before.stamp) / gap) if 0 < gap <= longest_gap * 1e9 else None
+
+
+def interpolate(
+    samples: Sequence[DepthSample], stamp: int, longest_gap: float
+) -> DepthSample | None:
+    """Interpolate the depth linearly at a stamp; see `neighbours`."""
+    found = neighbours(samples, stamp, longest_gap)
+    if found is None:
         return None
-    share = (stamp - before.stamp) / gap
+    before, after, share = found
     # Errors of a sensor are alike from one value to the next, so the mean of
     # two is not taken to be better than one.
     return DepthSample(

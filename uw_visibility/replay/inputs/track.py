@@ -4,19 +4,10 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections import deque
-from typing import Generic, Protocol, TypeVar
+from typing import Generic
 
-
-class Stamped(Protocol):
-    """Protocol of a value with a stamp, ns."""
-
-    @property
-    def stamp(self) -> int: ...
-
-
-Value = TypeVar("Value", bound=Stamped)
+from uw_visibility.plausibility.comparison import Value, neighbours
 
 
 class Track(Generic[Value]):
@@ -29,7 +20,7 @@ class Track(Generic[Value]):
     """
 
     def __init__(self, longest_gap: float) -> None:
-        self._longest = round(longest_gap * 1e9)
+        self._longest = longest_gap
         self._values: deque[Value] = deque()
 
     def add(self, value: Value) -> None:
@@ -53,13 +44,4 @@ class Track(Generic[Value]):
 
     def around(self, stamp: int) -> tuple[Value, Value, float] | None:
         """Return the neighbours of a stamp, and which part of the way it is; None without any."""
-        index = bisect_left(self._values, stamp, key=lambda value: value.stamp)
-        if index == len(self._values):
-            return None
-        after = self._values[index]
-        if after.stamp == stamp:
-            return after, after, 1.0
-        before = self._values[max(index - 1, 0)]
-        gap = after.stamp - before.stamp
-        # Before the first value there is no neighbour.
-        return (before, after, (stamp - before.stamp) / gap) if 0 < gap <= self._longest else None
+        return neighbours(self._values, stamp, self._longest)
