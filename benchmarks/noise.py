@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 from uw_visibility import Pipeline, PipelineConfig
 from uw_visibility.evaluation.baselines import equalised_matching, semi_global_matching
-from uw_visibility.evaluation.degrade import Scene
+from uw_visibility.evaluation.degrade import CAMERA, Scene, sensor_of, title_of
 from uw_visibility.evaluation.metrics import bad_fraction, correct_fraction
-from uw_visibility.evaluation.noise_axis import CAMERA, sensor_of, title_of
 from uw_visibility.evaluation.scenes import find_scenes, search_limit, tolerance
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 

@@ -50,7 +50,7 @@ def test_a_constant_of_another_module_is_known_however_it_is_imported(install: A
         install.write(f"importer_{number}", line)
     names = [f"uw_visibility.importer_{number}" for number in range(len(imports))]
     code = (
-        "import json\nfrom uw_visibility.compute.fingerprint import fingerprint\n"
+        "import json\nfrom uw_visibility.compute.kernel_folder import fingerprint\n"
         f"print(json.dumps([[fingerprint(name) for name in {names}], 0, 0, '']))\n"
     )
     before = install.run(code=code).value

@@ -10,8 +10,7 @@ from hypothesis.extra import numpy as hnp
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
-from uw_visibility.enhancement.guided_filter import GuidedFilter
-from uw_visibility.enhancement.matting import Matting
+from uw_visibility.enhancement.matting import GuidedFilter, Matting
 from uw_visibility.errors import InputError
 
 SHAPE = (96, 130)

@@ -14,8 +14,7 @@ import pytest
 
 from uw_visibility.cli import main
 from uw_visibility.messages.images import read_image, stamp_to_nanoseconds
-from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.simulation.camera_effects import CameraEffects
+from uw_visibility.simulation.camera import CameraEffects, StereoCamera
 from uw_visibility.simulation.transect import Transect
 from uw_visibility.stereo.rig import StereoRig
 

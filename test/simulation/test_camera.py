@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.errors import InputError
-from uw_visibility.simulation.camera import NOISELESS, Pose, Sensor, StereoCamera
-from uw_visibility.simulation.camera_effects import CameraEffects
+from uw_visibility.simulation.camera import NOISELESS, CameraEffects, Pose, Sensor, StereoCamera
 
 
 def test_optical_axes_of_a_level_camera() -> None:

@@ -11,8 +11,7 @@ import pytest
 
 from uw_visibility.errors import InputError
 from uw_visibility.optics.transfer import from_linear
-from uw_visibility.simulation.camera import NOISELESS, Sensor
-from uw_visibility.simulation.camera_effects import CameraEffects
+from uw_visibility.simulation.camera import NOISELESS, CameraEffects, Sensor
 
 RANDOM = np.random.default_rng(3)
 LIGHT = RANDOM.uniform(0.1, 0.6, (40, 60, 3)).astype(np.float32)

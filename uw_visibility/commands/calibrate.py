@@ -9,13 +9,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from uw_visibility.commands.progress import say
-from uw_visibility.commands.recording_options import (
+from uw_visibility.commands.options import (
     add_recording_options,
     jobs,
     read_recording_options,
     reading,
 )
+from uw_visibility.commands.progress import say
 from uw_visibility.config.files import write_whole
 from uw_visibility.errors import InputError, needing, printable
 
@@ -126,7 +126,7 @@ def _write(
     damage: list[str], more: str = "",
 ) -> None:
     """Write the parameters that were found, and tell of them."""
-    from uw_visibility.commands.params_file import read_params_file
+    from uw_visibility.commands.options import read_params_file
     from uw_visibility.config.parameter_file import render_values
 
     names = printable(", ".join(bag.resolve().name for bag in arguments.bags))

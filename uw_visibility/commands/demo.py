@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.commands.params_file import add_described
+from uw_visibility.commands.options import add_described
 from uw_visibility.errors import needing, refusing
 
 HELP = "simulate, run the node, play the bag into it, report"

@@ -99,7 +99,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _read_config(path: Path | None, max_disparity: int | None) -> PipelineConfig:
-    from uw_visibility.commands.params_file import read_params_file
+    from uw_visibility.commands.options import read_params_file
     from uw_visibility.config.schema import PipelineConfig
 
     values = read_params_file(path)

@@ -8,7 +8,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from uw_visibility.commands.params_file import Options, add_described
+from uw_visibility.commands.options import Options, add_described
 from uw_visibility.commands.progress import progress_bar, progress_log, say
 from uw_visibility.config.files import gathered, sole_writer
 from uw_visibility.errors import InputError, check_range, needing
@@ -314,7 +314,7 @@ def _plan(arguments: argparse.Namespace) -> Plan:
 
 def _read_config(path: Path | None, defaults: dict[str, Any]) -> PipelineConfig:
     """Read the parameters, with other defaults for some."""
-    from uw_visibility.commands.params_file import read_params_file
+    from uw_visibility.commands.options import read_params_file
     from uw_visibility.config.schema import PipelineConfig
 
     config = PipelineConfig.from_parameters({**defaults, **read_params_file(path)})

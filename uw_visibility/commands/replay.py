@@ -9,14 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from uw_visibility.commands.progress import say
-from uw_visibility.commands.recording_options import (
+from uw_visibility.commands.options import (
     add_recording_options,
     jobs,
     named_place,
     read_recording_options,
     reading,
 )
+from uw_visibility.commands.progress import say
 from uw_visibility.errors import InputError, refusing
 
 # Numbers of a topic that --list names.

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from uw_visibility.commands.params_file import Options, add_described, of_arguments
+from uw_visibility.commands.options import Options, add_described, of_arguments
 from uw_visibility.commands.progress import say
 from uw_visibility.errors import InputError, check_range
 
@@ -173,8 +173,7 @@ def run(arguments: argparse.Namespace) -> None:
     from uw_visibility.commands.progress import progress_bar
     from uw_visibility.compute.threads import Workers
     from uw_visibility.simulation.bag import write_transect
-    from uw_visibility.simulation.camera import StereoCamera
-    from uw_visibility.simulation.camera_effects import CameraEffects
+    from uw_visibility.simulation.camera import CameraEffects, StereoCamera
     from uw_visibility.simulation.frame import Effects
     from uw_visibility.simulation.transect import Transect
 

@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> None:
     InputError
         If the parameters cannot be used, or the size is too small.
     """
-    from uw_visibility.commands.params_file import read_params_file
+    from uw_visibility.commands.options import read_params_file
     from uw_visibility.commands.progress import tell
     from uw_visibility.config.schema import PipelineConfig
 

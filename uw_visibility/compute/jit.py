@@ -24,8 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from uw_visibility.compute import kernel_folder
-from uw_visibility.compute.fingerprint import fingerprint
-from uw_visibility.compute.kernel_folder import log, warn_once
+from uw_visibility.compute.kernel_folder import fingerprint, log, warn_once
 from uw_visibility.compute.numba_import import caching, dumps, numba
 
 _DIGEST_SIZE = hashlib.sha256().digest_size

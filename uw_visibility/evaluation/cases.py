@@ -23,10 +23,9 @@ from uw_visibility.enhancement.radiance import recover_radiance
 from uw_visibility.enhancement.white_balance import RestorationWater
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation import baselines, metrics
-from uw_visibility.evaluation.degrade import Scene, fill_from_background
+from uw_visibility.evaluation.degrade import Scene, fill_from_background, sensor_of
 from uw_visibility.evaluation.depth_edges import EdgeErrors, edge_errors
 from uw_visibility.evaluation.methods import of_kind, titles
-from uw_visibility.evaluation.noise_axis import sensor_of
 from uw_visibility.evaluation.partial_pipeline import first_enhancement, match_with_truth
 from uw_visibility.evaluation.readings import Reader, Reading, Truth, flat
 from uw_visibility.evaluation.reliability import Reliability

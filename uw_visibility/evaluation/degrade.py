@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes with known disparity, seen through simulated water (section III of the paper)."""
+"""Scenes with known disparity, seen through simulated water, and noise (section III)."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ from uw_visibility.stereo.rig import StereoRig
 FULL_SIZE_FOCAL_LENGTH = 3740.0
 BASELINE = 0.160
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm")
+CAMERA = "camera"
+"""Name of the shot and read noise of a small camera, that of `Sensor`."""
 
 
 @dataclass(frozen=True)
@@ -229,3 +231,34 @@ def _read_disparity(path: Path, scale: int) -> NDArray[np.float32]:
     disparity = values.astype(np.float32) / np.float32(scale)
     disparity[values == 0] = np.nan
     return disparity
+
+
+def sensor_of(noise: str) -> Sensor:
+    """Return the sensor of a noise.
+
+    Parameters
+    ----------
+    noise : str
+        Standard deviation of Gaussian noise in codes of 255, or ``camera``.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    if noise == CAMERA:
+        return Sensor()
+    try:
+        codes = float(noise)
+    except ValueError:
+        raise InputError(
+            f"noise is {noise!r}: give codes of 255, such as 2, or {CAMERA} for shot and read noise"
+        ) from None
+    return Sensor.gaussian(codes)
+
+
+def title_of(noise: str) -> str:
+    """Return how tables and figures name a noise."""
+    if noise == CAMERA:
+        return "shot and read noise"
+    return "no noise" if noise == "0" else f"noise of {noise} codes"

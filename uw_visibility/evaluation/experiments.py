@@ -16,7 +16,7 @@ from typing import Any
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import check_range
 from uw_visibility.evaluation.cases import Case, CaseResult, evaluate_case
-from uw_visibility.evaluation.noise_axis import sensor_of
+from uw_visibility.evaluation.degrade import sensor_of
 from uw_visibility.evaluation.parallel import Progress, run_cases
 from uw_visibility.evaluation.reliability import Reliability
 from uw_visibility.evaluation.scenes import SceneSource

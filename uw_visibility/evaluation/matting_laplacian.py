@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
-from uw_visibility.enhancement.guided_filter import CELL, NO_PLANE, GuidedFilter
+from uw_visibility.enhancement.matting import CELL, NO_PLANE, GuidedFilter
 
 # Weight λ of the data beside the smoothness that the image asks for.
 DATA_WEIGHT = 10.0

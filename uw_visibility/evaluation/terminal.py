@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from uw_visibility.evaluation.cases import IMAGES, MATCHES, READINGS
+from uw_visibility.evaluation.degrade import title_of
 from uw_visibility.evaluation.depth_edges import DISTANCE, MAPS
 from uw_visibility.evaluation.methods import of_kind
-from uw_visibility.evaluation.noise_axis import title_of
 from uw_visibility.evaluation.summary import TURBID, Summary
 from uw_visibility.evaluation.tables import number
 

@@ -13,8 +13,7 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import check_range
 from uw_visibility.images.arrays import Array, Map
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
-from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
-from uw_visibility.simulation.camera_effects import CameraEffects
+from uw_visibility.simulation.camera import CameraEffects, Pose, Sensor, StereoCamera
 from uw_visibility.simulation.effects import add_caustics, drifting_particles, marine_snow
 from uw_visibility.simulation.formation import Geometry, effective_attenuation, form_image
 from uw_visibility.simulation.lamp_image import (

@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import check_range
-from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
-from uw_visibility.simulation.camera_effects import CameraEffects
+from uw_visibility.simulation.camera import CameraEffects, Pose, Sensor, StereoCamera
 from uw_visibility.simulation.frame import Effects, RenderedFrame, Renderer
 from uw_visibility.simulation.lamps import Lighting
 from uw_visibility.simulation.scene import Scene, reef

@@ -18,7 +18,7 @@ from uw_visibility.evaluation.adverse.effects import Level
 from uw_visibility.evaluation.adverse.scenes import find_adverse_scenes, load_adverse_scene
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.studies import StudyResult
-from uw_visibility.simulation.camera_effects import CameraEffects
+from uw_visibility.simulation.camera import CameraEffects
 from uw_visibility.simulation.water import WaterEffects
 
 CONFIG = PipelineConfig.from_parameters({"threads": 1})

@@ -23,8 +23,13 @@ from uw_visibility.commands.demonstration.comparison import (
 )
 from uw_visibility.commands.demonstration.figures import draw_frame, draw_series
 from uw_visibility.commands.demonstration.node_process import NodeProcess, isolate, reserved_domain
-from uw_visibility.commands.demonstration.play import Check, play, wait_until_ready
-from uw_visibility.commands.demonstration.recording import RecordedFrame, read_recording
+from uw_visibility.commands.demonstration.recording import (
+    Check,
+    RecordedFrame,
+    play,
+    read_recording,
+    wait_until_ready,
+)
 from uw_visibility.commands.progress import progress_bar, tell
 from uw_visibility.messages.images import read_disparity, read_image
 from uw_visibility.messages.outputs import TOPICS

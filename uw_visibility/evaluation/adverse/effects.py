@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from uw_visibility.errors import InputError
-from uw_visibility.simulation.camera import Sensor
-from uw_visibility.simulation.camera_effects import CameraEffects
+from uw_visibility.simulation.camera import CameraEffects, Sensor
 from uw_visibility.simulation.frame import Effects
 from uw_visibility.simulation.water import WaterEffects
 

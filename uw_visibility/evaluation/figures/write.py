@@ -8,11 +8,14 @@ from pathlib import Path
 
 from uw_visibility.evaluation.experiments import Evaluation
 from uw_visibility.evaluation.figures.bins import draw_bins
-from uw_visibility.evaluation.figures.grid import draw_over_attenuation, draw_over_depth
+from uw_visibility.evaluation.figures.curves import (
+    draw_over_attenuation,
+    draw_over_depth,
+    draw_reliability,
+    draw_transect,
+)
 from uw_visibility.evaluation.figures.pictures import draw_disparities, draw_pictures
 from uw_visibility.evaluation.figures.pictures import draw_over_depth as draw_pictures_over_depth
-from uw_visibility.evaluation.figures.reliability import draw_reliability
-from uw_visibility.evaluation.figures.transect import draw_transect
 
 
 def write_figures(
