@@ -137,14 +137,14 @@ class Component(NamedTuple):
         With the decay of contrast too, and above clear water's attenuation.
     likelihood : float
         Its logarithm.
-    veil : PossibleVeil
-        What the dark envelope was fitted with.
+    veil : PossibleVeil or None
+        What the dark envelope was fitted with; None where open water shows the veil.
     """
 
     fused: Fit
     held: Fit
     likelihood: float
-    veil: PossibleVeil
+    veil: PossibleVeil | None
 
 
 class RatioFits(NamedTuple):
@@ -266,7 +266,7 @@ def fit_free_veil(
     weights /= weights.sum()
     fused = [component.fused for component in components]
     held = [
-        component.held if weight < NEGLIGIBLE else _with_veil_of_attenuation(fit, component)
+        _with_veil_of_attenuation(fit, component, weight)
         for component, weight in zip(components, weights, strict=True)]
     nearest = min(fused, key=lambda component: component.misfit)
     alone = _mixture(fused, weights)
@@ -331,7 +331,7 @@ def fit_best_ratio(
 def fit_open_water(
     fit: FitVeil, envelope: Envelopes, clear_water: NDArray[np.float64],
     veil: NDArray[np.float64], stddev: NDArray[np.float64],
-) -> tuple[PossibleVeil, EnvelopeFit]:
+) -> tuple[NDArray[np.float64], EnvelopeFit]:
     """Fit the dark envelope with the veil that open water shows.
 
     Parameters
@@ -347,7 +347,8 @@ def fit_open_water(
 
     Returns
     -------
-    veil : PossibleVeil
+    light : (3,) float64 ndarray
+        W / B.
     fit : EnvelopeFit
     """
     light = np.clip(
@@ -356,14 +357,13 @@ def fit_open_water(
         np.maximum(veil - DEVIATIONS * stddev, 0.3 * veil), veil + DEVIATIONS * stddev, light)
     found = fit(possible)
     if found is None:
-        return possible, EnvelopeFit()
+        return light, EnvelopeFit()
     light = np.clip(
         _bright_light(found.parameters[:, 0], veil, envelope) / veil, *LIGHT_LIMITS)
-    possible = possible._replace(light=light)
-    found = fit(possible)
+    found = fit(possible._replace(light=light))
     if found is None or not found.converged or not np.isfinite(found.covariance).all():
-        return possible, EnvelopeFit()
-    return possible, EnvelopeFit(found, _likelihood(found, clear_water))
+        return light, EnvelopeFit()
+    return light, EnvelopeFit(found, _likelihood(found, clear_water))
 
 
 def _likelier(best: EnvelopeFit, fit: Fit, likelihood: float) -> EnvelopeFit:
@@ -420,16 +420,16 @@ def _with_open_water(
     contrast: Decay | None, water: OpenWater,
 ) -> tuple[Component, EnvelopeFit] | None:
     """Fit with the veil that open water shows; also returns the envelope's alone."""
-    veil, alone = fit_open_water(fit, envelope, clear_water, water.veil, water.stddev)
+    light, alone = fit_open_water(fit, envelope, clear_water, water.veil, water.stddev)
     if alone.fit is None:
         return None
-    fused = fuse(alone.fit, veil.light, water.veil, water.stddev / water.veil)
-    return _component(fused, alone.likelihood, clear_water, contrast, veil), alone
+    fused = fuse(alone.fit, light, water.veil, water.stddev / water.veil)
+    return _component(fused, alone.likelihood, clear_water, contrast, None), alone
 
 
 def _component(
     fit: Fit, likelihood: float, clear_water: NDArray[np.float64], contrast: Decay | None,
-    veil: PossibleVeil,
+    veil: PossibleVeil | None,
 ) -> Component:
     """Add the decay of contrast, and clear water, to a fit with priors and its log likelihood."""
     fused = held = _regular(fit)
@@ -439,12 +439,14 @@ def _component(
     return Component(fused, hold_above_clear_water(held, clear_water), likelihood, veil)
 
 
-def _with_veil_of_attenuation(fit: FitVeil, component: Component) -> Fit:
+def _with_veil_of_attenuation(fit: FitVeil, component: Component, weight: float) -> Fit:
     """Fit the veil again to the attenuation that priors and contrast have moved.
 
     They move the veil along a straight line, far out of what the envelope shows where it knew
     the attenuation badly: darker than patches that are brighter for the veil alone.
     """
+    if component.veil is None or weight < NEGLIGIBLE:
+        return component.held
     attenuation = component.held.parameters[:, 0]
     found = fit(component.veil, attenuation)
     if found is None:
