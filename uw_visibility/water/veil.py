@@ -138,7 +138,7 @@ class Component(NamedTuple):
     likelihood : float
         Its logarithm.
     veil : PossibleVeil or None
-        What the dark envelope was fitted with; None where open water shows the veil.
+        What the dark envelope was fitted with, where it is as the paper has it; else None.
     """
 
     fused: Fit
@@ -266,7 +266,7 @@ def fit_free_veil(
     weights /= weights.sum()
     fused = [component.fused for component in components]
     held = [
-        _with_veil_of_attenuation(fit, component, weight)
+        _on_curve(fit, component, weight)
         for component, weight in zip(components, weights, strict=True)]
     nearest = min(fused, key=lambda component: component.misfit)
     alone = _mixture(fused, weights)
@@ -411,7 +411,8 @@ def _over_ratios(
         fused = fuse(
             found, veil.light, 1.05 * ratio * brightest, np.full(3, RATIO_TOLERANCE))
         likelihood = alone + math.log(PRIOR[RATIOS.index(ratio)])
-        components.append(_component(fused, likelihood, clear_water, contrast, veil))
+        components.append(_component(
+            fused, likelihood, clear_water, contrast, veil if ratio == 1.0 else None))
     return RatioFits(components, best)
 
 
@@ -439,11 +440,12 @@ def _component(
     return Component(fused, hold_above_clear_water(held, clear_water), likelihood, veil)
 
 
-def _with_veil_of_attenuation(fit: FitVeil, component: Component, weight: float) -> Fit:
-    """Fit the veil again to the attenuation that priors and contrast have moved.
+def _on_curve(fit: FitVeil, component: Component, weight: float) -> Fit:
+    """Fit the veil again to the attenuation that is held, where it is as the paper has it.
 
-    They move the veil along a straight line, far out of what the envelope shows where it knew
-    the attenuation badly: darker than patches that are brighter for the veil alone.
+    Priors move it along a straight line, far out of what the envelope shows where it knew the
+    attenuation badly: darker than patches that are brighter for the veil alone. How bright any
+    other veil is, they and open water know better than dark patches do.
     """
     if component.veil is None or weight < NEGLIGIBLE:
         return component.held
