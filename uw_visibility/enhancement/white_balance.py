@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.enhancement.veil_level import level_veil
 from uw_visibility.optics.light_model import Water, contrast_gain, radiance_of, scene_light_of
 from uw_visibility.optics.transfer import linear_table
 
@@ -29,6 +30,8 @@ _BRIGHTEST = 0.01
 _NEUTRAL = (0.06, 0.12)
 # Part of the pixels that may be restored as brighter than white.
 _OVEREXPOSED = 0.005
+# What rounding leaves in the mean of many pixels, in code values.
+_QUANTISATION = 0.3
 
 
 class RestorationWater(NamedTuple):
@@ -54,14 +57,16 @@ def restoration_water(
     measured: NDArray[np.bool_],
     water: Water,
     transfer: str,
+    veil_stddev: NDArray[np.float64] | None = None,
 ) -> RestorationWater:
-    """Correct the scene light W for restoration: the camera's white stays, nothing is overexposed.
+    """Correct veil and scene light for restoration: the camera's white stays, the far is even.
 
     The brightest unsaturated pixels are taken for white where their colour in the image is
     neutral: of light that is not balanced, water would have taken the red. W is then scaled
     in each channel so that their restored colour is the one they had. Where much of the
     scene would be restored as brighter than white, as sunlit sand before a dark wall, W is
-    raised alike in all channels.
+    raised alike in all channels. Before, the veil is moved within its deviation, see
+    `veil_level`.
 
     Parameters
     ----------
@@ -75,22 +80,31 @@ def restoration_water(
         State to restore with; NaN where not assessable.
     transfer : str
         ``"linear"`` or ``"srgb"``.
+    veil_stddev : (C,) float64 ndarray, optional
+        Standard deviation of the veil; where absent it is taken for exact.
 
     Returns
     -------
     RestorationWater
-        The same with W corrected; as it was where too little is seen or assessable.
+        The same with veil and W corrected; as it was where too little is seen or assessable.
     """
     attenuation = np.array(water.attenuation, np.float64, ndmin=1)
     veil = np.array(water.ambient_light, np.float64, ndmin=1)
     light = np.array(scene_light_of(water), ndmin=1)
     if not np.isfinite(attenuation + veil + light).all():
         return RestorationWater(attenuation, veil, light)
-    farthest = _MOST_THICKNESS / max(float(attenuation.max()), 1e-9)
-    codes, distance = _samples(image, range_map, measured, farthest)
+    codes, distance = _samples(image, range_map, measured)
     if len(distance) < _FEWEST:
         return RestorationWater(attenuation, veil, light)
     irradiance = linear_table(transfer, image.dtype)[codes].astype(np.float64)
+    if veil_stddev is not None:
+        veil = level_veil(
+            irradiance, distance, attenuation, veil, light, veil_stddev,
+            _QUANTISATION / np.iinfo(image.dtype).max)
+    near = distance < _MOST_THICKNESS / max(float(attenuation.max()), 1e-9)
+    irradiance, distance = irradiance[:, near], distance[near]
+    if len(distance) < _FEWEST:
+        return RestorationWater(attenuation, veil, light)
     gain = contrast_gain(attenuation[:, np.newaxis], distance)
     radiance = radiance_of(irradiance, gain, veil[:, np.newaxis], light[:, np.newaxis])
     factor, balanced = _white(irradiance, radiance)
@@ -122,13 +136,12 @@ def _samples(
     image: NDArray[Any],
     range_map: NDArray[np.float32],
     measured: NDArray[np.bool_],
-    farthest: float,
 ) -> tuple[NDArray[Any], NDArray[np.float64]]:
-    """Pixel values, (C, N), and ranges, (N,), of unsaturated pixels up to the farthest range."""
+    """Pixel values, (C, N), and ranges, (N,), of unsaturated pixels."""
     stride = max(1, int(np.sqrt(range_map.size / _SAMPLES)))
     distance = range_map[::stride, ::stride].ravel()
     codes = np.ascontiguousarray(image[::stride, ::stride].reshape(distance.size, -1).T)
-    usable = measured[::stride, ::stride].ravel() & (distance > 0) & (distance < farthest)
+    usable = measured[::stride, ::stride].ravel() & (distance > 0)
     usable &= (codes < np.iinfo(image.dtype).max).all(axis=0)
     chosen = np.flatnonzero(usable)
     # Each channel in a piece, which a mask of both axes would not leave them in.

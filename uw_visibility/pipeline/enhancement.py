@@ -24,11 +24,15 @@ from uw_visibility.pipeline.result import (
 
 
 class ChannelWater(NamedTuple):
-    """Attenuation, veil and scene light of each channel of an image; NaN = not assessable."""
+    """Attenuation, veil and scene light of each channel of an image; NaN = not assessable.
+
+    The standard deviation of the veil too, where it is known.
+    """
 
     attenuation: PerChannel
     ambient_light: PerChannel
     scene_light: PerChannel
+    veil_stddev: PerChannel | None = None
 
 
 class ImageEnhancement:
@@ -64,7 +68,8 @@ class ImageEnhancement:
         """
         if not sides:
             return EnhancedImages(NOT_WANTED, NOT_WANTED, NOT_LIMITED)
-        light = restoration_water(views.left.pixels, *filled.left, water, self._transfer)
+        light = restoration_water(
+            views.left.pixels, *filled.left, water, self._transfer, water.veil_stddev)
         of_right = light._replace(
             ambient_light=right_gain * light.ambient_light,
             scene_light=right_gain * light.scene_light,

@@ -353,11 +353,12 @@ class Pipeline:
             if (water.refused_in_light & np.isnan(coarse.water.attenuation)).any():
                 nothing = np.full(3, np.nan)
                 return ChannelWater(nothing, nothing, nothing)
-            return ChannelWater(
-                np.where(missing, coarse.water.attenuation, water.attenuation),
-                np.where(missing, coarse.water.ambient_light, water.ambient_light),
-                np.where(missing, scene_light_of(coarse.water), scene_light_of(water)),
-            )
+            return ChannelWater(*(
+                np.where(missing, of_coarse, of_fine) for of_coarse, of_fine in (
+                    (coarse.water.attenuation, water.attenuation),
+                    (coarse.water.ambient_light, water.ambient_light),
+                    (scene_light_of(coarse.water), scene_light_of(water)),
+                    (coarse.water.ambient_light_stddev, water.ambient_light_stddev))))
         assert isinstance(self._estimator, WaterEstimator)
         found = self._estimator.estimate_grey_view(
             coarse.view, measured, range_error=self.rig.range_error(),
