@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.files import read_regular
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, refusing
 
 # A spectrum of every tenth of a nanometre has a megabyte.
 MOST_BYTES = 4 << 20
@@ -49,10 +49,8 @@ def read_file(path: Path) -> tuple[list[str], list[list[str]]]:
     InputError
         If the file cannot be read as text.
     """
-    try:
+    with refusing(f"table {path} is not a CSV text file", UnicodeDecodeError, csv.Error):
         return parse(read_regular(path, MOST_BYTES, "table").decode("utf-8-sig"))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"table {path} is not a CSV text file: {error}") from error
 
 
 def parse(text: str) -> tuple[list[str], list[list[str]]]:

@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import Any, TextIO, cast
 
 from uw_visibility import __version__
-from uw_visibility.errors import InputError, needing
+from uw_visibility.errors import InputError, needing, refusing
 from uw_visibility.replay.batch import replay_bags, settle
 from uw_visibility.replay.inputs.lacks import check_in_any
 from uw_visibility.replay.inputs.options import ReplayOptions
@@ -70,10 +70,8 @@ def replay_on_cluster(
         if not resume:
             check_in_any(targets, options)
         options = replace(options, several=True)
-    try:
+    with refusing(f"cannot reach the scheduler {address}", OSError, ValueError):
         client = distributed.Client(address, timeout=TIMEOUT)
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot reach the scheduler {address}: {error}") from error
     with client:
         _check_workers(client)
         topic = f"uw_visibility-{uuid.uuid4().hex}"
@@ -208,12 +206,9 @@ def _check_workers(client: Any) -> None:
     InputError
         Naming them.
     """
-    try:
+    wanted = f"a worker cannot run uw_visibility {__version__}, install it there"
+    with refusing(wanted, Exception):
         versions = client.run(_version)
-    except Exception as error:
-        raise InputError(
-            f"a worker cannot run uw_visibility {__version__}, install it there: {error}"
-        ) from error
     for worker, version in versions.items():
         if version != __version__:
             raise InputError(

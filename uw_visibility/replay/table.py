@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import refusing
 from uw_visibility.replay.columns import TRANSECT, Column
 
 ROWS = 1024
@@ -55,13 +55,13 @@ def read_rows(path: Path) -> Iterator[dict[str, str]]:
     InputError
         If the table is damaged.
     """
-    with path.open(encoding="utf-8", newline="") as file:
-        try:
-            for row in csv.DictReader(file):
-                if None not in row.values():
-                    yield row
-        except (csv.Error, UnicodeDecodeError) as error:
-            raise InputError(f"table {path} is damaged: {error}") from error
+    with (
+        path.open(encoding="utf-8", newline="") as file,
+        refusing(f"table {path} is damaged", csv.Error, UnicodeDecodeError),
+    ):
+        for row in csv.DictReader(file):
+            if None not in row.values():
+                yield row
 
 
 def read_columns(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:

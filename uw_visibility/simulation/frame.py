@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -182,21 +183,8 @@ class Renderer:
             ]
             light, exposure = self._expose_lamps(lit, geometry, water, lamps, seed)
         else:
-            snow = marine_snow(
-                self.camera, self.effects.marine_snow, np.random.default_rng([seed, 2])
-            )
-            light = [
-                self._light(view, geometry, water, cover)
-                for view, cover in zip(views, snow, strict=True)
-            ]
-        gains = self.camera_effects.gains(light[0])
-        images = [
-            self.camera_effects.record(
-                irradiance, self.sensor, np.random.default_rng([seed, side]), gains,
-                right=side == 1,
-            )
-            for side, irradiance in enumerate(light)
-        ]
+            light = self.daylight(views, geometry, water, seed)
+        images, gains = self.record(light, seed)
         disparities = [
             rig.disparity_from_range(np.where(np.isfinite(view.range), view.range, np.nan))
             for view in views
@@ -217,6 +205,32 @@ class Renderer:
             mean_attenuation(attenuation, water), water.depth, scale * daylight.scene_light(),
             tuple(lamp.scaled(exposure * gains) for lamp in lamps),
         )
+
+    def daylight(
+        self, views: Sequence[View], geometry: Geometry, water: Water, seed: int
+    ) -> list[Map]:
+        """Return the irradiance of the left view, or of both, with marine snow in it."""
+        snow = marine_snow(
+            self.camera, self.effects.marine_snow, np.random.default_rng([seed, 2]))
+        particles = (self.effects.snow_brightness * water.ambient_light()).astype(np.float32)
+        light = []
+        for view, cover in zip(views, snow, strict=False):
+            irradiance = form_image(view, geometry, water)
+            irradiance += cover[..., np.newaxis] * (particles - irradiance)
+            light.append(irradiance)
+        return light
+
+    def record(self, light: Sequence[Map], seed: int) -> tuple[list[Image], Array]:
+        """Return what the camera makes of the views' irradiance, and its gains."""
+        gains = self.camera_effects.gains(light[0])
+        images = [
+            self.camera_effects.record(
+                irradiance, self.sensor, np.random.default_rng([seed, side]), gains,
+                right=side == 1,
+            )
+            for side, irradiance in enumerate(light)
+        ]
+        return images, gains
 
     def exposure_for(self, scene: Scene, pose: Pose, water: Water) -> float:
         """Return the exposure that suits a frame under lamps, from a small picture of it."""
@@ -273,12 +287,6 @@ class Renderer:
         irradiance = form_lamp_image(lit, water, self.lighting, lamps, self.workers)
         if self.lighting.daylight:
             irradiance += form_image(lit.view, geometry, water)
-        return irradiance
-
-    def _light(self, view: View, geometry: Geometry, water: Water, snow: Map) -> Map:
-        irradiance = form_image(view, geometry, water)
-        particles = (self.effects.snow_brightness * water.ambient_light()).astype(np.float32)
-        irradiance += snow[..., np.newaxis] * (particles - irradiance)
         return irradiance
 
 

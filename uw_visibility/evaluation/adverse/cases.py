@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import check_range
 from uw_visibility.evaluation.adverse.effects import Level, chosen
@@ -22,8 +23,8 @@ from uw_visibility.evaluation.studies import StudyResult
 from uw_visibility.images.arrays import Map
 from uw_visibility.pipeline.parts import estimate_water
 from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.simulation.effects import marine_snow
-from uw_visibility.simulation.formation import effective_attenuation, form_image
+from uw_visibility.simulation.formation import effective_attenuation
+from uw_visibility.simulation.frame import Renderer
 from uw_visibility.simulation.view import View
 from uw_visibility.simulation.water import Water
 
@@ -175,22 +176,10 @@ def _expose(
     views = [scene.left, scene.right] if case.matched else [scene.left]
     height, width = scene.disparity.shape
     camera = StereoCamera(width, height, scene.rig.focal_length, scene.rig.baseline)
-    snow = marine_snow(
-        camera, level.disturbances.marine_snow, np.random.default_rng([case.seed, 2]))
-    particles = level.disturbances.snow_brightness * water.ambient_light()
-    light = []
-    for view, cover in zip(views, snow, strict=False):
-        irradiance = form_image(_fade(view, level.contrast), scene.geometry, water)
-        irradiance += cover[..., np.newaxis] * (particles.astype(np.float32) - irradiance)
-        light.append(irradiance)
-    gains = level.camera.gains(light[0])
-    images = [
-        level.camera.record(
-            irradiance, level.sensor, np.random.default_rng([case.seed, side]), gains,
-            right=side == 1,
-        )
-        for side, irradiance in enumerate(light)
-    ]
+    renderer = Renderer(camera, level.sensor, level.disturbances, Workers(1), level.camera)
+    light = renderer.daylight(
+        [_fade(view, level.contrast) for view in views], scene.geometry, water, case.seed)
+    images, gains = renderer.record(light, case.seed)
     return images[0], images[1] if case.matched else None, gains
 
 

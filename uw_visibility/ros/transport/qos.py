@@ -25,7 +25,7 @@ from rclpy.qos import (
 )
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 
-from uw_visibility.errors import InputError, printable
+from uw_visibility.errors import printable, refusing
 from uw_visibility.messages.images import stamp_to_nanoseconds
 
 QOS_PREFIX = "qos_overrides."
@@ -138,10 +138,11 @@ def _with_overrides(
     settle: Callable[[QoSProfile], SetParametersResult] | None = None,
 ) -> Any:
     options = QoSOverridingOptions(POLICIES, callback=settle)
-    try:
+    with refusing(
+        "a parameter under qos_overrides cannot be used",
+        InvalidQosOverridesError, InvalidParameterTypeException, RuntimeError,
+    ):
         return create(*arguments, qos_overriding_options=options)
-    except (InvalidQosOverridesError, InvalidParameterTypeException, RuntimeError) as error:
-        raise InputError(f"a parameter under qos_overrides cannot be used: {error}") from error
 
 
 class AdaptiveReliabilitySubscription:
