@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -84,12 +82,8 @@ def equalise_channels(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def equalise_adaptively(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """CLAHE of L* of an (H, W, 3) RGB or of a grey image."""
     clahe = cv2.createCLAHE(clipLimit=CLIP_LIMIT, tileGridSize=TILES)
-    return clahe.apply(image) if image.ndim == 2 else _on_lightness(image, clahe.apply)
-
-
-def _on_lightness(
-    image: NDArray[np.uint8], method: Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
-) -> NDArray[np.uint8]:
+    if image.ndim == 2:
+        return clahe.apply(image)
     planes = cv2.cvtColor(image, cv2.COLOR_RGB2LAB)
-    planes[..., 0] = method(np.ascontiguousarray(planes[..., 0]))
+    planes[..., 0] = clahe.apply(np.ascontiguousarray(planes[..., 0]))
     return np.asarray(cv2.cvtColor(planes, cv2.COLOR_LAB2RGB), dtype=np.uint8)

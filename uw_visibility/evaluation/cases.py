@@ -217,7 +217,12 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
     left, right = scene.degraded(
         case.mean_attenuation, case.depth, kappa, sensor_of(case.noise))
     images, oracle_right = _peer_images(scene, left, right, truth)
-    refusal, result = _process(bench.pipeline, left, right)
+    refusal = result = None
+    try:
+        result = bench.pipeline.process(left, right, match_original=True)
+    except InputError as error:
+        # A pair that the pipeline refuses is a result too.
+        refusal = f"pair refused: {error}"
     if result is not None:
         images["step1"] = first_enhancement(left, right, bench.pipeline)
         images["final"] = result.left_enhanced
@@ -311,16 +316,6 @@ def _thumbnail(image: Image) -> Image:
     height, width = image.shape[:2]
     size = (THUMBNAIL_WIDTH, round(THUMBNAIL_WIDTH * height / width))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
-
-
-def _process(
-    pipeline: Pipeline, left: Image, right: Image
-) -> tuple[str | None, FrameResult | None]:
-    """Run the pipeline; a pair that it refuses is a result too."""
-    try:
-        return None, pipeline.process(left, right, match_original=True)
-    except InputError as error:
-        return f"pair refused: {error}", None
 
 
 def _peer_images(

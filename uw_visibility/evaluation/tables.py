@@ -16,7 +16,6 @@ import numpy as np
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.experiments import Evaluation
-from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.summary import Summary, columns_of
 from uw_visibility.simulation.transect import Transect
 
@@ -62,7 +61,10 @@ def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None
     plan = evaluation.plan
     report = {
         "settings": {
-            "scenes": [_source(source) for source in plan.scenes],
+            "scenes": [
+                f"rendered, seed {source.seed}" if source.folder is None else source.folder.name
+                for source in plan.scenes
+            ],
             "attenuations": plan.attenuations,
             "depths": plan.depths,
             "noises": plan.noises,
@@ -127,12 +129,6 @@ def _of_transect(plan: Transect) -> dict[str, Any]:
         "marine_snow": plan.effects.marine_snow, "caustics": plan.effects.caustics,
         "seed": plan.seed,
     }
-
-
-def _source(source: SceneSource) -> str:
-    if source.folder is None:
-        return f"rendered, seed {source.seed}"
-    return source.folder.name
 
 
 def timing_rows(timings: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:

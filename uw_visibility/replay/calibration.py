@@ -98,7 +98,10 @@ def calibrate_recordings(
         If a recording cannot be used or has no depth sensor, or if there are too
         few frames or too little difference of depth between them.
     """
-    options = _unprejudiced(options)
+    # What is expected of the light's colour rests on the white reference and the water type that
+    # are sought, and would draw the estimates to the ones given.
+    water = replace(options.pipeline.water, daylight_tolerance=NOTHING_EXPECTED)
+    options = replace(options, pipeline=replace(options.pipeline, water=water))
     _check_spread(_sensed_depths(bags, options))
     series = CalibrationSeries()
     with frame_pool(jobs, options.pipeline) as pool:
@@ -146,16 +149,6 @@ def _check_sensor(bag: Path, stream: InputStream) -> None:
             f"{bag} has no depth sensor: name its topic with --depth-sensor; --list of replay "
             "shows what there is"
         )
-
-
-def _unprejudiced(options: ReplayOptions) -> ReplayOptions:
-    """Return the options with estimates that expect nothing of the light's colour.
-
-    That expectation rests on the white reference and the water type that are sought,
-    and would draw the estimates to the ones given.
-    """
-    water = replace(options.pipeline.water, daylight_tolerance=NOTHING_EXPECTED)
-    return replace(options, pipeline=replace(options.pipeline, water=water))
 
 
 def _add_recording(

@@ -66,9 +66,11 @@ def calibrate_lighting(
             "--lighting needs to know how many lamps there are: give --lamps N, or their places "
             "about as they are with lighting.model: lamps in --params-file")
     guesses = [list(lighting.lamps())] if lamps is None else rigs(lamps)
-    told = lighting if lamps is None else _config(guesses[0])
-    # Under lamps, what is known of them changes no range.
-    options = replace(options, pipeline=replace(options.pipeline, lighting=told))
+    if lamps is not None:
+        # Under lamps, what is known of them changes no range.
+        lighting = LightingConfig(
+            model="lamps", positions=tuple(v for lamp in guesses[0] for v in lamp.position))
+    options = replace(options, pipeline=replace(options.pipeline, lighting=lighting))
     frames: list[Sightings] = []
     damage: list[str] = []
     reasons: Counter[str] = Counter()
@@ -95,11 +97,6 @@ def rigs(count: int) -> list[list[Lamp]]:
     return [
         [Lamp((x, y, 0.0), (0.0, 0.0, 1.0), 90.0, (1.0, 1.0, 1.0)) for x, y in places]
         for places in aside[count]]
-
-
-def _config(lamps: Sequence[Lamp]) -> LightingConfig:
-    return LightingConfig(
-        model="lamps", positions=tuple(v for lamp in lamps for v in lamp.position))
 
 
 def _sightings(

@@ -9,7 +9,6 @@ spectrum, bands' averages take the place of the exponentials.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -176,17 +175,13 @@ def blur_by_range(direct: Map, ranges: Map, blur: float) -> Map:
     sigma = np.minimum(blur * np.where(known, ranges, farthest), _BLURS[-1])
     blurred = np.zeros_like(direct)
     for k, width in enumerate(_BLURS):
-        weight = _tent(sigma, k).astype(np.float32)
+        # Of this step, in the interpolation between steps; the sum of weights is 1.
+        weight = np.interp(sigma, _BLURS, np.eye(len(_BLURS))[k]).astype(np.float32)
         if not weight.any():
             continue
         image = cv2.GaussianBlur(direct, (0, 0), width) if width > 0.0 else direct
         blurred += weight[..., np.newaxis] * image
     return blurred
-
-
-def _tent(sigma: NDArray[Any], k: int) -> NDArray[Any]:
-    """Weight of a step of blur in the interpolation between steps; their sum is 1."""
-    return np.interp(sigma, _BLURS, np.eye(len(_BLURS))[k])
 
 
 def effective_attenuation(

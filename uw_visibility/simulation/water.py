@@ -136,7 +136,10 @@ class Water:
 
     def scene_light(self) -> Array:
         """Return W, which lights the scene at the camera's depth, as irradiance in the image."""
-        light = self._light()
+        bands = self.bands()
+        light = (
+            ambient_light_at_depth(self.attenuation(), self.depth) if bands is None
+            else bands.light)
         brightest = (light * np.maximum(self.effects.veil, 1.0)).max()
         gain = EXPOSED / brightest if self.exposure is None else self.exposure
         return np.asarray(gain * light)
@@ -154,9 +157,3 @@ class Water:
             effects.water_type, self.depth, self.mean_attenuation, effects.particle_slope,
             effects.cdom, RESPONSE,
         )
-
-    def _light(self) -> Array:
-        bands = self.bands()
-        if bands is not None:
-            return bands.light
-        return ambient_light_at_depth(self.attenuation(), self.depth)

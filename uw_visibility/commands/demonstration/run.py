@@ -158,7 +158,9 @@ def _compare(
     # The raw pairs are matched here, by the pipeline's own matcher.
     pipeline = Pipeline(frames[0].rig)
     pictured = set(np.linspace(0, len(frames) - 1, PICTURES).round().astype(int).tolist())
-    _remove_pictures(folder)
+    # An earlier run's may be of other frames.
+    for picture in folder.glob("frame_[0-9][0-9][0-9].png"):
+        picture.unlink()
     rows = []
     pairs = zip(frames, answers, strict=True)
     for index, (frame, answer) in enumerate(_checked(pairs, "compare", len(frames), check)):
@@ -195,12 +197,6 @@ def _ask(
                 NAN if last is None else (last - stamp) * 1e-6,
             ))
     return answers
-
-
-def _remove_pictures(folder: Path) -> None:
-    """Remove an earlier run's pictures, which may be of other frames."""
-    for picture in folder.glob("frame_[0-9][0-9][0-9].png"):
-        picture.unlink()
 
 
 def _draw(

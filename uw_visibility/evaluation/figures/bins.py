@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from uw_visibility.evaluation.cases import CaseResult, Pictures
 from uw_visibility.evaluation.figures.style import CHANNEL_COLOURS, save
@@ -112,8 +111,9 @@ def _draw_curves(
     ):
         if not np.isfinite(beta):
             continue
-        axes.plot(
-            distance, _black(distance, beta, ambient), style, color=colour, linewidth=1.8)
+        # Irradiance of a black patch (eq. 6).
+        veil = np.asarray(veil_of(ambient, transmission(beta, distance)))
+        axes.plot(distance, veil, style, color=colour, linewidth=1.8)
         axes.axhline(ambient, linestyle=style, color=colour, linewidth=1.8)
 
 
@@ -131,11 +131,6 @@ def _legend() -> list[Line2D]:
         Line2D([], [], color=grey, linewidth=1.8, label=f"estimate: {CURVES}"),
         Line2D([], [], color="black", linewidth=1.8, linestyle="--", label=f"truth: {CURVES}"),
     ]
-
-
-def _black(distance: NDArray[np.float64], beta: float, ambient: float) -> NDArray[np.float64]:
-    """Veil: irradiance of a black patch (eq. 6)."""
-    return np.asarray(veil_of(ambient, transmission(beta, distance)))
 
 
 def _title(name: str, channel: int, case: CaseResult) -> str:

@@ -72,7 +72,7 @@ class SqliteFile:
         # Of the rows that were reached, the latest ones.
         latest, rows = -1, set[int]()
         try:
-            for row in self._run(SORTED.format(_where(self._ids(part.topics), part))):
+            for row in self._run(SORTED.format(self._where(part))):
                 message = self._message(row)
                 if message is None:
                     refused += 1
@@ -187,11 +187,17 @@ class SqliteFile:
             if all(isinstance(value, str) for value in (kind, encoding, text))
         }
 
-    def _ids(self, topics: Collection[str] | None) -> list[int]:
-        return [
-            number for number, channel in self._topics.items()
-            if (topics is None or channel.topic in topics) and isinstance(number, int)
-        ]
+    def _where(self, part: Part) -> str:
+        numbers = ", ".join(
+            str(number) for number, channel in self._topics.items()
+            if (part.topics is None or channel.topic in part.topics) and isinstance(number, int)
+        )
+        conditions = [f"topic_id IN ({numbers})"]
+        if part.start is not None:
+            conditions.append(f"timestamp >= {part.start}")
+        if part.stop is not None:
+            conditions.append(f"timestamp < {part.stop}")
+        return f" WHERE {' AND '.join(conditions)}"
 
     def _message(self, row: Any) -> Recorded | None:
         """Return the message of a row; None where the row is none of a recording."""
@@ -260,12 +266,3 @@ def _limit(database: sqlite3.Connection) -> None:
     database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_AT_ONCE)
     # Text that is no UTF-8 is the business of whoever shows it.
     database.text_factory = lambda data: data.decode(errors="replace")
-
-
-def _where(ids: list[int], part: Part) -> str:
-    conditions = [f"topic_id IN ({', '.join(str(number) for number in ids)})"]
-    if part.start is not None:
-        conditions.append(f"timestamp >= {part.start}")
-    if part.stop is not None:
-        conditions.append(f"timestamp < {part.stop}")
-    return f" WHERE {' AND '.join(conditions)}"

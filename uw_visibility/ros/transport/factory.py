@@ -22,7 +22,10 @@ def message_type(name: str) -> Any:
 def make_message(name: str, /, **fields: Any) -> Any:
     """Make a message; see `uw_visibility.messages.images.MessageFactory`."""
     kind = message_type(name)
-    images = {key: value for key, value in fields.items() if _is_bytes(value)}
+    images = {
+        key: value for key, value in fields.items()
+        if isinstance(value, np.ndarray) and value.dtype == np.uint8
+    }
     others = {key: value for key, value in fields.items() if key not in images}
     if images and hasattr(kind, "_check_fields"):
         # A message that checks its fields keeps an array; one that does not copies it,
@@ -37,7 +40,3 @@ def make_message(name: str, /, **fields: Any) -> Any:
         data.frombytes(value.data)
         setattr(message, key, data)
     return message
-
-
-def _is_bytes(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype == np.uint8
