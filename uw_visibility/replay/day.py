@@ -14,15 +14,12 @@ from typing import Any
 from uw_visibility.errors import InputError, refusing
 from uw_visibility.replay.columns import TRANSECT, TRANSECT_COLUMN
 from uw_visibility.replay.inputs.options import ReplayOptions
-from uw_visibility.replay.inputs.positions import write_geojson
+from uw_visibility.replay.results.exports import write_exports
 from uw_visibility.replay.results.folder import MARK, read_state
-from uw_visibility.replay.results.netcdf import write_netcdf
-from uw_visibility.replay.results.parquet import write_parquet
 from uw_visibility.replay.results.recorder import columns_of
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.stores import Place, child, exists, place, results_here
 from uw_visibility.replay.table import SUFFIX, TableWriter, read_rows, write_dictionary
-from uw_visibility.water.derived import DerivedModel
 
 DAY_MARK = "transects.json"
 """Every folder of several results has this file."""
@@ -118,18 +115,8 @@ def _write_table(work: Path, results: Sequence[Summary], options: ReplayOptions)
             writer.write({TRANSECT: summary.name, **row})
     writer.close()
     write_dictionary(table, columns)
-    if options.geo:
-        write_geojson(
-            work / "frames.geojson", read_rows(table),
-            [TRANSECT, *(join.column for join in options.joins)])
-    attributes = _provenance(results)
-    if options.netcdf:
-        wavelengths = DerivedModel.from_config(options.pipeline).effective_wavelengths
-        write_netcdf(
-            work / "frames.nc", table, columns, attributes, wavelengths,
-            [summary.name for summary in results])
-    if options.parquet:
-        write_parquet(work / "frames.parquet", table, columns, attributes)
+    write_exports(
+        work, columns, _provenance(results), options, [summary.name for summary in results])
 
 
 def _provenance(results: Sequence[Summary]) -> dict[str, Any]:

@@ -16,21 +16,18 @@ from uw_visibility.errors import InputError
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.lacks import without_lacking
 from uw_visibility.replay.inputs.options import ReplayOptions
-from uw_visibility.replay.inputs.positions import write_geojson
 from uw_visibility.replay.inputs.stream import Event, InputStream, RecordedFrame
 from uw_visibility.replay.pool import FramePool, LightHistory
 from uw_visibility.replay.progress import MakeCounter, Progress
 from uw_visibility.replay.records import JoinedFrame
+from uw_visibility.replay.results.exports import check_exports, write_exports
 from uw_visibility.replay.results.folder import ResultFolder
 from uw_visibility.replay.results.joining import Joiner
 from uw_visibility.replay.results.mcap import EarlierPart, copied_topics
-from uw_visibility.replay.results.netcdf import check_netcdf, write_netcdf
-from uw_visibility.replay.results.parquet import check_parquet, write_parquet
 from uw_visibility.replay.results.provenance import FileHash, Origin
 from uw_visibility.replay.results.recorder import FrameRecorder, frame_topics
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.results.synopsis import Findings
-from uw_visibility.replay.table import read_rows
 from uw_visibility.replay.work import FrameAnswer, FrameTask, Recording
 
 
@@ -68,10 +65,7 @@ def replay_bag(
     KeyboardInterrupt
         After an interruption; what there is by then is a readable partial result.
     """
-    if options.netcdf:
-        check_netcdf()
-    if options.parquet:
-        check_parquet()
+    check_exports(options)
     with BagReader(bag) as reader, sole_writer(target):
         used, lacks = without_lacking(reader, options) if options.several else (options, {})
         stream = InputStream(reader, used)
@@ -247,19 +241,7 @@ class _Replay:
         from uw_visibility.replay.report.report import write_report
 
         work = self._folder.work
-        if self._options.geo:
-            write_geojson(
-                work / "frames.geojson", read_rows(work / "frames.csv"),
-                [join.column for join in self._options.joins],
-            )
-        columns, provenance = self._recorder.columns, self.summary.provenance
-        if self._options.netcdf:
-            write_netcdf(
-                work / "frames.nc", work / "frames.csv", columns, provenance,
-                self._recorder.model.effective_wavelengths,
-            )
-        if self._options.parquet:
-            write_parquet(work / "frames.parquet", work / "frames.csv", columns, provenance)
+        write_exports(work, self._recorder.columns, self.summary.provenance, self._options)
         scale = colour_scale(work)
         selection = self._stream.selection
         if self.summary.complete:

@@ -19,14 +19,13 @@ from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.errors import InputError
 from uw_visibility.plausibility.comparison import Comparison, DepthSample, Verdict
 from uw_visibility.replay.inputs.positions import (
-    PROPERTIES,
     Position,
     geographic,
     read_position,
-    write_geojson,
 )
 from uw_visibility.replay.inputs.stream import SensorValue
 from uw_visibility.replay.records import FrameRecord, JoinedFrame
+from uw_visibility.replay.results.exports import PROPERTIES, write_geojson
 from uw_visibility.replay.results.joining import Joiner
 from uw_visibility.status import Status
 

@@ -1,36 +1,20 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Positions of the camera from NavSatFix or Odometry, and their GeoJSON."""
+"""Positions of the camera from NavSatFix or Odometry."""
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from uw_visibility.errors import InputError
 from uw_visibility.messages.images import stamp_to_nanoseconds
-from uw_visibility.replay.columns import CHANNELS
 from uw_visibility.replay.inputs.track import Track
 
 # Positions further apart than this are not neighbours, s.
 LONGEST_GAP = 10.0
 # Mean radius of the earth, m (IUGG), enough for the extent of a dive.
 EARTH_RADIUS = 6371008.8
-
-QUANTITIES = (
-    *(f"attenuation_{channel}" for channel in CHANNELS), "mean_attenuation",
-    "visibility_distance", "depth", "black_disc_visibility", "secchi_depth",
-)
-PROPERTIES = (
-    "datetime", "status", "visibility_status", "depth_status", "reason",
-    *(f"{prefix}{name}{end}" for name in QUANTITIES for prefix in ("", "filtered_")
-      for end in ("", "_stddev")),
-    "water_type", "filtered_water_type", "filtering", "sensor_depth", "plausibility",
-)
-"""Columns that points have: estimates of the frame alone and filtered, with their deviations."""
 
 
 class Position(NamedTuple):
@@ -121,52 +105,3 @@ def geographic(x: float, y: float, origin: tuple[float, float]) -> tuple[float, 
     north = math.degrees(y / EARTH_RADIUS)
     east = math.degrees(x / (EARTH_RADIUS * math.cos(math.radians(latitude))))
     return wrap_longitude(longitude + east), latitude + north
-
-
-def write_geojson(
-    path: Path, rows: Iterator[Mapping[str, str]], more: Sequence[str] = ()
-) -> int:
-    """Write frames with a longitude and a latitude as points (RFC 7946).
-
-    Parameters
-    ----------
-    path : Path
-        File to write.
-    rows : iterator of mapping
-        Rows of the table, as text; empty for what is not known.
-    more : sequence of str
-        Columns to write beside `PROPERTIES`.
-
-    Returns
-    -------
-    int
-        Number of points.
-    """
-    count = 0
-    with path.open("w", encoding="utf-8") as file:
-        file.write('{"type": "FeatureCollection", "features": [')
-        for row in rows:
-            if not row["longitude"]:
-                continue
-            feature = {
-                "type": "Feature",
-                "geometry": {
-                    "type": "Point",
-                    "coordinates": [float(row["longitude"]), float(row["latitude"])],
-                },
-                "properties": {
-                    "stamp": row["stamp"], "frame": int(row["frame"]),
-                    **{name: _value(row[name]) for name in (*PROPERTIES, *more)},
-                },
-            }
-            file.write(("," if count else "") + "\n" + json.dumps(feature, allow_nan=False))
-            count += 1
-        file.write("\n]}\n")
-    return count
-
-
-def _value(text: str) -> float | str | None:
-    try:
-        return float(text) if text else None
-    except ValueError:
-        return text

@@ -66,7 +66,7 @@ def write_netcdf(
     NetCDF Climate and Forecast (CF) Metadata Conventions, version 1.11, chapter 9,
     https://cfconventions.org
     """
-    xarray, netcdf = check_netcdf()
+    xarray, netcdf = import_netcdf()
     written = 0
     for number, part in enumerate(slices(table, columns)):
         values = {_name(name): _values(part[name], column) for name, column in columns.items()}
@@ -96,7 +96,7 @@ def write_netcdf(
         written += len(part["frame"])
 
 
-def check_netcdf() -> tuple[Any, Any]:
+def import_netcdf() -> tuple[Any, Any]:
     """Return xarray and netCDF4, before the work rather than after it.
 
     Raises

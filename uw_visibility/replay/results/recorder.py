@@ -98,8 +98,6 @@ class FrameRecorder:
         Frames of the earlier part so far.
     columns : mapping of str to Column
         Of the table.
-    model : DerivedModel
-        Derives the field's quantities.
     """
 
     def __init__(
@@ -114,7 +112,7 @@ class FrameRecorder:
         self._earlier = earlier
         self._turbidity = options.turbidity
         self.columns = columns_of(options)
-        self.model = DerivedModel.from_config(options.pipeline)
+        self._model = DerivedModel.from_config(options.pipeline)
         self._table = TableWriter(folder / "frames.csv", tuple(self.columns))
         write_dictionary(folder / "frames.csv", self.columns)
         self._timings: TableWriter | None = None
@@ -150,7 +148,7 @@ class FrameRecorder:
 
     def write_row(self, joined: JoinedFrame) -> None:
         """Write a row that is complete, and the comparison with the sensor in it."""
-        self._table.write(row_of(self.columns, joined, self.model, self._turbidity))
+        self._table.write(row_of(self.columns, joined, self._model, self._turbidity))
         self._results.write_nis(joined)
         self._results.write_diagnostics(joined)
 
