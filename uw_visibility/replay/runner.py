@@ -236,18 +236,16 @@ class _Replay:
         summary.seconds = time.monotonic() - self._begin
 
     def _write_extras(self) -> None:
-        from uw_visibility.replay.report.gallery import colour_scale, write_pictures
+        from uw_visibility.replay.report.gallery import Gallery
         from uw_visibility.replay.report.joins import fit_joins
         from uw_visibility.replay.report.report import write_report
 
         work = self._folder.work
         write_exports(work, self._recorder.columns, self.summary.provenance, self._options)
-        scale = colour_scale(work)
-        selection = self._stream.selection
+        gallery = Gallery(work, self._reader, self._stream.selection)
         if self.summary.complete:
-            write_pictures(work, self._reader, selection, scale, self._options)
-        joins = fit_joins(work, self._options.joins)
-        write_report(work, self._reader, selection, scale, self.summary, joins)
+            gallery.write(self._options)
+        write_report(work, gallery, self.summary, fit_joins(work, self._options.joins))
 
     def _check_earlier(self) -> None:
         """Refuse to go on with another input or other parameters.

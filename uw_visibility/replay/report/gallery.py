@@ -111,88 +111,77 @@ class Picture(NamedTuple):
         return np.concatenate((raw, self.enhanced, self.disparity), axis=1)
 
 
-def colour_scale(folder: Path) -> ColourScale | None:
-    """Return the colours of disparities for all pictures of a result.
-
-    They are chosen from evenly spaced frames, so they do not depend on which
-    pictures are wanted.
-
-    Returns
-    -------
-    ColourScale or None
-        None where nothing matched in any of these frames.
-    """
-    rows = [
-        (nanoseconds(row["time"]), nanoseconds(row["stamp"]))
-        for row in read_rows(folder / "frames.csv") if not row["reason"]
-    ]
-    chosen = {
-        round(index) for index in np.linspace(0, len(rows) - 1, min(SCALE_FRAMES, len(rows)))
-    }
-    with BagReader(folder / NAME) as results:
-        found = (_at(results, DISPARITY_TOPIC, *rows[index]) for index in sorted(chosen))
-        return ColourScale.of(message for message in found if message is not None)
-
-
-def pictures(
-    folder: Path,
-    reader: BagReader,
-    selection: Selection,
-    scale: ColourScale | None,
-    frames: Collection[str] | None = None,
-) -> Iterator[Picture]:
-    """Yield pictures of frames, in order, from the result and the recording.
+class Gallery:
+    """Pictures of a result's frames, from it and from the recording.
 
     Parameters
     ----------
     folder : Path
-        Of the result.
+        Of the result, with its table and messages.
     reader : BagReader
-        The recording.
+        The recording, for the raw images.
     selection : Selection
         Topics used.
+
+    Attributes
+    ----------
     scale : ColourScale or None
-        Of the disparities; without one, all are black.
-    frames : collection of str, optional
-        Numbers of the frames; all. Those without result are left out.
+        Of the disparities of all pictures; None where nothing matched, and all are black. It is
+        chosen from evenly spaced frames, and does not depend on which pictures are wanted.
     """
-    with BagReader(folder / NAME) as results:
-        for row in read_rows(folder / "frames.csv"):
-            if row["reason"] or (frames is not None and row["frame"] not in frames):
-                continue
-            time = nanoseconds(row["time"])
-            enhanced = _at(results, LEFT_TOPIC, time, nanoseconds(row["stamp"]))
-            disparity = _at(results, DISPARITY_TOPIC, time, nanoseconds(row["stamp"]))
-            raw = _at(reader, selection.left, time, nanoseconds(row["stamp"]))
-            if enhanced is None or disparity is None or raw is None:
-                continue
-            after = shown(_pixels(enhanced))
-            drawn = np.zeros_like(after) if scale is None else scale.draw(disparity)
-            yield Picture(row, shown(_pixels(raw)), after, drawn)
 
+    def __init__(self, folder: Path, reader: BagReader, selection: Selection) -> None:
+        self._folder, self._reader, self._raw_topic = folder, reader, selection.left
+        rows = [
+            (nanoseconds(row["time"]), nanoseconds(row["stamp"]))
+            for row in read_rows(folder / "frames.csv") if not row["reason"]
+        ]
+        chosen = {
+            round(index) for index in np.linspace(0, len(rows) - 1, min(SCALE_FRAMES, len(rows)))
+        }
+        with BagReader(folder / NAME) as results:
+            found = (_at(results, DISPARITY_TOPIC, *rows[index]) for index in sorted(chosen))
+            self.scale = ColourScale.of(message for message in found if message is not None)
 
-def write_pictures(
-    folder: Path,
-    reader: BagReader,
-    selection: Selection,
-    scale: ColourScale | None,
-    options: ReplayOptions,
-) -> None:
-    """Write ``images/`` and ``video.mp4``, where they are wanted.
+    def pictures(self, frames: Collection[str] | None = None) -> Iterator[Picture]:
+        """Yield pictures of frames, in order.
 
-    Raises
-    ------
-    InputError
-        If the video cannot be written.
-    """
-    if options.images:
-        chosen = [r["frame"] for r in read_rows(folder / "frames.csv")][:: options.images]
-        (folder / "images").mkdir(exist_ok=True)
-        for picture in pictures(folder, reader, selection, scale, set(chosen)):
-            name = f"frame_{int(picture.row['frame']):06d}.png"
-            write_png(folder / "images" / name, picture.side_by_side())
-    if options.video:
-        _write_video(folder, pictures(folder, reader, selection, scale))
+        Parameters
+        ----------
+        frames : collection of str, optional
+            Numbers of the frames; all. Those without result are left out.
+        """
+        with BagReader(self._folder / NAME) as results:
+            for row in read_rows(self._folder / "frames.csv"):
+                if row["reason"] or (frames is not None and row["frame"] not in frames):
+                    continue
+                time, stamp = nanoseconds(row["time"]), nanoseconds(row["stamp"])
+                enhanced = _at(results, LEFT_TOPIC, time, stamp)
+                disparity = _at(results, DISPARITY_TOPIC, time, stamp)
+                raw = _at(self._reader, self._raw_topic, time, stamp)
+                if enhanced is None or disparity is None or raw is None:
+                    continue
+                after = shown(_pixels(enhanced))
+                drawn = np.zeros_like(after) if self.scale is None else self.scale.draw(disparity)
+                yield Picture(row, shown(_pixels(raw)), after, drawn)
+
+    def write(self, options: ReplayOptions) -> None:
+        """Write ``images/`` and ``video.mp4``, where they are wanted.
+
+        Raises
+        ------
+        InputError
+            If the video cannot be written.
+        """
+        folder = self._folder
+        if options.images:
+            chosen = [r["frame"] for r in read_rows(folder / "frames.csv")][:: options.images]
+            (folder / "images").mkdir(exist_ok=True)
+            for picture in self.pictures(set(chosen)):
+                name = f"frame_{int(picture.row['frame']):06d}.png"
+                write_png(folder / "images" / name, picture.side_by_side())
+        if options.video:
+            _write_video(folder, self.pictures())
 
 
 def _write_video(folder: Path, frames: Iterator[Picture]) -> None:

@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 
 from uw_visibility.config.parameters import flatten
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
-from uw_visibility.replay.bags.reader import BagReader
-from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.report.figures import NEEDED, data_uri, draw_series
-from uw_visibility.replay.report.gallery import ColourScale, gradient, pictures, preview
+from uw_visibility.replay.report.gallery import ColourScale, Gallery, gradient, preview
 from uw_visibility.replay.report.meaning import meaning
 from uw_visibility.replay.report.overview import (
     OVERVIEW_COLUMNS,
@@ -44,25 +42,16 @@ TOPIC_TITLES = {"depth": "depth sensor", "left_info": "left camera_info",
 
 
 def write_report(
-    folder: Path,
-    reader: BagReader,
-    selection: Selection,
-    scale: ColourScale | None,
-    summary: Summary,
-    joins: Sequence[Mapping[str, Any]] = (),
+    folder: Path, gallery: Gallery, summary: Summary, joins: Sequence[Mapping[str, Any]] = ()
 ) -> None:
     """Write ``report.html``.
 
     Parameters
     ----------
     folder : Path
-        Of the result, with its table and messages.
-    reader : BagReader
-        The recording, for the raw images.
-    selection : Selection
-        Topics used.
-    scale : ColourScale or None
-        Colours of the disparities.
+        Of the result, with its table.
+    gallery : Gallery
+        Pictures of its frames.
     summary : Summary
         What the replay did.
     joins : sequence of mapping
@@ -78,9 +67,7 @@ def write_report(
             "views": [_view(what, image) for what, image in picture.parts().items()],
             "caption": caption(picture.row, formula(contrast)),
         }
-        for picture in pictures(
-            folder, reader, selection, scale, _representative(folder, summary)
-        )
+        for picture in gallery.pictures(_representative(folder, summary))
     ]
     write_page(
         folder / "report.html", "report.html",
@@ -93,7 +80,7 @@ def write_report(
         derived=derived_quantities(folder / "frames.csv"),
         joins=joins,
         pictures=shown,
-        colours=_colours(scale),
+        colours=_colours(gallery.scale),
         refusals=_refusals(summary),
         other_channels=summary.refusals.has(OTHER_CHANNELS),
         plausibility=_plausibility(summary),
