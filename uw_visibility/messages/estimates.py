@@ -140,6 +140,7 @@ def _distance(estimate: Estimate) -> Any:
         return None
     max_range = estimate.config.max_range
     seen = visibility.distance <= max_range
+    known = math.isfinite(visibility.distance_stddev)
     return estimate.make(
         "sensor_msgs/msg/Range",
         header=estimate.header.message(estimate.make),
@@ -148,13 +149,9 @@ def _distance(estimate: Estimate) -> Any:
         min_range=0.0,
         max_range=max_range,
         range=visibility.distance if seen else math.inf,
-        variance=_variance(visibility.distance_stddev) if seen else 0.0,
+        # 0 says that it is not known.
+        variance=visibility.distance_stddev**2 if seen and known else 0.0,
     )
-
-
-def _variance(stddev: float) -> float:
-    """Return a variance for Range, where 0 says that it is not known."""
-    return stddev**2 if math.isfinite(stddev) else 0.0
 
 
 def _vector(estimate: Estimate, values: NDArray[np.float64]) -> Any:
@@ -167,23 +164,15 @@ def _stamped(estimate: Estimate, *values: float) -> Any:
     return vector_message(estimate.make, estimate.header.message(estimate.make), values)
 
 
-def _mean_attenuation(estimate: Estimate) -> float | None:
-    alpha = estimate.visibility.mean_attenuation
-    known = estimate.water.status is Status.OK and math.isfinite(alpha)
-    return float(alpha) if known else None
-
-
-def _mean_attenuation_alone(estimate: Estimate) -> Any:
-    alpha = _mean_attenuation(estimate)
-    return None if alpha is None else estimate.make("std_msgs/msg/Float64", data=alpha)
-
-
-def _mean_attenuation_stamped(estimate: Estimate) -> Any:
-    """α as x and its standard deviation as y, 0 where it is not known."""
-    alpha, stddev = _mean_attenuation(estimate), estimate.visibility.mean_attenuation_stddev
-    if alpha is None:
+def _mean_attenuation(estimate: Estimate, stamped: bool) -> Any:
+    """α alone, or as x with its standard deviation as y, 0 where it is not known."""
+    visibility = estimate.visibility
+    alpha, stddev = visibility.mean_attenuation, visibility.mean_attenuation_stddev
+    if estimate.water.status is not Status.OK or not math.isfinite(alpha):
         return None
-    return _stamped(estimate, alpha, stddev if math.isfinite(stddev) else 0.0, 0.0)
+    if stamped:
+        return _stamped(estimate, alpha, stddev if math.isfinite(stddev) else 0.0, 0.0)
+    return estimate.make("std_msgs/msg/Float64", data=float(alpha))
 
 
 def _depth(estimate: Estimate) -> Any:
@@ -201,8 +190,8 @@ _BUILDERS: dict[str, tuple[str, Callable[[Estimate], Any]]] = {
     "attenuation": (VECTOR, lambda e: _vector(e, e.water.attenuation)),
     "attenuation_stddev": (VECTOR, lambda e: _vector(e, e.water.attenuation_stddev)),
     "ambient_light": (VECTOR, lambda e: _vector(e, e.water.ambient_light)),
-    "mean_attenuation": ("std_msgs/msg/Float64", _mean_attenuation_alone),
-    "mean_attenuation_stamped": (VECTOR, _mean_attenuation_stamped),
+    "mean_attenuation": ("std_msgs/msg/Float64", lambda e: _mean_attenuation(e, stamped=False)),
+    "mean_attenuation_stamped": (VECTOR, lambda e: _mean_attenuation(e, stamped=True)),
     "depth": ("geometry_msgs/msg/PoseWithCovarianceStamped", _depth),
 }
 

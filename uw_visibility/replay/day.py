@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.errors import InputError, refusing
+from uw_visibility.config.files import gathered
+from uw_visibility.errors import InputError
 from uw_visibility.replay.columns import TRANSECT, TRANSECT_COLUMN
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.results.exports import write_exports
@@ -92,18 +92,11 @@ def _write(folder: Path, summaries: Sequence[Summary], options: ReplayOptions) -
     from uw_visibility.replay.report.day import write_index
 
     results = _results(summaries)
-    # Aside first, so that an interruption leaves what was there before.
-    with (
-        refusing(f"cannot write {folder}"),
-        tempfile.TemporaryDirectory(prefix=".writing-", dir=folder) as aside,
-    ):
-        work = Path(aside)
+    with gathered(folder, DAY_MARK) as work:
         _write_table(work, results, options)
         write_index(work / "index.html", folder.resolve().name, results, [
             summary for summary in summaries if summary not in results])
         _write_mark(work / DAY_MARK, summaries)
-        for written in sorted(work.iterdir()):
-            written.replace(folder / written.name)
 
 
 def _write_table(work: Path, results: Sequence[Summary], options: ReplayOptions) -> None:

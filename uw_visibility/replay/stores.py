@@ -45,8 +45,7 @@ def expand(where: Place) -> list[Place]:
     """
     if isinstance(where, Path) or "*" not in where:
         return [where]
-    store, path = _open(where)
-    with refusing(f"cannot read {where}", Exception):
+    with _opened(where) as (store, path):
         found = [str(store.unstrip_protocol(name)) for name in sorted(store.glob(path))]
     if not found:
         raise InputError(f"nothing is at {where}")
@@ -58,8 +57,7 @@ def recording_name(bag: Place) -> str:
     if isinstance(bag, Path):
         # A folder's name may have dots in it, a file's ends with its format.
         return bag.resolve().name if bag.is_dir() else bag.stem
-    store, path = _open(bag)
-    with refusing(f"cannot read {bag}", Exception):
+    with _opened(bag) as (store, path):
         return PurePosixPath(bag).name if store.isdir(path) else PurePosixPath(bag).stem
 
 
@@ -80,10 +78,9 @@ def recording_here(bag: Place) -> Iterator[Path]:
     if isinstance(bag, Path):
         yield bag
         return
-    store, path = _open(bag)
     with tempfile.TemporaryDirectory(prefix=PREFIX) as scratch:
         here = Path(scratch) / PurePosixPath(bag).name
-        with refusing(f"cannot read {bag}", Exception):
+        with _opened(bag) as (store, path):
             _fetch(store, path, here)
         if not here.exists():
             raise InputError(f"cannot read bag {bag}: it is missing")
@@ -129,8 +126,7 @@ def result_here(target: Place) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix=PREFIX) as scratch:
         folder = Path(scratch) / PurePosixPath(target).name
         yield folder
-        store, path = _open(target)
-        with refusing(f"cannot write {target}", Exception):
+        with _opened(target, "write") as (store, path):
             if store.exists(path):
                 store.rm(path, recursive=True)
             _put(store, path, folder)
@@ -162,18 +158,17 @@ def results_here(output: Place, results: Sequence[Place], names: Sequence[str]) 
     if isinstance(output, Path):
         yield output
         return
-    store, path = _open(output)
     with tempfile.TemporaryDirectory(prefix=PREFIX) as scratch:
         folder = Path(scratch) / PurePosixPath(output).name
         folder.mkdir()
         for result in results:
             here = folder / PurePosixPath(result).name
             here.mkdir()
-            with refusing(f"cannot read {result}", Exception):
+            with _opened(result) as (store, path):
                 for name in names:
-                    store.get_file(_open(f"{result}/{name}")[1], str(here / name))
+                    store.get_file(f"{path}/{name}", str(here / name))
         yield folder
-        with refusing(f"cannot write {output}", Exception):
+        with _opened(output, "write") as (store, path):
             for written in sorted(folder.iterdir()):
                 if written.is_file():
                     store.put_file(str(written), f"{path}/{written.name}")
@@ -189,9 +184,8 @@ def read_state_at(target: Place) -> dict[str, Any]:
     """
     if isinstance(target, Path):
         return read_state(target)
-    store, path = _open(target)
     with tempfile.TemporaryDirectory(prefix=PREFIX) as scratch:
-        with refusing(f"cannot read {target}", Exception):
+        with _opened(target) as (store, path):
             store.get_file(f"{path}/{MARK}", f"{scratch}/{MARK}")
         return read_state(Path(scratch))
 
@@ -207,8 +201,7 @@ def check_place(target: Place, force: bool) -> None:
     if isinstance(target, Path):
         check_target(target, force)
         return
-    store, path = _open(target)
-    with refusing(f"cannot read {target}", Exception):
+    with _opened(target) as (store, path):
         there, result = store.exists(path), store.exists(f"{path}/{MARK}")
     if there:
         refuse_to_replace(target, result, force)
@@ -224,8 +217,7 @@ def exists(where: Place) -> bool:
     """
     if isinstance(where, Path):
         return where.exists()
-    store, path = _open(where)
-    with refusing(f"cannot read {where}", Exception):
+    with _opened(where) as (store, path):
         return bool(store.exists(path))
 
 
@@ -253,12 +245,14 @@ def _put(store: Any, path: str, folder: Path) -> None:
         store.put_file(str(file), name)
 
 
-def _open(url: Place) -> tuple[Any, str]:
-    """Return the store of a URL, and the path within it."""
+@contextmanager
+def _opened(url: Place, work: str = "read") -> Iterator[tuple[Any, str]]:
+    """Yield the store of a URL, and the path within it, to read or to write."""
     with needing("stores", str(url)):
         fsspec = importlib.import_module("fsspec.core")
     with refusing(f"cannot use {url}", Exception):
         store, path = fsspec.url_to_fs(str(url))
     # What was listed before may have changed since.
     store.invalidate_cache()
-    return store, str(path)
+    with refusing(f"cannot {work} {url}", Exception):
+        yield store, str(path)
