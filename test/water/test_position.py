@@ -61,7 +61,23 @@ class TestPlume:
         assert found.refutes(ATTENUATION) is Status.UNEVEN_SIDES
 
 
+def test_a_layer_that_thickens_downwards_adds_what_halves_differ_by():
+    """Halves of what lies at one range differ by half of what its ends do."""
+    found = compare_halves(halves(TOP_BOTTOM, black(), black(0.03)), ATTENUATION, VEIL, VEIL)
+    average, stddev = found.averaged(ATTENUATION)
+    np.testing.assert_allclose(average, ATTENUATION + 0.03, atol=0.01)
+    assert (stddev > 0.01).all()
+
+
 class TestSurroundings:
+    def test_a_lens_that_darkens_them_a_little_is_recognised(self):
+        found = compare_halves(
+            halves(MIDDLE_SURROUNDINGS, black(), 0.95 * black()), ATTENUATION, VEIL, VEIL)
+        average, stddev = found.averaged(0.95 * ATTENUATION)
+        assert found.refutes(ATTENUATION) is Status.OK
+        np.testing.assert_array_less(np.abs(average - ATTENUATION), stddev)
+        assert (average > 0.99 * ATTENUATION).all()
+
     def test_a_lens_that_darkens_them_leaves_the_middle_right(self):
         found = compare_halves(
             halves(MIDDLE_SURROUNDINGS, black(), 0.9 * black()), ATTENUATION, VEIL, VEIL)

@@ -33,9 +33,13 @@ DARKNESS = 0.08
 # Neighbouring bins show the same objects.
 NEIGHBOURING_BINS = 2.0
 # Images whose halves show different water beforehand, how far they are apart as a part of
-# attenuation, and how well that on average is known to be between them, as a part of the change.
+# attenuation, what scenes of one water make them differ over its deviation, how far attenuation
+# on average is from that of the clearest part, as a part of the difference, and how well that is
+# known: a plume fills a half, but light falls, and layers thicken, all over the image.
 UNLIKE = 0.2
 APART = 0.7
+SCATTER = np.array([0.7, 0.5, 0.6])
+CHANGE = np.array([0.5, 1.0, 1.0])
 EFFECT = 0.5
 # Deviations from the median from which on a bin counts less (Cauchy's scale).
 TAIL = 2.0
@@ -74,8 +78,8 @@ class Unevenness:
         """Attenuation of the water on average, and its standard deviation by unevenness.
 
         The lower envelope of an image is that of its clearest part. Where halves differ by
-        more than scenes of one water make them, that on average lies between them; where the
-        middle is the brighter, a lens darkens the rest.
+        more than scenes of one water make them, that on average is higher; where the middle
+        is the brighter, a lens darkens the rest.
 
         Parameters
         ----------
@@ -87,7 +91,7 @@ class Unevenness:
         attenuation, stddev : (3,) float64 ndarray
             1/m.
         """
-        variance = self.stddev**2
+        variance = (SCATTER[:, np.newaxis] * self.stddev) ** 2
         by = np.stack((np.ones(3), np.ones(3), attenuation))
         spread = (APART * attenuation.mean() * by / by.mean(axis=1, keepdims=True)) ** 2
         kept = spread / (spread + variance)
@@ -97,7 +101,7 @@ class Unevenness:
         share = UNLIKE / (UNLIKE + (1.0 - UNLIKE) * np.exp(-np.minimum(odds, 50.0)))
         size = np.median(np.abs(kept * self.difference) / by, axis=1)
         # No lens makes the surroundings brighter, but they may lack dark patches.
-        change = np.array((0.5, 0.5, np.median(self.difference[2]) > 0)) * size
+        change = CHANGE * (1.0, 1.0, np.median(self.difference[2]) > 0) * size
         split = int((share * change * by.mean(axis=1)).argmax())
         shift = share[split] * change[split] * by[split]
         error = math.sqrt(share[split] * (1.0 - share[split]) + share[split] * EFFECT**2)
