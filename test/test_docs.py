@@ -5,7 +5,10 @@
 from __future__ import annotations
 
 import importlib
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -48,6 +51,17 @@ def test_links_between_files_lead_somewhere(file: Path) -> None:
         # A tutorial's page is made of its script.
         source = re.sub(r"tutorials/(\w+)\.rst$", r"examples/\1.py", target)
         assert (file.parent / source).exists(), target
+
+
+def test_the_matcher_of_the_examples_is_one(tmp_path: Path) -> None:
+    script = ROOT / "docs" / "examples" / "6_a_matcher.py"
+    run = subprocess.run(
+        [sys.executable, script], cwd=tmp_path, env={**os.environ, "MPLBACKEND": "Agg"},
+        capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    shares = [float(share) for share in re.findall(r": ([\d.]+)% of the scene", run.stdout)]
+    assert len(shares) == 2
+    assert min(shares) > 50
 
 
 def test_every_topic_is_in_the_page_of_the_node() -> None:

@@ -50,8 +50,10 @@ class SemiGlobalMatcher(Matcher):
         detail = (grey - cv2.GaussianBlur(grey, (0, 0), 8)) * image.gain
         self._restored[side] = np.clip(128 + detail, 0, 255).astype(np.uint8)
 
-    def dense_disparity(self, support, airlight=None, *, confidence=True):
-        """Match every pixel of the restored pair."""
+    def dense_disparity(
+        self, support, airlight=None, *, confidence=True, least_for_colour=0.0
+    ):
+        """Match every pixel of the restored pair; all that it finds is as sure."""
         found = self._matcher.compute(*self._restored).astype(np.float32) / 16
         found[found < self._matcher.getMinDisparity()] = np.nan
         rated = np.isfinite(found).astype(np.float32) if confidence else None

@@ -76,3 +76,10 @@ def test_without_deviation_or_ranges_it_stays(stddev):
         level = level_veil(
             irradiance, ranges, BETA, VEIL, VEIL, np.full(3, stddev), ERROR)
         np.testing.assert_allclose(level, VEIL, rtol=1e-3)
+
+
+def test_what_no_light_comes_from_tells_nothing():
+    irradiance, distance = seen(0)
+    distance[-200:] = 1e6
+    level = level_veil(irradiance, distance, BETA, VEIL, VEIL, STDDEV, ERROR)
+    assert (np.abs(level - VEIL) < STDDEV).all()

@@ -22,6 +22,8 @@ _SCATTER = 0.3
 # A veil that is known worse than to this part is not moved as far as it may be: dark depths stay
 # dark.
 _MOST = 0.1
+# Of a bin of which less light is left, nothing is seen.
+_LEAST_LEFT = 1e-3
 
 
 def level_veil(
@@ -43,7 +45,7 @@ def level_veil(
     irradiance : (C, N) float64 ndarray
         Of pixels, 0..1.
     distance : (N,) float64 ndarray
-        Their range, m, above 0.
+        Their range, m, above 0 and finite.
     attenuation : (C,) float64 ndarray
         β, 1/m.
     veil, light : (C,) float64 ndarray
@@ -68,12 +70,13 @@ def level_veil(
     for c in range(len(veil)):
         # The bin's mean of e^(-βd) is not that at its mean range.
         left = _mean(transmission(attenuation[c], distance), bins, count)[full]
-        gain = 1.0 / (light[c] * left)
+        shown = left > _LEAST_LEFT
+        gain = shown / (light[c] * np.where(shown, left, 1.0))
         radiance = (_mean(irradiance[c], bins, count)[full] - veil[c] * (1.0 - left)) * gain
         change = (1.0 - left) * gain
-        weight = 1.0 / (_NEIGHBOURS * (_SCATTER**2 + (error * gain) ** 2))
+        weight = shown / (_NEIGHBOURS * (_SCATTER**2 + (error * gain) ** 2))
         for values in (radiance, change):
-            values -= weight @ values / weight.sum()
+            values -= weight @ values / max(weight.sum(), 1e-9)
         prior = 1.0 / min(max(stddev[c], 1e-6), _MOST * veil[c]) ** 2
         step = weight @ (change * radiance) / (weight @ change**2 + prior)
         if step > -veil[c]:

@@ -141,7 +141,7 @@ def _samples(
     stride = max(1, int(np.sqrt(range_map.size / _SAMPLES)))
     distance = range_map[::stride, ::stride].ravel()
     codes = np.ascontiguousarray(image[::stride, ::stride].reshape(distance.size, -1).T)
-    usable = measured[::stride, ::stride].ravel() & (distance > 0)
+    usable = measured[::stride, ::stride].ravel() & (distance > 0) & (distance < np.inf)
     usable &= (codes < np.iinfo(image.dtype).max).all(axis=0)
     chosen = np.flatnonzero(usable)
     # Each channel in a piece, which a mask of both axes would not leave them in.
