@@ -16,7 +16,7 @@ from uw_visibility.water.assessment import Assessor
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.estimation import WaterEstimator
 from uw_visibility.water.filter import WaterFilter
-from uw_visibility.water.grey_average import GreyFrames, is_grey_on_average
+from uw_visibility.water.grey_average import ColourBalance, GreyFrames, colour_balance
 
 
 def frame(grey: bool, red: float = 0.1) -> WaterEstimate:
@@ -29,16 +29,22 @@ def frame(grey: bool, red: float = 0.1) -> WaterEstimate:
 
 
 @pytest.mark.parametrize(("gain", "grey"), [
-    ((1.0, 1.0, 1.0), True), ((1.07, 1.0, 0.94), True), ((0.9, 1.0, 0.98), False),
+    ((1.0, 1.0, 1.0), True), ((1.07, 1.0, 0.94), True), ((0.9, 1.0, 1.0), False),
     ((1.0, 1.0, 1.1), False), ((0.0, 1.0, 1.0), False),
-    # The gain of red ends before it is grey.
-    ((0.7, 1.0, 1.0), True), ((0.7, 1.0, 1.01), False), ((1.3, 1.0, 1.0), False),
 ])
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
 def test_channels_of_one_mean_are_grey(gain, grey, kind):
     top = np.iinfo(kind).max
     image = 0.5 * top * np.random.default_rng(1).uniform(0.2, 1.0, (90, 120, 1)) * gain
-    assert is_grey_on_average(image.astype(kind)) is grey
+    assert colour_balance(image.astype(kind)).grey is grey
+
+
+@pytest.mark.parametrize(("gain", "alike"), [
+    ((0.7, 1.0, 1.0), True), ((0.7, 1.0, 1.01), False), ((1.3, 1.0, 1.0), False),
+])
+def test_green_and_blue_of_one_mean_are_told(gain, alike):
+    image = 127 * np.random.default_rng(1).uniform(0.2, 1.0, (90, 120, 1)) * gain
+    assert colour_balance(image.astype(np.uint8)) == (False, alike)
 
 
 def test_water_takes_red_unless_the_camera_gives_it_back():
@@ -80,6 +86,13 @@ def test_the_filter_goes_by_most_frames_of_late():
 
 def test_frames_that_were_forgotten_do_not_count():
     grey = GreyFrames()
-    assert grey.add(True)
+    assert grey.add(ColourBalance(True, False))
     grey.reset()
-    assert not grey.add(False)
+    assert not grey.add(ColourBalance(False, False))
+
+
+def test_green_and_blue_alike_in_most_frames_are_a_balance_whose_gain_of_red_ends_too_early():
+    for pattern, told in (([True] * 4, [False, False, True, True]),
+                          ([True, False, False, True, False, False], [False] * 6)):
+        grey = GreyFrames()
+        assert [grey.add(ColourBalance(False, alike)) for alike in pattern] == told

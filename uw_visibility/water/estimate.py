@@ -87,6 +87,8 @@ class WaterEstimate:
     grey_on_average : bool
         Whether the image's channels have about the same mean, as automatic white balance
         makes them.
+    blue_as_green : bool
+        Whether green and blue have the same mean, and red a lower one.
     transfer_log_odds : float
         How much likelier the image is if the camera's transfer is not the one that was
         told, as a logarithm; NaN where it does not say.
@@ -108,6 +110,7 @@ class WaterEstimate:
     open_water: float = 0.0
     lamps: LampLight | None = None
     grey_on_average: bool = False
+    blue_as_green: bool = False
     transfer_log_odds: float = math.nan
 
     @property

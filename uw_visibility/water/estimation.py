@@ -28,7 +28,7 @@ from uw_visibility.water.dark_fit import (
 from uw_visibility.water.dark_gradient import NEGLIGIBLE, bend_of, find_gradients, unbent
 from uw_visibility.water.estimate import WaterEstimate, assemble, refuse
 from uw_visibility.water.fit import Fit, blank
-from uw_visibility.water.grey_average import is_grey_on_average
+from uw_visibility.water.grey_average import colour_balance
 from uw_visibility.water.observations import Envelopes, observe
 from uw_visibility.water.open_water import OpenWater
 from uw_visibility.water.position import compare_halves
@@ -178,7 +178,9 @@ class WaterEstimator:
                 colour, np.asarray(range_map, np.float32), view.valid, envelope, active,
                 lambda pixels: self._observe(
                     pixels, range_map, view.valid, range_error, coarse)))
-        return replace(estimate, grey_on_average=is_grey_on_average(view.pixels))
+        balance = colour_balance(view.pixels)
+        return replace(
+            estimate, grey_on_average=balance.grey, blue_as_green=balance.blue_as_green)
 
     def estimate_envelope(
         self,

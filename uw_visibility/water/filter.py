@@ -17,7 +17,7 @@ from uw_visibility.status import REFUTING, Status
 from uw_visibility.water.assessment import Assessor, Visibility
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.estimation import WaterEstimator
-from uw_visibility.water.grey_average import GreyFrames
+from uw_visibility.water.grey_average import ColourBalance, GreyFrames
 from uw_visibility.water.lamp_estimation import CellEstimator
 from uw_visibility.water.lamp_survey import LampSurvey
 from uw_visibility.water.survey import Survey, SurveyEstimate
@@ -111,7 +111,7 @@ class WaterFilter:
             self.reset()
             self._rig = rig
         filtered = self._tracker.update(water, stamp)
-        grey = self._grey.add(water.grey_on_average)
+        grey = self._grey.add(ColourBalance(water.grey_on_average, water.blue_as_green))
         self._transfer.add(water.transfer_log_odds)
         event = self._tracker.event
         assert event is not None
