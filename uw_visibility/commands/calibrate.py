@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -169,12 +170,7 @@ def _describe(found: Calibration, series: CalibrationSeries) -> str:
     if found.best not in shown:
         shown = (*shown, found.best)
     for candidate in shown:
-        white = "  ".join(
-            f"{value:.3f} ± {stddev:.3f}" if stddev else f"{value:.3f}"
-            for value, stddev in zip(
-                candidate.white_reference, candidate.white_reference_stddev, strict=True
-            )
-        )
+        white = _with_stddev(candidate.white_reference, candidate.white_reference_stddev)
         mark = "*" if candidate is found.best else " "
         lines.append(
             f"{mark} {candidate.water_type:12}{candidate.depth_rms:15.2f}    {white}"
@@ -194,17 +190,19 @@ def _describe_lamps(found: LampCalibration, frames: int) -> str:
     low, high = found.range.min(), found.range.max()
     lines = [f"{frames} frames, ground at {low:.2f} to {high:.2f} m", ""]
     for i, lamp in enumerate(found.lamps):
-        place = "  ".join(
-            f"{value:.3f} ± {stddev:.3f}"
-            for value, stddev in zip(lamp.position, found.position_stddev[i], strict=True))
+        place = _with_stddev(lamp.position, found.position_stddev[i])
         axis = "  ".join(f"{value:.2f}" for value in lamp.direction)
         lines.append(
             f"  lamp {i + 1}  place (m): {place}   axis: {axis}, ± {found.direction_stddev[i]:.1f} "
             f"degrees   beam: {lamp.beam_angle:.0f} degrees ± {100 * found.beam_stddev:.0f} %")
-    water = "  ".join(
-        f"{value:.3f} ± {stddev:.3f}"
-        for value, stddev in zip(found.attenuation, found.attenuation_stddev, strict=True))
+    water = _with_stddev(found.attenuation, found.attenuation_stddev)
     lines += [
         "", f"  water of the recording, attenuation (1/m), R G B: {water}",
         f"  light of a point about the fit: {100 * found.scatter:.1f} %"]
     return "\n".join(lines)
+
+
+def _with_stddev(values: Iterable[float], stddevs: Iterable[float]) -> str:
+    return "  ".join(
+        f"{value:.3f} ± {stddev:.3f}" if stddev else f"{value:.3f}"
+        for value, stddev in zip(values, stddevs, strict=True))

@@ -66,11 +66,7 @@ class EdgeErrors:
 
     def row(self) -> dict[str, Any]:
         """Return the errors as a row of a table."""
-        return {
-            "map": self.map,
-            "disparity.near": self.disparity_near, "disparity.elsewhere": self.disparity_elsewhere,
-            "colour.near": self.colour_near, "colour.elsewhere": self.colour_elsewhere,
-        }
+        return {name.replace("_", "."): value for name, value in vars(self).items()}
 
 
 def edge_errors(

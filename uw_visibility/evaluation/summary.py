@@ -85,24 +85,14 @@ def water_errors(pairs: Sequence[Pair]) -> Summary:
     dict
         Each error has mean, worst, where the worst is, and how many were assessed.
     """
-    beta = normalised_errors(
-        [r.attenuation for _, r, _ in pairs],
-        [t.attenuation for t, _, _ in pairs],
-        [r.attenuation_stddev for _, r, _ in pairs],
-    )
-    alpha = normalised_errors(
-        [r.mean_attenuation for _, r, _ in pairs],
-        [t.mean_attenuation for t, _, _ in pairs],
-        [r.mean_attenuation_stddev for _, r, _ in pairs],
-    )
     turbid = [pair for pair in pairs if pair[0].mean_attenuation >= TURBID]
     return {
         "mean_attenuation_error": _errors(pairs, _alpha_error),
         "distance_relative_error": _errors(pairs, _distance_error),
         "distance_relative_error_turbid": _errors(turbid, _distance_error),
         "depth_error": _errors(pairs, lambda t, r: abs(r.depth - t.depth)),
-        "attenuation_within": _within(beta),
-        "mean_attenuation_within": _within(alpha),
+        "attenuation_within": _within(pairs, "attenuation"),
+        "mean_attenuation_within": _within(pairs, "mean_attenuation"),
         "not_assessed": _reasons((r.status, name) for _, r, name in pairs),
         "distance_not_assessed": _reasons((r.distance_status, name) for _, r, name in pairs),
         "depth_not_assessed": _reasons((r.depth_status, name) for _, r, name in pairs),
@@ -130,13 +120,14 @@ def _errors(pairs: Sequence[Pair], error: Callable[[Truth, Reading], float]) -> 
     }
 
 
-def _within(errors: Any) -> Summary:
-    return {
-        "1_sigma": fraction_within(errors, 1.0),
-        "2_sigma": fraction_within(errors, 2.0),
-        "3_sigma": fraction_within(errors, 3.0),
-        "of": int(errors.size),
-    }
+def _within(pairs: Sequence[Pair], name: str) -> Summary:
+    errors = normalised_errors(
+        [getattr(reading, name) for _, reading, _ in pairs],
+        [getattr(truth, name) for truth, _, _ in pairs],
+        [getattr(reading, f"{name}_stddev") for _, reading, _ in pairs],
+    )
+    shares = {f"{k}_sigma": fraction_within(errors, float(k)) for k in (1, 2, 3)}
+    return {**shares, "of": int(errors.size)}
 
 
 def _reasons(found: Iterable[tuple[str, str]]) -> dict[str, list[str]]:

@@ -74,13 +74,17 @@ def _error_lines(summary: Summary, field: str, names: Any, digits: int) -> list[
     lines = []
     for name in names:
         errors = summary["water"][name][field]
-        line = _line(
-            f"  {READINGS[name]}", number(errors["mean"], digits),
-            number(errors["worst"], digits), f"{errors['assessed']}/{errors['of']}",
-        )
+        line = _error_line(READINGS[name], errors, digits)
         where = errors["worst_at"]
         lines.append(f"{line}  {where}" if where else line)
     return lines
+
+
+def _error_line(title: str, errors: Summary, digits: int) -> str:
+    return _line(
+        f"  {title}", number(errors["mean"], digits), number(errors["worst"], digits),
+        f"{errors['assessed']}/{errors['of']}",
+    )
 
 
 def _disparity(summary: Summary) -> str:
@@ -196,11 +200,7 @@ def _transect(transect: Summary) -> str:
             ("distance_relative_error", "visibility distance, relative", 3),
             ("depth_error", "|ẑ − z| [m]", 3),
         ):
-            errors = transect[name][field]
-            lines.append(_line(
-                f"  {title}{how}", number(errors["mean"], digits),
-                number(errors["worst"], digits), f"{errors['assessed']}/{errors['of']}",
-            ))
+            lines.append(_error_line(f"{title}{how}", transect[name][field], digits))
         within = transect[name]["mean_attenuation_within"]
         shares = (number(within[f"{k}_sigma"], 2) for k in (1, 2, 3))
         lines.append(f"  α within 1 / 2 / 3 σ{how}: {' / '.join(shares)}")
