@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from uw_visibility.images.arrays import Array, Map
 from uw_visibility.optics.light_model import transmission, veil_of
 from uw_visibility.optics.transfer import to_linear
 from uw_visibility.status import Status
@@ -76,7 +77,7 @@ def fit_backscatter(
     )
 
 
-def _darkest(distance: NDArray[np.float64], light: NDArray[np.float32]) -> NDArray[np.intp]:
+def _darkest(distance: Array, light: Map) -> NDArray[np.intp]:
     """Return the indices of the darkest pixels of each bin."""
     edges = np.linspace(distance.min(), distance.max(), BINS + 1)
     place = np.clip(np.searchsorted(edges, distance, side="right") - 1, 0, BINS - 1)
@@ -92,11 +93,9 @@ def _darkest(distance: NDArray[np.float64], light: NDArray[np.float32]) -> NDArr
     return np.concatenate(chosen) if len(chosen) > 3 else np.zeros(0, np.intp)
 
 
-def _fit_channel(
-    distance: NDArray[np.float64], light: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+def _fit_channel(distance: Array, light: Array) -> tuple[Array, Array] | None:
     """Fit one channel; β and B with their covariance, or None where a bound stops them."""
-    def model(p: NDArray[np.float64]) -> NDArray[np.float64]:
+    def model(p: Array) -> Array:
         veil = veil_of(p[0], transmission(p[1], distance))
         return np.asarray(veil + p[2] * transmission(p[3], distance))
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from uw_visibility.images.arrays import DisparityMap, Image8
 
 # Settings of OpenCV's sample stereo_match, in full mode, but for the range of
 # speckles, which is that of OpenCV's documentation.
@@ -23,9 +24,7 @@ CLIP_LIMIT = 2.0
 TILES = (8, 8)
 
 
-def semi_global_matching(
-    left: NDArray[np.uint8], right: NDArray[np.uint8], max_disparity: int = 128
-) -> NDArray[np.float32]:
+def semi_global_matching(left: Image8, right: Image8, max_disparity: int = 128) -> DisparityMap:
     """Match a rectified pair with OpenCV's StereoSGBM in full mode (eight directions).
 
     Parameters
@@ -65,21 +64,19 @@ def sgbm(max_disparity: int = 128, channels: int = 3) -> cv2.StereoSGBM:
     )
 
 
-def equalised_matching(
-    left: NDArray[np.uint8], right: NDArray[np.uint8], max_disparity: int = 128
-) -> NDArray[np.float32]:
+def equalised_matching(left: Image8, right: Image8, max_disparity: int = 128) -> DisparityMap:
     """`semi_global_matching` after `equalise_adaptively` of both images."""
     return semi_global_matching(
         equalise_adaptively(left), equalise_adaptively(right), max_disparity
     )
 
 
-def equalise_channels(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def equalise_channels(image: Image8) -> Image8:
     """Histogram equalisation of each channel of an (H, W, 3) image."""
     return np.dstack([cv2.equalizeHist(np.ascontiguousarray(image[..., c])) for c in range(3)])
 
 
-def equalise_adaptively(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def equalise_adaptively(image: Image8) -> Image8:
     """CLAHE of L* of an (H, W, 3) RGB or of a grey image."""
     clahe = cv2.createCLAHE(clipLimit=CLIP_LIMIT, tileGridSize=TILES)
     if image.ndim == 2:

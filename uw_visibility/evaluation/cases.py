@@ -16,7 +16,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.radiance import recover_radiance
@@ -30,12 +29,10 @@ from uw_visibility.evaluation.partial_pipeline import first_enhancement, match_w
 from uw_visibility.evaluation.readings import Reader, Reading, Truth, flat
 from uw_visibility.evaluation.reliability import Reliability
 from uw_visibility.evaluation.scenes import SceneSource, search_limit, tolerance
-from uw_visibility.images.arrays import Map
+from uw_visibility.images.arrays import Image8, Map
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.water.observations import Envelopes
-
-Image = NDArray[np.uint8]
 
 READINGS = titles("estimator", {
     "step1": "ours after step 1, ranges of the pipeline",
@@ -114,8 +111,8 @@ class Pictures:
         Ours, of the pair as it is and improved, px; absent where the pair was refused.
     """
 
-    radiance: Image
-    images: dict[str, Image]
+    radiance: Image8
+    images: dict[str, Image8]
     range: Map
     envelope: Envelopes | None
     disparities: dict[str, Map]
@@ -174,7 +171,7 @@ class CaseResult:
     edges: list[EdgeErrors] = field(default_factory=list)
     noise: str = "0"
     reliability: Reliability | None = None
-    thumbnails: dict[str, Image] = field(default_factory=dict)
+    thumbnails: dict[str, Image8] = field(default_factory=dict)
     timing_ms: dict[str, float] = field(default_factory=dict)
 
     def row(self) -> dict[str, Any]:
@@ -285,7 +282,7 @@ class _Bench:
         self.reader = Reader(config)
 
     def read(
-        self, left: Image, result: FrameResult | None, refusal: str | None
+        self, left: Image8, result: FrameResult | None, refusal: str | None
     ) -> dict[str, Reading]:
         """Estimate the water by both methods, with the pipeline's ranges and with the true ones."""
         reader = self.reader
@@ -312,15 +309,15 @@ def _bench(source: SceneSource, config: PipelineConfig) -> _Bench:
     return _Bench(source.load(), config)
 
 
-def _thumbnail(image: Image) -> Image:
+def _thumbnail(image: Image8) -> Image8:
     height, width = image.shape[:2]
     size = (THUMBNAIL_WIDTH, round(THUMBNAIL_WIDTH * height / width))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
 def _peer_images(
-    scene: Scene, left: Image, right: Image, truth: Truth
-) -> tuple[dict[str, Image], Image]:
+    scene: Scene, left: Image8, right: Image8, truth: Truth
+) -> tuple[dict[str, Image8], Image8]:
     """Return the left images that need no estimate, and the oracle's right one."""
     oracle_left, oracle_right = (
         _oracle(image, scene.rig.range_from_disparity(fill_from_background(disparity)), truth)
@@ -335,7 +332,7 @@ def _peer_images(
     return images, oracle_right
 
 
-def _oracle(image: Image, range_map: Map, truth: Truth) -> Image:
+def _oracle(image: Image8, range_map: Map, truth: Truth) -> Image8:
     """Restore an image with the true water and range, without limit of the gain (eq. 8)."""
     light = np.array(truth.ambient_light)
     water = RestorationWater(np.array(truth.attenuation), light, light)
@@ -344,7 +341,7 @@ def _oracle(image: Image, range_map: Map, truth: Truth) -> Image:
 
 
 def _peer_matches(
-    left: Image, right: Image, oracle_left: Image, oracle_right: Image, disparities: int
+    left: Image8, right: Image8, oracle_left: Image8, oracle_right: Image8, disparities: int
 ) -> dict[str, Map | None]:
     match = baselines.semi_global_matching
     return {

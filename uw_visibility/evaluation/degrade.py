@@ -9,9 +9,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import DisparityMap, Image8, Mask, RangeMap
 from uw_visibility.images.files import read_image
 from uw_visibility.images.overview import shown
 from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
@@ -44,14 +45,14 @@ class Scene:
     """
 
     name: str
-    left: NDArray[np.uint8]
-    right: NDArray[np.uint8]
-    disparity_left: NDArray[np.float32]
-    disparity_right: NDArray[np.float32]
+    left: Image8
+    right: Image8
+    disparity_left: DisparityMap
+    disparity_right: DisparityMap
     rig: StereoRig
 
     @property
-    def known(self) -> NDArray[np.bool_]:
+    def known(self) -> Mask:
         """(H, W) bool: pixels of the left view whose disparity is known."""
         return np.isfinite(self.disparity_left)
 
@@ -61,7 +62,7 @@ class Scene:
         depth: float,
         clear_water_attenuation: ArrayLike,
         sensor: Sensor = NOISELESS,
-    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    ) -> tuple[Image8, Image8]:
         """Return the pair as a camera below water sees it; see `degrade`."""
         left, right = (
             degrade(
@@ -117,14 +118,14 @@ def load_scene(folder: str | Path) -> Scene:
 
 
 def degrade(
-    radiance: NDArray[np.uint8],
-    range_map: NDArray[np.float32],
+    radiance: Image8,
+    range_map: RangeMap,
     mean_attenuation: float,
     depth: float,
     clear_water_attenuation: ArrayLike,
     sensor: Sensor = NOISELESS,
     seed: int = 0,
-) -> NDArray[np.uint8]:
+) -> Image8:
     """Degrade an image as water does (eq. 1-3), in 8 bit.
 
     Parameters
@@ -156,7 +157,7 @@ def degrade(
     return np.asarray(np.clip(codes + np.float32(0.5), 0, 255), dtype=np.uint8)
 
 
-def fill_from_background(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+def fill_from_background(disparity: DisparityMap) -> DisparityMap:
     """Fill gaps of a disparity map with the farther known neighbour in the row.
 
     Unknown pixels are mostly occluded ones, which lie on the background side.
@@ -192,7 +193,7 @@ def fill_from_background(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(filled[nearest], dtype=np.float32)
 
 
-def warp_to_right(disparity_left: NDArray[np.float32]) -> NDArray[np.float32]:
+def warp_to_right(disparity_left: DisparityMap) -> DisparityMap:
     """Warp the left view's disparity to the right view; the nearer surface wins.
 
     Parameters
@@ -216,7 +217,7 @@ def warp_to_right(disparity_left: NDArray[np.float32]) -> NDArray[np.float32]:
     return warped
 
 
-def _read_image(folder: Path, name: str) -> NDArray[np.uint8]:
+def _read_image(folder: Path, name: str) -> Image8:
     for suffix in IMAGE_SUFFIXES:
         path = folder / f"{name}{suffix}"
         if path.is_file():
@@ -226,7 +227,7 @@ def _read_image(folder: Path, name: str) -> NDArray[np.uint8]:
     )
 
 
-def _read_disparity(path: Path, scale: int) -> NDArray[np.float32]:
+def _read_disparity(path: Path, scale: int) -> DisparityMap:
     values = cv2.cvtColor(shown(read_image(path)), cv2.COLOR_RGB2GRAY)
     disparity = values.astype(np.float32) / np.float32(scale)
     disparity[values == 0] = np.nan

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
@@ -24,7 +23,7 @@ from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.evaluation.degrade import Scene, fill_from_background
 from uw_visibility.evaluation.matting_laplacian import refine_by_laplacian
 from uw_visibility.evaluation.metrics import colour_difference, halo
-from uw_visibility.images.arrays import Map
+from uw_visibility.images.arrays import Image8, Map
 from uw_visibility.images.view import View
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.pipeline.second_step import SecondStep
@@ -71,8 +70,8 @@ class EdgeErrors:
 
 def edge_errors(
     scene: Scene,
-    left: NDArray[np.uint8],
-    right: NDArray[np.uint8],
+    left: Image8,
+    right: Image8,
     result: FrameResult,
     rig: StereoRig,
     config: PipelineConfig,

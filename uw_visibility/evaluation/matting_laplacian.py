@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.matting import CELL, NO_PLANE, GuidedFilter
+from uw_visibility.images.arrays import DisparityMap, Map
 
 # Weight λ of the data beside the smoothness that the image asks for.
 DATA_WEIGHT = 10.0
@@ -24,8 +25,8 @@ OFFSETS = tuple((y, x) for y in (0, 1, 2) for x in (0, 1, 2))
 
 
 def refine_by_laplacian(
-    coarse: NDArray[np.float32], guide: NDArray[np.generic], config: EnhancementConfig
-) -> NDArray[np.float32]:
+    coarse: DisparityMap, guide: NDArray[np.generic], config: EnhancementConfig
+) -> DisparityMap:
     """Minimise dᵀLd + λ Σ (d - coarse)², with L the matting Laplacian of the image.
 
     Solved on the guided filter's finest grid, from its result, and brought to
@@ -72,7 +73,7 @@ def refine_by_laplacian(
     return disparity
 
 
-def laplacian(guide: NDArray[np.float32], smoothness: float) -> scipy.sparse.csr_matrix:
+def laplacian(guide: Map, smoothness: float) -> scipy.sparse.csr_matrix:
     """Matting Laplacian of a small image.
 
     Parameters

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uw_visibility.images.arrays import Array, DisparityMap, Mask
 from uw_visibility.optics.transfer import to_linear
 
 # Linear sRGB to CIE XYZ under D65, IEC 61966-2-1.
@@ -22,7 +23,7 @@ LAB_EDGE = 6 / 29
 DEPTH_EDGE = 2.0
 
 
-def lab(image: NDArray[np.generic], transfer: str = "srgb") -> NDArray[np.float64]:
+def lab(image: NDArray[np.generic], transfer: str = "srgb") -> Array:
     """Convert RGB to CIE 1976 L*a*b*.
 
     The primaries are sRGB's, and white, (1, 1, 1), is D65 and has L* = 100.
@@ -50,9 +51,7 @@ def lab(image: NDArray[np.generic], transfer: str = "srgb") -> NDArray[np.float6
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
-def colour_difference(
-    first: NDArray[np.generic], second: NDArray[np.generic]
-) -> NDArray[np.float64]:
+def colour_difference(first: NDArray[np.generic], second: NDArray[np.generic]) -> Array:
     """CIE 1976 colour difference ΔE*ab of each pixel; 2.3 is just noticeable.
 
     Parameters
@@ -73,14 +72,12 @@ def mean_colour_difference(first: NDArray[np.generic], second: NDArray[np.generi
     return float(colour_difference(first, second).mean())
 
 
-def matched_fraction(disparity: NDArray[np.float32]) -> float:
+def matched_fraction(disparity: DisparityMap) -> float:
     """Share of all pixels that have a disparity; what is missing to 1 is unmatched."""
     return float(np.isfinite(disparity).mean())
 
 
-def correct_fraction(
-    disparity: NDArray[np.float32], truth: NDArray[np.float32], tolerance: float = 1.0
-) -> float:
+def correct_fraction(disparity: DisparityMap, truth: DisparityMap, tolerance: float = 1.0) -> float:
     """Share of correct disparities, of all pixels whose truth is known.
 
     Parameters
@@ -101,9 +98,7 @@ def correct_fraction(
     return float((np.abs(disparity[known] - truth[known]) <= tolerance).mean())
 
 
-def bad_fraction(
-    disparity: NDArray[np.float32], truth: NDArray[np.float32], tolerance: float = 1.0
-) -> float:
+def bad_fraction(disparity: DisparityMap, truth: DisparityMap, tolerance: float = 1.0) -> float:
     """Share of wrong disparities, of the matched pixels whose truth is known; NaN if none is."""
     both = np.isfinite(truth) & np.isfinite(disparity)
     if not both.any():
@@ -118,7 +113,7 @@ class Halo(NamedTuple):
     elsewhere: float
 
 
-def depth_edges(disparity: NDArray[np.float32], distance: int = 5) -> NDArray[np.bool_]:
+def depth_edges(disparity: DisparityMap, distance: int = 5) -> Mask:
     """Mark pixels near a jump of disparity.
 
     Parameters
@@ -144,9 +139,7 @@ def depth_edges(disparity: NDArray[np.float32], distance: int = 5) -> NDArray[np
     return cv2.dilate(jump, np.ones((size, size), np.uint8)).astype(bool)
 
 
-def halo(
-    error: NDArray[np.floating], disparity: NDArray[np.float32], distance: int = 5
-) -> Halo:
+def halo(error: NDArray[np.floating], disparity: DisparityMap, distance: int = 5) -> Halo:
     """Compare an error near depth edges with that elsewhere.
 
     Parameters
@@ -164,9 +157,7 @@ def halo(
     return Halo(*(float(part.mean()) if part.size else float("nan") for part in parts))
 
 
-def normalised_errors(
-    estimates: ArrayLike, truth: ArrayLike, deviations: ArrayLike
-) -> NDArray[np.float64]:
+def normalised_errors(estimates: ArrayLike, truth: ArrayLike, deviations: ArrayLike) -> Array:
     """Errors over the standard deviations claimed for them, where all are finite.
 
     Honest deviations give about 68 % within 1 and 95 % within 2.

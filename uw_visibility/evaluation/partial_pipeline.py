@@ -17,6 +17,7 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.evaluation.readings import Truth
+from uw_visibility.images.arrays import DisparityMap, Image8
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.pipeline.first_step import CoarseEstimate
 from uw_visibility.pipeline.pipeline import Pipeline
@@ -55,13 +56,13 @@ def first_enhancement(
 
 
 def match_with_truth(
-    left: NDArray[np.uint8],
-    right: NDArray[np.uint8],
-    disparity: NDArray[np.float32],
+    left: Image8,
+    right: Image8,
+    disparity: DisparityMap,
     truth: Truth,
     rig: StereoRig,
     config: PipelineConfig,
-) -> NDArray[np.float32]:
+) -> DisparityMap:
     """Match a pair as step 2 does, with nothing estimated.
 
     Parameters

@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array, DisparityMap, Image8, Map, RangeMap
 from uw_visibility.optics.light_model import ambient_light_at_depth, visibility_distance
 from uw_visibility.pipeline.parts import WaterResult
 from uw_visibility.pipeline.pipeline import Pipeline
@@ -74,7 +75,7 @@ class Truth:
         cls,
         mean_attenuation: float,
         depth: float,
-        clear_water_attenuation: NDArray[np.float64],
+        clear_water_attenuation: Array,
         contrast: float,
     ) -> Truth:
         """Water as `degrade` makes it: β = κ + α, and T·I0 = 1 (eq. 2 and 3)."""
@@ -172,9 +173,7 @@ class Reader:
         """Return an estimate with its assessment."""
         return Reading.of(estimate, self.assessor.assess(estimate))
 
-    def estimate(
-        self, image: NDArray[np.uint8], ranges: NDArray[np.float32], method: str | None = None
-    ) -> Reading:
+    def estimate(self, image: Image8, ranges: RangeMap, method: str | None = None) -> Reading:
         """Estimate the water from an image and ranges, m, each of which is taken as exact.
 
         `method` is that of the configuration where absent, see `WaterConfig`.
@@ -203,9 +202,9 @@ def flat(records: Mapping[str, Truth | Reading]) -> dict[str, Any]:
 
 
 def match_and_read(
-    left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig,
-    disparity: NDArray[np.float32], config: PipelineConfig,
-) -> tuple[Reading, NDArray[np.float32] | None]:
+    left: Image8, right: Image8, rig: StereoRig,
+    disparity: DisparityMap, config: PipelineConfig,
+) -> tuple[Reading, Map | None]:
     """Let the pipeline match a pair, as far as the true disparities (px) go.
 
     Returns the reading, and what was matched, px; None for a pair that is refused.

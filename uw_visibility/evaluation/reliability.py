@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.images.arrays import Array, DisparityMap, Map
+
 BINS = 10
 
 
@@ -33,13 +35,13 @@ class Reliability:
     """
 
     pixels: NDArray[np.int64]
-    confidence: NDArray[np.float64]
+    confidence: Array
     right: NDArray[np.int64]
 
     @classmethod
     def of(
-        cls, disparity: NDArray[np.float32], confidence: NDArray[np.float32],
-        truth: NDArray[np.float32], tolerance: float,
+        cls, disparity: DisparityMap, confidence: Map,
+        truth: DisparityMap, tolerance: float,
     ) -> Reliability:
         """Count a disparity map's pixels.
 

@@ -10,11 +10,11 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
 from uw_visibility.evaluation.degrade import IMAGE_SUFFIXES, Scene, load_scene
+from uw_visibility.images.arrays import Image8, Map
 from uw_visibility.simulation.camera import NOISELESS, Pose, StereoCamera
 from uw_visibility.simulation.frame import Renderer
 from uw_visibility.simulation.scene import reef
@@ -160,5 +160,5 @@ def render_scene(seed: int, camera: StereoCamera | None = None) -> Scene:
     )
 
 
-def _as_image(radiance: NDArray[np.float32]) -> NDArray[np.uint8]:
+def _as_image(radiance: Map) -> Image8:
     return np.asarray(np.clip(radiance * 255 + 0.5, 0, 255), dtype=np.uint8)

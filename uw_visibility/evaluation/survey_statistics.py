@@ -195,7 +195,7 @@ def _cut(image: NDArray[np.floating]) -> NDArray[np.floating]:
     return padded.reshape(rows // BLOCK, BLOCK, columns // BLOCK, BLOCK, image.shape[2])
 
 
-def _pixels(blocks: Array, shape: tuple[int, ...]) -> NDArray[np.float32]:
+def _pixels(blocks: Array, shape: tuple[int, ...]) -> Map:
     """Interpolate what is known by blocks to pixels, (H, W, 3)."""
     rows, columns = (n * BLOCK for n in blocks.shape[:2])
     # Near pixels keep their block's value up to the middle of the outermost block.

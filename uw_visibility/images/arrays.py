@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 Image: TypeAlias = NDArray[Any]
 """``(H, W, 3)`` RGB or ``(H, W)`` grey; uint8 or uint16 code values."""
 
+Image8: TypeAlias = NDArray[np.uint8]
+"""``(H, W, 3)`` RGB or ``(H, W)`` grey; uint8 code values."""
+
 Mask: TypeAlias = NDArray[np.bool_]
 """``(H, W)`` bool."""
 

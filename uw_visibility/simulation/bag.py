@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.parameter_file import render_values
 from uw_visibility.config.water import AssessmentConfig
 from uw_visibility.errors import InputError, check_range
+from uw_visibility.images.arrays import DisparityMap
 from uw_visibility.messages.estimates import (
     ImageHeader,
     depth_message,
@@ -240,7 +240,7 @@ class _Messages:
             data=np.array(rows, dtype=np.float64).ravel(),
         )
 
-    def disparity(self, header: Any, disparity: NDArray[np.float32]) -> Any:
+    def disparity(self, header: Any, disparity: DisparityMap) -> Any:
         camera = self._camera
         known = np.nan_to_num(disparity, nan=0.0)
         return self._make(

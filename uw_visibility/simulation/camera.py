@@ -12,16 +12,14 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError, check_range
-from uw_visibility.images.arrays import Array, Map
+from uw_visibility.images.arrays import Array, Image8, Map
 from uw_visibility.optics.transfer import from_linear
 from uw_visibility.stereo.rig import StereoRig
 
 # A frame of that size takes minutes already.
 LARGEST_SIDE = 8192
-Image = NDArray[np.uint8]
 Triple = tuple[float, float, float]
 
 LARGEST_GAIN = 4.0
@@ -89,7 +87,7 @@ class Pose:
     tilt: float = 0.0
     roll: float = 0.0
 
-    def rotation(self) -> NDArray[np.float64]:
+    def rotation(self) -> Array:
         """Return the axes of the optical frame (right, down, forward) as columns."""
         ch, sh = math.cos(self.heading), math.sin(self.heading)
         ct, st = math.cos(self.tilt), math.sin(self.tilt)
@@ -122,9 +120,7 @@ class Sensor:
             raise InputError(f"full well is {self.full_well:g} electrons: give more than zero")
         check_range("read noise", self.read_noise, 0.0, unit="electrons")
 
-    def read(
-        self, irradiance: NDArray[np.float32], random: np.random.Generator
-    ) -> NDArray[np.float32]:
+    def read(self, irradiance: Map, random: np.random.Generator) -> Map:
         """Turn irradiance into code values, not yet rounded, with shot and read noise.
 
         Parameters
@@ -224,7 +220,7 @@ class CameraEffects:
     def record(
         self, irradiance: Map, sensor: Sensor, random: np.random.Generator, gains: Array,
         *, right: bool = False,
-    ) -> Image:
+    ) -> Image8:
         """Turn irradiance into pixels: lens, exposure, sensor, colours, curve, codec.
 
         Parameters
@@ -278,7 +274,7 @@ def interpolate_mosaic(codes: Map) -> Map:
     return cv2.cvtColor(sensed, cv2.COLOR_BayerBG2RGB).astype(np.float32) / np.float32(256.0)
 
 
-def _compress(image: Image, quality: int) -> Image:
+def _compress(image: Image8, quality: int) -> Image8:
     _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
     return np.asarray(decoded[..., ::-1], dtype=np.uint8, order="C")

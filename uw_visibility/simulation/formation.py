@@ -42,13 +42,13 @@ class Geometry:
         Height of the camera above the mean sea floor in m.
     """
 
-    rise: NDArray[np.float64]
-    column: NDArray[np.float64]
-    row: NDArray[np.float64]
+    rise: Array
+    column: Array
+    row: Array
     height: float
 
     @classmethod
-    def of_rays(cls, rays: NDArray[np.float64], up: Array, height: float) -> Geometry:
+    def of_rays(cls, rays: Array, up: Array, height: float) -> Geometry:
         """Take unit rays, shape (H, W, 3), and the upward direction, in one frame."""
         rows, columns = rays.shape[:2]
         column, row = np.meshgrid(
@@ -110,9 +110,7 @@ def split_irradiance(
     return direct.astype(np.float32), veil.astype(np.float32)
 
 
-def path_transmission(
-    ranges: Map, geometry: Geometry, water: Water
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def path_transmission(ranges: Map, geometry: Geometry, water: Water) -> tuple[Array, Array]:
     """Transmission of the scene's light, and missing share of the veil, each (..., 3).
 
     Both are e^(−T) where the water has no spectrum.
@@ -129,7 +127,7 @@ def path_transmission(
     return transmission * added, unveiled * added
 
 
-def added_path(ranges: Map, geometry: Geometry, effects: WaterEffects) -> NDArray[np.float64]:
+def added_path(ranges: Map, geometry: Geometry, effects: WaterEffects) -> Array:
     """Optical path that layer and plume add, of the shape of the ranges."""
     path = np.zeros(np.shape(ranges))
     if effects.layer > 0.0:
@@ -141,9 +139,7 @@ def added_path(ranges: Map, geometry: Geometry, effects: WaterEffects) -> NDArra
     return path
 
 
-def _below(
-    ranges: NDArray[np.float64], geometry: Geometry, top: float
-) -> NDArray[np.float64]:
+def _below(ranges: Array, geometry: Geometry, top: float) -> Array:
     """Length of each line of sight that lies below a height, in m."""
     above = geometry.height - top
     with np.errstate(divide="ignore"):
@@ -184,9 +180,7 @@ def blur_by_range(direct: Map, ranges: Map, blur: float) -> Map:
     return blurred
 
 
-def effective_attenuation(
-    ranges: Map, geometry: Geometry, water: Water
-) -> NDArray[np.float64]:
+def effective_attenuation(ranges: Map, geometry: Geometry, water: Water) -> Array:
     """Effective attenuation: β of the e^(−βd) that fits the transmission best.
 
     Least squares of band-averaged transmission over the pixels that see the scene. What an
@@ -221,7 +215,7 @@ def effective_attenuation(
     return np.array([_best_rate(distance, transmission[:, 0, c]) for c in range(3)])
 
 
-def _best_rate(distance: NDArray[np.float64], transmission: NDArray[np.float64]) -> float:
+def _best_rate(distance: Array, transmission: Array) -> float:
     def loss(rate: float) -> float:
         return float(np.square(transmission - light_model.transmission(rate, distance)).sum())
 

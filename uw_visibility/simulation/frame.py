@@ -8,11 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import check_range
-from uw_visibility.images.arrays import Array, Map
+from uw_visibility.images.arrays import Array, Image8, Map
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.simulation.camera import CameraEffects, Pose, Sensor, StereoCamera
 from uw_visibility.simulation.effects import add_caustics, drifting_particles, marine_snow
@@ -29,7 +28,6 @@ from uw_visibility.simulation.scene import Scene
 from uw_visibility.simulation.view import View, look
 from uw_visibility.simulation.water import EXPOSED, RESPONSE, Water
 
-Image = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Effects:
@@ -86,8 +84,8 @@ class RenderedFrame:
         Those that fired, with power as irradiance in the image.
     """
 
-    left: Image
-    right: Image
+    left: Image8
+    right: Image8
     range_left: Map
     range_right: Map
     disparity_left: Map
@@ -220,7 +218,7 @@ class Renderer:
             light.append(irradiance)
         return light
 
-    def record(self, light: Sequence[Map], seed: int) -> tuple[list[Image], Array]:
+    def record(self, light: Sequence[Map], seed: int) -> tuple[list[Image8], Array]:
         """Return what the camera makes of the views' irradiance, and its gains."""
         gains = self.camera_effects.gains(light[0])
         images = [

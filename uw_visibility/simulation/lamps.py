@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from uw_visibility.config.lighting import beam_falloff
 from uw_visibility.errors import InputError, check_range
+from uw_visibility.images.arrays import Array
 from uw_visibility.simulation.phase_functions import HENYEY_GREENSTEIN, phase_table
 
 Triple = tuple[float, float, float]
@@ -84,7 +85,7 @@ class Lamp:
                 f"power of a lamp is {_listed(self.power)}: give numbers from 0, not all 0")
 
     @property
-    def axis(self) -> NDArray[np.float64]:
+    def axis(self) -> Array:
         """Unit vector along the beam, shape (3,)."""
         direction = np.asarray(self.direction, dtype=np.float64)
         return np.asarray(direction / np.linalg.norm(direction))

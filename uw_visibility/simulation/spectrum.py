@@ -65,15 +65,15 @@ class BandAverages:
     log_transmission: Array
     log_unveiled: Array
 
-    def transmission(self, ranges: NDArray[np.floating]) -> NDArray[np.float64]:
+    def transmission(self, ranges: NDArray[np.floating]) -> Array:
         """Return the band-averaged transmission, shape (..., 3); 0 at infinity."""
         return self._interpolate(ranges, self.log_transmission)
 
-    def unveiled(self, ranges: NDArray[np.floating]) -> NDArray[np.float64]:
+    def unveiled(self, ranges: NDArray[np.floating]) -> Array:
         """Missing share of the veil's value at infinity, shape (..., 3), 0 .. 1."""
         return self._interpolate(ranges, self.log_unveiled)
 
-    def _interpolate(self, ranges: NDArray[np.floating], table: Array) -> NDArray[np.float64]:
+    def _interpolate(self, ranges: NDArray[np.floating], table: Array) -> Array:
         flat = np.asarray(ranges, dtype=np.float64).ravel()
         values = np.stack([np.exp(np.interp(flat, self.path, table[:, c])) for c in range(3)], 1)
         values[np.isinf(flat)] = 0.0

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
-from uw_visibility.images.arrays import Array, Map
+from uw_visibility.images.arrays import Array, Map, Mask
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.raycast import NOTHING, look_at, nearest
 from uw_visibility.simulation.scene import Scene
@@ -138,7 +138,7 @@ def look(
     return View(ranges, radiance, (rows, columns), edge_range, edge_radiance, found)
 
 
-def _edges(ranges: Map, hits: NDArray[np.int32]) -> NDArray[np.bool_]:
+def _edges(ranges: Map, hits: NDArray[np.int32]) -> Mask:
     """Mark pixels where the ray's neighbours meet another surface, or a fold."""
     edges = np.zeros(hits.shape, np.bool_)
     inverse = 1.0 / ranges
@@ -219,10 +219,10 @@ class Tiles(NamedTuple):
 
 
 def assign_to_tiles(
-    bounds: NDArray[np.float64],
+    bounds: Array,
     camera: StereoCamera,
-    eye: NDArray[np.float64],
-    rotation: NDArray[np.float64],
+    eye: Array,
+    rotation: Array,
     limit: float,
 ) -> Tiles:
     """List for each tile the shapes whose bounding sphere may show in it.
@@ -248,7 +248,7 @@ def assign_to_tiles(
     x, y, z, radius = x[index], y[index], z[index], radius[index]
     near, far = np.maximum(z - radius, 1e-3), z + radius
 
-    def span(middle: NDArray[np.float64], centre: float) -> NDArray[np.int64]:
+    def span(middle: Array, centre: float) -> NDArray[np.int64]:
         """Bound the projection of each sphere, in tiles."""
         low, high = middle - radius, middle + radius
         first = low / np.where(low < 0.0, near, far)

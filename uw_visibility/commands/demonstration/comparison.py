@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.commands.demonstration.recording import RecordedFrame, read_vector
 from uw_visibility.config.schema import AssessmentConfig
 from uw_visibility.evaluation.metrics import correct_fraction, matched_fraction
+from uw_visibility.images.arrays import DisparityMap
 from uw_visibility.messages.images import read_disparity
 from uw_visibility.optics.light_model import visibility_distance
 
@@ -57,7 +57,7 @@ def compare(
     time: float,
     answer: Mapping[str, Any],
     latency: float,
-    before: NDArray[np.float32],
+    before: DisparityMap,
 ) -> FrameComparison:
     """Compare the node's answer to a frame with the truth.
 
@@ -107,9 +107,7 @@ def compare(
     )
 
 
-def score(
-    disparity: NDArray[np.float32], truth: NDArray[np.float32]
-) -> tuple[float, float]:
+def score(disparity: DisparityMap, truth: DisparityMap) -> tuple[float, float]:
     """Return the matched and the correct share of the pixels that have a true disparity."""
     matched = matched_fraction(disparity[np.isfinite(truth)])
     return matched, correct_fraction(disparity, truth, CORRECT)

@@ -12,9 +12,9 @@ import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from uw_visibility.commands.demonstration.comparison import FrameComparison
+from uw_visibility.images.arrays import Array, Image8, Map
 
 TRUTH = {"color": "black", "linewidth": 1.5, "label": "truth"}
 ESTIMATE = "#0072b2"
@@ -28,8 +28,8 @@ QUANTITIES = (
 
 def draw_frame(
     path: Path,
-    images: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-    disparities: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
+    images: tuple[Image8, Image8],
+    disparities: tuple[Map, Map, Map],
     row: FrameComparison,
 ) -> None:
     """Draw one frame's images and disparities side by side.
@@ -105,7 +105,7 @@ def draw_series(path: Path, rows: Sequence[FrameComparison]) -> None:
     _save(figure, path)
 
 
-def _limits(value: NDArray[np.float64], truth: NDArray[np.float64]) -> tuple[float, float]:
+def _limits(value: Array, truth: Array) -> tuple[float, float]:
     """Return limits for an axis that a single wild estimate does not set."""
     known = value[np.isfinite(value)]
     low, high = np.percentile(known, [5, 95]) if known.size else (0.0, 0.0)

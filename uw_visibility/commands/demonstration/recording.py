@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.commands.demonstration.node_process import NodeDied
+from uw_visibility.images.arrays import Array, DisparityMap, Image8
 from uw_visibility.messages.images import read_disparity, read_image
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.stereo.rig import StereoRig
@@ -60,13 +60,13 @@ class RecordedFrame:
 
     time: int
     serialized: dict[str, bytes]
-    left: NDArray[np.uint8]
-    right: NDArray[np.uint8]
+    left: Image8
+    right: Image8
     rig: StereoRig
-    attenuation: NDArray[np.float64]
+    attenuation: Array
     mean_attenuation: float
     depth: float
-    disparity: NDArray[np.float32]
+    disparity: DisparityMap
 
 
 def read_recording(path: Path) -> tuple[dict[str, str], list[RecordedFrame]]:
@@ -108,7 +108,7 @@ def _frame(time: int, instant: dict[str, Any]) -> RecordedFrame:
     )
 
 
-def read_vector(message: Any) -> NDArray[np.float64]:
+def read_vector(message: Any) -> Array:
     """Return the components of a Vector3Stamped."""
     return np.array([message.vector.x, message.vector.y, message.vector.z])
 

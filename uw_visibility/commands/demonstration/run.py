@@ -12,7 +12,6 @@ from types import FrameType
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.commands.demonstration.comparison import (
     NAN,
@@ -31,6 +30,7 @@ from uw_visibility.commands.demonstration.recording import (
     wait_until_ready,
 )
 from uw_visibility.commands.progress import progress_bar, tell
+from uw_visibility.images.arrays import DisparityMap
 from uw_visibility.messages.images import read_disparity, read_image
 from uw_visibility.messages.outputs import TOPICS
 from uw_visibility.pipeline.pipeline import Pipeline
@@ -200,7 +200,7 @@ def _ask(
 
 
 def _draw(
-    path: Path, frame: RecordedFrame, answer: Answer, before: NDArray[np.float32],
+    path: Path, frame: RecordedFrame, answer: Answer, before: DisparityMap,
     row: FrameComparison,
 ) -> None:
     if not {"left/enhanced/image", "disparity"} <= answer.messages.keys():

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
@@ -20,15 +19,13 @@ from uw_visibility.evaluation.backscatter import fit_backscatter
 from uw_visibility.evaluation.readings import Reader, Reading, Truth, match_and_read
 from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.evaluation.studies import StudyResult
-from uw_visibility.images.arrays import Map
+from uw_visibility.images.arrays import Array, Image8, Map
 from uw_visibility.pipeline.parts import estimate_water
 from uw_visibility.simulation.camera import StereoCamera
 from uw_visibility.simulation.formation import effective_attenuation
 from uw_visibility.simulation.frame import Renderer
 from uw_visibility.simulation.view import View
 from uw_visibility.simulation.water import Water
-
-Image = NDArray[np.uint8]
 
 METHODS = {
     "ours": "ours",
@@ -171,7 +168,7 @@ def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> StudyRes
 
 def _expose(
     scene: AdverseScene, level: Level, water: Water, case: AdverseCase
-) -> tuple[Image, Image | None, NDArray[np.float64]]:
+) -> tuple[Image8, Image8 | None, Array]:
     """Return the pair (the right image where it is wanted) and the gains of white balance."""
     views = [scene.left, scene.right] if case.matched else [scene.left]
     height, width = scene.disparity.shape

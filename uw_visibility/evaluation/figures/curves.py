@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from uw_visibility.evaluation.cases import CaseResult
 from uw_visibility.evaluation.degrade import title_of
@@ -32,6 +31,7 @@ from uw_visibility.evaluation.figures.style import (
 )
 from uw_visibility.evaluation.reliability import Reliability
 from uw_visibility.evaluation.transects import TransectRow
+from uw_visibility.images.arrays import Array
 
 ROW_HEIGHT = 2.7
 Abscissa = Callable[[CaseResult], float]
@@ -208,7 +208,7 @@ def draw_transect(path: Path, rows: Sequence[TransectRow]) -> None:
     save(figure, path)
 
 
-def _limits(value: NDArray[np.float64], truth: NDArray[np.float64]) -> tuple[float, float]:
+def _limits(value: Array, truth: Array) -> tuple[float, float]:
     """Return limits that hold the truth and nearly all estimates; a wild one does not set them."""
     known = value[np.isfinite(value)]
     low, high = np.percentile(known, [3, 97]) if known.size else (0.0, 0.0)

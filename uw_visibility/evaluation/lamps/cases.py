@@ -7,12 +7,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.readings import Reading, Truth, match_and_read
 from uw_visibility.evaluation.studies import StudyResult
+from uw_visibility.images.arrays import Array
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.pipeline.parts import estimate_water
 from uw_visibility.simulation.camera import Pose, StereoCamera
@@ -112,7 +112,7 @@ def evaluate_lamp_case(case: LampCase, config: PipelineConfig) -> StudyResult:
     return StudyResult(labels, truth, readings)
 
 
-def clear_water(config: PipelineConfig) -> NDArray[np.float64]:
+def clear_water(config: PipelineConfig) -> Array:
     """Clear water's attenuation as the told camera sees it, 1/m, RGB."""
     return clear_water_attenuation(load_response(config.camera.response))
 

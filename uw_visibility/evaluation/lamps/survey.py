@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
@@ -25,7 +24,7 @@ from uw_visibility.evaluation.metrics import colour_difference
 from uw_visibility.evaluation.parallel import Progress, run_all
 from uw_visibility.evaluation.readings import Reading, Truth, flat
 from uw_visibility.evaluation.survey_statistics import SurveyStatistics
-from uw_visibility.images.arrays import Map
+from uw_visibility.images.arrays import Array, Map
 from uw_visibility.optics.transfer import to_linear
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
@@ -99,8 +98,8 @@ class SurveyResult:
     """
 
     rows: list[SurveyRow]
-    variation: dict[str, NDArray[np.float64]]
-    settled: NDArray[np.float64]
+    variation: dict[str, Array]
+    settled: Array
     difference: dict[str, float]
     cells: int
     views: int
