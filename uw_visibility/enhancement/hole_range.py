@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import Image, Mask, RangeMap
 from uw_visibility.optics.light_model import Water, veil_thickness
 from uw_visibility.optics.transfer import linear_table
 
@@ -31,9 +32,9 @@ _LEAST_TRANSMISSION = 1e-3
 
 
 def bound_by_veil(
-    range_map: NDArray[np.float32],
-    matched: NDArray[np.bool_],
-    image: NDArray[Any],
+    range_map: RangeMap,
+    matched: Mask,
+    image: Image,
     water: Water,
     transfer: str,
     workers: Workers | None = None,

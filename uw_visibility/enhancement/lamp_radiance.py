@@ -16,6 +16,7 @@ from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement import radiance_kernels as kernels
 from uw_visibility.enhancement.radiance import as_channels, irradiance_noise
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array, RangeMap
 from uw_visibility.images.noise import noise_stddev
 from uw_visibility.optics.lamps import RANGES, LightField
 from uw_visibility.optics.transfer import encode_table, linear_table
@@ -49,9 +50,9 @@ class LampRestorer:
     def restore(
         self,
         image: NDArray[np.generic],
-        range_map: NDArray[np.float32],
+        range_map: RangeMap,
         field: LightField,
-        noise: NDArray[np.float64] | None = None,
+        noise: Array | None = None,
     ) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
         """Radiance recovery under lamps: even light over image and range, as under white light.
 

@@ -20,6 +20,7 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement import guided_kernels as kernels
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import DisparityMap
 
 # Pixels of the image per cell of the finest grid, in either direction.
 CELL = 4
@@ -96,9 +97,9 @@ class GuidedFilter:
 
     def run(
         self,
-        coarse: NDArray[np.float32],
+        coarse: DisparityMap,
         guide: NDArray[np.generic],
-        disparity: NDArray[np.float32],
+        disparity: DisparityMap,
     ) -> bool:
         """Filter ``coarse`` into ``disparity``.
 
@@ -126,9 +127,7 @@ class GuidedFilter:
         self.apply(guide, plane, (low, high), disparity)
         return True
 
-    def reduce(
-        self, coarse: NDArray[np.float32], guide: NDArray[np.generic]
-    ) -> tuple[float, float]:
+    def reduce(self, coarse: DisparityMap, guide: NDArray[np.generic]) -> tuple[float, float]:
         """Average the input over the cells of the finest grid.
 
         Returns
@@ -167,7 +166,7 @@ class GuidedFilter:
         guide: NDArray[np.generic],
         plane: tuple[float, float, float],
         limits: tuple[float, float],
-        disparity: NDArray[np.float32],
+        disparity: DisparityMap,
     ) -> None:
         """Evaluate the finest grid's coefficients on the image itself."""
         self._workers.rows(
@@ -215,9 +214,7 @@ class Matting:
         self._workers = workers or Workers(1)
         self._filter: GuidedFilter | None = None
 
-    def refine(
-        self, coarse: NDArray[np.float32], guide: NDArray[np.generic]
-    ) -> NDArray[np.float32]:
+    def refine(self, coarse: DisparityMap, guide: NDArray[np.generic]) -> NDArray[np.float32]:
         """Refine a coarse disparity map, and make it dense.
 
         Parameters

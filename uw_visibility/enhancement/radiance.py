@@ -14,6 +14,7 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement import radiance_kernels as kernels
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array, RangeMap
 from uw_visibility.images.noise import ROUNDING_VARIANCE, noise_stddev
 from uw_visibility.optics.light_model import Water, contrast_gain, radiance_of, scene_light_of
 from uw_visibility.optics.transfer import encode_table, linear_table, to_linear
@@ -49,7 +50,7 @@ class Channels:
     limits: NDArray[np.float32]
     assessable: NDArray[np.bool_]
 
-    def limited_by_noise(self, noise: NDArray[np.float64], largest: float) -> Channels:
+    def limited_by_noise(self, noise: Array, largest: float) -> Channels:
         """Lower the limits so that restored noise, σ exp(βd) / W, stays below ``largest``."""
         gain = largest * self.light / np.maximum(noise, 1e-9)
         thickness = np.log(np.maximum(gain, math.exp(_LEAST_THICKNESS)))
@@ -92,9 +93,9 @@ class Restorer:
     def restore(
         self,
         image: NDArray[np.generic],
-        range_map: NDArray[np.float32],
+        range_map: RangeMap,
         water: Water,
-        noise: NDArray[np.float64] | None = None,
+        noise: Array | None = None,
     ) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
         """Radiance recovery as an image, its gain limited (eq. 8).
 
@@ -150,7 +151,7 @@ class Restorer:
 
 def recover_radiance(
     image: NDArray[np.generic],
-    range_map: NDArray[np.float32],
+    range_map: RangeMap,
     water: Water,
     transfer: str = "linear",
     max_gain: float = math.inf,
@@ -212,9 +213,7 @@ def prepare(water: Water, count: int, max_gain: float) -> Channels:
     )
 
 
-def irradiance_noise(
-    noise: NDArray[np.float64], decode: NDArray[np.float32], veil: NDArray[np.float32]
-) -> NDArray[np.float64]:
+def irradiance_noise(noise: Array, decode: NDArray[np.float32], veil: NDArray[np.float32]) -> Array:
     """Standard deviation of the irradiance near the veil, where gains are large.
 
     Rounding counts as noise: amplified, its steps show as bands of false colour.
@@ -237,9 +236,7 @@ def irradiance_noise(
     return np.asarray(codes * (decode[at] - decode[at - 1]), np.float64)
 
 
-def as_channels(
-    image: NDArray[np.generic], range_map: NDArray[np.float32]
-) -> NDArray[np.generic]:
+def as_channels(image: NDArray[np.generic], range_map: RangeMap) -> NDArray[np.generic]:
     """View an image as (H, W, C), after a check that it fits its range.
 
     Raises
@@ -255,6 +252,6 @@ def as_channels(
     return image[:, :, np.newaxis] if image.ndim == 2 else image
 
 
-def _values(values: ArrayLike, image: NDArray[np.generic]) -> NDArray[np.float64]:
+def _values(values: ArrayLike, image: NDArray[np.generic]) -> Array:
     array = np.asarray(values, dtype=np.float64)
     return array.reshape(()) if image.ndim == 2 else array

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.images.arrays import Array
 from uw_visibility.optics.light_model import transmission
 
 # Bins of range, of equal ratio, the pixels that one needs, and how many neighbours show one object.
@@ -27,14 +28,14 @@ _LEAST_LEFT = 1e-3
 
 
 def level_veil(
-    irradiance: NDArray[np.float64],
-    distance: NDArray[np.float64],
-    attenuation: NDArray[np.float64],
-    veil: NDArray[np.float64],
-    light: NDArray[np.float64],
-    stddev: NDArray[np.float64],
+    irradiance: Array,
+    distance: Array,
+    attenuation: Array,
+    veil: Array,
+    light: Array,
+    stddev: Array,
     error: float,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the veil for which radiance is even over range, as far as its deviation lets it.
 
     The mean radiance of a bin is linear in it, so that the mean of what may be is a weighted
@@ -84,7 +85,5 @@ def level_veil(
     return level
 
 
-def _mean(
-    values: NDArray[np.float64], bins: NDArray[np.intp], count: NDArray[np.intp]
-) -> NDArray[np.float64]:
+def _mean(values: Array, bins: NDArray[np.intp], count: NDArray[np.intp]) -> Array:
     return np.bincount(bins, values, minlength=_BINS) / np.maximum(count, 1)

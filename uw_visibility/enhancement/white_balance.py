@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.enhancement.veil_level import level_veil
+from uw_visibility.images.arrays import Array, Image, Mask, RangeMap
 from uw_visibility.optics.light_model import Water, contrast_gain, radiance_of, scene_light_of
 from uw_visibility.optics.transfer import linear_table
 
@@ -45,19 +46,19 @@ class RestorationWater(NamedTuple):
         How far W was taken from the camera's own white: 0 not at all, 1 wholly.
     """
 
-    attenuation: NDArray[np.float64]
-    ambient_light: NDArray[np.float64]
-    scene_light: NDArray[np.float64]
+    attenuation: Array
+    ambient_light: Array
+    scene_light: Array
     balanced: float = 0.0
 
 
 def restoration_water(
-    image: NDArray[Any],
-    range_map: NDArray[np.float32],
-    measured: NDArray[np.bool_],
+    image: Image,
+    range_map: RangeMap,
+    measured: Mask,
     water: Water,
     transfer: str,
-    veil_stddev: NDArray[np.float64] | None = None,
+    veil_stddev: Array | None = None,
 ) -> RestorationWater:
     """Correct veil and scene light for restoration: the camera's white stays, the far is even.
 
@@ -113,9 +114,7 @@ def restoration_water(
     return RestorationWater(attenuation, veil, light * factor * max(exposure, 1.0), balanced)
 
 
-def _white(
-    irradiance: NDArray[np.float64], radiance: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], float]:
+def _white(irradiance: Array, radiance: Array) -> tuple[Array, float]:
     """Factor of each channel's light by which the camera's white stays, and how sure it is one."""
     channels = len(irradiance)
     unchanged = np.ones(channels), 0.0
@@ -132,11 +131,7 @@ def _white(
     return factor**weight, weight
 
 
-def _samples(
-    image: NDArray[Any],
-    range_map: NDArray[np.float32],
-    measured: NDArray[np.bool_],
-) -> tuple[NDArray[Any], NDArray[np.float64]]:
+def _samples(image: Image, range_map: RangeMap, measured: Mask) -> tuple[NDArray[Any], Array]:
     """Pixel values, (C, N), and ranges, (N,), of unsaturated pixels."""
     stride = max(1, int(np.sqrt(range_map.size / _SAMPLES)))
     distance = range_map[::stride, ::stride].ravel()

@@ -7,9 +7,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.images.arrays import Image
 
 BLOCK = 8
 # Rows that are looked at.
@@ -23,7 +23,7 @@ BLOCKS = 1.08
 """Blockiness from which on pixels went through a JPEG: without one it is 1.02 at most."""
 
 
-def blocking(image: NDArray[Any]) -> float:
+def blocking(image: Image) -> float:
     """Blockiness: third differences across the edges of JPEG's blocks over the largest within.
 
     Parameters

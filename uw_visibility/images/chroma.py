@@ -5,12 +5,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.images.arrays import Array, Image
 from uw_visibility.images.noise import BLOCK, SMOOTHEST, noise_stddev
 from uw_visibility.images.pair import read_only
 
@@ -31,9 +31,9 @@ class ChromaImage:
         interpolation smooths. None where there is none.
     """
 
-    pixels: NDArray[Any] | None
+    pixels: Image | None
     scale: int = 1
-    hidden_noise: NDArray[np.float64] | None = None
+    hidden_noise: Array | None = None
 
     @property
     def swapped(self) -> ChromaImage:
@@ -46,7 +46,7 @@ class ChromaImage:
         )
 
 
-def mosaic_chroma(image: NDArray[Any], pattern: str) -> ChromaImage:
+def mosaic_chroma(image: Image, pattern: str) -> ChromaImage:
     """Chroma noise of an image that was demosaiced.
 
     Interpolation smooths noise, but leaves each pixel as it was in the channel that the
@@ -70,7 +70,7 @@ def mosaic_chroma(image: NDArray[Any], pattern: str) -> ChromaImage:
     return ChromaImage(None, 1, np.sqrt(np.maximum(hidden, 0.0)) / code_value(image))
 
 
-def subsampled_chroma(image: NDArray[Any]) -> ChromaImage:
+def subsampled_chroma(image: Image) -> ChromaImage:
     """Colour of an image whose pixels share it in twos, as in YUV 4:2:2.
 
     Parameters
@@ -84,7 +84,7 @@ def subsampled_chroma(image: NDArray[Any]) -> ChromaImage:
     return ChromaImage(read_only(half), 2)
 
 
-def _noise_share(green: NDArray[Any], pattern: str) -> float:
+def _noise_share(green: Image, pattern: str) -> float:
     """Return the part of green's variance over two pixels that is noise.
 
     Texture adds as the fourth power of the distance that it is seen over, noise alike.
@@ -114,6 +114,6 @@ def _smoothest(difference: NDArray[np.floating]) -> float:
     return float(np.quantile(alive, SMOOTHEST)) if alive.size else 0.0
 
 
-def code_value(pixels: NDArray[Any]) -> float:
+def code_value(pixels: Image) -> float:
     """Return how many code values of an image, uint8 or uint16, are one of 8 bits."""
     return float((np.iinfo(pixels.dtype).max + 1) / 256)

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -13,10 +12,11 @@ from numpy.typing import NDArray
 
 from uw_visibility.config.files import read_regular, write_whole
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Image
 from uw_visibility.images.encoded import MOST_BYTES, decode
 
 
-def read_image(path: str | Path) -> NDArray[Any]:
+def read_image(path: str | Path) -> Image:
     """Read an image as it is stored: depth and channels are not converted.
 
     Parameters
@@ -47,7 +47,7 @@ def read_image(path: str | Path) -> NDArray[Any]:
     return np.ascontiguousarray(image)
 
 
-def write_png(path: str | Path, image: NDArray[Any]) -> None:
+def write_png(path: str | Path, image: Image) -> None:
     """Write an image without loss.
 
     Parameters

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.files import read_regular
+from uw_visibility.images.arrays import Array, Image8
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.encoded import JPEG, MOST_BYTES
 from uw_visibility.images.jpeg_kernels import (
@@ -54,7 +55,7 @@ class _File(NamedTuple):
     layout: _Layout
     planes: NDArray[np.uint8]  # (h, w, 3): Y, Cb, Cr
     shape: tuple[int, int]  # rows and columns that show all of their pixels
-    steps: list[NDArray[np.float64]]  # (8, 8) of Y, Cb, Cr
+    steps: list[Array]  # (8, 8) of Y, Cb, Cr
 
 
 def jpeg_chroma(data: bytes) -> ChromaImage | None:
@@ -120,7 +121,7 @@ def file_chroma(path: str | Path, pixels: NDArray[Any]) -> ChromaImage | None:
     return jpeg_chroma(data) if data.startswith(JPEG) else None
 
 
-def warm_up_chroma(image: NDArray[np.uint8]) -> ChromaImage | None:
+def warm_up_chroma(image: Image8) -> ChromaImage | None:
     """Compile the kernels of chroma, and return the chroma of a JPEG of an image."""
     from PIL import Image
 
@@ -168,9 +169,7 @@ def _light_variance(file: _File) -> float:
     return rounding_variance(missed, beyond, steps, False)
 
 
-def _noise(
-    light: float, colour: list[float], slope: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _noise(light: float, colour: list[float], slope: Array) -> Array:
     """Standard deviation of R, G, B, of which colour follows the errors of light."""
     of_cb = np.array([0.0, -GREEN_OF_CB, BLUE_OF_CB], np.float64)
     of_cr = np.array([RED_OF_CR, -GREEN_OF_CR, 0.0], np.float64)

@@ -7,9 +7,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.images.arrays import Array, Image
 
 BLOCK = 8
 BLOCKS = 200
@@ -19,7 +19,7 @@ SMOOTHEST = 0.15
 ROUNDING_VARIANCE = 1.0 / 12.0
 
 
-def noise_stddev(image: NDArray[Any]) -> NDArray[np.float64]:
+def noise_stddev(image: Image) -> Array:
     """Estimate the standard deviation of an image's noise.
 
     Each pixel is compared with the mean of its four neighbours, in blocks
@@ -57,7 +57,7 @@ def noise_stddev(image: NDArray[Any]) -> NDArray[np.float64]:
     return result
 
 
-def _smoothest(variances: NDArray[np.float64]) -> float:
+def _smoothest(variances: Array) -> float:
     """Return the quantile `SMOOTHEST`, as numpy's does but in a third of the time."""
     ordered = np.sort(variances)
     place = SMOOTHEST * (len(ordered) - 1)

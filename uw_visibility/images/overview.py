@@ -7,20 +7,17 @@ Viridis: it rises in lightness, so that who is colour-blind, and a grey print, t
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from uw_visibility.images.arrays import DisparityMap, Image, Image8
 
 # The colours reach over the disparities that this share of the matched pixels has, %.
 DRAWN_SHARE = (1.0, 99.0)
 NOT_MATCHED = (0, 0, 0)
 
 
-def overview(
-    image: NDArray[Any], enhanced: NDArray[Any], disparity: NDArray[np.float32]
-) -> NDArray[np.uint8]:
+def overview(image: Image, enhanced: Image, disparity: DisparityMap) -> Image8:
     """Put an image, itself without the water, and its disparity side by side.
 
     Parameters
@@ -41,7 +38,7 @@ def overview(
     return np.concatenate((shown(image), shown(enhanced), drawn), axis=1)
 
 
-def draw_disparity(disparity: NDArray[np.float32], low: float, high: float) -> NDArray[np.uint8]:
+def draw_disparity(disparity: DisparityMap, low: float, high: float) -> Image8:
     """Draw disparities in colours.
 
     Parameters
@@ -63,13 +60,13 @@ def draw_disparity(disparity: NDArray[np.float32], low: float, high: float) -> N
     return drawn
 
 
-def viridis(share: NDArray[Any]) -> NDArray[np.uint8]:
+def viridis(share: Image) -> Image8:
     """Return colours, (H, W, 3) RGB, of shares from 0 to 1, (H, W)."""
     coloured = cv2.applyColorMap((255.0 * share).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
     return np.asarray(cv2.cvtColor(coloured, cv2.COLOR_BGR2RGB), np.uint8)
 
 
-def shown(image: NDArray[Any]) -> NDArray[np.uint8]:
+def shown(image: Image) -> Image8:
     """Return an image as 8 bit RGB."""
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)

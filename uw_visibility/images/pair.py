@@ -7,9 +7,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Image
 from uw_visibility.status import Status
 
 # The smallest image in which a support grid, its neighbourhood and a disparity
@@ -24,7 +24,7 @@ _SATURATED_PART = 0.8
 _FLAT = 2.0 / 255.0
 
 
-def check_pair(left: Any, right: Any) -> tuple[NDArray[Any], NDArray[Any]]:
+def check_pair(left: Any, right: Any) -> tuple[Image, Image]:
     """Check a pair of images.
 
     Parameters
@@ -66,7 +66,7 @@ def check_pair(left: Any, right: Any) -> tuple[NDArray[Any], NDArray[Any]]:
     return images[0], images[1]
 
 
-def check_valid(valid: NDArray[Any] | None, shape: tuple[int, ...]) -> None:
+def check_valid(valid: Image | None, shape: tuple[int, ...]) -> None:
     """Check the mask of an image's valid pixels, which kernels read without looking at its size.
 
     Raises
@@ -81,7 +81,7 @@ def check_valid(valid: NDArray[Any] | None, shape: tuple[int, ...]) -> None:
         )
 
 
-def read_only(image: NDArray[Any]) -> NDArray[Any]:
+def read_only(image: Image) -> Image:
     """Return a view that cannot be written to.
 
     Kernels are compiled apart for arrays that can be and for those that cannot, as
@@ -92,7 +92,7 @@ def read_only(image: NDArray[Any]) -> NDArray[Any]:
     return view
 
 
-def exposure_status(image: NDArray[Any]) -> Status:
+def exposure_status(image: Image) -> Status:
     """Exposure status: too dark, saturated or textureless, or ok.
 
     Parameters
@@ -118,6 +118,6 @@ def exposure_status(image: NDArray[Any]) -> Status:
     return Status.OK
 
 
-def _form(image: NDArray[Any]) -> str:
+def _form(image: Image) -> str:
     kind = "grey" if image.ndim == 2 else "RGB"
     return f"{image.shape[1]}x{image.shape[0]} px {kind} {image.dtype}"

@@ -15,6 +15,7 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import CameraConfig
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array, Image
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.files import read_image
 from uw_visibility.images.pair import read_only
@@ -63,9 +64,7 @@ class FlatFieldCorrection:
         self.needed = any(config.vignetting) or any(f is not None for f in self._fields)
         self._gains: list[NDArray[np.float32]] = []
 
-    def correct(
-        self, left: NDArray[Any], right: NDArray[Any]
-    ) -> tuple[NDArray[Any], NDArray[Any]]:
+    def correct(self, left: Image, right: Image) -> tuple[Image, Image]:
         """Return the pair as it were under even illumination; the same arrays if it is.
 
         Pixels at the largest code stay there, whatever their gain: how bright they
@@ -114,7 +113,7 @@ class FlatFieldCorrection:
         gain = 1.0 / np.maximum(field, LEAST_ILLUMINATION)
         return np.ascontiguousarray(np.broadcast_to(gain, (*shape, gain.shape[2])), np.float32)
 
-    def _apply(self, image: NDArray[Any], gain: NDArray[np.float32]) -> NDArray[Any]:
+    def _apply(self, image: Image, gain: NDArray[np.float32]) -> Image:
         planes = image[..., np.newaxis] if image.ndim == 2 else image
         if gain.shape[2] not in (1, planes.shape[2]):
             gain = gain.mean(axis=2, keepdims=True)
@@ -131,7 +130,7 @@ def illumination(
     coefficients: tuple[float, float, float],
     shape: tuple[int, int],
     centre: tuple[float, float],
-) -> NDArray[np.float64]:
+) -> Array:
     """Relative illumination by the radial polynomial 1 + a r² + b r⁴ + c r⁶.
 
     Parameters
@@ -157,7 +156,7 @@ def illumination(
     return np.asarray(1.0 + squared * (a + squared * (b + squared * c)))
 
 
-def _read_field(path: str, transfer: str) -> NDArray[np.float64] | None:
+def _read_field(path: str, transfer: str) -> Array | None:
     """Return a flat field as (H, W, C) relative illumination, full at 1, or None."""
     if not path:
         return None

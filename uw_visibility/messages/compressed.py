@@ -11,13 +11,11 @@ compressed in.
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError, printable
+from uw_visibility.images.arrays import Image
 from uw_visibility.images.chroma import ChromaImage, mosaic_chroma, subsampled_chroma
 from uw_visibility.images.encoded import JPEG, PNG, TruncatedError, decode, read_header
 from uw_visibility.images.jpeg import jpeg_chroma
@@ -49,9 +47,7 @@ def read_format(kind: str) -> tuple[str, bool]:
     return original, "compressed rgb" in compression
 
 
-def read_compressed(
-    message: CompressedImageMessage, name: str = "image"
-) -> tuple[NDArray[Any], str]:
+def read_compressed(message: CompressedImageMessage, name: str = "image") -> tuple[Image, str]:
     """Decompress an image.
 
     Parameters
@@ -94,7 +90,7 @@ def read_compressed(
 
 
 def message_chroma(
-    message: ImageMessage | CompressedImageMessage, pixels: NDArray[Any]
+    message: ImageMessage | CompressedImageMessage, pixels: Image
 ) -> ChromaImage | None:
     """Read an image's colour as its codec or mosaic left it.
 

@@ -11,9 +11,9 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.config.schema import NodeConfig
+from uw_visibility.images.arrays import Array
 from uw_visibility.messages.images import MessageFactory, Stamped
 from uw_visibility.plausibility.comparison import Comparison
 from uw_visibility.status import Status
@@ -154,7 +154,7 @@ def _distance(estimate: Estimate) -> Any:
     )
 
 
-def _vector(estimate: Estimate, values: NDArray[np.float64]) -> Any:
+def _vector(estimate: Estimate, values: Array) -> Any:
     if estimate.water.status is not Status.OK or not np.isfinite(values).all():
         return None
     return _stamped(estimate, *map(float, values))

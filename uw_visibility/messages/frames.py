@@ -7,10 +7,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Image, Mask
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import read_only
 from uw_visibility.messages.compressed import message_chroma, read_compressed, read_size
@@ -61,10 +59,10 @@ class StereoPair:
         Colour of the left image as its codec left it; None where its pixels say all.
     """
 
-    left: NDArray[Any]
-    right: NDArray[Any]
+    left: Image
+    right: Image
     rig: StereoRig
-    valid: NDArray[np.bool_] | None
+    valid: Mask | None
     valid_window: tuple[int, int, int, int]
     encodings: tuple[str, str]
     chroma: ChromaImage | None = None
@@ -138,7 +136,7 @@ class FrameReader:
         return self._rig
 
 
-def _read(message: Any, name: str) -> tuple[NDArray[Any], str]:
+def _read(message: Any, name: str) -> tuple[Image, str]:
     """Return the pixels of an image and how its enhanced image is to be encoded."""
     if hasattr(message, "format"):
         return read_compressed(message, name)
@@ -158,9 +156,7 @@ def _check_size(message: Any, info: CameraInfo, side: str) -> None:
         )
 
 
-def _check_pair(
-    left: NDArray[Any], right: NDArray[Any], encodings: tuple[str, str]
-) -> None:
+def _check_pair(left: Image, right: Image, encodings: tuple[str, str]) -> None:
     if left.shape[:2] != right.shape[:2]:
         raise InputError(
             f"left image has {left.shape[1]}x{left.shape[0]} pixels and right image "

@@ -10,9 +10,9 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError, printable
+from uw_visibility.images.arrays import DisparityMap, Image
 from uw_visibility.stereo.calibration import CameraInfo
 
 
@@ -132,7 +132,7 @@ def stamp_to_nanoseconds(stamp: Stamp) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def image_view(message: ImageMessage, name: str = "image") -> NDArray[Any]:
+def image_view(message: ImageMessage, name: str = "image") -> Image:
     """View the pixels of an Image message, without a copy.
 
     Parameters
@@ -184,7 +184,7 @@ def image_view(message: ImageMessage, name: str = "image") -> NDArray[Any]:
     return np.ndarray(shape, dtype, buffer=data, strides=strides)
 
 
-def read_image(message: ImageMessage, name: str = "image") -> NDArray[Any]:
+def read_image(message: ImageMessage, name: str = "image") -> Image:
     """Read an Image message as the package's arrays.
 
     Parameters
@@ -211,7 +211,7 @@ def read_image(message: ImageMessage, name: str = "image") -> NDArray[Any]:
     return native if conversion is None else cv2.cvtColor(native, conversion)
 
 
-def read_disparity(message: Any) -> NDArray[np.float32]:
+def read_disparity(message: Any) -> DisparityMap:
     """Return the disparity of a DisparityImage, px, (H, W); NaN where it is not known."""
     image = message.image
     values = np.frombuffer(image.data, np.float32).reshape(image.height, image.width)
@@ -227,9 +227,7 @@ def output_encoding(encoding: str) -> str:
     return ENCODINGS[encoding].output
 
 
-def write_image(
-    make: MessageFactory, pixels: NDArray[Any], encoding: str, header: Any
-) -> Any:
+def write_image(make: MessageFactory, pixels: Image, encoding: str, header: Any) -> Any:
     """Make an Image message.
 
     Parameters

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.images.arrays import DisparityMap, Image, Mask
 
 # The disparity is published in steps of 1/64 px, far below what matching
 # resolves, so that delta_d can state the step.
@@ -19,12 +20,12 @@ _EVERYWHERE = np.zeros((0, 0), bool)
 
 
 def published_disparity(
-    disparity: NDArray[np.float32],
-    valid: NDArray[np.bool_] | None,
+    disparity: DisparityMap,
+    valid: Mask | None,
     offset: float,
     low: float,
     high: float,
-) -> NDArray[np.float32]:
+) -> DisparityMap:
     """Return a disparity as ``stereo_msgs/DisparityImage`` defines it.
 
     Parameters
@@ -109,7 +110,7 @@ def cloud_of(
     depth: NDArray[np.float32],
     columns: NDArray[np.float32],
     rows: NDArray[np.float32],
-    colours: NDArray[Any],
+    colours: Image,
 ) -> NDArray[np.float32]:
     """Return a point for each pixel.
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Image
+from uw_visibility.images.arrays import Array, Image, Mask, RangeMap
 from uw_visibility.images.pair import read_only
 from uw_visibility.images.view import View
 from uw_visibility.images.vignetting import FlatFieldCorrection
@@ -53,8 +52,8 @@ class WaterResult:
     water: WaterEstimate
     visibility: Visibility
     derived: DerivedQuantities
-    clear_water_attenuation: NDArray[np.float64]
-    range: NDArray[np.float32]
+    clear_water_attenuation: Array
+    range: RangeMap
 
     @property
     def reasons(self) -> dict[str, str]:
@@ -69,12 +68,12 @@ class WaterResult:
 
 
 def estimate_water(
-    image: NDArray[Any],
+    image: Image,
     disparity: NDArray[np.floating],
     rig: StereoRig,
     config: PipelineConfig | None = None,
     *,
-    valid: NDArray[np.bool_] | None = None,
+    valid: Mask | None = None,
     disparity_stddev: float = DISPARITY_STDDEV,
 ) -> WaterResult:
     """Estimate attenuation, visibility and depth from an image and its disparities.

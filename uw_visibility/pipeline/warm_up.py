@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.images.arrays import Image
 from uw_visibility.optics.light_model import attenuate
 
 
@@ -53,7 +54,7 @@ def warm_up_pair(
     return (first[..., 1], second[..., 1]) if grey else (first, second)
 
 
-def warm_up_scene(image: NDArray[Any]) -> tuple[NDArray[Any], tuple[NDArray[np.float32], ...]]:
+def warm_up_scene(image: Image) -> tuple[NDArray[Any], tuple[NDArray[np.float32], ...]]:
     """Return an image and ranges with open water in view, for all that an estimate may need.
 
     Ranges that fall downwards, and such that halves of the image see all of, since those are

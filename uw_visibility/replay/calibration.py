@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.options import ReplayOptions
@@ -66,7 +66,7 @@ class CalibrationSeries:
         self.sensed.append(math.nan if joined.sensor is None else joined.sensor.depth)
         self.assessed.append(estimate.visibility.depth)
 
-    def errors(self) -> NDArray[np.float64]:
+    def errors(self) -> Array:
         """Return assessed less sensed depths, where both are known, m."""
         errors = np.array(self.assessed) - np.array(self.sensed)
         return np.asarray(errors[np.isfinite(errors)])

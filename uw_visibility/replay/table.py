@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import refusing
+from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import TRANSECT, Column
 
 ROWS = 1024
@@ -64,7 +65,7 @@ def read_rows(path: Path) -> Iterator[dict[str, str]]:
                 yield row
 
 
-def read_columns(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+def read_columns(path: Path, names: Sequence[str]) -> dict[str, Array]:
     """Read columns of numbers.
 
     Returns

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import Array, Image, Points
 from uw_visibility.images.noise import noise_stddev
 from uw_visibility.optics.light_model import UncertainWater, veil_thickness
 from uw_visibility.optics.transfer import linear_table
@@ -104,10 +105,10 @@ class Airlight:
 
     def prior(
         self,
-        image: NDArray[Any],
+        image: Image,
         water: UncertainWater,
-        points: NDArray[np.float32],
-        noise: NDArray[np.float64] | None = None,
+        points: Points,
+        noise: Array | None = None,
     ) -> AirlightPrior | None:
         """Bound the range of each pixel.
 
@@ -149,7 +150,7 @@ class Airlight:
         trust = 1.0 / (1.0 + (float(doubt) / _DOUBT) ** 4)
         return AirlightPrior(self._farthest, (thickness / widening).astype(np.float32), trust)
 
-    def _widening(self, thickness: NDArray[np.float64], points: NDArray[np.float32]) -> float:
+    def _widening(self, thickness: Array, points: Points) -> float:
         """Factor by which the bound must grow, or may shrink, to hold for the matches."""
         chosen = points[:: -(-len(points) // _MOST_POINTS) or 1]
         if len(chosen) < _FEWEST_POINTS:
@@ -160,9 +161,7 @@ class Airlight:
         return max(float(needed), _LEAST_WIDENING)
 
 
-def _range_table(
-    dtype: np.dtype[Any], noise: NDArray[np.float64], water: UncertainWater, transfer: str
-) -> NDArray[np.float64]:
+def _range_table(dtype: np.dtype[Any], noise: Array, water: UncertainWater, transfer: str) -> Array:
     """Farthest range of each code value, ``(3, N)``, m; inf without bound."""
     decode = linear_table(transfer, dtype).astype(np.float64)
     step = max(decode.size // _TABLE, 1)

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array
 
 # Calibration tools write the matrices with few digits; more than this is
 # another rig, not rounding.
@@ -76,11 +77,11 @@ class CameraCalibration:
     """
 
     size: tuple[int, int]
-    camera_matrix: NDArray[np.float64]
-    distortion: NDArray[np.float64]
+    camera_matrix: Array
+    distortion: Array
     distortion_model: str
-    rotation: NDArray[np.float64]
-    projection: NDArray[np.float64]
+    rotation: Array
+    projection: Array
 
     @classmethod
     def from_camera_info(cls, info: CameraInfo, side: str) -> CameraCalibration:
@@ -190,7 +191,7 @@ def read_pair(left: CameraInfo, right: CameraInfo) -> tuple[CameraCalibration, C
     return pair
 
 
-def read_projection(matrix: ArrayLike, side: str) -> NDArray[np.float64]:
+def read_projection(matrix: ArrayLike, side: str) -> Array:
     """Return a projection matrix as (3, 4) float64.
 
     Raises
@@ -218,7 +219,7 @@ def read_projection(matrix: ArrayLike, side: str) -> NDArray[np.float64]:
     return p
 
 
-def check_rectified(p1: NDArray[np.float64], p2: NDArray[np.float64]) -> None:
+def check_rectified(p1: Array, p2: Array) -> None:
     """Refuse projection matrices of a pair that is not rectified, or swapped.
 
     Raises
@@ -264,7 +265,7 @@ def _window(info: CameraInfo) -> tuple[int, int, int, int]:
     )
 
 
-def matrix_of(info: CameraInfo, name: str) -> NDArray[np.float64]:
+def matrix_of(info: CameraInfo, name: str) -> Array:
     """Return D, K, R or P of a CameraInfo of ROS 2, or of ROS 1, which has capitals.
 
     Parameters
@@ -283,7 +284,7 @@ def matrix_of(info: CameraInfo, name: str) -> NDArray[np.float64]:
     return np.array(values, np.float64).ravel()
 
 
-def _matrix(info: CameraInfo, name: str, side: str) -> NDArray[np.float64]:
+def _matrix(info: CameraInfo, name: str, side: str) -> Array:
     values = matrix_of(info, name)
     if not np.isfinite(values).all():
         raise InputError(
@@ -293,9 +294,7 @@ def _matrix(info: CameraInfo, name: str, side: str) -> NDArray[np.float64]:
     return values
 
 
-def _check_calibrated(
-    camera_matrix: NDArray[np.float64], projection: NDArray[np.float64], side: str
-) -> None:
+def _check_calibrated(camera_matrix: Array, projection: Array, side: str) -> None:
     for name, matrix in (("K", camera_matrix), ("P", projection)):
         if not (matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0):
             raise InputError(

@@ -10,13 +10,12 @@ two pixels it is seen, but so is texture. Both views show the texture, and each 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from uw_visibility.images.arrays import Points
+from uw_visibility.images.arrays import Image, Points
 from uw_visibility.images.blocking import BLOCKS, blocking
 from uw_visibility.images.view import StereoViews, code_value
 
@@ -63,7 +62,7 @@ def with_codec_noise(views: StereoViews, points: Points) -> StereoViews:
     ))
 
 
-def low_frequency_noise(left: NDArray[Any], right: NDArray[Any], points: Points) -> float:
+def low_frequency_noise(left: Image, right: Image, points: Points) -> float:
     """Standard deviation of white noise that has as much power at low frequencies.
 
     Parameters
@@ -95,7 +94,7 @@ def low_frequency_noise(left: NDArray[Any], right: NDArray[Any], points: Points)
 
 
 def _second_difference(
-    image: NDArray[Any], x: NDArray[np.int64], y: NDArray[np.int64]
+    image: Image, x: NDArray[np.int64], y: NDArray[np.int64]
 ) -> NDArray[np.float32]:
     """Second differences of means of two by two pixels in squares around points."""
     side = 2 * _REACH + 2

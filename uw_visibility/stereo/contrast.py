@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import Array, Image, RangeMap
 from uw_visibility.images.noise import noise_stddev
 from uw_visibility.optics.light_model import transmission
 from uw_visibility.stereo.denoising import ROUNDING, NoiseAdaptiveSmoother, noise_gradient
@@ -70,9 +71,7 @@ class ContrastNormalizer:
         self._noise_of_grey = 0.0
         self._smoother = NoiseAdaptiveSmoother(shape)
 
-    def stretch(
-        self, image: NDArray[Any], workers: Workers, noise: NDArray[np.float64] | None = None
-    ) -> None:
+    def stretch(self, image: Image, workers: Workers, noise: Array | None = None) -> None:
         """Take the luma, and one gain that stretches its contrast; for the raw image.
 
         Parameters
@@ -91,12 +90,12 @@ class ContrastNormalizer:
 
     def restore(
         self,
-        image: NDArray[Any],
-        range_map: NDArray[np.float32],
-        attenuation: NDArray[np.float64],
-        ambient_light: NDArray[np.float64],
+        image: Image,
+        range_map: RangeMap,
+        attenuation: Array,
+        ambient_light: Array,
         workers: Workers,
-        noise: NDArray[np.float64] | None = None,
+        noise: Array | None = None,
     ) -> None:
         """Take the mix of channels with least noise, and the gain that undoes attenuation.
 
@@ -133,12 +132,12 @@ class ContrastNormalizer:
 
     def restore_lit(
         self,
-        image: NDArray[Any],
-        range_map: NDArray[np.float32],
-        ranges: NDArray[np.float64],
-        direct: NDArray[np.float64],
+        image: Image,
+        range_map: RangeMap,
+        ranges: Array,
+        direct: Array,
         workers: Workers,
-        noise: NDArray[np.float64] | None = None,
+        noise: Array | None = None,
     ) -> None:
         """Take the mix of channels with least noise, and the gain that undoes lamps' falloff.
 
@@ -164,17 +163,17 @@ class ContrastNormalizer:
             np.minimum(_FINE * gain, self._max_gain(image)), farthest, range_map, workers)
         self._smooth(image, weights, workers, noise)
 
-    def _max_gain(self, image: NDArray[Any]) -> float:
+    def _max_gain(self, image: Image) -> float:
         return _MAX_GAIN if image.dtype == np.uint8 else _MAX_GAIN * self._averaged
 
-    def _raw_gain(self, image: NDArray[Any]) -> float:
+    def _raw_gain(self, image: Image) -> float:
         """Gain that stretches the contrast of the grey image, and no noise."""
         # Every fourth pixel of every fourth row tells as much about the whole.
         low, high = np.percentile(self.grey[::4, ::4], (100 * _OUTSIDE, 100 * (1 - _OUTSIDE)))
         return float(min(255.0 / max(high - low, 1.0), self._max_gain(image) / _FINE))
 
     def _set_gain(
-        self, table: NDArray[np.float64], farthest: float, range_map: NDArray[np.float32],
+        self, table: Array, farthest: float, range_map: RangeMap,
         workers: Workers,
     ) -> None:
         """Look up the gain of each pixel in a table over ranges of equal steps, from 0 on."""
@@ -190,10 +189,10 @@ class ContrastNormalizer:
 
     def _smooth(
         self,
-        image: NDArray[Any],
-        weights: Sequence[float] | NDArray[np.float64],
+        image: Image,
+        weights: Sequence[float] | Array,
         workers: Workers,
-        noise: NDArray[np.float64] | None,
+        noise: Array | None,
     ) -> None:
         """Smooth the mix of channels as far as its restored noise asks for."""
         self._noise_of_grey = self._known_noise(image, weights, noise)
@@ -201,9 +200,9 @@ class ContrastNormalizer:
 
     def _known_noise(
         self,
-        image: NDArray[Any],
-        weights: Sequence[float] | NDArray[np.float64],
-        noise: NDArray[np.float64] | None,
+        image: Image,
+        weights: Sequence[float] | Array,
+        noise: Array | None,
     ) -> float:
         """Noise of the mix of channels, in units of `grey`; 0 where it is rounding alone."""
         if noise is None:
@@ -214,7 +213,7 @@ class ContrastNormalizer:
         # What was rounded before it was averaged is finer.
         return mixed if mixed > ROUNDING * _FINE / self._averaged else 0.0
 
-    def noise_gradient(self, step: int) -> NDArray[np.float64]:
+    def noise_gradient(self, step: int) -> Array:
         """Standard deviation of the Sobel responses that noise makes, at every so many pixels.
 
         It is 0 where the image was not smoothed, since it has hardly any.
@@ -224,12 +223,7 @@ class ContrastNormalizer:
             return np.zeros(gain.shape)
         return noise_gradient(self._noise_of_grey * gain)
 
-    def _mix(
-        self,
-        image: NDArray[Any],
-        weights: Sequence[float] | NDArray[np.float64],
-        workers: Workers,
-    ) -> None:
+    def _mix(self, image: Image, weights: Sequence[float] | Array, workers: Workers) -> None:
         scale = _FINE if image.dtype == np.uint8 else 1.0
         red, green, blue = (np.float32(scale * weight) for weight in weights)
         if image.ndim == 3:
@@ -238,11 +232,7 @@ class ContrastNormalizer:
             np.multiply(image, np.uint16(scale), out=self.grey, casting="unsafe")
 
 
-def least_noise_weights(
-    range_map: NDArray[np.float32],
-    attenuation: NDArray[np.float64],
-    ambient_light: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def least_noise_weights(range_map: RangeMap, attenuation: Array, ambient_light: Array) -> Array:
     """Return the weights of the channels ``(3,)`` float64 that `ContrastNormalizer.restore` uses.
 
     Parameters
@@ -254,9 +244,7 @@ def least_noise_weights(
     return _weights_at(typical, *_known(attenuation, ambient_light))
 
 
-def _weights_at(
-    distance: float, attenuation: NDArray[np.float64], ambient_light: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _weights_at(distance: float, attenuation: Array, ambient_light: Array) -> Array:
     weights = ambient_light * transmission(attenuation, distance)
     total = weights.sum()
     if total == 0.0:
@@ -267,15 +255,13 @@ def _weights_at(
     return np.asarray(weights / total)
 
 
-def _known(
-    attenuation: NDArray[np.float64], ambient_light: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _known(attenuation: Array, ambient_light: Array) -> tuple[Array, Array]:
     """Attenuation and ambient light, 0 in both where either is unknown."""
     known = np.isfinite(attenuation) & np.isfinite(ambient_light)
     return np.where(known, attenuation, 0.0), np.where(known, ambient_light, 0.0)
 
 
-def _typical_and_farthest(range_map: NDArray[np.float32]) -> tuple[float, float]:
+def _typical_and_farthest(range_map: RangeMap) -> tuple[float, float]:
     sample = range_map[::4, ::4]
     sample = sample[np.isfinite(sample)]
     typical, farthest = np.percentile(sample, (50, 100)) if sample.size else (1.0, 1.0)

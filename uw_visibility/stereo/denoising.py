@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import Array
 
 # Noise up to which an image has been rounded and nothing else, 8-bit codes.
 ROUNDING = 0.35
@@ -138,7 +139,7 @@ def _sigma(level: int) -> float:
     return _FIRST * _RATIO ** (level - 1) if level > 0 else 0.0
 
 
-def noise_gradient(noise: NDArray[np.floating]) -> NDArray[np.float64]:
+def noise_gradient(noise: NDArray[np.floating]) -> Array:
     """Standard deviation of a Sobel response to restored noise that was smoothed.
 
     Parameters
@@ -156,7 +157,7 @@ def noise_gradient(noise: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 @lru_cache(maxsize=1)
-def _responses() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _responses() -> tuple[Array, Array]:
     """Scales of the Gaussian, px, and how much of white noise a Sobel response then holds."""
     scales = np.linspace(0.0, LARGEST, 24)
     impulse = np.zeros((41, 41))
@@ -171,7 +172,7 @@ def _scale_of(noise: Any) -> Any:
     return np.minimum(_SCALE * np.power(noise, _POWER), LARGEST)
 
 
-def _position_of(scale: NDArray[np.float64]) -> NDArray[np.float64]:
+def _position_of(scale: Array) -> Array:
     """Position of a scale among those computed: 0 is the image as it is."""
     computed = np.concatenate(([0.0], _FIRST * _RATIO ** np.arange(_LEVELS)))
     return np.interp(scale, computed, np.arange(_LEVELS + 1))

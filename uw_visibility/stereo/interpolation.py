@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import DisparityMap
 
 # Pixels per cell of the grid that large areas are inpainted on.
 CELL = 8
@@ -19,9 +20,7 @@ CELL = 8
 REACH = 3.0
 
 
-def inpaint(
-    disparity: NDArray[np.float32], workers: Workers | None = None
-) -> NDArray[np.float32]:
+def inpaint(disparity: DisparityMap, workers: Workers | None = None) -> NDArray[np.float32]:
     """Inpainting of all that is open (Bertalmio et al., doi 10.1109/CVPR.2001.990497).
 
     Done on a coarse grid of cells: what is left at this stage is large and has

@@ -11,12 +11,12 @@ neither ranges nor water have to be known for it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.images.arrays import Array, Image
 from uw_visibility.images.view import code_value
 from uw_visibility.stereo.denoising import ROUNDING
 
@@ -35,9 +35,9 @@ _MOST = 0.9
 
 
 def matching_scale(
-    image: NDArray[Any],
-    noise: NDArray[np.float64],
-    weights: Sequence[float] | NDArray[np.float64],
+    image: Image,
+    noise: Array,
+    weights: Sequence[float] | Array,
     scales: Sequence[int],
 ) -> int:
     """Choose the side of the squares of pixels that are averaged before matching.
@@ -75,9 +75,9 @@ def matching_scale(
 
 
 def shown(
-    image: NDArray[Any],
-    noise: NDArray[np.float64],
-    weights: Sequence[float] | NDArray[np.float64],
+    image: Image,
+    noise: Array,
+    weights: Sequence[float] | Array,
     scale: int,
 ) -> NDArray[np.bool_]:
     """Parts of an image that show more than noise at a coarse scale.
@@ -100,15 +100,13 @@ def shown(
         cells.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST).astype(bool)
 
 
-def _deviation(
-    image: NDArray[Any], noise: NDArray[np.float64], weights: Sequence[float] | NDArray[np.float64],
-) -> float:
+def _deviation(image: Image, noise: Array, weights: Sequence[float] | Array) -> float:
     """Standard deviation of the noise of the weighted channels, code values."""
     return float(noise[0] if image.ndim == 2 else np.hypot.reduce(np.asarray(weights) * noise))
 
 
 def _mixed(
-    image: NDArray[Any], deviation: float, weights: Sequence[float] | NDArray[np.float64],
+    image: Image, deviation: float, weights: Sequence[float] | Array,
 ) -> tuple[NDArray[np.float32], float]:
     """The weighted channels as one, and its noise with that of rounding."""
     mixed = image.astype(np.float32)

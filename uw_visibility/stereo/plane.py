@@ -7,6 +7,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.images.arrays import Array, DisparityMap
+
 HYPOTHESES = 256
 # Points that hypotheses are counted on; more make it slower, not surer.
 MOST_POINTS = 1000
@@ -17,7 +19,7 @@ TOLERANCE = 1.0
 MOST_COVERAGE = 0.5
 
 
-def dominant_plane(points: NDArray[np.floating]) -> NDArray[np.float64] | None:
+def dominant_plane(points: NDArray[np.floating]) -> Array | None:
     """RANSAC fit of the plane that most points lie on; the same points give the same plane.
 
     Parameters
@@ -49,9 +51,7 @@ def dominant_plane(points: NDArray[np.floating]) -> NDArray[np.float64] | None:
     return _refit(finite, best)
 
 
-def fill_plane(
-    disparity: NDArray[np.float32], points: NDArray[np.floating]
-) -> NDArray[np.float32]:
+def fill_plane(disparity: DisparityMap, points: NDArray[np.floating]) -> NDArray[np.float32]:
     """Dominant plane in place of what a thin mesh leaves open (section II-E).
 
     Parameters
@@ -81,7 +81,7 @@ def fill_plane(
     return filled
 
 
-def _hypotheses(triples: NDArray[np.float64]) -> NDArray[np.float64]:
+def _hypotheses(triples: Array) -> Array:
     """(K, 3): slopes and offset through each triple of points that spans a plane."""
     first = triples[:, 1] - triples[:, 0]
     second = triples[:, 2] - triples[:, 0]
@@ -94,7 +94,7 @@ def _hypotheses(triples: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([slope_x, slope_y, offset])
 
 
-def _refit(points: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:
+def _refit(points: Array, start: Array) -> Array:
     """Fit the plane to its inliers, a few times, as long as that does not lose any."""
     coordinates = np.column_stack([points[:, :2], np.ones(len(points))])
     plane = start

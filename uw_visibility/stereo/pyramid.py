@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
+from uw_visibility.images.arrays import DisparityMap, Image, Mask, Points
 from uw_visibility.images.pair import MIN_HEIGHT, MIN_WIDTH, read_only
 from uw_visibility.images.view import View
 from uw_visibility.stereo.denoising import ROUNDING
@@ -52,7 +53,7 @@ class Pyramid:
         factor = self.factor(shape)
         return shape[0] // factor, shape[1] // factor
 
-    def downsample(self, image: NDArray[Any]) -> NDArray[Any]:
+    def downsample(self, image: Image) -> NDArray[Any]:
         """Return the small image, of the same type."""
         factor = self.factor(image.shape)
         if factor == 1:
@@ -82,9 +83,7 @@ class Pyramid:
             small = replace(small, low_frequency_noise=limit)
         return small
 
-    def upsample_mask(
-        self, mask: NDArray[np.bool_] | None, shape: tuple[int, ...]
-    ) -> NDArray[np.bool_] | None:
+    def upsample_mask(self, mask: Mask | None, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:
         """Return which pixels of the full size have their small one in a mask."""
         factor = self.factor(shape)
         if mask is None or factor == 1:
@@ -118,21 +117,15 @@ class Pyramid:
             max_disparity=config.max_disparity // factor,
         )
 
-    def downsample_points(
-        self, points: NDArray[np.float32], shape: tuple[int, ...]
-    ) -> NDArray[np.float32]:
+    def downsample_points(self, points: Points, shape: tuple[int, ...]) -> NDArray[np.float32]:
         """Return points ``(N, 3)`` of a size, column, row and disparity, px of the small one."""
         return _scaled(points, 1.0 / self.factor(shape))
 
-    def upsample_points(
-        self, points: NDArray[np.float32], shape: tuple[int, ...]
-    ) -> NDArray[np.float32]:
+    def upsample_points(self, points: Points, shape: tuple[int, ...]) -> NDArray[np.float32]:
         """Return points ``(N, 3)`` of the small images, column, row and disparity, px of a size."""
         return _scaled(points, self.factor(shape))
 
-    def upsample_disparity(
-        self, small: NDArray[np.float32], shape: tuple[int, ...]
-    ) -> NDArray[np.float32]:
+    def upsample_disparity(self, small: DisparityMap, shape: tuple[int, ...]) -> DisparityMap:
         """Bring a disparity map to full size, in pixels of the full size.
 
         On a surface it is interpolated; across edges and beside unmatched pixels each
@@ -158,7 +151,7 @@ class Pyramid:
         return full
 
     def upsample_confidence(
-        self, small: NDArray[np.float32], disparity: NDArray[np.float32]
+        self, small: NDArray[np.float32], disparity: DisparityMap
     ) -> NDArray[np.float32]:
         """Bring confidences to the full size of the disparities made from the same pixels."""
         height, width = disparity.shape
@@ -167,7 +160,7 @@ class Pyramid:
         return np.asarray(full, np.float32)
 
 
-def _scaled(points: NDArray[np.float32], scale: float) -> NDArray[np.float32]:
+def _scaled(points: Points, scale: float) -> NDArray[np.float32]:
     # Pixel centres are whole numbers before and after.
     shift = np.array([0.5, 0.5, 0.0])
     return ((points + shift) * scale - shift).astype(np.float32)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.images.arrays import Array, Image, Points
 from uw_visibility.optics.transfer import linear_table
 
 # More points than this tell nothing new.
@@ -22,9 +23,7 @@ _REACH = 2
 _DARK = 0.02
 
 
-def right_gain(
-    left: NDArray[Any], right: NDArray[Any], points: NDArray[np.float32], transfer: str
-) -> NDArray[np.float64]:
+def right_gain(left: Image, right: Image, points: Points, transfer: str) -> Array:
     """Estimate the gain of the right camera over the left one.
 
     Parameters
@@ -68,8 +67,8 @@ def right_gain(
 
 
 def _patch_means(
-    image: NDArray[Any], u: NDArray[np.int64], v: NDArray[np.int64], table: NDArray[np.float32]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    image: Image, u: NDArray[np.int64], v: NDArray[np.int64], table: NDArray[np.float32]
+) -> tuple[Array, NDArray[np.bool_]]:
     """Return mean irradiance about each point, and whether a pixel there is saturated."""
     planes = image[..., np.newaxis] if image.ndim == 2 else image
     means = np.empty((len(u), planes.shape[2]))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Image
 from uw_visibility.stereo.calibration import (
     EQUIDISTANT,
     CameraCalibration,
@@ -69,9 +70,7 @@ class Rectifier:
             int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1),
         )
 
-    def rectify(
-        self, left: NDArray[Any], right: NDArray[Any]
-    ) -> tuple[NDArray[Any], NDArray[Any]]:
+    def rectify(self, left: Image, right: Image) -> tuple[NDArray[Any], NDArray[Any]]:
         """Rectify a pair of raw images.
 
         Parameters
@@ -100,7 +99,7 @@ class Rectifier:
             rectified.append(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR))
         return rectified[0], rectified[1]
 
-    def rectify_reduced(self, left: NDArray[Any], factor: int) -> NDArray[Any]:
+    def rectify_reduced(self, left: Image, factor: int) -> NDArray[Any]:
         """Rectify a reduced left image, whose pixels are means of squares of the raw one's.
 
         Parameters

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array, DisparityMap, RangeMap
 from uw_visibility.stereo.calibration import (
     CameraInfo,
     check_rectified,
@@ -141,7 +142,7 @@ class StereoRig:
         """
         return _ray_lengths(self, (shape[0], shape[1]))
 
-    def ray_directions(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    def ray_directions(self, shape: tuple[int, ...]) -> Array:
         """Unit direction of each left pixel's ray: right, down, forward.
 
         Parameters
@@ -155,9 +156,7 @@ class StereoRig:
         """
         return self.rays_at(np.arange(shape[1]), np.arange(shape[0]))
 
-    def rays_at(
-        self, columns: NDArray[Any], rows: NDArray[Any], *, right: bool = False
-    ) -> NDArray[np.float64]:
+    def rays_at(self, columns: NDArray[Any], rows: NDArray[Any], *, right: bool = False) -> Array:
         """Unit direction of the rays through a grid of points: right, down, forward.
 
         Parameters
@@ -178,14 +177,14 @@ class StereoRig:
         rays = np.stack(np.broadcast_arrays(x, y, 1.0), axis=2)
         return np.asarray(rays / np.sqrt(1.0 + x**2 + y**2)[..., np.newaxis])
 
-    def _pinhole(self, shape: tuple[int, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _pinhole(self, shape: tuple[int, ...]) -> tuple[Array, Array]:
         """X of each column, (W,), and Y of each row, (H, 1), at unit depth."""
         x = (np.arange(shape[1], dtype=np.float64) - self.principal_point[0]) / self.focal_length
         focal_length_y = self.focal_length_y or self.focal_length
         y = (np.arange(shape[0], dtype=np.float64) - self.principal_point[1]) / focal_length_y
         return x, y[:, np.newaxis]
 
-    def range_from_disparity(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+    def range_from_disparity(self, disparity: DisparityMap) -> DisparityMap:
         """Range along the line of sight, from x_left - x_right.
 
         Parameters
@@ -201,7 +200,7 @@ class StereoRig:
         """
         return self._range(disparity, math.nan)
 
-    def range_of_filled(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+    def range_of_filled(self, disparity: DisparityMap) -> RangeMap:
         """Range along the line of sight, from a disparity map without gaps.
 
         Parameters
@@ -216,7 +215,7 @@ class StereoRig:
         """
         return self._range(disparity, math.inf)
 
-    def _range(self, disparity: NDArray[np.float32], beyond: float) -> NDArray[np.float32]:
+    def _range(self, disparity: DisparityMap, beyond: float) -> NDArray[np.float32]:
         """Range, m; `beyond` where the disparity lies at or beyond infinity."""
         # A new array of one kind, whatever was given: each kind would compile the kernel anew.
         range_map = np.subtract(
@@ -230,7 +229,7 @@ class StereoRig:
         """Standard deviation of range over its square, 1/m, for that of the disparity, px."""
         return disparity_stddev / (self.focal_length * self.baseline)
 
-    def disparity_from_range(self, range_map: NDArray[np.float32]) -> NDArray[np.float32]:
+    def disparity_from_range(self, range_map: RangeMap) -> DisparityMap:
         """Disparity x_left - x_right, from range along the line of sight.
 
         Parameters

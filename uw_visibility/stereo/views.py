@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import DisparityMap
 
 
-def in_right_view(
-    disparity: NDArray[np.float32], workers: Workers | None = None
-) -> NDArray[np.float32]:
+def in_right_view(disparity: DisparityMap, workers: Workers | None = None) -> NDArray[np.float32]:
     """Warp a disparity map without holes to the right view.
 
     Of two surfaces at one pixel the nearer is seen. What only the right camera

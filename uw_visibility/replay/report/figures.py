@@ -14,12 +14,12 @@ import matplotlib.ticker
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from uw_visibility.images.arrays import Array
 from uw_visibility.replay.report.sentences import number, rounded
 from uw_visibility.replay.report.svg import ESTIMATE, FILTERED, RULE, SENSOR, Spot, draw
 
-Columns = Mapping[str, NDArray[np.float64]]
+Columns = Mapping[str, Array]
 
 HEIGHT = 2.3
 # Of more frames, so many neighbours are drawn as one that there are no more points.
@@ -124,7 +124,7 @@ def neighbours(count: int, most: int) -> int:
     return max(-(-count // most), 1)
 
 
-def thin(columns: Columns, most: int) -> dict[str, NDArray[np.float64]]:
+def thin(columns: Columns, most: int) -> dict[str, Array]:
     """Take neighbouring frames together where there are more than so many: medians."""
     count = len(columns["stamp"])
     together = neighbours(count, most)
@@ -141,7 +141,7 @@ def thin(columns: Columns, most: int) -> dict[str, NDArray[np.float64]]:
     return found
 
 
-def clock_time(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
+def clock_time(stamps: Array) -> Array:
     """Return stamps, s, as matplotlib's days (UTC)."""
     return np.asarray(stamps / 86400.0, np.float64)
 
@@ -157,7 +157,7 @@ def clock_axis(axes: Any, narrow: bool) -> None:
 
 
 def _paint(
-    figure: Figure, narrow: bool, time: NDArray[np.float64], columns: Columns,
+    figure: Figure, narrow: bool, time: Array, columns: Columns,
     quantity: Quantity, recordings: Sequence[str], together: int,
 ) -> list[Spot]:
     axes: Any = figure.subplots()
@@ -188,7 +188,7 @@ def _paint(
     return _spots(axes, time, columns, quantity, recordings, together)
 
 
-def _paint_nis(figure: Figure, time: NDArray[np.float64], nis: NDArray[np.float64]) -> list[Spot]:
+def _paint_nis(figure: Figure, time: Array, nis: Array) -> list[Spot]:
     axes: Any = figure.subplots()
     axes.semilogy(time, np.maximum(nis, LEAST_NIS), "o", markersize=2.6, color=ESTIMATE,
                   label="ν²/S")
@@ -201,7 +201,7 @@ def _paint_nis(figure: Figure, time: NDArray[np.float64], nis: NDArray[np.float6
     return []
 
 
-def _finish(axes: Any, time: NDArray[np.float64], narrow: bool, label: str) -> None:
+def _finish(axes: Any, time: Array, narrow: bool, label: str) -> None:
     width, height = axes.figure.get_size_inches()
     left, right, below, above = MARGINS
     axes.figure.subplots_adjust(
@@ -219,16 +219,14 @@ def _finish(axes: Any, time: NDArray[np.float64], narrow: bool, label: str) -> N
         )
 
 
-def _edges(time: NDArray[np.float64]) -> tuple[float, float]:
+def _edges(time: Array) -> tuple[float, float]:
     """Return the ends of the axis, days."""
     low, high = float(np.min(time)), float(np.max(time))
     margin = 0.02 * (high - low) or 1.0 / 86400.0
     return low - margin, high + margin
 
 
-def _with_gaps(
-    time: NDArray[np.float64], value: NDArray[np.float64], stddev: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _with_gaps(time: Array, value: Array, stddev: Array) -> tuple[Array, Array, Array]:
     """Break a line where frames are missing, not only where values are."""
     steps = np.diff(time)
     usual = float(np.median(steps)) if steps.size else 0.0
@@ -240,7 +238,7 @@ def _with_gaps(
 
 
 def _spots(
-    axes: Any, time: NDArray[np.float64], columns: Columns, quantity: Quantity,
+    axes: Any, time: Array, columns: Columns, quantity: Quantity,
     recordings: Sequence[str], together: int,
 ) -> list[Spot]:
     """Return a strip around each point."""
@@ -291,10 +289,7 @@ def _described(columns: Columns, quantity: Quantity) -> str:
     return "; ".join(parts) or "not assessable in any frame"
 
 
-def _limits(
-    bands: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
-    *lines: NDArray[np.float64] | None,
-) -> tuple[float, float]:
+def _limits(bands: Sequence[tuple[Array, Array]], *lines: Array | None) -> tuple[float, float]:
     """Return limits for an axis that a few wild values do not set: of bands ± σ and of lines."""
     lows, highs, least = [], [], []
     for value, stddev in bands:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Image8
 from uw_visibility.images.files import write_png
 from uw_visibility.images.overview import DRAWN_SHARE, draw_disparity, shown, viridis
 from uw_visibility.messages.compressed import read_compressed
@@ -90,8 +91,8 @@ class Picture(NamedTuple):
     """
 
     row: dict[str, str]
-    raw: NDArray[np.uint8]
-    enhanced: NDArray[np.uint8]
+    raw: Image8
+    enhanced: Image8
     disparity: NDArray[np.uint8]
 
     def parts(self) -> dict[str, NDArray[np.uint8]]:
@@ -219,12 +220,12 @@ def _pixels(message: Any) -> NDArray[Any]:
     return read_image(message)
 
 
-def _fit(image: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+def _fit(image: Image8, width: int) -> NDArray[np.uint8]:
     height = round(image.shape[0] * width / image.shape[1])
     return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA))
 
 
-def preview(image: NDArray[np.uint8], width: int) -> tuple[bytes, tuple[int, int]]:
+def preview(image: Image8, width: int) -> tuple[bytes, tuple[int, int]]:
     """Return an image as PNG, at most so wide, with its height and width."""
     if image.shape[1] > width:
         image = _fit(image, width)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from uw_visibility.images.arrays import Array
 from uw_visibility.replay.inputs.scalars import ScalarTopic
 from uw_visibility.replay.line_fit import FEWEST, LineFit, fit_line
 from uw_visibility.replay.report.figures import (
@@ -54,7 +54,7 @@ def fit_joins(folder: Path, joins: Sequence[ScalarTopic]) -> list[dict[str, Any]
     return sections
 
 
-def _sentence(fit: LineFit | None, both: int, values: NDArray[np.float64]) -> str:
+def _sentence(fit: LineFit | None, both: int, values: Array) -> str:
     known = int(np.count_nonzero(np.isfinite(values)))
     if fit is None:
         return (

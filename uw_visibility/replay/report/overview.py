@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uw_visibility.images.arrays import Array
 from uw_visibility.messages.stamps import nanoseconds
 from uw_visibility.replay.columns import CHANNELS, COLUMNS
 from uw_visibility.replay.report.sentences import (
@@ -33,7 +33,7 @@ OVERVIEW_COLUMNS = (
 
 
 def overview(
-    columns: Mapping[str, NDArray[np.float64]], summary: Summary, shown: Collection[str]
+    columns: Mapping[str, Array], summary: Summary, shown: Collection[str]
 ) -> dict[str, Any]:
     """Return what a page opens with.
 
@@ -70,9 +70,7 @@ def _part(part: str | Frames, shown: Collection[str]) -> dict[str, str]:
     return {"text": str(part), "href": f"#frame-{frame}" if frame in shown else ""}
 
 
-def _numbers(
-    columns: Mapping[str, NDArray[np.float64]], summary: Summary, short: str
-) -> list[tuple[str, str]]:
+def _numbers(columns: Mapping[str, Array], summary: Summary, short: str) -> list[tuple[str, str]]:
     numbers: list[tuple[str, str]] = []
     synopsis = summary.synopsis
     if synopsis is not None and synopsis.frames:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from uw_visibility.config.parameters import flatten
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
+from uw_visibility.images.arrays import Image8
 from uw_visibility.replay.report.figures import NEEDED, data_uri, draw_series
 from uw_visibility.replay.report.gallery import ColourScale, Gallery, gradient, preview
 from uw_visibility.replay.report.meaning import meaning
@@ -91,7 +91,7 @@ def write_report(
     )
 
 
-def _view(what: str, image: NDArray[np.uint8]) -> dict[str, Any]:
+def _view(what: str, image: Image8) -> dict[str, Any]:
     """Return an image for the page."""
     png, (height, width) = preview(image, VIEW_WIDTH)
     return {"what": what, "source": Markup(data_uri(png)), "width": width, "height": height}

@@ -12,9 +12,9 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
-from numpy.typing import NDArray
 
 from uw_visibility.errors import printable
+from uw_visibility.images.arrays import Array
 from uw_visibility.replay.inputs.positions import EARTH_RADIUS, wrap_longitude
 from uw_visibility.replay.report.figures import MOST_POINTS, Columns, thin
 from uw_visibility.replay.report.sentences import amount, number
@@ -41,9 +41,9 @@ class _Track(NamedTuple):
     """Known positions of a recording, and what was seen there."""
 
     name: str
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    seen: NDArray[np.float64]
+    x: Array
+    y: Array
+    seen: Array
 
 
 class _LongitudeFormatter(ScalarFormatter):

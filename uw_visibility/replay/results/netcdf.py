@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import needing
+from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, Column
 from uw_visibility.replay.table import ROWS, slices
 
@@ -35,7 +36,7 @@ def write_netcdf(
     table: Path,
     columns: Mapping[str, Column],
     attributes: Mapping[str, Any],
-    wavelengths: NDArray[np.float64],
+    wavelengths: Array,
     transects: Sequence[str] = (),
 ) -> None:
     """Write a table as a CF trajectory, in slices.
@@ -177,7 +178,7 @@ def _encoding(column: Column) -> dict[str, Any]:
     return found | {"dtype": str}
 
 
-def _scalars(wavelengths: NDArray[np.float64], identity: str | Sequence[str]) -> dict[str, Any]:
+def _scalars(wavelengths: Array, identity: str | Sequence[str]) -> dict[str, Any]:
     """Variables beside the observations: name of each trajectory, wavelengths of the channels."""
     several = not isinstance(identity, str)
     found: dict[str, Any] = {

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import CHANNELS
 from uw_visibility.replay.records import FrameEstimate, JoinedFrame
 from uw_visibility.water.tracking import TrackingEvent
@@ -204,10 +205,7 @@ class Findings:
         self._ranges = min(self._ranges[0], float(low)), max(self._ranges[1], float(high))
 
 
-def _extreme(
-    frames: NDArray[np.int64], distance: NDArray[np.float64], stddev: NDArray[np.float64],
-    sign: float,
-) -> Extreme:
+def _extreme(frames: NDArray[np.int64], distance: Array, stddev: Array, sign: float) -> Extreme:
     """Return the smallest distance for certain (sign 1), or the largest one (sign -1)."""
     place = int(np.nanargmin(sign * distance + stddev))
     with np.errstate(invalid="ignore"):

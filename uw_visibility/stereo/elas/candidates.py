@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.images.arrays import Points
 
 # Side of the cells that collect the support points' disparities, px.
 CELL = 20
@@ -49,7 +50,7 @@ class CellCandidates:
             (rows, disparities * -(-columns // 2), 3), np.int32
         )
 
-    def fill(self, points: NDArray[np.float32]) -> None:
+    def fill(self, points: Points) -> None:
         """Collect the candidates from points ``(N, 3)``: u, v, disparity."""
         _mark(points, self._seen)
         _collect_runs(self._seen, self._width, self.count, self.runs)

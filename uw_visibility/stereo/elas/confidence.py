@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import DisparityMap
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.descriptors import MIDDLE
 from uw_visibility.stereo.elas.edges import MARGIN, STRIDE, VOTERS, range_around
@@ -67,7 +68,7 @@ _CONFIDENCE = confidence_table(_PER_UNIT)
 
 
 def rate(
-    disparity: NDArray[np.float32],
+    disparity: DisparityMap,
     best_right: NDArray[np.int16],
     descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
     workers: Workers,
@@ -103,7 +104,7 @@ def rate(
 
 
 def mark(
-    disparity: NDArray[np.float32], best_right: NDArray[np.int16], workers: Workers
+    disparity: DisparityMap, best_right: NDArray[np.int16], workers: Workers
 ) -> tuple[NDArray[np.uint16], float]:
     """Mark what is matched, and whether the right view denies it.
 

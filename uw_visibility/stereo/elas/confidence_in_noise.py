@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import DisparityMap
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas.absolute_difference import BYTES
 from uw_visibility.stereo.elas.confidence import (
@@ -57,7 +58,7 @@ _CONFIDENCE = confidence_table(_PER_UNIT)
 
 
 def rate_in_noise(
-    disparity: NDArray[np.float32],
+    disparity: DisparityMap,
     best_right: NDArray[np.int16],
     descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
     image: ContrastNormalizer,
@@ -89,7 +90,7 @@ def rate_in_noise(
 
 
 def drop_doubtful(
-    disparity: NDArray[np.float32], confidence: NDArray[np.float32], least: float,
+    disparity: DisparityMap, confidence: NDArray[np.float32], least: float,
     workers: Workers,
 ) -> None:
     """Set matches of too little confidence to NaN, in place, but for a few among sure ones.

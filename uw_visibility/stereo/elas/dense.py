@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import Points
 from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.candidates import CELL, CellCandidates
@@ -107,7 +108,7 @@ class DenseSearch:
     def try_candidates(
         self,
         descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-        points: NDArray[np.float32],
+        points: Points,
         airlight: AirlightPrior | None = None,
     ) -> None:
         """Try the candidate disparities of the support points.

@@ -12,10 +12,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import DisparityMap
 from uw_visibility.stereo.contrast import ContrastNormalizer
 
 # Pixels that vote: five by five of them, this far apart.
@@ -43,21 +43,17 @@ class EdgeVote:
     def __init__(self, shape: tuple[int, int]) -> None:
         self._before = np.empty(shape, np.float32)
 
-    def move(
-        self, disparity: NDArray[np.float32], image: ContrastNormalizer, workers: Workers
-    ) -> None:
+    def move(self, disparity: DisparityMap, image: ContrastNormalizer, workers: Workers) -> None:
         """Move the edges of a map ``(H, W)`` float32, px, in place; NaN stays NaN."""
         self._filter(disparity, image, True, workers)
 
-    def drop(
-        self, disparity: NDArray[np.float32], image: ContrastNormalizer, workers: Workers
-    ) -> None:
+    def drop(self, disparity: DisparityMap, image: ContrastNormalizer, workers: Workers) -> None:
         """Set what `move` would move to NaN, in place."""
         self._filter(disparity, image, False, workers)
 
     def _filter(
         self,
-        disparity: NDArray[np.float32],
+        disparity: DisparityMap,
         image: ContrastNormalizer,
         replace: bool,
         workers: Workers,

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import Array, DisparityMap
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 
 # Side of the cells that sums are taken over, px, and cells to a neighbourhood's side.
@@ -61,8 +62,8 @@ class NoiseFilter:
     def remove(
         self,
         descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-        disparity: NDArray[np.float32],
-        noise: NDArray[np.float64],
+        disparity: DisparityMap,
+        noise: Array,
         workers: Workers,
     ) -> None:
         """Set matches that noise explains to NaN, in place.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
+from uw_visibility.images.arrays import Array, DisparityMap
 from uw_visibility.images.view import View
 from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.contrast import ContrastNormalizer
@@ -54,10 +55,10 @@ class DenseMatch:
         None for the same as `disparity`.
     """
 
-    disparity: NDArray[np.float32]
+    disparity: DisparityMap
     right: NDArray[np.float32]
     confidence: NDArray[np.float32] | None
-    with_occlusions: NDArray[np.float32] | None = None
+    with_occlusions: DisparityMap | None = None
 
 
 class Matcher:
@@ -169,7 +170,7 @@ class Matcher:
             self._views[0].values, self._views[1].values, self._disparities, self._workers
         )
 
-    def coarse_disparity(self, support: SupportPoints) -> NDArray[np.float32]:
+    def coarse_disparity(self, support: SupportPoints) -> DisparityMap:
         """Return the mesh of the support points as an image.
 
         Parameters
@@ -247,7 +248,7 @@ class Matcher:
         descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
         support: SupportPoints,
         airlight: AirlightPrior | None,
-        disparity: NDArray[np.float32],
+        disparity: DisparityMap,
     ) -> None:
         """Write the disparities that both views agree on, at sub-pixel resolution."""
         best, tolerance = self._search.best, config.left_right_tolerance
@@ -273,7 +274,7 @@ class Matcher:
 
     def _rate(
         self,
-        disparity: NDArray[np.float32],
+        disparity: DisparityMap,
         best_right: NDArray[np.int16],
         descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
     ) -> NDArray[np.float32]:
@@ -281,13 +282,13 @@ class Matcher:
             return rate(disparity, best_right, descriptors, self._workers)
         return rate_in_noise(disparity, best_right, descriptors, self._left, self._workers)
 
-    def _noise_of_grid(self) -> NDArray[np.float64] | None:
+    def _noise_of_grid(self) -> Array | None:
         """Noise of the descriptors' bytes at the grid of support points; None without."""
         if self._left is None or self._left.noise <= LEAST_NOISE:
             return None
         return SCALE * self._left.noise_gradient(self._config.support_step)
 
-    def _noise_gradient(self) -> NDArray[np.float64]:
+    def _noise_gradient(self) -> Array:
         """Noise of the descriptors' bytes in each of the noise filter's cells."""
         if self._left is None:
             return np.zeros((-(-self._shape[0] // CELL), -(-self._shape[1] // CELL)))
@@ -313,7 +314,7 @@ class Matcher:
         self,
         config: StereoConfig,
         descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-        disparity: NDArray[np.float32],
+        disparity: DisparityMap,
     ) -> None:
         self._noise.remove(descriptors, disparity, self._noise_gradient(), self._workers)
         if self._is_noisy():

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import DisparityMap, Points
 
 # Widths and heights of the image around it in which the mesh is built.
 _FRAME = 20
@@ -25,7 +26,7 @@ _ROUNDS = 8
 _NEAR = 4
 
 
-def with_corners(points: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
+def with_corners(points: Points, shape: tuple[int, int]) -> NDArray[np.float32]:
     """Add the image's four corners, each with the disparity of the nearest point.
 
     Parameters
@@ -49,7 +50,7 @@ def with_corners(points: NDArray[np.float32], shape: tuple[int, int]) -> NDArray
     return np.vstack([points, np.hstack([corners, nearest])])
 
 
-def triangulate(points: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
+def triangulate(points: Points, shape: tuple[int, int]) -> NDArray[np.float32]:
     """Delaunay triangulation of points at whole pixels.
 
     Parameters
@@ -86,7 +87,7 @@ def triangulate(points: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[
     return points[index[at[..., 1], at[..., 0]]]
 
 
-def _insertion_order(points: NDArray[np.float32]) -> NDArray[np.intp]:
+def _insertion_order(points: Points) -> NDArray[np.intp]:
     """Order in which the subdivision takes the fewest steps.
 
     A biased randomised insertion order (Amenta, Choi and Rote, SoCG 2003,
@@ -111,7 +112,7 @@ def _every_second_bit(value: NDArray[np.uint32]) -> NDArray[np.uint32]:
 
 def rasterize(
     triangles: NDArray[np.float32],
-    disparity: NDArray[np.float32],
+    disparity: DisparityMap,
     workers: Workers,
     steep: NDArray[np.bool_] | None = None,
 ) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import DisparityMap
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.dense import BORDER
 
@@ -27,7 +28,7 @@ def check_and_refine(
     best: NDArray[np.int16],
     descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
     tolerance: int,
-    disparity: NDArray[np.float32],
+    disparity: DisparityMap,
     workers: Workers,
 ) -> None:
     """Left/right check and sub-pixel refinement.
@@ -53,7 +54,7 @@ def check_and_refine(
 
 
 def check(
-    best: NDArray[np.int16], tolerance: int, disparity: NDArray[np.float32], workers: Workers
+    best: NDArray[np.int16], tolerance: int, disparity: DisparityMap, workers: Workers
 ) -> None:
     """Left/right check of disparities ``(H, W)``, in place; see `check_and_refine`."""
     workers.rows(_check, disparity.shape[0], best[0], best[1], tolerance, disparity)
@@ -80,7 +81,7 @@ class SegmentFilter:
         self._size = np.empty(pixels, np.int32)
 
     def remove(
-        self, disparity: NDArray[np.float32], size: int, difference: float, workers: Workers
+        self, disparity: DisparityMap, size: int, difference: float, workers: Workers
     ) -> None:
         """Set segments of fewer than ``size`` pixels to NaN, in place."""
         _join_runs(disparity, np.float32(difference), self._run, self._parent, self._size)
@@ -91,7 +92,7 @@ class SegmentFilter:
 
 
 def fill_small_gaps(
-    disparity: NDArray[np.float32], width: int, difference: float, workers: Workers
+    disparity: DisparityMap, width: int, difference: float, workers: Workers
 ) -> None:
     """Bridge gaps of at most ``width`` pixels within rows, then within columns, in place.
 
@@ -104,7 +105,7 @@ def fill_small_gaps(
     workers.rows(_fill_row_gaps, disparity.shape[1], transposed, width, np.float32(difference))
 
 
-def remove_occluded(disparity: NDArray[np.float32], workers: Workers) -> None:
+def remove_occluded(disparity: DisparityMap, workers: Workers) -> None:
     """Z-buffer test: set what something nearer hides from the right view to NaN, in place.
 
     Gaps at the farther side of a depth edge are filled from there, and edges move over

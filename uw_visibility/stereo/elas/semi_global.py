@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import Points
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.dense import BORDER, DenseSettings
@@ -76,9 +77,7 @@ class Tones:
     offset: float
 
 
-def compare_tones(
-    left: ContrastNormalizer, right: ContrastNormalizer, points: NDArray[np.float32]
-) -> Tones:
+def compare_tones(left: ContrastNormalizer, right: ContrastNormalizer, points: Points) -> Tones:
     """Return the tones of a pair, and how they differ at its support points ``(N, 3)``."""
     x, y, d = np.rint(points).astype(np.int64).T
     there = np.maximum(x - d, 0)
@@ -115,7 +114,7 @@ class SemiGlobalSearch:
         self,
         descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
         tones: Tones,
-        points: NDArray[np.float32],
+        points: Points,
         noise: float,
         plane: NDArray[np.float32],
         steep: NDArray[np.bool_],
@@ -153,7 +152,7 @@ class SemiGlobalSearch:
             np.int16(round(_JUMP + _JUMP_PER_LEVEL * level)), *best, refined,
         )
 
-    def _ranges(self, points: NDArray[np.float32]) -> NDArray[np.int64]:
+    def _ranges(self, points: Points) -> NDArray[np.int64]:
         """Smallest and largest disparity to try in each strip of rows."""
         low, high = self._disparities
         strips = -(-self._shape[0] // _STRIP)

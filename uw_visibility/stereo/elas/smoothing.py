@@ -7,10 +7,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import DisparityMap
 
 
 class AdaptiveMean:
@@ -32,7 +32,7 @@ class AdaptiveMean:
         self._difference = np.float32(difference)
         self._between = np.empty(shape, np.float32)
 
-    def smooth(self, disparity: NDArray[np.float32], radius: int, workers: Workers) -> None:
+    def smooth(self, disparity: DisparityMap, radius: int, workers: Workers) -> None:
         """Smooth a map ``(H, W)`` float32 in place; NaN stays NaN.
 
         ``radius`` is that of the neighbours to each side; 0 leaves the map as it is.

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import Array, Image8, Points
 from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.descriptors import MIDDLE
@@ -63,7 +64,7 @@ class SupportPoints:
         lattice of them is enough, and the triangulation costs a fraction.
     """
 
-    points: NDArray[np.float32]
+    points: Points
     vertices: NDArray[np.bool_]
 
     def __len__(self) -> int:
@@ -109,8 +110,8 @@ class SupportGrid:
 
     def swapped_ratio(
         self,
-        left: NDArray[np.uint8],
-        right: NDArray[np.uint8],
+        left: Image8,
+        right: Image8,
         disparities: tuple[int, int],
         workers: Workers,
     ) -> float:
@@ -146,13 +147,13 @@ class SupportGrid:
 
     def search(
         self,
-        left: NDArray[np.uint8],
-        right: NDArray[np.uint8],
+        left: Image8,
+        right: Image8,
         disparities: tuple[int, int],
         workers: Workers,
         airlight: AirlightPrior | None = None,
         earlier: NDArray[np.float32] | None = None,
-        noise: NDArray[np.float64] | None = None,
+        noise: Array | None = None,
     ) -> SupportPoints:
         """Find the support points of a described pair.
 
