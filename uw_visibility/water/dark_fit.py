@@ -38,6 +38,9 @@ from uw_visibility.water.veil import (
 
 # The most that contrast may say for or against a transfer, as a logarithm of odds.
 MOST_BY_CONTRAST = 3.0
+# Standard deviations by noise and rounding that dark patches may be lighter than a veil: where
+# little of a channel's light is left, they are its veil, and a code value is a part of that.
+LIGHTER_DEVIATIONS = 2.0
 
 
 def fit_one_light(
@@ -92,7 +95,8 @@ def fit_of_veil(
 ) -> FitVeil:
     """Return the fit of the dark envelope as a function of the veil that may be."""
     patches = brightest_patches(envelope)
-    typical = quantile_of_known(envelope.dark, 0.5)
+    typical = quantile_of_known(
+        envelope.dark - LIGHTER_DEVIATIONS * envelope.deviation, 0.5)
 
     def fit(veil: PossibleVeil, attenuation: NDArray[np.float64] | None = None) -> Fit | None:
         lower, upper, light = veil

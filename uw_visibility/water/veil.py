@@ -97,7 +97,8 @@ class PossibleVeil(NamedTuple):
 class FitVeil(Protocol):
     """Fit of the dark envelope for a veil that may be.
 
-    None where most dark patches are lighter than its upper bound: no water makes black so light.
+    None where most dark patches are lighter than its upper bound by more than noise: no water
+    makes black so light.
     Where the attenuation is given, 1/m, (3,), the veil alone is fitted.
     """
 
