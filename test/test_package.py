@@ -241,6 +241,25 @@ def test_every_source_file_names_its_licence() -> None:
             assert "# SPDX-License-Identifier: Apache-2.0" in head, file.relative_to(ROOT)
 
 
+def test_scripts_beside_the_package_import_what_is_there() -> None:
+    files = [file for folder in ("benchmarks", "docs/examples", "launch", "test/faults", "tools")
+             for file in sorted((ROOT / folder).iterdir()) if file.is_file()]
+    names = [
+        (str(file.relative_to(ROOT)), node.module, name.name)
+        for file in files
+        if file.suffix == ".py" or file.read_bytes().startswith(b"#!/usr/bin/env python3")
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("uw_visibility")
+        for name in node.names]
+    assert len(names) > 50
+    missing = [
+        (file, module, name) for file, module, name in names
+        if importlib.util.find_spec(module) is None
+        or not (hasattr(importlib.import_module(module), name)
+                or importlib.util.find_spec(f"{module}.{name}"))]
+    assert missing == []
+
+
 def test_imports_follow_the_design() -> None:
     pytest.importorskip("importlinter", reason="import-linter is not installed")
     linter = [sys.executable, "-c", "from importlinter.cli import lint_imports_command as c; c()"]
