@@ -191,37 +191,26 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> None:
 
 
 def _run_adverse(arguments: argparse.Namespace, progress: Progress) -> None:
-    from uw_visibility.evaluation.adverse.cases import (
-        ATTENUATIONS,
-        DEPTHS,
-        AdversePlan,
-        evaluate_adverse_case,
-    )
-    from uw_visibility.evaluation.adverse.report import (
-        adverse_text,
-        summarise_adverse,
-        write_adverse,
-    )
-    from uw_visibility.evaluation.adverse.scenes import find_adverse_scenes
+    from uw_visibility.evaluation.adverse import cases, report, scenes
     from uw_visibility.evaluation.parallel import run_cases
 
-    plan = AdversePlan(
-        scenes=find_adverse_scenes(arguments.datasets),
+    plan = cases.AdversePlan(
+        scenes=scenes.find_adverse_scenes(arguments.datasets),
         effects=tuple(arguments.effects),
-        attenuations=tuple(arguments.attenuation or ATTENUATIONS),
-        depths=tuple(arguments.depth or DEPTHS),
+        attenuations=tuple(arguments.attenuation or cases.ATTENUATIONS),
+        depths=tuple(arguments.depth or cases.DEPTHS),
         seeds=1 if arguments.seeds is None else arguments.seeds,
         matched=arguments.ranges == "matched",
         config=_read_config(arguments.params_file, {}),
     )
     results = run_cases(
-        evaluate_adverse_case, plan.cases(), plan.config, arguments.jobs, progress)
-    summary = summarise_adverse(results)
+        cases.evaluate_adverse_case, plan.cases(), plan.config, arguments.jobs, progress)
+    summary = report.summarise_adverse(results)
     with gathered(arguments.output, last=RESULT, clear=arguments.force) as folder:
-        write_adverse(folder, plan, results, summary)
+        report.write_adverse(folder, plan, results, summary)
     say(f"tables: {arguments.output}")
     say("")
-    print(adverse_text(summary))
+    print(report.adverse_text(summary))
 
 
 def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> None:
@@ -229,23 +218,22 @@ def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> None:
         raise InputError("--lamps renders its own scenes: leave out the DATASET")
     plan = _lamp_plan(arguments)
     _check_figures()
-    from uw_visibility.evaluation.lamps.cases import evaluate_lamp_case
-    from uw_visibility.evaluation.lamps.figures import draw_survey, draw_visibility
-    from uw_visibility.evaluation.lamps.report import lamps_text, summarise_lamps, write_lamps
+    from uw_visibility.evaluation.lamps import cases, figures, report
     from uw_visibility.evaluation.lamps.survey import run_survey
     from uw_visibility.evaluation.parallel import run_cases
 
-    results = run_cases(evaluate_lamp_case, plan.cases(), plan.config, arguments.jobs, progress)
+    results = run_cases(
+        cases.evaluate_lamp_case, plan.cases(), plan.config, arguments.jobs, progress)
     survey = None
     if plan.survey is not None:
         survey = run_survey(plan.survey, arguments.jobs, progress)
-    summary = summarise_lamps(results, survey)
+    summary = report.summarise_lamps(results, survey)
     with gathered(arguments.output, last=RESULT, clear=arguments.force) as folder:
-        write_lamps(folder, plan, results, survey, summary)
-        draw_visibility(folder / "lamps.png", results, summary)
+        report.write_lamps(folder, plan, results, survey, summary)
+        figures.draw_visibility(folder / "lamps.png", results, summary)
         if survey is not None:
-            draw_survey(folder / "survey.png", survey)
-    print(lamps_text(summary))
+            figures.draw_survey(folder / "survey.png", survey)
+    print(report.lamps_text(summary))
     say("")
     say(f"tables and figures: {arguments.output}")
 
@@ -274,13 +262,7 @@ def _lamp_plan(arguments: argparse.Namespace) -> LampPlan:
 
 
 def _plan(arguments: argparse.Namespace) -> Plan:
-    from uw_visibility.evaluation.experiments import (
-        ATTENUATIONS,
-        DEPTHS,
-        PAPER_ATTENUATIONS,
-        PAPER_DEPTHS,
-        Plan,
-    )
+    from uw_visibility.evaluation import experiments
     from uw_visibility.evaluation.scenes import find_scenes
     from uw_visibility.simulation.camera import StereoCamera
     from uw_visibility.simulation.frame import Effects
@@ -299,8 +281,9 @@ def _plan(arguments: argparse.Namespace) -> Plan:
     if quick and arguments.paper:
         raise InputError("--paper and --quick are two grids: give one of them")
     attenuations, depths = (
-        (PAPER_ATTENUATIONS, PAPER_DEPTHS) if arguments.paper else (ATTENUATIONS, DEPTHS))
-    return Plan(
+        (experiments.PAPER_ATTENUATIONS, experiments.PAPER_DEPTHS) if arguments.paper
+        else (experiments.ATTENUATIONS, experiments.DEPTHS))
+    return experiments.Plan(
         scenes=find_scenes(arguments.datasets),
         attenuations=tuple(
             arguments.attenuation or (QUICK_ATTENUATIONS if quick else attenuations)),

@@ -18,18 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.files import read_regular
+from uw_visibility.images import jpeg_kernels as kernels
 from uw_visibility.images.arrays import Array, Image8
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.encoded import JPEG, MOST_BYTES
-from uw_visibility.images.jpeg_kernels import (
-    BLUE_OF_CB,
-    GREEN_OF_CB,
-    GREEN_OF_CR,
-    RED_OF_CR,
-    count_rounded,
-    restore_colour,
-    rounding_variance,
-)
 from uw_visibility.images.jpeg_scan import check_blocks
 from uw_visibility.images.pair import read_only
 
@@ -86,11 +78,11 @@ def jpeg_chroma(data: bytes) -> ChromaImage | None:
     steps = steps.astype(np.float32)
     missed, beyond = np.empty((2, 2, rows, columns))
     slope = np.empty(2)
-    restore_colour(
+    kernels.restore_colour(
         file.planes, exact, steps, _cosines(columns), _cosines(rows), colour, np.float32(code),
         missed, beyond, slope,
     )
-    variances = [rounding_variance(missed[c], beyond[c], steps[c], True) for c in range(2)]
+    variances = [kernels.rounding_variance(missed[c], beyond[c], steps[c], True) for c in range(2)]
     noise = _noise(_light_variance(file), variances, slope)
     return ChromaImage(read_only(colour), scale, noise)
 
@@ -165,14 +157,14 @@ def _light_variance(file: _File) -> float:
     size = _BLOCK // scale
     steps = (file.steps[0][:size, :size] / scale).astype(np.float32)
     missed, beyond = np.empty((2, size, size))
-    count_rounded(file.planes, steps, _cosines(size), missed, beyond)
-    return rounding_variance(missed, beyond, steps, False)
+    kernels.count_rounded(file.planes, steps, _cosines(size), missed, beyond)
+    return kernels.rounding_variance(missed, beyond, steps, False)
 
 
 def _noise(light: float, colour: list[float], slope: Array) -> Array:
     """Standard deviation of R, G, B, of which colour follows the errors of light."""
-    of_cb = np.array([0.0, -GREEN_OF_CB, BLUE_OF_CB], np.float64)
-    of_cr = np.array([RED_OF_CR, -GREEN_OF_CR, 0.0], np.float64)
+    of_cb = np.array([0.0, -kernels.GREEN_OF_CB, kernels.BLUE_OF_CB], np.float64)
+    of_cr = np.array([kernels.RED_OF_CR, -kernels.GREEN_OF_CR, 0.0], np.float64)
     follows = 1.0 + of_cb * slope[0] + of_cr * slope[1]
     return np.asarray(np.sqrt(follows**2 * light + of_cb**2 * colour[0] + of_cr**2 * colour[1]))
 

@@ -11,15 +11,9 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Image, Mask
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import read_only
+from uw_visibility.messages import images
 from uw_visibility.messages.compressed import message_chroma, read_compressed, read_size
-from uw_visibility.messages.images import (
-    CameraInfoMessage,
-    CompressedImageMessage,
-    ImageMessage,
-    image_view,
-    output_encoding,
-    read_image,
-)
+from uw_visibility.messages.images import CameraInfoMessage, CompressedImageMessage, ImageMessage
 from uw_visibility.stereo.calibration import CameraInfo, image_size, matrix_of
 from uw_visibility.stereo.rectification import Rectifier
 from uw_visibility.stereo.rig import StereoRig
@@ -140,7 +134,7 @@ def _read(message: Any, name: str) -> tuple[Image, str]:
     """Return the pixels of an image and how its enhanced image is to be encoded."""
     if hasattr(message, "format"):
         return read_compressed(message, name)
-    return read_image(message, name), output_encoding(message.encoding)
+    return images.read_image(message, name), images.output_encoding(message.encoding)
 
 
 def _check_size(message: Any, info: CameraInfo, side: str) -> None:
@@ -148,7 +142,7 @@ def _check_size(message: Any, info: CameraInfo, side: str) -> None:
     if hasattr(message, "format"):
         columns, rows = read_size(message, f"{side} image")
     else:
-        columns, rows = image_view(message, f"{side} image").shape[1::-1]
+        columns, rows = images.image_view(message, f"{side} image").shape[1::-1]
     if (columns, rows) != (width, height):
         raise InputError(
             f"{side} image has {columns}x{rows} pixels and its camera_info "

@@ -13,15 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.schema import NodeConfig
+from uw_visibility.messages import output_kernels as kernels
 from uw_visibility.messages.estimates import Estimate, ImageHeader, field_of_view, region_message
 from uw_visibility.messages.frames import StereoFrame, StereoPair
 from uw_visibility.messages.images import MessageFactory, write_image
-from uw_visibility.messages.output_kernels import (
-    DISPARITY_STEP,
-    cloud_of,
-    depth_of,
-    published_disparity,
-)
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.stereo.calibration import matrix_of
 from uw_visibility.water.filter import FilteredWater
@@ -68,14 +63,15 @@ class Source:
         result, rig = self.result, self.pair.rig
         low = max(result.stereo.min_disparity - rig.offset, 0.0)
         high = max(result.stereo.max_disparity - rig.offset, low)
-        pixels = published_disparity(result.disparity, self.pair.valid, rig.offset, low, high)
+        pixels = kernels.published_disparity(
+            result.disparity, self.pair.valid, rig.offset, low, high)
         return pixels, low, high
 
     @functools.cached_property
     def depth(self) -> NDArray[np.float32]:
         """Z of the matched pixels, ``(H, W)`` float32, m; NaN elsewhere."""
         disparity, low, _ = self.disparity
-        return depth_of(disparity, low, self.pair.rig.focal_length * self.pair.rig.baseline)
+        return kernels.depth_of(disparity, low, self.pair.rig.focal_length * self.pair.rig.baseline)
 
 
 def enhanced_image(side: str, source: Source) -> Any:
@@ -116,7 +112,7 @@ def disparity(source: Source) -> Any:
         valid_window=region_message(source.make, _valid_window(source)),
         min_disparity=low,
         max_disparity=high,
-        delta_d=DISPARITY_STEP,
+        delta_d=kernels.DISPARITY_STEP,
     )
 
 
@@ -132,7 +128,7 @@ def points(source: Source) -> Any:
     cx, cy = rig.principal_point
     columns = (np.arange(width) - cx) / rig.focal_length
     rows = (np.arange(height) - cy) / (rig.focal_length_y or rig.focal_length)
-    cloud = cloud_of(
+    cloud = kernels.cloud_of(
         depth, columns.astype(np.float32), rows.astype(np.float32), source.result.left_enhanced
     )
     fields = [

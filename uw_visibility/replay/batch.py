@@ -10,6 +10,7 @@ from typing import Any
 
 from uw_visibility import __version__
 from uw_visibility.errors import InputError, printable
+from uw_visibility.replay import stores
 from uw_visibility.replay.bags.layout import find_files
 from uw_visibility.replay.inputs.lacks import check_in_any
 from uw_visibility.replay.inputs.options import ReplayOptions
@@ -20,14 +21,7 @@ from uw_visibility.replay.results.folder import MARK
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.runner import replay_bag
-from uw_visibility.replay.stores import (
-    Place,
-    check_place,
-    child,
-    read_state_at,
-    recording_here,
-    result_here,
-)
+from uw_visibility.replay.stores import Place
 
 
 def replay_bags(
@@ -78,7 +72,7 @@ def replay_bags(
     for bag, target in targets.items():
         # Before hours of work on the others, not after.
         if finished[bag] is None:
-            check_place(target, force)
+            stores.check_place(target, force)
     with frame_pool(jobs, options.pipeline) as pool:
         outcomes: list[Summary | InputError] = []
         for bag, target in targets.items():
@@ -137,7 +131,7 @@ def _replay(
     bag: Place, target: Place, options: ReplayOptions, pool: FramePool, **how: Any
 ) -> Summary:
     """Replay a recording from where it is to where its result shall be."""
-    with recording_here(bag) as recording, result_here(target) as folder:
+    with stores.recording_here(bag) as recording, stores.result_here(target) as folder:
         summary = replay_bag(recording, folder, options, pool, **how)
     return replace(summary, bag=str(bag), output=str(target))
 
@@ -151,7 +145,7 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
         If it was made otherwise, saying what differs.
     """
     try:
-        state = read_state_at(target)
+        state = stores.read_state_at(target)
     except (OSError, ValueError):
         return None
     if not state.get("complete"):
@@ -181,5 +175,6 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
         return summary
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise InputError(
-            f"{child(target, MARK)} is damaged: give another name, or --force to replace the result"
+            f"{stores.child(target, MARK)} is damaged: give another name, or --force to replace "
+            "the result"
         ) from error

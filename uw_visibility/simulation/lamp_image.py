@@ -12,14 +12,9 @@ import numpy as np
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, Map
+from uw_visibility.simulation import lamp_light
 from uw_visibility.simulation.effects import Particle, blot
 from uw_visibility.simulation.formation import blur_by_range
-from uw_visibility.simulation.lamp_light import (
-    irradiance_on,
-    lamp_array,
-    light_surfaces,
-    scatter,
-)
 from uw_visibility.simulation.lamps import Lamp, Lighting
 from uw_visibility.simulation.view import View
 from uw_visibility.simulation.water import Water
@@ -97,13 +92,13 @@ def form_lamp_image(
         raise ValueError("the view has no surfaces: look with surfaces=True")
     beta = water.attenuation()
     scattering = beta * lighting.scattering_albedo
-    array = lamp_array(lamps, lit.offset)
+    array = lamp_light.lamp_array(lamps, lit.offset)
 
     def parts(rays: Array, ranges: Map, reflectance: Map, normals: Map) -> tuple[Map, Map]:
         facing = (normals @ lit.rotation).astype(np.float32) if lighting.shaded else None
         return (
-            light_surfaces(rays, ranges, reflectance, facing, array, beta, workers),
-            scatter(
+            lamp_light.light_surfaces(rays, ranges, reflectance, facing, array, beta, workers),
+            lamp_light.scatter(
                 rays, ranges, array, beta, scattering, lighting.phase_function, workers),
         )
 
@@ -152,7 +147,7 @@ def add_lit_snow(
     points = np.stack([
         (u - centre[0]) / lit.focal_length * z, (v - centre[1]) / lit.focal_length * z, z,
     ], axis=1)
-    light = irradiance_on(points, lamp_array(lamps, lit.offset), beta)
+    light = lamp_light.irradiance_on(points, lamp_light.lamp_array(lamps, lit.offset), beta)
     colours = (brightness * (light + background)).astype(np.float32)
     distances = np.linalg.norm(points, axis=1)
     for k, particle in enumerate(particles):

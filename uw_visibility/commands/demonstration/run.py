@@ -13,13 +13,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from uw_visibility.commands.demonstration.comparison import (
-    NAN,
-    FrameComparison,
-    compare,
-    summarize,
-    write_csv,
-)
+from uw_visibility.commands.demonstration import comparison
+from uw_visibility.commands.demonstration.comparison import FrameComparison
 from uw_visibility.commands.demonstration.figures import draw_frame, draw_series
 from uw_visibility.commands.demonstration.node_process import NodeProcess, isolate, reserved_domain
 from uw_visibility.commands.demonstration.recording import (
@@ -138,8 +133,8 @@ def demonstrate(folder: Path, transect: Transect) -> list[tuple[str, str]]:
     with Interruption() as interruption:
         rows = _compare(folder, frames, answers, interruption.check)
     draw_series(folder / "series.png", rows)
-    write_csv(folder / "frames.csv", rows)
-    return summarize(rows)
+    comparison.write_csv(folder / "frames.csv", rows)
+    return comparison.summarize(rows)
 
 
 def _checked(
@@ -167,7 +162,7 @@ def _compare(
         before = pipeline.process(frame.left, frame.right, match_original=True).stereo.original
         assert before is not None
         seconds = (frame.time - frames[0].time) * 1e-9
-        row = compare(frame, seconds, answer.messages, answer.latency, before)
+        row = comparison.compare(frame, seconds, answer.messages, answer.latency, before)
         rows.append(row)
         if index in pictured and row.answered:
             _draw(folder / f"frame_{index:03d}.png", frame, answer, before, row)
@@ -194,7 +189,7 @@ def _ask(
             last = max((arrival.time for arrival in arrivals.values()), default=None)
             answers.append(Answer(
                 {topic: collector.read(topic, a) for topic, a in arrivals.items()},
-                NAN if last is None else (last - stamp) * 1e-6,
+                comparison.NAN if last is None else (last - stamp) * 1e-6,
             ))
     return answers
 

@@ -7,13 +7,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from uw_visibility.evaluation.experiments import Evaluation
+from uw_visibility.evaluation.figures import curves
 from uw_visibility.evaluation.figures.bins import draw_bins
-from uw_visibility.evaluation.figures.curves import (
-    draw_over_attenuation,
-    draw_over_depth,
-    draw_reliability,
-    draw_transect,
-)
 from uw_visibility.evaluation.figures.pictures import draw_disparities, draw_pictures
 from uw_visibility.evaluation.figures.pictures import draw_over_depth as draw_pictures_over_depth
 
@@ -47,14 +42,14 @@ def write_figures(
     for case in shown:
         draw_bins(file(f"fig3_{case.scene}"), case)
     if evaluation.cases:
-        draw_over_attenuation(file("fig6"), evaluation)
+        curves.draw_over_attenuation(file("fig6"), evaluation)
         draw_disparities(file("fig5"), shown)
-        draw_over_depth(file("fig7"), evaluation)
+        curves.draw_over_depth(file("fig7"), evaluation)
         deeper = [case for case in evaluation.cases if case.thumbnails]
         if deeper:
             draw_pictures_over_depth(file("fig7_pictures"), deeper)
         draw_pictures(file("fig9"), shown)
-        draw_reliability(file("reliability"), evaluation.reliability())
+        curves.draw_reliability(file("reliability"), evaluation.reliability())
     if evaluation.transect:
-        draw_transect(file("fig10"), evaluation.transect)
+        curves.draw_transect(file("fig10"), evaluation.transect)
     return written

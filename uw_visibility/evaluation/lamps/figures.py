@@ -11,15 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullFormatter
 
-from uw_visibility.evaluation.figures.style import (
-    CHANNEL_COLOURS,
-    HISTOGRAM,
-    INPUT,
-    OURS,
-    PLAIN,
-    TRUTH_STYLE,
-    save,
-)
+from uw_visibility.evaluation.figures import style
 from uw_visibility.evaluation.lamps.cases import TOLD
 from uw_visibility.evaluation.lamps.report import NEAR
 from uw_visibility.evaluation.lamps.survey import PICTURES, SurveyResult
@@ -29,10 +21,13 @@ from uw_visibility.evaluation.summary import Summary
 from uw_visibility.optics.transfer import from_linear
 from uw_visibility.water.lamp_calibration import LampCalibration
 
-COLOURS = {"known": OURS, "misplaced": HISTOGRAM, "daylight": PLAIN}
+COLOURS = {"known": style.OURS, "misplaced": style.HISTOGRAM, "daylight": style.PLAIN}
 TICKS = (1, 2, 5, 10, 20, 50, 100, 200)
-ORDER = (("right", "within 20 %", OURS), ("other", "assessed, not within 20 %", HISTOGRAM),
-         ("refused", "refused", "#cccccc"))
+ORDER = (
+    ("right", "within 20 %", style.OURS),
+    ("other", "assessed, not within 20 %", style.HISTOGRAM),
+    ("refused", "refused", "#cccccc"),
+)
 # Length of a lamp's axis in the drawing of a calibration, m.
 ARROW = 0.3
 
@@ -45,7 +40,7 @@ def draw_visibility(path: Path, results: Sequence[StudyResult], summary: Summary
     ends = np.array([0.85 * truth.min(), 1.15 * truth.max()])
     scatter.fill_between(
         ends, (1 - NEAR) * ends, (1 + NEAR) * ends, color="black", alpha=0.07, linewidth=0.0)
-    scatter.plot(ends, ends, **TRUTH_STYLE)
+    scatter.plot(ends, ends, **style.TRUTH_STYLE)
     for k, name in enumerate(TOLD):
         readings = [result.readings[name] for result in results]
         # Beside one another: frames of one water have the same truth.
@@ -79,7 +74,7 @@ def draw_visibility(path: Path, results: Sequence[StudyResult], summary: Summary
     figure.legend(*bars.get_legend_handles_labels(), loc="outside lower right", ncols=3,
                   frameon=False)
     figure.suptitle("Visibility by night, lit by the vehicle's own lamps")
-    save(figure, path)
+    style.save(figure, path)
 
 
 def draw_survey(path: Path, survey: SurveyResult) -> None:
@@ -104,7 +99,7 @@ def draw_survey(path: Path, survey: SurveyResult) -> None:
             np.array([getattr(row.pooled, field)[c] for row in survey.rows])
             for field in ("attenuation", "attenuation_stddev")
         )
-        colour = CHANNEL_COLOURS[name]
+        colour = style.CHANNEL_COLOURS[name]
         axes.fill_between(
             frames, value - sigma, value + sigma, color=colour, alpha=0.15, linewidth=0.0)
         axes.plot(frames, value, color=colour, label=f"{name}, with the frames before")
@@ -115,13 +110,13 @@ def draw_survey(path: Path, survey: SurveyResult) -> None:
     axes.set_ylim(0.0, 2.0 * max(survey.rows[0].truth.attenuation))
     axes.set_xlabel("frame")
     axes.set_ylabel("β [1/m], ± 1 σ")
-    axes.plot([], [], ".", color=INPUT, label="each frame alone")
-    axes.plot([], [], "--", color=INPUT, label="truth")
+    axes.plot([], [], ".", color=style.INPUT, label="each frame alone")
+    axes.plot([], [], "--", color=style.INPUT, label="truth")
     lower.legend(
         *axes.get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False,
         fontsize=8)
     axes.grid(alpha=0.25)
-    save(figure, path)
+    style.save(figure, path)
 
 
 def _share(found: Summary, kind: str) -> float:
@@ -138,10 +133,11 @@ def draw_calibration(path: Path, found: LampCalibration) -> None:
         axes.annotate("left camera", (0, 0), (4, 6), textcoords="offset points", fontsize=8)
         for k, (lamp, stddev) in enumerate(zip(found.lamps, found.position_stddev, strict=True)):
             place, axis = np.array(lamp.position), np.array(lamp.direction)
-            axes.errorbar(place[i], place[j], stddev[j], stddev[i], "o", color=OURS, capsize=3)
+            axes.errorbar(
+                place[i], place[j], stddev[j], stddev[i], "o", color=style.OURS, capsize=3)
             axes.annotate(
                 "", (place[i] + ARROW * axis[i], place[j] + ARROW * axis[j]), (place[i], place[j]),
-                arrowprops={"arrowstyle": "->", "color": OURS})
+                arrowprops={"arrowstyle": "->", "color": style.OURS})
             axes.annotate(f"lamp {k + 1}", place[[i, j]], (5, -12), textcoords="offset points")
         axes.set_aspect("equal", adjustable="datalim")
         axes.margins(0.3)
@@ -152,7 +148,8 @@ def draw_calibration(path: Path, found: LampCalibration) -> None:
     behind.set_title("as the camera looks, ± 1 σ")
     above.set_title("from above")
     for values, colour, label in (
-        (found.before, INPUT, "lamps as guessed"), (found.after, OURS, "lamps as found"),
+        (found.before, style.INPUT, "lamps as guessed"),
+        (found.after, style.OURS, "lamps as found"),
     ):
         departure = 100.0 * np.expm1(np.abs(values[:, 1]))
         edges = np.quantile(found.range, np.linspace(0.0, 1.0, 13))
@@ -168,4 +165,4 @@ def draw_calibration(path: Path, found: LampCalibration) -> None:
     light.set_ylim(bottom=0.0)
     light.grid(alpha=0.25)
     light.legend(frameon=False)
-    save(figure, path)
+    style.save(figure, path)

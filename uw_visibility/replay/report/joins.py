@@ -16,13 +16,8 @@ from matplotlib.figure import Figure
 from uw_visibility.images.arrays import Array
 from uw_visibility.replay.inputs.scalars import ScalarTopic
 from uw_visibility.replay.line_fit import FEWEST, LineFit, fit_line
-from uw_visibility.replay.report.figures import (
-    MOST_POINTS,
-    Columns,
-    clock_axis,
-    clock_time,
-    thin,
-)
+from uw_visibility.replay.report import figures
+from uw_visibility.replay.report.figures import Columns
 from uw_visibility.replay.report.svg import ESTIMATE, FILTERED, RULE, Spot, draw, fit_layout
 from uw_visibility.replay.table import read_columns
 
@@ -77,7 +72,8 @@ def _left(fit: LineFit) -> str:
 
 def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Markup:
     both = np.isfinite(columns[AGAINST]) & np.isfinite(columns[name])
-    chosen = thin({key: values[both] for key, values in columns.items()}, MOST_POINTS)
+    known = {key: values[both] for key, values in columns.items()}
+    chosen = figures.thin(known, figures.MOST_POINTS)
     x, x_stddev, y = chosen[AGAINST], chosen[f"{AGAINST}_stddev"], chosen[name]
 
     def paint(figure: Figure, narrow: bool) -> list[Spot]:
@@ -93,10 +89,10 @@ def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Marku
         else:
             _draw_fit(scatter, fit)
             residuals.errorbar(
-                clock_time(chosen["stamp"]), y - fit.intercept - fit.slope * x,
+                figures.clock_time(chosen["stamp"]), y - fit.intercept - fit.slope * x,
                 abs(fit.slope) * x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6)
             residuals.axhline(0.0, color=FILTERED, linewidth=1.0)
-        clock_axis(residuals, narrow=True)
+        figures.clock_axis(residuals, narrow=True)
         scatter.legend(fontsize="small", frameon=False)
         for axes in (scatter, residuals):
             axes.yaxis.label.set_parse_math(False)
