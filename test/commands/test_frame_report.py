@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uw_visibility.commands.frame_report import frame_report
+from uw_visibility.commands.enhance import frame_report
 from uw_visibility.status import Status
 
 NAN = float("nan")

@@ -6,14 +6,17 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uw_visibility.commands.progress import say
 from uw_visibility.config.files import gathered, sole_writer, write_whole
 from uw_visibility.errors import InputError, refusing
+from uw_visibility.status import Status
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -188,7 +191,6 @@ def _prepare_folder(folder: Path) -> None:
 def _write(folder: Path, result: FrameResult, left: NDArray[Any]) -> dict[str, Any]:
     import numpy as np
 
-    from uw_visibility.commands.frame_report import frame_report
     from uw_visibility.images.files import write_pfm, write_png
     from uw_visibility.images.overview import overview
 
@@ -230,3 +232,64 @@ def _summary(report: dict[str, Any], folder: Path) -> str:
 
 def _size(image: NDArray[Any]) -> str:
     return f"{image.shape[1]}x{image.shape[0]}"
+
+
+def frame_report(result: FrameResult) -> dict[str, Any]:
+    """Return the contents of `report.json`.
+
+    Returns
+    -------
+    dict
+        Numbers, strings, lists and dicts only. What is not assessable is None:
+        a channel's place in a list, or the whole list where no channel is.
+    """
+    visibility = result.visibility
+    return {
+        "status": str(frame_status(result)),
+        "step1": {
+            "attenuation": _channels(result.coarse_water.attenuation),
+            "ambient_light": _channels(result.coarse_water.ambient_light),
+            "support_points": int(result.stereo.support_points),
+            "coverage": _number(result.stereo.coverage),
+        },
+        "step2": {
+            "attenuation": _channels(result.water.attenuation),
+            "attenuation_stddev": _channels(result.water.attenuation_stddev),
+            "ambient_light": _channels(result.water.ambient_light),
+            "ambient_light_stddev": _channels(result.water.ambient_light_stddev),
+            "iterations": int(result.water.iterations),
+            "bins": int(result.water.bins),
+        },
+        "clear_water_attenuation": _channels(result.clear_water_attenuation),
+        "mean_attenuation": _number(visibility.mean_attenuation),
+        "mean_attenuation_stddev": _number(visibility.mean_attenuation_stddev),
+        "visibility_distance": _number(visibility.distance),
+        "visibility_distance_stddev": _number(visibility.distance_stddev),
+        "depth": _number(visibility.depth),
+        "depth_stddev": _number(visibility.depth_stddev),
+        "white": None if result.images.scene_light is None else {
+            "scene_light": _channels(result.images.scene_light),
+            "from_camera": _number(result.images.balanced),
+        },
+        "matched_fraction": {
+            "original": _number(result.stereo.matched_fraction_original),
+            "enhanced": _number(result.stereo.matched_fraction),
+        },
+        "timing_ms": {stage: round(time, 3) for stage, time in result.timing_ms.items()},
+    }
+
+
+def frame_status(result: FrameResult) -> Status:
+    """Return ok, or the first reason why a value of the frame is not assessable."""
+    visibility = result.visibility
+    statuses = (result.status, visibility.status, visibility.depth_status)
+    return next((status for status in statuses if status is not Status.OK), Status.OK)
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def _channels(values: Iterable[float]) -> list[float | None] | None:
+    channels = [_number(value) for value in values]
+    return None if all(value is None for value in channels) else channels

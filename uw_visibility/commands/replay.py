@@ -257,10 +257,10 @@ def _list(bag: Path, options: ReplayOptions) -> None:
             say(f"would be used: nothing, {error}")
             return
         say("would be used:")
-        for name in ("left", "right", "left_info", "right_info", "depth", "position"):
+        for name, used_topic in used.by_use().items():
             given = name.endswith("info") and options.infos is not None
-            topic = "as --calibration says" if given else getattr(used, name) or "none"
-            say(f"  {name.replace('_', ' '):{width}}  {topic}")
+            shown = "as --calibration says" if given else used_topic or "none"
+            say(f"  {name.replace('_', ' '):{width}}  {shown}")
         for note in [*used.notes, *lacks.values()]:
             say(f"  {note}")
         if not options.node.rectify and is_raw(used.left):

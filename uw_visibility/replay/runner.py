@@ -99,10 +99,7 @@ class _Replay:
         selection = stream.selection
         self.summary = Summary(str(reader.path), str(folder.target), notes=list(selection.notes))
         self.summary.topics = {
-            name: topic for name in (
-                "left", "right", "left_info", "right_info", "depth", "position"
-            ) if (topic := getattr(selection, name)) is not None
-        }
+            name: topic for name, topic in selection.by_use().items() if topic is not None}
         self._origin = Origin.of(reader.path, reader.files, options.parameters())
         self._check_earlier()
         self._hash = FileHash(reader.files)

@@ -94,25 +94,22 @@ class NodeCore:
         self.try_out(self._settings)
         self._publishers: dict[str, Any] = {}
         # Undoes what was made on the node, the whole or a part of it.
-        self._made = ExitStack()
-        try:
-            self._make()
-        except BaseException:
-            self.destroy()
-            raise
+        with ExitStack() as made:
+            self._make(made)
+            self._made = made.pop_all()
         self.worker.start()
 
-    def _make(self) -> None:
+    def _make(self, made: ExitStack) -> None:
         """Make publishers, subscriptions and timers on the node."""
         node = self._node
         for topic, name in all_topics(self._settings.node).items():
             publisher = publish_on(node, message_type(name), topic)
             self._publishers[topic] = publisher
-            self._made.callback(node.destroy_publisher, publisher)
+            made.callback(node.destroy_publisher, publisher)
         self.input = StereoInput(node, self._parameters, self.worker.offer, self._on_restart)
-        self._made.callback(self.input.destroy)
+        made.callback(self.input.destroy)
         self._depth = DepthCheck(node, self._parameters)
-        self._made.callback(self._depth.destroy)
+        made.callback(self._depth.destroy)
         check_qos_overrides(node)
         # Time in the network and in the log is not that of a recording.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -120,17 +117,17 @@ class NodeCore:
             (CAMERA_INFO_PERIOD, self.input.end_wait), (QOS_PERIOD, self._update_input),
         ):
             timer = node.create_timer(period, callback, clock=clock)
-            self._made.callback(node.destroy_timer, timer)
+            made.callback(node.destroy_timer, timer)
         backward = JumpThreshold(
             min_forward=None, min_backward=Duration(seconds=-CLOCK_JUMP), on_clock_change=False
         )
         jump = node.get_clock().create_jump_callback(
             backward, post_callback=lambda jump: self._on_clock_jump()
         )
-        self._made.callback(jump.unregister)
+        made.callback(jump.unregister)
         parameters = self._parameters
         parameters.try_out = self.try_out
-        self._made.callback(setattr, parameters, "try_out", None)
+        made.callback(setattr, parameters, "try_out", None)
 
     def _update_input(self) -> None:
         """Adapt the subscriptions to who publishes, and to who wants results."""

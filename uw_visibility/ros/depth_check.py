@@ -53,24 +53,21 @@ class DepthCheck:
         self._refused: tuple[float, str] | None = None
         self._subscription: Any = None
         self._publishers: dict[str, Any] = {}
-        self._made = ExitStack()
-        try:
-            self._make()
-        except BaseException:
-            self.destroy()
-            raise
+        with ExitStack() as made:
+            self._make(made)
+            self._made = made.pop_all()
 
-    def _make(self) -> None:
+    def _make(self, made: ExitStack) -> None:
         node = self._node
         for topic, name in NIS_TOPICS.items():
             publisher = self._publishers[topic] = publish_on(node, message_type(name), topic)
-            self._made.callback(node.destroy_publisher, publisher)
+            made.callback(node.destroy_publisher, publisher)
         kind = self._parameters.settings.node.plausibility.sensor_type
         if kind in SENSOR_TYPES:
             self._subscription = subscribe_to(
                 node, message_type(SENSOR_TYPES[kind]), SENSOR_TOPIC, self._on_sensor
             )
-            self._made.callback(node.destroy_subscription, self._subscription)
+            made.callback(node.destroy_subscription, self._subscription)
 
     def destroy(self) -> None:
         """Destroy subscription and publishers."""

@@ -257,10 +257,8 @@ class StereoInput:
     def _hand_on(self, frames: list[SynchronizedFrame]) -> None:
         for synchronized in frames:
             self._arrivals["frame"] = time.monotonic()
-            self._offer(StereoFrame(
-                synchronized.left, synchronized.right, synchronized.left_info,
-                synchronized.right_info,
-            ))
+            _, _, *messages = synchronized
+            self._offer(StereoFrame(*messages))
 
     def _report_drop(self, reason: str) -> None:
         self._drops.add(f"dropped: {reason}")

@@ -75,6 +75,11 @@ class Selection:
     position: str | None = None
     notes: list[str] = field(default_factory=list)
 
+    def by_use(self) -> dict[str, str | None]:
+        """Return the topics by what they are used for."""
+        names = ("left", "right", "left_info", "right_info", "depth", "position")
+        return {name: getattr(self, name) for name in names}
+
     def images(self) -> dict[str, str]:
         """Return side by topic of the images."""
         return {self.left: "left", self.right: "right"}
