@@ -116,7 +116,8 @@ def _changed(content: Any, rng: random.Random) -> Any:
             key = rng.choice(list(range(len(node))) if isinstance(node, list) else list(node))
             inner = node[key]
             if not isinstance(inner, dict | list) or not inner or rng.random() < 0.1:
-                node[key] = rng.choice(MORE_VALUES)
+                # A copy: the next change may be made inside of it.
+                node[key] = copy.deepcopy(rng.choice(MORE_VALUES))
                 break
             node = inner
     return changed

@@ -269,8 +269,9 @@ def test_distortion_that_cannot_be_undone_is_named(changes: dict, message: str) 
         Rectifier(camera_info(**changes), right_info(**changes))
 
 
-def test_no_coefficients_mean_no_distortion() -> None:
-    rectifier = Rectifier(camera_info(d=[]), right_info(d=[]))
+@pytest.mark.parametrize("number", [0, 5, 10])
+def test_no_coefficients_or_zeros_mean_no_distortion(number: int) -> None:
+    rectifier = Rectifier(camera_info(d=[0.0] * number), right_info(d=[0.0] * number))
     image = np.random.default_rng(1).integers(0, 256, (48, 64), np.uint8)
     np.testing.assert_array_equal(rectifier.rectify(image, image)[1], image)
 

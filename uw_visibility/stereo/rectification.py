@@ -135,8 +135,10 @@ def _undistortion_maps(
     function: Any = cv2.initUndistortRectifyMap
     if calibration.distortion_model == EQUIDISTANT:
         function = cv2.fisheye.initUndistortRectifyMap
+    # Coefficients that are all 0 may be of any number, but for OpenCV.
+    distortion = calibration.distortion if calibration.distortion.any() else np.zeros(4)
     x, y = function(
-        calibration.camera_matrix, calibration.distortion, calibration.rotation,
+        calibration.camera_matrix, distortion, calibration.rotation,
         calibration.projection[:, :3], calibration.size, cv2.CV_32FC1,
     )
     return x, y
