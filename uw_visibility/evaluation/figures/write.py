@@ -8,8 +8,7 @@ from pathlib import Path
 
 from uw_visibility.evaluation.experiments import Evaluation
 from uw_visibility.evaluation.figures import curves
-from uw_visibility.evaluation.figures.bins import draw_bins
-from uw_visibility.evaluation.figures.pictures import draw_disparities, draw_pictures
+from uw_visibility.evaluation.figures.pictures import draw_bins, draw_disparities, draw_pictures
 from uw_visibility.evaluation.figures.pictures import draw_over_depth as draw_pictures_over_depth
 
 

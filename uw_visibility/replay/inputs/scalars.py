@@ -15,8 +15,8 @@ import numpy as np
 from uw_visibility.errors import InputError
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.inputs.positions import Track
 from uw_visibility.replay.inputs.topics import check_topic
-from uw_visibility.replay.inputs.track import Track
 
 LONGEST_TOLERANCE = 3600.0
 _DEEPEST = 6
