@@ -176,17 +176,12 @@ class CaseResult:
 
     def row(self) -> dict[str, Any]:
         """Return the case as a row of a table."""
-        columns: dict[str, Any] = {
-            "scene": self.scene, "noise": self.noise, **flat({"true": self.truth}),
-            "tolerance": self.tolerance, "refusal": self.refusal, **flat(self.readings),
-        }
-        groups: tuple[tuple[str, Mapping[str, float]], ...] = (
-            ("matched", self.matched), ("correct", self.correct), ("wrong", self.wrong),
-            ("colour_difference", self.colour_difference),
-        )
-        for group, values in groups:
-            columns |= {f"{group}.{name}": value for name, value in values.items()}
-        return columns
+        return flat({
+            "scene": self.scene, "noise": self.noise, "true": self.truth,
+            "tolerance": self.tolerance, "refusal": self.refusal, **self.readings,
+            "matched": self.matched, "correct": self.correct, "wrong": self.wrong,
+            "colour_difference": self.colour_difference,
+        })
 
 
 def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:

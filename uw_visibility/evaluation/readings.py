@@ -187,18 +187,21 @@ class Reader:
         return self.read(estimator.estimate(image, ranges, range_error=0.0))
 
 
-def flat(records: Mapping[str, Truth | Reading]) -> dict[str, Any]:
-    """Return the fields of records as columns of a table, one for each channel, by prefix."""
-    columns: dict[str, Any] = {}
-    for prefix, record in records.items():
-        for name, value in vars(record).items():
-            if isinstance(value, tuple):
-                columns |= {
-                    f"{prefix}.{name}.{c}": v for c, v in zip(CHANNELS, value, strict=True)
-                }
-            else:
-                columns[f"{prefix}.{name}"] = value
-    return columns
+def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return nested values as one row of a table, by dotted names; records by their fields.
+
+    Tuples are of the channels.
+    """
+    row: dict[str, Any] = {}
+    for name, value in values.items():
+        inside = vars(value) if isinstance(value, (Truth, Reading)) else value
+        if isinstance(value, tuple):
+            inside = dict(zip(CHANNELS, value, strict=True))
+        if isinstance(inside, Mapping):
+            row |= flat(inside, f"{prefix}{name}.")
+        else:
+            row[f"{prefix}{name}"] = value
+    return row
 
 
 def match_and_read(

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from uw_visibility.evaluation.readings import Reading, Truth, flat
-from uw_visibility.evaluation.summary import OK, Summary, columns_of, mean
+from uw_visibility.evaluation.summary import OK, Summary, mean
 from uw_visibility.evaluation.tables import number, percent
 
 SIGMAS = 3.0
@@ -44,7 +44,7 @@ class StudyResult:
 
     def row(self) -> dict[str, Any]:
         """Return the case as a row of a table."""
-        return {**self.labels, **flat({"true": self.truth, **self.readings})}
+        return flat({**self.labels, "true": self.truth, **self.readings})
 
 
 def statistics(pairs: Sequence[tuple[Truth, Reading]]) -> Summary:
@@ -163,7 +163,7 @@ def line(
     """
     cells = [f"{name:>{width}s}" for name, width, _ in columns]
     if found is not None:
-        values = columns_of(found)
+        values = flat(found)
         cells = [f"{_shown(name, values[name]):>{width}s}" for _, width, name in columns]
     return f"{title:26s}{''.join(cells)}"
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -252,14 +252,3 @@ def mean(values: Iterable[float]) -> float:
 def _label(case: CaseResult) -> str:
     truth = case.truth
     return f"{case.scene}, α = {truth.mean_attenuation:.4g} 1/m, z = {truth.depth:g} m"
-
-
-def columns_of(summary: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return the numbers of a summary's nested part as one row, by dotted names."""
-    row: dict[str, Any] = {}
-    for name, value in summary.items():
-        if isinstance(value, Mapping):
-            row |= columns_of(value, f"{prefix}{name}.")
-        else:
-            row[f"{prefix}{name}"] = value
-    return row

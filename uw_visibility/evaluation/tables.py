@@ -16,7 +16,8 @@ import numpy as np
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.evaluation.experiments import Evaluation
-from uw_visibility.evaluation.summary import Summary, columns_of
+from uw_visibility.evaluation.readings import flat
+from uw_visibility.evaluation.summary import Summary
 from uw_visibility.simulation.transect import Transect
 
 TABLE_I = {
@@ -41,8 +42,8 @@ def write_tables(folder: Path, evaluation: Evaluation, summary: Summary) -> None
     """
     cases = [case.row() for case in evaluation.cases]
     transect = [row.row() for row in evaluation.transect]
-    conditions = [columns_of(condition) for condition in summary["conditions"]]
-    noise = [columns_of(condition) for condition in summary["noise"]]
+    conditions = [flat(condition) for condition in summary["conditions"]]
+    noise = [flat(condition) for condition in summary["noise"]]
     noisy = [case.row() for case in evaluation.noisy]
     edges = [
         {"scene": case.scene, **error.row()} for case in evaluation.cases for error in case.edges

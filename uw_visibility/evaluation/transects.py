@@ -49,12 +49,10 @@ class TransectRow:
 
     def row(self) -> dict[str, Any]:
         """Return the frame as a row of a table."""
-        return {
-            "time": self.time, **flat({
-                "true": self.truth, "pipeline": self.reading, "tracked": self.tracked,
-                "exact": self.exact,
-            }),
-        }
+        return flat({
+            "time": self.time, "true": self.truth, "pipeline": self.reading,
+            "tracked": self.tracked, "exact": self.exact,
+        })
 
 
 def evaluate_transect(transect: Transect, config: PipelineConfig) -> list[TransectRow]:

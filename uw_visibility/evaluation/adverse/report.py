@@ -10,8 +10,9 @@ from typing import Any
 
 from uw_visibility.evaluation.adverse.cases import METHODS, AdversePlan
 from uw_visibility.evaluation.adverse.effects import CONTROL
+from uw_visibility.evaluation.readings import flat
 from uw_visibility.evaluation.studies import StudyResult, by_estimate, having, line
-from uw_visibility.evaluation.summary import Summary, columns_of
+from uw_visibility.evaluation.summary import Summary
 from uw_visibility.evaluation.tables import number, percent, told, write_report, write_rows
 
 COLUMNS = (
@@ -161,7 +162,7 @@ def _total(found: Summary) -> str:
 
 def _without_reasons(found: Summary) -> dict[str, Any]:
     """Return the numbers as one row, and the reasons as text."""
-    row = columns_of({k: v for k, v in found.items() if not k.startswith("reasons")})
+    row = flat({k: v for k, v in found.items() if not k.startswith("reasons")})
     for key in ("reasons", "reasons_depth"):
         row[key] = "; ".join(f"{reason}: {n}" for reason, n in found[key].items())
     return row

@@ -69,10 +69,8 @@ class SurveyRow:
 
     def row(self, index: int) -> dict[str, Any]:
         """Return the frame as a row of a table."""
-        return {
-            "frame": index,
-            **flat({"true": self.truth, "single": self.single, "pooled": self.pooled}),
-        }
+        return flat({
+            "frame": index, "true": self.truth, "single": self.single, "pooled": self.pooled})
 
 
 @dataclass(frozen=True)
