@@ -18,12 +18,8 @@ from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.messages.synchronizer import SIDES, SynchronizedFrame, Synchronizer
 from uw_visibility.ros.monitor import ERROR, OK, WARN, Finding, ReasonLog, RecentCounts
 from uw_visibility.ros.parameters import NodeParameters
-from uw_visibility.ros.transport.qos import (
-    IMAGE_DEPTH,
-    AdaptiveReliabilitySubscription,
-    describe_publishers,
-    subscribe_to,
-)
+from uw_visibility.ros.transport import qos
+from uw_visibility.ros.transport.qos import AdaptiveReliabilitySubscription
 
 # An input that was silent for so long has stopped, s.
 SILENCE = 5.0
@@ -148,7 +144,7 @@ class StereoInput:
     def _describe_publishers(self, topic: str) -> str:
         if topic in self._images:
             return self._images[topic].describe_publishers()
-        return describe_publishers(self._node, self._infos[topic])
+        return qos.describe_publishers(self._node, self._infos[topic])
 
     def _explain_drops(self) -> str:
         """Return why images that come make no stereo frame."""
@@ -222,11 +218,11 @@ class StereoInput:
                 image, kind = f"{image}/compressed", CompressedImage
             self._images[image] = AdaptiveReliabilitySubscription(
                 self._node, kind, topic, functools.partial(self._on_image, side, image),
-                IMAGE_DEPTH,
+                qos.IMAGE_DEPTH,
             )
             # It fits into one packet, and the next one is as good: with a reliable
             # subscription, all that follow a lost one would wait for it.
-            self._infos[info] = subscribe_to(
+            self._infos[info] = qos.subscribe_to(
                 self._node, CameraInfo, info, functools.partial(self._on_info, side, info)
             )
 

@@ -13,17 +13,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from uw_visibility.commands.demonstration import comparison
+from uw_visibility.commands.demonstration import comparison, recording
 from uw_visibility.commands.demonstration.comparison import FrameComparison
 from uw_visibility.commands.demonstration.figures import draw_frame, draw_series
 from uw_visibility.commands.demonstration.node_process import NodeProcess, isolate, reserved_domain
-from uw_visibility.commands.demonstration.recording import (
-    Check,
-    RecordedFrame,
-    play,
-    read_recording,
-    wait_until_ready,
-)
+from uw_visibility.commands.demonstration.recording import Check, RecordedFrame
 from uw_visibility.commands.progress import progress_bar, tell
 from uw_visibility.images.arrays import DisparityMap
 from uw_visibility.messages.images import read_disparity, read_image
@@ -128,7 +122,7 @@ def demonstrate(folder: Path, transect: Transect) -> list[tuple[str, str]]:
             bag, transect, overwrite=True,
             progress=lambda frames: _checked(frames, "simulate", transect.frames, check),
         )
-        topics, frames = read_recording(bag)
+        topics, frames = recording.read_recording(bag)
         answers = _ask(check, domain, topics, frames)
     with Interruption() as interruption:
         rows = _compare(folder, frames, answers, interruption.check)
@@ -177,8 +171,8 @@ def _ask(
 
     with open_link(domain, topics, TOPICS) as (player, collector):
         tell("waiting for the node to be ready")
-        wait_until_ready(check, player, collector, frames[0])
-        stamps = play(
+        recording.wait_until_ready(check, player, collector, frames[0])
+        stamps = recording.play(
             check, player, collector, frames,
             lambda items: progress_bar(items, "play", len(items)),
         )

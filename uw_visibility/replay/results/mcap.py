@@ -8,16 +8,17 @@ import json
 import shutil
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from uw_visibility.messages.estimates import NIS_TOPICS, ImageHeader, nis_messages
 from uw_visibility.messages.images import MessageFactory
+from uw_visibility.messages.outputs import all_topics
 from uw_visibility.replay.bags.decoder import jazzy_types
 from uw_visibility.replay.bags.reader import BagReader, Recorded, UnreadableError
 from uw_visibility.replay.bags.storage import Channel
 from uw_visibility.replay.bags.writer import BagWriter
 from uw_visibility.replay.frame_log import read_records
+from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.topics import COMPRESSED, Selection
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.table import read_rows
@@ -36,32 +37,20 @@ class ResultWriter:
     ----------
     folder : Path
         Where to.
-    topics : mapping of str to str
-        Type of message by topic, without those of the plausibility test.
-    depth_frame : str
-        Frame of the depths that it compares.
+    options : ReplayOptions
+        Parameters: topics, the frame of depths, and whether frames have their diagnostics.
     copied : mapping of str to tuple
         By a recorded topic: the name and the type of its copy here.
-    with_diagnostics : bool
-        Whether each frame has its diagnostics.
     """
 
     def __init__(
-        self,
-        folder: Path,
-        topics: Mapping[str, str],
-        depth_frame: str,
-        copied: Mapping[str, tuple[str, str]] = MappingProxyType({}),
-        *,
-        with_diagnostics: bool = False,
+        self, folder: Path, options: ReplayOptions, copied: Mapping[str, tuple[str, str]]
     ) -> None:
-        self._folder = folder
-        self._depth_frame = depth_frame
-        absolute = {f"/{topic}": name for topic, name in (topics | NIS_TOPICS).items()}
-        absolute |= dict(copied.values())
-        if with_diagnostics:
+        self._folder, self._options, self._copied = folder, options, copied
+        topics = {**all_topics(options.node), **NIS_TOPICS}
+        absolute = {f"/{topic}": name for topic, name in topics.items()} | dict(copied.values())
+        if options.all_topics:
             absolute[DIAGNOSTICS] = DIAGNOSTICS_TYPE
-        self._copied, self._with_diagnostics = copied, with_diagnostics
         self._bag = BagWriter(folder / "results", absolute, in_place=True, compress=True)
 
     def copy(self, message: Recorded, *, ros1: bool) -> None:
@@ -70,23 +59,20 @@ class ResultWriter:
         data = jazzy_types()[0].ros1_to_cdr(message.data, kind) if ros1 else message.data
         self._bag.write_serialised(name, bytes(data), message.time)
 
-    def write_diagnostics(self, joined: JoinedFrame) -> None:
-        """Write what was assessed of a frame, where that is wanted."""
-        if self._with_diagnostics:
-            message = diagnostics(self._bag.make, joined)
-            self._bag.write(DIAGNOSTICS, message, joined.record.time)
-
     def write_messages(self, messages: list[tuple[str, bytes]], time: int) -> None:
         """Write serialised messages at a time (ns)."""
         for topic, data in messages:
             self._bag.write_serialised(f"/{topic}", data, time)
 
-    def write_nis(self, joined: JoinedFrame) -> None:
-        """Write the NIS of a frame, where it has one."""
-        if joined.comparison is None:
-            return
-        for topic, message in nis_messages(self._bag.make, joined.comparison, self._depth_frame):
-            self._bag.write(f"/{topic}", message, joined.record.time)
+    def write_joined(self, joined: JoinedFrame) -> None:
+        """Write the NIS of a frame, where it has one, and its diagnostics, where wanted."""
+        make, time = self._bag.make, joined.record.time
+        if joined.comparison is not None:
+            frame = self._options.node.depth_frame
+            for topic, message in nis_messages(make, joined.comparison, frame):
+                self._bag.write(f"/{topic}", message, time)
+        if self._options.all_topics:
+            self._bag.write(DIAGNOSTICS, diagnostics(make, joined), time)
 
     def close(self, provenance: Mapping[str, Any]) -> None:
         """Complete the file."""

@@ -116,10 +116,7 @@ class FrameRecorder:
         self._table = TableWriter(folder / "frames.csv", tuple(self.columns))
         write_dictionary(folder / "frames.csv", self.columns)
         self._timings: TableWriter | None = None
-        self._results = ResultWriter(
-            folder, all_topics(options.node), options.node.depth_frame, copied,
-            with_diagnostics=options.all_topics,
-        )
+        self._results = ResultWriter(folder, options, copied)
         self._node = options.node
         self._types, self._make = jazzy_types()
         # The only part of a frame's way that needs the frames before it, whichever process
@@ -149,8 +146,7 @@ class FrameRecorder:
     def write_row(self, joined: JoinedFrame) -> None:
         """Write a row that is complete, and the comparison with the sensor in it."""
         self._table.write(row_of(self.columns, joined, self._model, self._turbidity))
-        self._results.write_nis(joined)
-        self._results.write_diagnostics(joined)
+        self._results.write_joined(joined)
 
     def copy(self, message: Recorded, *, ros1: bool) -> None:
         """Copy a recorded message to the results."""
