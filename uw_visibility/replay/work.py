@@ -114,8 +114,7 @@ class RecordingProcessor:
         """Process a task; whatever goes wrong costs this frame alone."""
         record = FrameRecord(frame.number, frame.stamp, frame.right_stamp, frame.time)
         try:
-            work = self._begin(frame)
-            result = self._assess(work, known_light=known_light)
+            work, result = self._assess(frame, known_light)
             messages = [
                 (topic, bytes(self._types.serialize_cdr(message, self._types_by_topic[topic])))
                 for topic, message in self._messages(work, result)
@@ -133,21 +132,18 @@ class RecordingProcessor:
         self, frame: RecordedFrame, water_filter: WaterFilter
     ) -> tuple[FrameResult, FilteredWater | None, dict[str, Any]]:
         """Process the next frame; returns result, filtered estimate and messages by topic."""
-        work = self._begin(frame)
-        result = self._assess(work, confidence=True, known_light=water_filter.lamps)
+        work, result = self._assess(frame, water_filter.lamps, confidence=True)
         filtered = water_filter.update(result.water, work.header.seconds, work.rig)
         return result, filtered, dict(self._messages(work, result, filtered))
 
-    def _begin(self, frame: RecordedFrame) -> FrameWork:
-        messages = frame.messages(self._decoder.decode)
-        return self._processor.begin(messages, self._recording.pipeline)
-
     def _assess(
-        self, work: FrameWork, confidence: bool = False, known_light: LampLight | None = None
-    ) -> FrameResult:
-        return work.assess(
-            self._recording.topics, match_original=self._recording.match_original,
-            confidence=confidence, known_light=known_light,
+        self, frame: RecordedFrame, known_light: LampLight | None, confidence: bool = False
+    ) -> tuple[FrameWork, FrameResult]:
+        recording = self._recording
+        work = self._processor.begin(frame.messages(self._decoder.decode), recording.pipeline)
+        return work, work.assess(
+            recording.topics, match_original=recording.match_original, confidence=confidence,
+            known_light=known_light,
         )
 
     def _messages(
