@@ -23,7 +23,8 @@ DIFFUSE_WAVELENGTH = 490.0
 SECCHI_WAVELENGTHS = (443.0, 665.0)
 """Between which a Secchi disk is seen, nm (Lee et al. 2015)."""
 
-_WAVELENGTHS = np.arange(380.0, 781.0, 5.0)
+WAVELENGTHS = np.arange(380.0, 781.0, 5.0)
+"""Grid of what is integrated over the visible spectrum, nm."""
 
 Vector = NDArray[np.float64]
 # Part of what natural particles scatter that goes backwards: mean of Petzold's
@@ -131,19 +132,24 @@ def seen_attenuation(
     (3,) float64 ndarray
         R, G, B, 1/m.
     """
-    absorption, scattering = inherent_properties(name, _WAVELENGTHS)
-    daylight = np.interp(_WAVELENGTHS, *daylight_spectrum())
-    weight = response.at(_WAVELENGTHS) * (
+    absorption, scattering = inherent_properties(name, WAVELENGTHS)
+    daylight = np.interp(WAVELENGTHS, *daylight_spectrum())
+    weight = response.at(WAVELENGTHS) * (
         daylight * np.exp(-depth * (absorption + BACKSCATTERED * scattering)))[:, np.newaxis]
     left = np.exp(-path * (absorption + scattering)) @ weight / weight.sum(axis=0)
     return np.asarray(-np.log(left) / path)
 
 
+def daylight_response(response: CameraResponse) -> Vector:
+    """Return response times daylight, shape (n, 3), at `WAVELENGTHS`."""
+    daylight = np.interp(WAVELENGTHS, *daylight_spectrum())
+    return np.asarray(response.at(WAVELENGTHS) * daylight[:, np.newaxis])
+
+
 def effective_wavelengths(response: CameraResponse) -> NDArray[np.float64]:
     """Centroids of a camera's channels in daylight, (3,) float64, R, G, B, nm."""
-    weight = response.at(_WAVELENGTHS) * np.interp(
-        _WAVELENGTHS, *daylight_spectrum())[:, np.newaxis]
-    return np.asarray(_WAVELENGTHS @ weight / weight.sum(axis=0))
+    weight = daylight_response(response)
+    return np.asarray(WAVELENGTHS @ weight / weight.sum(axis=0))
 
 
 def clear_water(wavelength: Vector) -> tuple[Vector, Vector]:

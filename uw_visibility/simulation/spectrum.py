@@ -19,10 +19,12 @@ from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
-from uw_visibility.optics.spectra import CameraResponse, daylight_spectrum, load_response
+from uw_visibility.optics.spectra import load_response
 from uw_visibility.optics.water_type import (
     BACKSCATTERED,
+    WAVELENGTHS,
     clear_water,
+    daylight_response,
     inherent_properties,
     water_types,
 )
@@ -35,7 +37,6 @@ CDOM_SLOPE = 0.015
 CDOM_WAVELENGTH = 440.0
 PARTICLE_WAVELENGTH = 550.0
 
-_WAVELENGTHS = np.arange(380.0, 781.0, 5.0)
 _PATHS = np.concatenate([[0.0], np.geomspace(0.02, 400.0, 400)])
 
 
@@ -112,12 +113,12 @@ def band_averages(
         If the water type is not known.
     """
     absorption, scattering, backscattering = _spectrum(water_type)
-    absorption = absorption + cdom * np.exp(-CDOM_SLOPE * (_WAVELENGTHS - CDOM_WAVELENGTH))
-    grains = particles * (PARTICLE_WAVELENGTH / _WAVELENGTHS) ** particle_slope
+    absorption = absorption + cdom * np.exp(-CDOM_SLOPE * (WAVELENGTHS - CDOM_WAVELENGTH))
+    grains = particles * (PARTICLE_WAVELENGTH / WAVELENGTHS) ** particle_slope
     scattering = scattering + grains
     beam = absorption + scattering
     diffuse = absorption + backscattering + BACKSCATTERED * grains
-    surface = _weights(load_response(response))
+    surface = daylight_response(load_response(response))
     weights = surface * np.exp(-diffuse * depth)[:, np.newaxis]
     light = weights.sum(axis=0) / surface.sum(axis=0)
     veil_weights = weights * (scattering / beam)[:, np.newaxis]
@@ -137,14 +138,8 @@ def _spectrum(water_type: str) -> tuple[Array, Array, Array]:
             f"no water type {water_type!r}: give one of {', '.join(spectral_types())}"
         )
     if water_type == CLEAR:
-        absorption, scattering = clear_water(_WAVELENGTHS)
+        absorption, scattering = clear_water(WAVELENGTHS)
         # As in K_w = a_w + b_sw / 2: what molecules scatter forwards is not lost.
         return absorption, 0.5 * scattering, 0.5 * scattering
-    absorption, scattering = inherent_properties(water_type, _WAVELENGTHS)
+    absorption, scattering = inherent_properties(water_type, WAVELENGTHS)
     return absorption, scattering, BACKSCATTERED * scattering
-
-
-def _weights(response: CameraResponse) -> Array:
-    """Return response times daylight on the grid of wavelengths, shape (n, 3)."""
-    daylight = np.interp(_WAVELENGTHS, *daylight_spectrum())
-    return np.asarray(response.at(_WAVELENGTHS) * daylight[:, np.newaxis])
