@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import base64
 import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -312,8 +311,3 @@ def _limits(bands: Sequence[tuple[Array, Array]], *lines: Array | None) -> tuple
     low, high = low - margin, high + margin
     # No water is clearer than clear, and no camera above the surface: a band may reach there.
     return (max(low, 0.0) if min(least, default=low) >= 0.0 else low), high
-
-
-def data_uri(png: bytes) -> str:
-    """Return a PNG as an address that holds it."""
-    return f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"

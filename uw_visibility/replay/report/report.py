@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import base64
 import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,7 +16,7 @@ from markupsafe import Markup
 from uw_visibility.config.parameters import flatten
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.images.arrays import Image8
-from uw_visibility.replay.report.figures import NEEDED, data_uri, draw_series
+from uw_visibility.replay.report.figures import NEEDED, draw_series
 from uw_visibility.replay.report.gallery import ColourScale, Gallery, gradient, preview
 from uw_visibility.replay.report.meaning import meaning
 from uw_visibility.replay.report.overview import (
@@ -94,7 +95,8 @@ def write_report(
 def _view(what: str, image: Image8) -> dict[str, Any]:
     """Return an image for the page."""
     png, (height, width) = preview(image, VIEW_WIDTH)
-    return {"what": what, "source": Markup(data_uri(png)), "width": width, "height": height}
+    source = Markup(f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}")
+    return {"what": what, "source": source, "width": width, "height": height}
 
 
 def _representative(folder: Path, summary: Summary) -> set[str]:
