@@ -102,8 +102,7 @@ def draw_series(columns: Columns, recordings: Sequence[str] = ()) -> list[Series
         (quantity.title, draw(
             f"series-{quantity.name.replace('_', '-')}", f"{quantity.title} over time",
             _described(columns, quantity), HEIGHT,
-            lambda figure, narrow, quantity=quantity: _paint(  # type: ignore[misc]
-                figure, narrow, time, thinned, quantity, recordings, together),
+            _Panel(time, thinned, quantity, recordings, together).paint,
         ))
         for quantity in QUANTITIES
     ]
@@ -155,36 +154,76 @@ def clock_axis(axes: Any, narrow: bool) -> None:
     axes.set_xlabel("time (UTC)")
 
 
-def _paint(
-    figure: Figure, narrow: bool, time: Array, columns: Columns,
-    quantity: Quantity, recordings: Sequence[str], together: int,
-) -> list[Spot]:
-    axes: Any = figure.subplots()
-    name = quantity.name
-    value, stddev = columns[name], columns[f"{name}_stddev"]
-    filtered, band = columns[f"filtered_{name}"], columns[f"filtered_{name}_stddev"]
-    axes.errorbar(
-        time, value, stddev, fmt="o", markersize=2.6, color=ESTIMATE, elinewidth=0.7, alpha=0.75,
-        linewidth=0.0, label="a frame by itself, ± 1 σ", zorder=2,
-    )
-    if np.isfinite(filtered).any():
-        x, middle, spread = _with_gaps(time, filtered, band)
-        axes.fill_between(
-            x, middle - spread, middle + spread, color=FILTERED, alpha=0.25, linewidth=0.0, zorder=1
+class _Panel(NamedTuple):
+    """Drawing of a quantity over time: days, thinned columns, and the names of recordings."""
+
+    time: Array
+    columns: Columns
+    quantity: Quantity
+    recordings: Sequence[str]
+    together: int
+
+    def paint(self, figure: Figure, narrow: bool) -> list[Spot]:
+        """Draw the quantity; returns what is told of its points."""
+        axes: Any = figure.subplots()
+        time, columns, quantity = self.time, self.columns, self.quantity
+        name = quantity.name
+        value, stddev = columns[name], columns[f"{name}_stddev"]
+        filtered, band = columns[f"filtered_{name}"], columns[f"filtered_{name}_stddev"]
+        axes.errorbar(
+            time, value, stddev, fmt="o", markersize=2.6, color=ESTIMATE, elinewidth=0.7,
+            alpha=0.75, linewidth=0.0, label="a frame by itself, ± 1 σ", zorder=2,
         )
-        axes.plot(x, middle, color=FILTERED, linewidth=1.6, label="filtered, ± 1 σ", zorder=3)
-    sensor = columns["sensor_depth"] if name == "depth" else None
-    if sensor is not None and np.isfinite(sensor).any():
-        x, depth, _ = _with_gaps(time, sensor, sensor)
-        axes.plot(x, depth, color=SENSOR, linewidth=1.6, linestyle="--", label="depth sensor",
-                  zorder=4)
-    axes.set_ylim(*_limits(((value, stddev), (filtered, band)), filtered, sensor))
-    if name == "depth":
-        axes.invert_yaxis()
-    if not (np.isfinite(value).any() or np.isfinite(filtered).any()):
-        axes.text(0.5, 0.5, "not assessable", transform=axes.transAxes, ha="center", va="center")
-    _finish(axes, time, narrow, f"{quantity.short} [{quantity.unit}]")
-    return _spots(axes, time, columns, quantity, recordings, together)
+        if np.isfinite(filtered).any():
+            x, middle, spread = _with_gaps(time, filtered, band)
+            axes.fill_between(
+                x, middle - spread, middle + spread, color=FILTERED, alpha=0.25, linewidth=0.0,
+                zorder=1)
+            axes.plot(x, middle, color=FILTERED, linewidth=1.6, label="filtered, ± 1 σ", zorder=3)
+        sensor = columns["sensor_depth"] if name == "depth" else None
+        if sensor is not None and np.isfinite(sensor).any():
+            x, depth, _ = _with_gaps(time, sensor, sensor)
+            axes.plot(x, depth, color=SENSOR, linewidth=1.6, linestyle="--", label="depth sensor",
+                      zorder=4)
+        axes.set_ylim(*_limits(((value, stddev), (filtered, band)), filtered, sensor))
+        if name == "depth":
+            axes.invert_yaxis()
+        if not (np.isfinite(value).any() or np.isfinite(filtered).any()):
+            axes.text(
+                0.5, 0.5, "not assessable", transform=axes.transAxes, ha="center", va="center")
+        _finish(axes, time, narrow, f"{quantity.short} [{quantity.unit}]")
+        return self._spots(axes)
+
+    def _spots(self, axes: Any) -> list[Spot]:
+        """Return a strip around each point."""
+        time = self.time
+        if np.any(np.diff(time) <= 0.0):
+            return []
+        low, high = axes.get_xlim()
+        edges = np.concatenate(([low], (time[1:] + time[:-1]) / 2.0, [high]))
+        return [
+            Spot(axes, float(left), float(right), self._spot_text(index))
+            for index, (left, right) in enumerate(itertools.pairwise(edges))
+        ]
+
+    def _spot_text(self, index: int) -> str:
+        columns, quantity = self.columns, self.quantity
+        moment = matplotlib.dates.num2date(columns["stamp"][index] / 86400.0)
+        name = f"{self.recordings[int(columns['recording'][index])]}, " if self.recordings else ""
+        what = "frame" if self.together == 1 else f"median of {self.together} frames about"
+        parts = [f"{name}{what} {columns['frame'][index]:.0f}, {moment:%H:%M:%S} UTC"]
+        for prefix, title in (("", "by itself"), ("filtered_", "filtered")):
+            value = float(columns[f"{prefix}{quantity.name}"][index])
+            spread = float(columns[f"{prefix}{quantity.name}_stddev"][index])
+            if np.isfinite(value):
+                text = rounded(value, spread) if np.isfinite(spread) else number(value)
+                parts.append(f"{title} {text} {quantity.unit}")
+        if len(parts) == 1:
+            parts.append("not assessable")
+        sensor = float(columns["sensor_depth"][index])
+        if quantity.name == "depth" and np.isfinite(sensor):
+            parts.append(f"sensor {number(sensor)} m")
+        return "; ".join(parts)
 
 
 def _paint_nis(figure: Figure, time: Array, nis: Array) -> list[Spot]:
@@ -234,43 +273,6 @@ def _with_gaps(time: Array, value: Array, stddev: Array) -> tuple[Array, Array, 
         np.insert(column, holes, fill)
         for column, fill in ((time, time[holes - 1]), (value, np.nan), (stddev, np.nan))
     )
-
-
-def _spots(
-    axes: Any, time: Array, columns: Columns, quantity: Quantity,
-    recordings: Sequence[str], together: int,
-) -> list[Spot]:
-    """Return a strip around each point."""
-    if np.any(np.diff(time) <= 0.0):
-        return []
-    low, high = axes.get_xlim()
-    edges = np.concatenate(([low], (time[1:] + time[:-1]) / 2.0, [high]))
-    return [
-        Spot(axes, float(left), float(right), _spot_text(
-            columns, index, quantity, recordings, together))
-        for index, (left, right) in enumerate(itertools.pairwise(edges))
-    ]
-
-
-def _spot_text(
-    columns: Columns, index: int, quantity: Quantity, recordings: Sequence[str], together: int
-) -> str:
-    moment = matplotlib.dates.num2date(columns["stamp"][index] / 86400.0)
-    name = f"{recordings[int(columns['recording'][index])]}, " if recordings else ""
-    what = "frame" if together == 1 else f"median of {together} frames about"
-    parts = [f"{name}{what} {columns['frame'][index]:.0f}, {moment:%H:%M:%S} UTC"]
-    for prefix, title in (("", "by itself"), ("filtered_", "filtered")):
-        value = float(columns[f"{prefix}{quantity.name}"][index])
-        spread = float(columns[f"{prefix}{quantity.name}_stddev"][index])
-        if np.isfinite(value):
-            text = rounded(value, spread) if np.isfinite(spread) else number(value)
-            parts.append(f"{title} {text} {quantity.unit}")
-    if len(parts) == 1:
-        parts.append("not assessable")
-    sensor = float(columns["sensor_depth"][index])
-    if quantity.name == "depth" and np.isfinite(sensor):
-        parts.append(f"sensor {number(sensor)} m")
-    return "; ".join(parts)
 
 
 def _described(columns: Columns, quantity: Quantity) -> str:
