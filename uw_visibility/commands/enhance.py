@@ -244,8 +244,10 @@ def frame_report(result: FrameResult) -> dict[str, Any]:
         a channel's place in a list, or the whole list where no channel is.
     """
     visibility = result.visibility
+    statuses = (result.status, visibility.status, visibility.depth_status)
     return {
-        "status": str(frame_status(result)),
+        # The first reason why a value is not assessable.
+        "status": str(next((s for s in statuses if s is not Status.OK), Status.OK)),
         "step1": {
             "attenuation": _channels(result.coarse_water.attenuation),
             "ambient_light": _channels(result.coarse_water.ambient_light),
@@ -277,13 +279,6 @@ def frame_report(result: FrameResult) -> dict[str, Any]:
         },
         "timing_ms": {stage: round(time, 3) for stage, time in result.timing_ms.items()},
     }
-
-
-def frame_status(result: FrameResult) -> Status:
-    """Return ok, or the first reason why a value of the frame is not assessable."""
-    visibility = result.visibility
-    statuses = (result.status, visibility.status, visibility.depth_status)
-    return next((status for status in statuses if status is not Status.OK), Status.OK)
 
 
 def _number(value: float | None) -> float | None:
