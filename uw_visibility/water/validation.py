@@ -35,8 +35,9 @@ MIN_NEAR_RADIANCE = 0.25
 MIN_OPTICAL_THICKNESS = 4.0
 # Standard deviations beyond which an attenuation below clear water's is refuted.
 CLEARER = 3.0
-# Standard deviations, and part of attenuation, by which two steps' estimates contradict each
-# other. They share most of the image, and so most of their errors.
+# Standard deviations, and part of attenuation, by which a second step's estimate is clearer than
+# the first one's, so that they contradict each other. They share most of the image, and so most
+# of their errors.
 STEPS_APART, STEPS_APART_PART = 3.0, 0.25
 
 # By lamps the brightest patches fall with range, in turbid water as 1/d and in clear water
@@ -203,14 +204,15 @@ def refute_clearness(
 def compare_steps(first: WaterEstimate, second: WaterEstimate) -> WaterEstimate:
     """Refuse the second step's estimate where the first one's contradicts it.
 
-    Both read the same pixels, but with ranges of a mesh and of dense disparities.
+    Both read the same pixels, but with ranges of a mesh and of dense disparities. A mesh covers
+    open water, snow, and what is beside things: that it shows clearer water says nothing.
 
     Returns
     -------
     WaterEstimate
-        The second one; not assessable where any channel that both know is apart.
+        The second one; not assessable where any channel that both know is clearer in it.
     """
-    apart = np.abs(second.attenuation - first.attenuation)
+    apart = first.attenuation - second.attenuation
     deviation = np.hypot(first.attenuation_stddev, second.attenuation_stddev)
     # Comparisons with NaN are false.
     contradicted = (apart > STEPS_APART * deviation) & (
