@@ -58,7 +58,7 @@ SAME_LIGHT = 0.3
 MISTAKEN_AREA = 0.006
 # What no frame can tell, as a part of β: the scale of range, the transfer, what a
 # pixel's footprint adds to the darkest patches.
-MODEL_ERROR = 0.09
+MODEL_ERROR = 0.085
 # The decay of contrast and a fit that are farther apart than this contradict each other.
 CONTRADICTION = 3.0
 # Residuals of the dark envelope, a bin's mean, from which on no single water explains them:
@@ -73,7 +73,7 @@ LEAST_EIGENVALUE = 1e-6
 TAIL = 2.0
 # What bins say together is worth so many times less than as if neighbours alone were alike:
 # the darkest patches of a whole scene follow no law.
-TEMPERATURE = 6.0
+TEMPERATURE = 3.0
 # Weight of a component below which nothing more is asked of it.
 NEGLIGIBLE = 0.01
 
@@ -514,8 +514,9 @@ def _off(parameters: Any, covariance: Any, clear_water: Any) -> float:
 
 def likelihood_of_contrast(fit: Fit, contrast: Decay) -> float:
     """Logarithm of how likely the decay of contrast is, if the fit holds."""
+    regular = _regular(fit)
     _, _, information, distance = measure(
-        fit.parameters, fit.covariance, contrast.attenuation, contrast.covariance)
+        regular.parameters, regular.covariance, contrast.attenuation, contrast.covariance)
     _, logarithm = np.linalg.slogdet(information)
     return -0.5 * (3.0 * TAIL**2 * math.log1p(distance / (3.0 * TAIL**2)) - float(logarithm))
 
