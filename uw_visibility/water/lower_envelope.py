@@ -38,7 +38,7 @@ ADAPTIVE_ITERATIONS = 30
 # are from it would be misjudged, and the misjudgement bear itself out.
 BLACK_ITERATIONS = 6
 # Bins whose darkest patches belong to one object, and so deviate together.
-NEIGHBOURING_BINS = 6.0
+NEIGHBOURING_BINS = 3.0
 # Variance of the weak priors' score over their curvature, where the veil is free: they are so
 # wide that they only guide the fit, and what they expect holds within a third of that.
 FREE_SCORE_VARIANCE = 0.1

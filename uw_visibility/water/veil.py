@@ -73,7 +73,7 @@ LEAST_EIGENVALUE = 1e-6
 TAIL = 2.0
 # What bins say together is worth so many times less than as if neighbours alone were alike:
 # the darkest patches of a whole scene follow no law.
-TEMPERATURE = 3.0
+TEMPERATURE = 6.0
 # Weight of a component below which nothing more is asked of it.
 NEGLIGIBLE = 0.01
 
