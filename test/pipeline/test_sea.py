@@ -53,7 +53,7 @@ def test_nothing_is_clearer_than_clear_water(sea):
 
 def test_frames_with_open_water_are_assessed(sea):
     shown = [(result, water) for result, water in sea.values() if water is not None]
-    assessed = [result.status is Status.OK for result, _ in shown]
+    assessed = [result.visibility.status is Status.OK for result, _ in shown]
     assert sum(assessed) >= 0.8 * len(shown)
     for result, water in shown:
         if result.water.open_water:

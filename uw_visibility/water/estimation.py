@@ -59,6 +59,9 @@ from uw_visibility.water.veil_gradient import UNCERTAIN, VeilGradient
 PLAIN_DARK = (0.01, 0.5)
 DARK = (0.0002, 5.0)
 MEASURED_DARK = (0.002, 20.0)
+# ... of images with so many pixels; of measured ranges in smaller ones fewer, for 20 pixels are
+# many of a bin there.
+MEASURED_PIXELS = 320 * 240
 BRIGHT_QUANTILE = 0.99
 # What attenuation and ambient light are off by where the paper's model holds, as a part of
 # them: where water is thick, the fit knows of noise alone.
@@ -446,6 +449,8 @@ class WaterEstimator:
         plain = config.method == "paper"
         measured = coarse or (range_error > 0.0 and config.veil == "free")
         dark_quantile, fewest_dark = PLAIN_DARK if plain else MEASURED_DARK if measured else DARK
+        if measured and not (plain or coarse):
+            fewest_dark = max(DARK[1], fewest_dark * min(range_map.size / MEASURED_PIXELS, 1.0))
         ranges, valid = samples.reduce(np.asarray(range_map, dtype=np.float32), valid)
         return observe(
             samples,
