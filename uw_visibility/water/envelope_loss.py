@@ -37,19 +37,11 @@ OUTLIER_BELOW_MEASURED = 2.0
 EXPECTED_DARKNESS = 0.2
 DARKNESS_DEVIATION = 0.2
 DARKNESS_DEVIATION_MIN = 0.015
+# ... and so much more where the light on the scene is brighter than the veil, up to this.
+BRIGHTEST_LIGHT = 4.0
 # ... and in parts of what the brightest patch is short of a bright one.
 BRIGHT_RADIANCE = 0.8
 DULLNESS_DEVIATION = 0.3
-# The same where the veil is free. How bright the light is, and so how dull the scene, is one of
-# the things that are averaged over then. Where bins differ little, some of their patches are
-# black; where they differ much, or the scene is dull, hardly any is: the parts grow with that.
-FREE_DARKNESS_MIN = 0.012
-FREE_DARKNESS = 0.05
-FREE_DARKNESS_GROWTH = 0.6
-FREE_BRIGHT_RADIANCE = 0.75
-FREE_DULLNESS = 0.2
-# The least is so much more, squared, where the light is brighter than the veil, up to this.
-BRIGHTEST_LIGHT = 4.0
 # Bins show darkness where direct light is so many times the noise.
 INFORMATIVE = 5.0
 UNKNOWN_DARKNESS = 0.3
@@ -249,18 +241,14 @@ def differentiate(
 
 
 @njit(nogil=True)
-def darkness_deviation(typical: float, brightest: float, light: float, one_light: bool) -> float:
+def darkness_deviation(typical: float, brightest: float, light: float) -> float:
     """Standard deviation of how far from black a scene's darkest patches are.
 
     A dull scene is one without black as well as without white.
     """
     shown = typical if np.isfinite(typical) else UNKNOWN_DARKNESS
-    if one_light:
-        dullness = min(max(BRIGHT_RADIANCE - brightest, 0.0), 1.0)
-        return DARKNESS_DEVIATION_MIN + DARKNESS_DEVIATION * shown + DULLNESS_DEVIATION * dullness
-    dullness = min(max(FREE_BRIGHT_RADIANCE - brightest, 0.0), 1.0)
+    dullness = min(max(BRIGHT_RADIANCE - brightest, 0.0), 1.0)
     # A veil that is dimmer than the light leaves more of what is not black to be seen, and
     # says less of what is.
-    least = FREE_DARKNESS_MIN * min(max(light, 1.0), BRIGHTEST_LIGHT) ** 2
-    part = FREE_DARKNESS + FREE_DARKNESS_GROWTH * (shown + dullness)
-    return least + part * shown + FREE_DULLNESS * dullness
+    least = DARKNESS_DEVIATION_MIN * min(max(light, 1.0), BRIGHTEST_LIGHT)
+    return least + DARKNESS_DEVIATION * shown + DULLNESS_DEVIATION * dullness

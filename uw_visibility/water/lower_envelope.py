@@ -39,9 +39,6 @@ ADAPTIVE_ITERATIONS = 30
 BLACK_ITERATIONS = 6
 # Bins whose darkest patches belong to one object, and so deviate together.
 NEIGHBOURING_BINS = 3.0
-# Variance of the weak priors' score over their curvature, where the veil is free: they are so
-# wide that they only guide the fit, and what they expect holds within a third of that.
-FREE_SCORE_VARIANCE = 0.1
 
 
 def fit_lower_envelope(
@@ -233,17 +230,16 @@ def _covariance(
     # A bound that holds attenuation up says nothing about how far it may be above.
     add_weak_priors(
         p, active, clear_water, lower[1::2], tolerance, False, patches, curvature, slope)
-    # A prior's score varies as much as its curvature says, or less; a bin's as much as
+    # A prior's score varies as much as its curvature says; a bin's as much as
     # its residual shows.
-    one_light = patches.shape[1] > 0
-    spread = curvature * (1.0 if one_light else FREE_SCORE_VARIANCE)
+    spread = curvature.copy()
     add_normal_equations(p, distance, left, dark, known, scale, curvature, slope)
     typical = typical_darkness(p, left, dark, known, light, scale)
     common = np.zeros(6)
     derivative = np.empty(2)
     for c in range(3):
         darkness = darkness_deviation(
-            typical[c], _radiance(p, bright[c], light[c], c), light[c], one_light)
+            typical[c], _radiance(p, bright[c], light[c], c), light[c])
         for i in range(distance.shape[1]):
             if not known[c, i]:
                 continue

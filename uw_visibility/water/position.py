@@ -38,7 +38,7 @@ NEIGHBOURING_BINS = 2.0
 # known: a plume fills a half, but light falls, and layers thicken, all over the image.
 UNLIKE = 0.2
 APART = 0.7
-SCATTER = np.array([1.0, 0.5, 0.8])
+SCATTER = np.array([1.0, 0.7, 0.9])
 CHANGE = np.array([0.5, 1.0, 1.0])
 EFFECT = 0.5
 # Deviations from the median from which on a bin counts less (Cauchy's scale).

@@ -25,9 +25,8 @@ from uw_visibility.water.fit import ATTENUATION_BOUNDS, Fit
 
 # What particles and dissolved matter add differs between the channels by this part
 # of its mean, and this much at least, 1/m: when priors are fused with the fit, and
-# as the wider, weak prior that only guides the fit itself. In the measured Jerlov types
-# (beam attenuation) it is by 0.018 to 0.058 1/m where the mean is 0.13 to 1.4 1/m.
-CHANNEL_TOLERANCE = 0.1
+# as the wider, weak prior that only guides the fit itself.
+CHANNEL_TOLERANCE = 0.3
 CHANNEL_TOLERANCE_MIN = 0.02
 WEAK_CHANNEL_TOLERANCE = 0.5
 WEAK_CHANNEL_TOLERANCE_MIN = 0.05

@@ -58,7 +58,7 @@ SAME_LIGHT = 0.3
 MISTAKEN_AREA = 0.006
 # What no frame can tell, as a part of β: the scale of range, the transfer, what a
 # pixel's footprint adds to the darkest patches.
-MODEL_ERROR = 0.085
+MODEL_ERROR = 0.09
 # The decay of contrast and a fit that are farther apart than this contradict each other.
 CONTRADICTION = 3.0
 # Residuals of the dark envelope, a bin's mean, from which on no single water explains them:
