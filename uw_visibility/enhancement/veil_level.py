@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Array
-from uw_visibility.optics.light_model import transmission
+from uw_visibility.optics.light_model import radiance_of, transmission
 
 # Bins of range, of equal ratio, the pixels that one needs, and how many neighbours show one object.
 _BINS, _FEWEST, _NEIGHBOURS = 24, 50, 3.0
@@ -72,10 +72,11 @@ def level_veil(
         # The bin's mean of e^(-βd) is not that at its mean range.
         left = _mean(transmission(attenuation[c], distance), bins, count)[full]
         shown = left > _LEAST_LEFT
-        gain = shown / (light[c] * np.where(shown, left, 1.0))
-        radiance = (_mean(irradiance[c], bins, count)[full] - veil[c] * (1.0 - left)) * gain
-        change = (1.0 - left) * gain
-        weight = shown / (_NEIGHBOURS * (_SCATTER**2 + (error * gain) ** 2))
+        gain = shown / np.where(shown, left, 1.0)
+        radiance = radiance_of(
+            _mean(irradiance[c], bins, count)[full], gain, veil[c], light[c])
+        change = (gain - 1.0) / light[c]
+        weight = shown / (_NEIGHBOURS * (_SCATTER**2 + (error * gain / light[c]) ** 2))
         for values in (radiance, change):
             values -= weight @ values / max(weight.sum(), 1e-9)
         prior = 1.0 / min(max(stddev[c], 1e-6), _MOST * veil[c]) ** 2

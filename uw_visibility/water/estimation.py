@@ -59,8 +59,8 @@ from uw_visibility.water.veil_gradient import UNCERTAIN, VeilGradient
 PLAIN_DARK = (0.01, 0.5)
 DARK = (0.0002, 5.0)
 MEASURED_DARK = (0.002, 20.0)
-# ... of images with so many pixels; of measured ranges in smaller ones fewer, for 20 pixels are
-# many of a bin there.
+# Pixels of an image from which on they are so many; where ranges are measured in smaller ones
+# they are fewer, since 20 are many of a bin there.
 MEASURED_PIXELS = 320 * 240
 BRIGHT_QUANTILE = 0.99
 # What attenuation and ambient light are off by where the paper's model holds, as a part of
@@ -447,10 +447,7 @@ class WaterEstimator:
     ) -> Envelopes:
         config = self._config
         plain = config.method == "paper"
-        measured = coarse or (range_error > 0.0 and config.veil == "free")
-        dark_quantile, fewest_dark = PLAIN_DARK if plain else MEASURED_DARK if measured else DARK
-        if measured and not (plain or coarse):
-            fewest_dark = max(DARK[1], fewest_dark * min(range_map.size / MEASURED_PIXELS, 1.0))
+        dark_quantile, fewest_dark = self._darkest(range_map.size, range_error, coarse)
         ranges, valid = samples.reduce(np.asarray(range_map, dtype=np.float32), valid)
         return observe(
             samples,
@@ -465,6 +462,17 @@ class WaterEstimator:
             range_error=range_error,
             plain=plain,
         )
+
+    def _darkest(self, pixels: int, range_error: float, coarse: bool) -> tuple[float, float]:
+        """Return the quantile of the dark envelope, and how many pixels are below it at least."""
+        if self._config.method == "paper":
+            return PLAIN_DARK
+        if coarse:
+            return MEASURED_DARK
+        if range_error == 0.0 or self._config.veil != "free":
+            return DARK
+        quantile, fewest = MEASURED_DARK
+        return quantile, max(fewest * min(pixels / MEASURED_PIXELS, 1.0), DARK[1])
 
     def _fewest_pixels(self, samples: ColourSamples) -> int:
         return int(samples.count(self._config.min_bin_pixels))

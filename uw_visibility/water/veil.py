@@ -323,7 +323,7 @@ def fit_best_ratio(
     """
     best = EnvelopeFit()
     for ratio in COARSE_RATIOS:
-        found = _fit_ratio(fit, ratio, brightest)
+        found = _fit_ratio(fit, _veil_of_ratio(ratio, brightest))
         if found is not None:
             best = _likelier(best, found, _likelihood(found, clear_water))
     return best
@@ -371,9 +371,9 @@ def _likelier(best: EnvelopeFit, fit: Fit, likelihood: float) -> EnvelopeFit:
     return EnvelopeFit(fit, likelihood) if likelihood > best.likelihood else best
 
 
-def _fit_ratio(fit: FitVeil, ratio: float, brightest: NDArray[np.float64]) -> Fit | None:
+def _fit_ratio(fit: FitVeil, veil: PossibleVeil) -> Fit | None:
     """Fit for a ratio of veil and brightest patch; None where there is no fit."""
-    found = fit(_veil_of_ratio(ratio, brightest))
+    found = fit(veil)
     if found is None:
         return None
     failed = (
@@ -402,13 +402,13 @@ def _over_ratios(
     for ratio in ratios:
         if hopeless and ratio < 1.0:
             continue
-        found = _fit_ratio(fit, ratio, brightest)
+        veil = _veil_of_ratio(ratio, brightest)
+        found = _fit_ratio(fit, veil)
         if found is None:
             continue
         alone = _likelihood(found, clear_water)
         best = _likelier(best, found, alone)
         hopeless = alone < best.likelihood - HOPELESS
-        veil = _veil_of_ratio(ratio, brightest)
         fused = fuse(
             found, veil.light, 1.05 * ratio * brightest, np.full(3, RATIO_TOLERANCE))
         likelihood = alone + math.log(PRIOR[RATIOS.index(ratio)])
