@@ -221,8 +221,9 @@ def test_a_part_made_with_other_options_is_not_gone_on_from(
     assert {p.name: p.read_bytes() for p in interrupted.partial.iterdir()} == before
 
 
+@pytest.mark.parametrize("completed", [False, True], ids=["killed", "closed"])
 def test_a_run_that_was_ended_by_force_before_its_first_frame_begins_anew(
-    interrupted: Interrupted, capsys: pytest.CaptureFixture[str]
+    interrupted: Interrupted, capsys: pytest.CaptureFixture[str], completed: bool
 ) -> None:
     (interrupted.partial / "replay.json").unlink()
     # There are frames in it, of which nothing tells what they were made from.
@@ -236,6 +237,11 @@ def test_a_run_that_was_ended_by_force_before_its_first_frame_begins_anew(
         else:
             shutil.rmtree(entry)
     assert {entry.name for entry in interrupted.partial.iterdir()} == first
+    if not completed:
+        # The recording is in a folder of its own until it is closed.
+        (interrupted.partial / "results").mkdir()
+        (interrupted.partial / "results.mcap").rename(
+            interrupted.partial / "results" / "results.mcap")
     # It was ended while it wrote the table's dictionary.
     aside_of(interrupted.partial / "frames.csv-metadata.json").write_bytes(b"{")
     assert interrupted.again("--resume", capsys=capsys).code == 0

@@ -16,8 +16,12 @@ from uw_visibility.errors import InputError, refusing
 MARK = "replay.json"
 PARTIAL = ".partial"
 OLD = ".old"
-# What is opened before the state is written, and that before the first frame.
-FIRST = {"frames.csv", "frames.csv-metadata.json", "frames.jsonl", "results.mcap", MARK + ".new"}
+# What is opened before the state is written, and that before the first frame. The recording of
+# results is in a folder of its own until it is complete.
+FIRST = {
+    "frames.csv", "frames.csv-metadata.json", "frames.jsonl", "results", "results.mcap",
+    MARK + ".new",
+}
 
 
 def partial_of(target: Path) -> Path:
