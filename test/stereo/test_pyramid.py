@@ -127,10 +127,11 @@ def test_the_fast_preset_publishes_full_size_and_true_geometry(
     limits = [(r.stereo.min_disparity, r.stereo.max_disparity) for r in (whole, fast)]
     assert limits[0] == limits[1]
     assert abs(fast.visibility.mean_attenuation - whole.visibility.mean_attenuation) < 0.04
-    # The images are as sharp as ever: they are not made from the small ones.
+    # The images are as sharp as ever: they are not made from the small ones. Their contrast is
+    # that of the water that either sees, blurred ones have 0.81 of the sharpness.
     sharpness = [
-        np.abs(np.diff(result.left_enhanced.astype(float), axis=1)).mean()
-        for result in (whole, fast)
+        np.abs(np.diff(image, axis=1)).mean() / image.std()
+        for image in (result.left_enhanced.astype(float) for result in (whole, fast))
     ]
     assert sharpness[1] > 0.95 * sharpness[0]
 

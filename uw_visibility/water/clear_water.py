@@ -24,7 +24,7 @@ from uw_visibility.water.priors import CLEAR_WATER_TOLERANCE
 
 # Waters that are clear beforehand, and the attenuation by particles, 1/m, over which the
 # others are spread.
-CLEAR = 0.1
+CLEAR = 0.05
 SPREAD = 0.6
 # Clear water that is less likely than this is left out.
 NEGLIGIBLE = 1e-3

@@ -42,6 +42,15 @@ BRIGHTEST_LIGHT = 4.0
 # ... and in parts of what the brightest patch is short of a bright one.
 BRIGHT_RADIANCE = 0.8
 DULLNESS_DEVIATION = 0.3
+# Where the veil is free, that is the most. How bright the light is, and so how dull the scene, is
+# one of the things that are averaged over then, and where bins differ little, and are black with
+# a veil as bright as the light, some of their patches are: less of what they differ by is open,
+# and the more the more they differ.
+FREE_DARKNESS_MIN = 0.012
+FREE_DARKNESS = 0.05
+FREE_DARKNESS_GROWTH = 0.4
+FREE_BRIGHT_RADIANCE = 0.75
+FREE_DULLNESS = 0.2
 # Bins show darkness where direct light is so many times the noise.
 INFORMATIVE = 5.0
 UNKNOWN_DARKNESS = 0.3
@@ -241,14 +250,20 @@ def differentiate(
 
 
 @njit(nogil=True)
-def darkness_deviation(typical: float, brightest: float, light: float) -> float:
+def darkness_deviation(typical: float, brightest: float, light: float, one_light: bool) -> float:
     """Standard deviation of how far from black a scene's darkest patches are.
 
     A dull scene is one without black as well as without white.
     """
     shown = typical if np.isfinite(typical) else UNKNOWN_DARKNESS
-    dullness = min(max(BRIGHT_RADIANCE - brightest, 0.0), 1.0)
     # A veil that is dimmer than the light leaves more of what is not black to be seen, and
     # says less of what is.
-    least = DARKNESS_DEVIATION_MIN * min(max(light, 1.0), BRIGHTEST_LIGHT)
-    return least + DARKNESS_DEVIATION * shown + DULLNESS_DEVIATION * dullness
+    over = min(max(light, 1.0), BRIGHTEST_LIGHT)
+    dullness = min(max(BRIGHT_RADIANCE - brightest, 0.0), 1.0)
+    most = (
+        DARKNESS_DEVIATION_MIN * over + DARKNESS_DEVIATION * shown + DULLNESS_DEVIATION * dullness)
+    if one_light:
+        return most
+    dullness = min(max(FREE_BRIGHT_RADIANCE - brightest, 0.0), 1.0)
+    part = FREE_DARKNESS * over**2 + FREE_DARKNESS_GROWTH * (shown + dullness)
+    return min(most, FREE_DARKNESS_MIN * over**2 + part * shown + FREE_DULLNESS * over * dullness)

@@ -235,11 +235,12 @@ def _covariance(
     spread = curvature.copy()
     add_normal_equations(p, distance, left, dark, known, scale, curvature, slope)
     typical = typical_darkness(p, left, dark, known, light, scale)
+    one_light = patches.shape[1] > 0
     common = np.zeros(6)
     derivative = np.empty(2)
     for c in range(3):
         darkness = darkness_deviation(
-            typical[c], _radiance(p, bright[c], light[c], c), light[c])
+            typical[c], _radiance(p, bright[c], light[c], c), light[c], one_light)
         for i in range(distance.shape[1]):
             if not known[c, i]:
                 continue

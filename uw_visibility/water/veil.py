@@ -47,8 +47,10 @@ COARSE_RATIOS = (1.0, 0.5)
 # A ratio whose logarithm of likelihood is so far below that of the best ends the search
 # among lower ones.
 HOPELESS = 8.0
-# How far a channel's veil is from such a ratio, as a logarithm.
+# How far a channel's veil is from such a ratio, as a logarithm; and where it is as the paper has
+# it, which is said more narrowly.
 RATIO_TOLERANCE = 0.25
+PAPER_TOLERANCE = 0.22
 # Bounds of the veil in units of what is known of it, or of its deviation.
 BELOW, ABOVE, DEVIATIONS = 0.8, 1.4, 2.5
 LIGHT_LIMITS = (0.5, 8.0)
@@ -409,11 +411,12 @@ def _over_ratios(
         alone = _likelihood(found, clear_water)
         best = _likelier(best, found, alone)
         hopeless = alone < best.likelihood - HOPELESS
-        fused = fuse(
-            found, veil.light, 1.05 * ratio * brightest, np.full(3, RATIO_TOLERANCE))
+        as_the_paper = ratio == 1.0
+        tolerance = PAPER_TOLERANCE if as_the_paper else RATIO_TOLERANCE
+        fused = fuse(found, veil.light, 1.05 * ratio * brightest, np.full(3, tolerance))
         likelihood = alone + math.log(PRIOR[RATIOS.index(ratio)])
         components.append(_component(
-            fused, likelihood, clear_water, contrast, veil if ratio == 1.0 else None))
+            fused, likelihood, clear_water, contrast, veil if as_the_paper else None))
     return RatioFits(components, best)
 
 
