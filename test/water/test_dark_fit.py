@@ -10,7 +10,7 @@ from scenes import KAPPA
 
 from uw_visibility.water.dark_fit import fit_of_veil
 from uw_visibility.water.observations import Envelopes
-from uw_visibility.water.veil import PossibleVeil
+from uw_visibility.water.veil_components import PossibleVeil
 
 BETA = np.array([0.8, 0.2, 0.15])
 VEIL = np.array([0.035, 0.4, 0.5])

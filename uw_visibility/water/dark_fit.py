@@ -26,11 +26,11 @@ from uw_visibility.water.validation import (
     brightest_patch,
     least_ambient_light,
 )
-from uw_visibility.water.veil import (
+from uw_visibility.water.veil import VeilFit
+from uw_visibility.water.veil_components import (
     EnvelopeFit,
     FitVeil,
     PossibleVeil,
-    VeilFit,
     fit_best_ratio,
     fit_open_water,
     likelihood_of_contrast,

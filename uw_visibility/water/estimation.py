@@ -19,18 +19,11 @@ from uw_visibility.images.view import ColourSamples, View
 from uw_visibility.status import Status
 from uw_visibility.water.contrast import Decay
 from uw_visibility.water.cues import Cues, Observations, coarse_cues, gather_cues
-from uw_visibility.water.dark_fit import (
-    brightest,
-    fit_of_veil,
-    fit_one_light,
-    fit_other_transfer,
-)
-from uw_visibility.water.dark_gradient import NEGLIGIBLE, bend_of, find_gradients, unbent
+from uw_visibility.water.dark_fit import brightest, fit_one_light, fit_other_transfer
 from uw_visibility.water.estimate import WaterEstimate, assemble, refuse
-from uw_visibility.water.fit import Fit, blank
+from uw_visibility.water.fit import blank
 from uw_visibility.water.grey_average import colour_balance
 from uw_visibility.water.observations import Envelopes, observe
-from uw_visibility.water.open_water import OpenWater
 from uw_visibility.water.position import compare_halves
 from uw_visibility.water.priors import Daylight, fuse
 from uw_visibility.water.transfer_check import NEGLIGIBLE_ODDS
@@ -42,15 +35,8 @@ from uw_visibility.water.validation import (
     refute_clearness,
     validate_fit,
 )
-from uw_visibility.water.veil import (
-    CONTRADICTION,
-    MISTAKEN_AREA,
-    RatioFits,
-    VeilFit,
-    average,
-    fit_free_veil,
-)
-from uw_visibility.water.veil_gradient import UNCERTAIN, VeilGradient
+from uw_visibility.water.veil import CONTRADICTION
+from uw_visibility.water.veil_fitter import VeilFitter
 
 # Dark envelope: its quantile, and the pixels below it at least. The paper takes
 # 1 % (eq. 4). The darkest 5 pixels are a patch rather than a speck; where ranges are
@@ -67,8 +53,6 @@ BRIGHT_QUANTILE = 0.99
 # them: where water is thick, the fit knows of noise alone.
 ATTENUATION_ERROR = 0.02
 AMBIENT_ERROR = 0.01
-# Where the veil of an image without open water is wanted.
-MIDDLE = np.array((0.5, 0.5))
 # What a JPEG that nobody told of leaves attenuation off by, as a part of it, in a channel
 # without light: it rounds colour, and so the dim channels, to the light of the bright one.
 COMPRESSION_ERROR = 0.45
@@ -99,6 +83,7 @@ class WaterEstimator:
         self._clear_water = np.array(clear_water_attenuation, dtype=np.float64)
         self._transfer = transfer
         self._daylight = daylight
+        self._fitter = VeilFitter(self._clear_water, daylight, config.daylight_tolerance)
 
     def estimate(
         self,
@@ -256,11 +241,11 @@ class WaterEstimator:
         cues: Cues,
     ) -> WaterEstimate:
         """Estimate with the veil apart from the light."""
-        fitted = self._fit_free_veil(
+        fitted = self._fitter.fit(
             Observations(envelope, cues.contrast, cues.halves), active, cues)
         if fitted is None:
             return WaterEstimate.not_assessable(Status.FIT_FAILED, envelope)
-        found, (envelope, _, halves) = self._level_rows(*fitted, active, cues)
+        found, (envelope, _, halves) = fitted
         covariance = found.fit.covariance.copy()
         for channel in np.flatnonzero(active):
             status[channel] = validate_fit(found.fit, envelope, int(channel))
@@ -307,95 +292,6 @@ class WaterEstimator:
             open_water=0.0 if cues.certain_water is None else cues.certain_water.fraction,
             transfer_log_odds=log_odds,
         )
-
-    def _fit_free_veil(
-        self, seen: Observations, active: NDArray[np.bool_], cues: Cues
-    ) -> tuple[VeilFit, Observations] | None:
-        """Fit with the veil apart from the light, and with open water's gradient levelled.
-
-        Returns the fit, and what it rests on, levelled or not; None where there is no fit.
-        """
-        certain = cues.certain_water
-        found = self._fit_observations(seen, active, certain, cues.coarse)
-        if found is None or cues.open_water is None or (certain and cues.level is None):
-            return None if found is None else (found, seen)
-        level = cues.level or seen
-        in_water = self._fit_observations(
-            level, active, cues.open_water, cues.coarse, found.ratios if level is seen else None)
-        if in_water is None:
-            return None if certain else (found, seen)
-        if cues.level is not None:
-            change = UNCERTAIN * (in_water.fit.parameters - found.fit.parameters).ravel()
-            in_water = replace(in_water, fit=replace(
-                in_water.fit, covariance=in_water.fit.covariance + np.outer(change, change)))
-        log_odds = in_water.likelihood - found.likelihood
-        if certain:
-            # Of a small area, what differs in it need not be the veil's gradient.
-            log_odds += math.log(certain.fraction / MISTAKEN_AREA)
-        averaged = average(found, in_water, log_odds)
-        if not certain:
-            # What refutes an estimate without open water is not made good by what may be a wall.
-            averaged = replace(
-                averaged, misfit=found.misfit, durbin_watson=found.durbin_watson,
-                disagreement=max(found.disagreement, in_water.disagreement))
-        return averaged, level if log_odds > 0 else seen
-
-    def _level_rows(
-        self, found: VeilFit, seen: Observations, active: NDArray[np.bool_], cues: Cues
-    ) -> tuple[VeilFit, Observations]:
-        """Average with fits that a vertical gradient of veil or attenuation is levelled in."""
-        if seen.halves is None or cues.places is None or cues.level_by is None:
-            return found, seen
-        attenuation, veil = found.fit.parameters.T
-        gradients = find_gradients(
-            seen.halves, active, attenuation, veil, found.scene_light)
-        if gradients is None:
-            return found, seen
-        of_veil, of_attenuation = gradients
-        shares = np.array((of_veil.odds, of_attenuation.odds))
-        shares /= 1.0 + shares.sum()
-        if shares[1] > NEGLIGIBLE:
-            bend = bend_of(of_attenuation, cues.places, seen.envelope)
-            found = replace(found, fit=unbent(found.fit, bend, shares[1], self._clear_water))
-        # What open water shows of the veil is not asked of dark patches again.
-        if shares[0] < NEGLIGIBLE or seen is cues.level:
-            return found, seen
-        water = cues.certain_water
-        level = cues.level_by(VeilGradient(
-            np.tile((of_veil.slope, 0.0), (3, 1)),
-            MIDDLE if water is None else water.gradient.place))
-        levelled = self._fit_observations(level, active, water, cues.coarse)
-        if levelled is None:
-            return found, seen
-        change = (levelled.fit.parameters - found.fit.parameters).ravel()
-        change *= of_veil.stddev / of_veil.slope
-        levelled = replace(levelled, fit=replace(
-            levelled.fit, covariance=levelled.fit.covariance + np.outer(change, change)))
-        log_odds = math.log(shares[0] / max(1.0 - shares[0], 1e-9))
-        return average(found, levelled, log_odds), level if log_odds > 0 else seen
-
-    def _fit_observations(
-        self, seen: Observations, active: NDArray[np.bool_], water: OpenWater | None,
-        coarse: bool, ratios: RatioFits | None = None,
-    ) -> VeilFit | None:
-        """Fit with the veil apart from the light; None where there is no fit."""
-        # Levelled pixels may be saturated, or too few.
-        if any(refuse_channel(seen.envelope, int(c)) is not Status.OK
-               for c in np.flatnonzero(active)):
-            return None
-
-        def fuse_priors(
-            found: Fit, light: NDArray[np.float64], veil: NDArray[np.float64],
-            tolerance: NDArray[np.float64],
-        ) -> Fit:
-            return fuse(
-                found, self._clear_water, np.full(3, 1e-6), self._daylight,
-                self._config.daylight_tolerance, light, veil, tolerance)
-
-        return fit_free_veil(
-            fit_of_veil(seen.envelope, active, self._clear_water), fuse_priors, seen.envelope,
-            brightest(seen.envelope, active), self._clear_water, seen.contrast, water, coarse,
-            ratios)
 
     def estimate_grey_view(
         self,

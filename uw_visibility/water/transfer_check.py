@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from uw_visibility.optics.transfer import linear_table
 from uw_visibility.water.lower_envelope import NEIGHBOURING_BINS
 from uw_visibility.water.observations import Envelopes
-from uw_visibility.water.veil import TEMPERATURE
+from uw_visibility.water.veil_components import TEMPERATURE
 
 # How much likelier, as a logarithm, the envelopes are with the other transfer before that
 # is told. Shade bends the envelope of real scenes too.
