@@ -123,6 +123,10 @@ class TestFreeVeil:
         within(score, 2.0, 0.95)
         within(score, 3.0, 0.99)
         assert np.sqrt((score**2).mean()) > 0.2
+        # The veil, too, where it is known best: far dark patches show it but for noise.
+        within(np.array([
+            (e.veil - one.veil) / e.ambient_light_stddev
+            for one, e in found if e.status is Status.OK]), 2.0, 0.95)
         # And so is the distance of visibility, which few of them make too long.
         seen = [(one, ASSESSOR.assess(e)) for one, e in found if e.status is Status.OK]
         distances = np.array([

@@ -149,7 +149,10 @@ class Assessor:
         if estimate.light is None:
             return Status.OK, (depth, precision, precision)
         patches = np.zeros((6, 6))
-        patches[1::2, 1::2] = np.diag(estimate.scene_light_stddev**2)
+        # The veil's part of it is in the precision.
+        of_veil = estimate.ambient_light_stddev * estimate.scene_light / estimate.veil
+        patches[1::2, 1::2] = np.diag(
+            np.maximum(estimate.scene_light_stddev**2 - of_veil**2, 0.0))
         _, scene = self._depth.depth(estimate.attenuation, estimate.scene_light, patches)
         model, colour_error = self._depth.model_stddev(
             depth, estimate.attenuation, estimate.attenuation_stddev, estimate.scene_light)

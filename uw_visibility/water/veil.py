@@ -42,6 +42,8 @@ MISTAKEN_AREA = 0.006
 # What no frame can tell, as a part of β: the scale of range, the transfer, what a
 # pixel's footprint adds to the darkest patches.
 MODEL_ERROR = 0.09
+# ... and as a part of the veil: where water is thick, the dark envelope knows it but for noise.
+VEIL_ERROR = 0.015
 # The decay of contrast and a fit that are farther apart than this contradict each other.
 CONTRADICTION = 3.0
 # Residuals of the dark envelope, a bin's mean, from which on no single water explains them:
@@ -232,7 +234,9 @@ def _light(
         apart = np.log(light / veil)
         same = math.exp(-0.5 * float(apart @ apart) / (3.0 * SAME_LIGHT**2))
         values[index] = light * np.exp(-same * apart)
-        deviations[index] = (1.0 - same) * BRIGHT_DEVIATION * values[index]
+        # And it is known as the veil is.
+        of_veil = same * np.sqrt(np.diag(component.covariance)[1::2]) / veil
+        deviations[index] = values[index] * np.hypot((1.0 - same) * BRIGHT_DEVIATION, of_veil)
     mean = weights @ values
     spread = np.sqrt(weights @ ((values - mean) ** 2 + deviations**2))
     return mean, spread
@@ -251,7 +255,9 @@ def _mixture(components: list[Fit], weights: NDArray[np.float64]) -> Fit:
 
 def _with_model_error(fit: Fit) -> Fit:
     covariance = fit.covariance.copy()
-    covariance[0::2, 0::2] += MODEL_ERROR**2 * np.outer(fit.parameters[:, 0], fit.parameters[:, 0])
+    attenuation, veil = fit.parameters.T
+    covariance[0::2, 0::2] += MODEL_ERROR**2 * np.outer(attenuation, attenuation)
+    covariance[1::2, 1::2] += np.diag((VEIL_ERROR * veil) ** 2)
     return replace(fit, covariance=covariance)
 
 
