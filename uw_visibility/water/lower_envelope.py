@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.compute.linear import solve
 from uw_visibility.optics.light_model import contrast_gain, radiance_of
 from uw_visibility.water.envelope_loss import (
     EXPECTED_DARKNESS,
@@ -214,7 +215,7 @@ def _step(
                 if free[j]:
                     system[i, j] = hessian[i, j]
             system[i, i] = hessian[i, i] * (1.0 + damping) + 1e-12
-    moved = p + np.linalg.solve(system, right)
+    moved = p + solve(system, right)
     return np.minimum(np.maximum(moved, lower), upper)
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.compute.linear import solve
 from uw_visibility.optics.light_model import contrast_gain, radiance_of
 from uw_visibility.water.fit import ATTENUATION_BOUNDS, Fit
 
@@ -169,7 +170,7 @@ def _combine(
         innovation = seen @ rows.T
         for k in range(ROWS):
             innovation[k, k] += deviation[k] ** 2 * (1.0 + (off[k] / LIMIT) ** 2)
-        gain = np.linalg.solve(innovation, seen).T.copy()
+        gain = solve(innovation, seen).T.copy()
         p = first + gain @ (expected - rows @ first)
     spread = spread - gain @ (rows @ spread)
     spread = 0.5 * (spread + spread.T)
