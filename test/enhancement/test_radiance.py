@@ -181,6 +181,27 @@ def test_noise_limits_the_gain_and_the_result_keeps_to_it():
     np.testing.assert_allclose(enhanced[:, 80:].mean((0, 1)) / 255, expected, atol=0.12)
 
 
+def test_a_wrong_veil_does_not_colour_a_far_wall() -> None:
+    """Red of 2 % too bright a veil: what is near is restored, what is far is not made cyan."""
+    distance = np.full(SHAPE, 7.0, np.float32)
+    distance[:, :35] = 1.0
+    radiance = np.full((*SHAPE, 3), 0.5, np.float32)
+    image = seen(radiance, distance, "linear", np.uint16)
+    wrong = SimpleNamespace(
+        attenuation=WATER.attenuation, ambient_light=WATER.ambient_light * [1.02, 1.0, 1.0])
+    stddev = 0.02 * WATER.ambient_light
+    restorer = Restorer(ANY_NOISE)
+    (exact, _), (limited, marked) = (
+        restorer.restore(image, distance, wrong, np.zeros(3), known) for known in (None, stddev))
+    assert np.array_equal(limited[:, :35], exact[:, :35])
+    assert marked[:, 35:].all()
+    assert not marked[:, :35].any()
+    far = [image[:, 35:].mean(axis=(0, 1)) / 65535.0 for image in (exact, limited)]
+    assert far[0][0] == pytest.approx(0.5 - 0.02 * (np.exp(0.43 * 7.0) - 1.0), abs=0.02)
+    # The veil is off by one standard deviation, which is a fifth of white at most.
+    assert far[1][1:].min() - far[1][0] < 0.22
+
+
 def test_a_grey_surface_stays_grey_beyond_the_limit_of_red() -> None:
     """Red is limited first: without help from the others all that is far would turn red."""
     water = SimpleNamespace(

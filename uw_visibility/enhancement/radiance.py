@@ -23,6 +23,8 @@ from uw_visibility.optics.transfer import encode_table, linear_table, to_linear
 _LEAST_ATTENUATION = 1e-9
 # However noisy an image is, this much optical thickness is made up for.
 _LEAST_THICKNESS = 0.5
+# Largest standard deviation of radiance by that of the veil, as part of white.
+_MOST_VEIL = 0.2
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,16 @@ class Channels:
         """Lower the limits so that restored noise, σ exp(βd) / W, stays below ``largest``."""
         gain = largest * self.light / np.maximum(noise, 1e-9)
         thickness = np.log(np.maximum(gain, math.exp(_LEAST_THICKNESS)))
+        limits = np.where(self.assessable, np.minimum(self.limits, thickness), 0.0)
+        return replace(self, limits=limits.astype(np.float32))
+
+    def limited_by_veil(self, stddev: Array, largest: float) -> Channels:
+        """Lower the limits so that the veil's error, σ (exp(βd) - 1) / W, stays below ``largest``.
+
+        Where β and range are large, a veil that is 2 % off makes half of white of a dark wall.
+        """
+        thickness = np.log1p(largest * self.light / np.maximum(stddev, 1e-9))
+        thickness = np.maximum(thickness, _LEAST_THICKNESS)
         limits = np.where(self.assessable, np.minimum(self.limits, thickness), 0.0)
         return replace(self, limits=limits.astype(np.float32))
 
@@ -96,6 +108,7 @@ class Restorer:
         range_map: RangeMap,
         water: Water,
         noise: Array | None = None,
+        veil_stddev: Array | None = None,
     ) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
         """Radiance recovery as an image, its gain limited (eq. 8).
 
@@ -115,6 +128,8 @@ class Restorer:
             `scene_light` (W); three values for a colour image and one for a grey one.
         noise : (3,) or (1,) float64 ndarray, optional
             Standard deviation of the image's noise in code values; measured by default.
+        veil_stddev : (3,) or (1,) float64 ndarray, optional
+            Standard deviation of the veil; where absent it is taken for exact.
 
         Returns
         -------
@@ -122,7 +137,8 @@ class Restorer:
             Of the image's shape and type.
         limited : (H, W) bool ndarray
             Where the gain of a channel was limited, to `max_gain` or to what
-            keeps the image's noise below `max_noise`, or the range is unknown.
+            keeps the image's noise below `max_noise`, and what an error of the veil
+            makes below a fifth of white, or the range is unknown.
 
         Raises
         ------
@@ -137,6 +153,8 @@ class Restorer:
         channels = channels.limited_by_noise(
             irradiance_noise(noise, decode, channels.veil), self._max_noise
         )
+        if veil_stddev is not None:
+            channels = channels.limited_by_veil(veil_stddev, _MOST_VEIL)
         enhanced = np.empty(planes.shape, image.dtype)
         limited = np.empty(range_map.shape, np.bool_)
         self._workers.rows(

@@ -44,12 +44,15 @@ class RestorationWater(NamedTuple):
         β, 1/m; the veil B; the light W on the scene.
     balanced : float
         How far W was taken from the camera's own white: 0 not at all, 1 wholly.
+    veil_stddev : (C,) float64 ndarray or None
+        Standard deviation of the veil; None where it is taken for exact.
     """
 
     attenuation: Array
     ambient_light: Array
     scene_light: Array
     balanced: float = 0.0
+    veil_stddev: Array | None = None
 
 
 def restoration_water(
@@ -96,7 +99,7 @@ def restoration_water(
         return RestorationWater(attenuation, veil, light)
     codes, distance = _samples(image, range_map, measured)
     if len(distance) < _FEWEST:
-        return RestorationWater(attenuation, veil, light)
+        return RestorationWater(attenuation, veil, light, veil_stddev=veil_stddev)
     irradiance = linear_table(transfer, image.dtype)[codes].astype(np.float64)
     if veil_stddev is not None:
         veil = level_veil(
@@ -105,13 +108,14 @@ def restoration_water(
     near = distance < _MOST_THICKNESS / max(float(attenuation.max()), 1e-9)
     irradiance, distance = irradiance[:, near], distance[near]
     if len(distance) < _FEWEST:
-        return RestorationWater(attenuation, veil, light)
+        return RestorationWater(attenuation, veil, light, veil_stddev=veil_stddev)
     gain = contrast_gain(attenuation[:, np.newaxis], distance)
     radiance = radiance_of(irradiance, gain, veil[:, np.newaxis], light[:, np.newaxis])
     factor, balanced = _white(irradiance, radiance)
     exposure = np.quantile(
         (radiance / factor[:, np.newaxis]).mean(axis=0), 1.0 - _OVEREXPOSED)
-    return RestorationWater(attenuation, veil, light * factor * max(exposure, 1.0), balanced)
+    return RestorationWater(
+        attenuation, veil, light * factor * max(exposure, 1.0), balanced, veil_stddev)
 
 
 def _white(irradiance: Array, radiance: Array) -> tuple[Array, float]:

@@ -73,6 +73,7 @@ class ImageEnhancement:
         of_right = light._replace(
             ambient_light=right_gain * light.ambient_light,
             scene_light=right_gain * light.scene_light,
+            veil_stddev=None if light.veil_stddev is None else right_gain * light.veil_stddev,
         )
         (left, limited), (right, _) = self._workers.together(
             lambda: self._restore(views.left, filled.left if "left" in sides else None, light),
@@ -86,4 +87,5 @@ class ImageEnhancement:
         if ranges is None:
             return NOT_WANTED, NOT_LIMITED
         bounded = bound_by_veil(*ranges, view.pixels, water, self._transfer, self._workers)
-        return self._restorer.restore(view.pixels, bounded, water, view.noise)
+        return self._restorer.restore(
+            view.pixels, bounded, water, view.noise, water.veil_stddev)
