@@ -187,12 +187,14 @@ def test_a_wrong_veil_does_not_colour_a_far_wall() -> None:
     distance[:, :35] = 1.0
     radiance = np.full((*SHAPE, 3), 0.5, np.float32)
     image = seen(radiance, distance, "linear", np.uint16)
-    wrong = SimpleNamespace(
-        attenuation=WATER.attenuation, ambient_light=WATER.ambient_light * [1.02, 1.0, 1.0])
+    wrong = {
+        "attenuation": WATER.attenuation, "ambient_light": WATER.ambient_light * [1.02, 1.0, 1.0]}
     stddev = 0.02 * WATER.ambient_light
     restorer = Restorer(ANY_NOISE)
     (exact, _), (limited, marked) = (
-        restorer.restore(image, distance, wrong, np.zeros(3), known) for known in (None, stddev))
+        restorer.restore(
+            image, distance, SimpleNamespace(**wrong, veil_stddev=known), np.zeros(3))
+        for known in (None, stddev))
     assert np.array_equal(limited[:, :35], exact[:, :35])
     assert marked[:, 35:].all()
     assert not marked[:, :35].any()

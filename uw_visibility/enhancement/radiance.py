@@ -108,7 +108,6 @@ class Restorer:
         range_map: RangeMap,
         water: Water,
         noise: Array | None = None,
-        veil_stddev: Array | None = None,
     ) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
         """Radiance recovery as an image, its gain limited (eq. 8).
 
@@ -125,11 +124,10 @@ class Restorer:
             Range along the line of sight, m.
         water : Water
             `attenuation`, `ambient_light` (the veil B) and, where it is another one,
-            `scene_light` (W); three values for a colour image and one for a grey one.
+            `scene_light` (W); three values for a colour image and one for a grey one. And
+            `veil_stddev`, the standard deviation of the veil, where it is not exact.
         noise : (3,) or (1,) float64 ndarray, optional
             Standard deviation of the image's noise in code values; measured by default.
-        veil_stddev : (3,) or (1,) float64 ndarray, optional
-            Standard deviation of the veil; where absent it is taken for exact.
 
         Returns
         -------
@@ -153,6 +151,7 @@ class Restorer:
         channels = channels.limited_by_noise(
             irradiance_noise(noise, decode, channels.veil), self._max_noise
         )
+        veil_stddev = getattr(water, "veil_stddev", None)
         if veil_stddev is not None:
             channels = channels.limited_by_veil(veil_stddev, _MOST_VEIL)
         enhanced = np.empty(planes.shape, image.dtype)

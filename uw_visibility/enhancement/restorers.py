@@ -17,8 +17,7 @@ class ImageRestorer(Protocol):
     """Restorer of images; see `uw_visibility.enhancement.radiance.Restorer`, the first of them."""
 
     def restore(
-        self, image: Any, range_map: RangeMap, water: Water, noise: PerChannel | None = None,
-        veil_stddev: PerChannel | None = None, /
+        self, image: Any, range_map: RangeMap, water: Water, noise: PerChannel | None = None, /
     ) -> tuple[Any, Mask]:
         """Return the image without the water, and where its gain was limited."""
 

@@ -87,5 +87,4 @@ class ImageEnhancement:
         if ranges is None:
             return NOT_WANTED, NOT_LIMITED
         bounded = bound_by_veil(*ranges, view.pixels, water, self._transfer, self._workers)
-        return self._restorer.restore(
-            view.pixels, bounded, water, view.noise, water.veil_stddev)
+        return self._restorer.restore(view.pixels, bounded, water, view.noise)
