@@ -30,7 +30,7 @@ VENV_OLDEST := .venv-oldest
 VENV_DOCS := .venv-docs
 EXTRAS := ros,report,recordings,distributed,stores,netcdf,parquet,completion,test
 INTERPRETERS = $(or $(PYTHON),python3.12 python3.11 python3 python)
-SOURCES := setup.py setup.cfg tools/make_venv
+SOURCES := setup.py setup.cfg lab/pyproject.toml tools/make_venv
 
 # The environment brings a ROS 2 of its own. One that is sourced in this shell
 # must not be mixed into it.
@@ -60,7 +60,7 @@ $(VENV_DOCS)/.installed: constraints/constraints-newest.txt constraints/constrai
 	@touch $@
 
 demo: venv
-	$(VENV)/bin/uw_visibility demo -o demo
+	$(VENV)/bin/uw_visibility demo -o demo --force
 
 test: venv
 	$(VENV)/bin/python -m pytest $(PYTEST)
@@ -74,7 +74,10 @@ test-oldest: $(VENV_OLDEST)/.installed
 soak: venv
 	$(VENV)/bin/python test/faults/soak.py --minutes $(or $(MINUTES),30) -o soak.json
 
+# Compiled code looks whether an index is one: what would read beyond an array ends a case.
+fuzz: export NUMBA_BOUNDSCHECK := 1
 fuzz: venv
+	$(VENV)/bin/uw_visibility warmup
 	$(VENV)/bin/python test/faults/fuzz.py --minutes $(or $(MINUTES),60) --first $$RANDOM$$RANDOM
 
 lint: venv
@@ -107,4 +110,4 @@ parameters: venv
 clean:
 	rm -rf $(VENV) $(VENV_OLDEST) $(VENV_DOCS) build install log dist demo bench.json soak.json *.egg-info node_modules
 	rm -rf .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache .benchmarks
-	find uw_visibility test benchmarks -name __pycache__ -prune -exec rm -rf {} +
+	find uw_visibility lab test benchmarks -name __pycache__ -prune -exec rm -rf {} +

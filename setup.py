@@ -7,6 +7,16 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "uw_visibility"
+# colcon build --symlink-install calls a link to this file in its build folder, beside which are
+# links to the package and to what data_files names, and to nothing else.
+SOURCE = Path(__file__).resolve().parent
+
+
+def files(folder: str, pattern: str) -> list[str]:
+    """Return what data_files takes: paths that are relative to this file."""
+    return sorted(str(file.relative_to(SOURCE)) for file in (SOURCE / folder).glob(pattern))
+
+
 
 setup(
     name=NAME,
@@ -14,10 +24,11 @@ setup(
     # everything else asks the installed package.
     version="0.2.0",
     description="Underwater visibility, colour and stereo from a stereo camera",
-    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description=(SOURCE / "README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
     author="the uw_visibility developers",
     maintainer="the uw_visibility developers",
+    # The project has no address: example.org is reserved (RFC 2606).
     maintainer_email="uw_visibility@example.org",
     license="Apache-2.0",
     license_files=["LICENSE"],
@@ -41,15 +52,16 @@ setup(
         NAME: ["py.typed"],
         f"{NAME}.data": ["*.csv", "*.txt"],
         f"{NAME}.replay.report": ["templates/*"],
-        f"{NAME}.ros.transport": ["*.xml"],
+        f"{NAME}.ros": ["*.xml"],
     },
     data_files=[
         # What ros2 run, ros2 launch and ament's index look for.
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/config", [str(file) for file in Path("config").glob("*.*")]),
-        (f"share/{NAME}/launch", [str(file) for file in Path("launch").glob("*.launch.*")]),
-        (f"share/{NAME}/foxglove", [str(file) for file in Path("foxglove").glob("*.json")]),
+        (f"share/{NAME}/config", files("config", "*.*")),
+        (f"share/{NAME}/launch", files("launch", "*.launch.*")),
+        (f"share/{NAME}/foxglove", files("foxglove", "*.json")),
+        (f"share/{NAME}/integration", files("integration", "*")),
     ],
     # Tables are read as files, and compiled kernels are cached beside their source.
     zip_safe=False,

@@ -13,7 +13,6 @@ import argparse
 import json
 import statistics
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,17 +21,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import noise, presets
+from benchmarks.timing import take_turns
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.compute.threads import Workers
-from uw_visibility.evaluation.baselines import sgbm
-from uw_visibility.evaluation.degrade import load_scene
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
-from uw_visibility.simulation.camera import Pose, StereoCamera
-from uw_visibility.simulation.frame import Renderer
-from uw_visibility.simulation.scene import reef
-from uw_visibility.simulation.water import Water
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import Matcher
+from uw_visibility_lab.evaluation.baselines import sgbm
+from uw_visibility_lab.evaluation.degrade import load_scene
+from uw_visibility_lab.simulation.camera import Pose, StereoCamera
+from uw_visibility_lab.simulation.frame import Renderer
+from uw_visibility_lab.simulation.scene import reef
+from uw_visibility_lab.simulation.water import Water
 
 # Width, height and number of disparities of each case.
 CASES = ((640, 480, 128), (1280, 960, 256))
@@ -123,7 +123,7 @@ def run_case(
             "matcher": match,
             "pipeline": process,
         },
-        rounds,
+        rounds, time.perf_counter,
     )
     medians = {name: statistics.median(values) for name, values in times.items()}
     print_stages(threads, stages, times)
@@ -136,20 +136,6 @@ def run_case(
         "matcher_ms": medians["matcher"],
         "sgbm_ms": medians["sgbm"],
     }
-
-
-def take_turns(
-    candidates: dict[str, Callable[[], Any]], rounds: int
-) -> dict[str, list[float]]:
-    """Time every candidate once a round, after one round that does not count; ms."""
-    times: dict[str, list[float]] = {name: [] for name in candidates}
-    for turn in range(rounds + 1):
-        for name, call in candidates.items():
-            begin = time.perf_counter()
-            call()
-            if turn:
-                times[name].append(1e3 * (time.perf_counter() - begin))
-    return times
 
 
 def print_stages(

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from uw_visibility import Pipeline, PipelineConfig
-from uw_visibility.evaluation.metrics import correct_fraction, matched_fraction
-from uw_visibility.evaluation.scenes import find_scenes, search_limit, tolerance
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility_lab.evaluation.metrics import correct_fraction, matched_fraction
+from uw_visibility_lab.evaluation.scenes import find_scenes, search_limit, tolerance
 
 ATTENUATIONS = (0.0, 0.1, 0.2, 0.3)
 DEPTH = 2.0

@@ -26,9 +26,10 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from benchmarks.stereo_messages import stereo_messages
-from uw_visibility.commands.demonstration.node_process import reserved_domain
+from benchmarks.timing import processor_time
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.ros.transport.factory import message_type
+from uw_visibility_lab.demonstration.node_process import reserved_domain
 
 RATE = 15.0
 PATIENCE = 400.0
@@ -114,12 +115,6 @@ class Camera(Node):
 
     def _hear(self, message: Any) -> None:
         self.answered |= stamp_to_nanoseconds(message.header.stamp) >= self._since
-
-
-def processor_time(pid: int) -> float:
-    """Return the time that processors have worked for a process, s."""
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))
 
 
 if __name__ == "__main__":

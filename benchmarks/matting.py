@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from uw_visibility import Pipeline, PipelineConfig
-from uw_visibility.evaluation.depth_edges import DISTANCE, MAPS, edge_errors
-from uw_visibility.evaluation.scenes import find_scenes, search_limit
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility_lab.evaluation.depth_edges import DISTANCE, MAPS, edge_errors
+from uw_visibility_lab.evaluation.scenes import find_scenes, search_limit
 
 MEAN_ATTENUATION = 0.2
 DEPTH = 2.0

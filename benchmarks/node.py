@@ -41,12 +41,13 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
 from benchmarks.stereo_messages import stereo_messages
-from uw_visibility.commands.demonstration.node_process import reserved_domain
+from benchmarks.timing import processor_time
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.stamps import header_stamp
-from uw_visibility.ros.environment import node_environment
+from uw_visibility.ros.start import node_environment
 from uw_visibility.ros.transport.factory import message_type
+from uw_visibility_lab.demonstration.node_process import reserved_domain
 
 START_TIMEOUT = 300.0
 # Memory settles while the first frames are processed, s.
@@ -211,12 +212,6 @@ def memory(pid: int) -> dict[str, float]:
     lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
     fields = dict(line.split(":", 1) for line in lines)
     return {name: int(fields[name].split()[0]) / 1024 for name in ("VmRSS", "VmHWM")}
-
-
-def processor_time(pid: int) -> float:
-    """Return the time that processors have worked for a process, s."""
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))
 
 
 def watch(

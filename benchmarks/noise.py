@@ -13,19 +13,20 @@ from __future__ import annotations
 
 import argparse
 import statistics
-import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.timing import take_turns
 from uw_visibility import Pipeline, PipelineConfig
-from uw_visibility.evaluation.baselines import equalised_matching, semi_global_matching
-from uw_visibility.evaluation.degrade import CAMERA, Scene, sensor_of, title_of
-from uw_visibility.evaluation.metrics import bad_fraction, correct_fraction
-from uw_visibility.evaluation.scenes import find_scenes, search_limit, tolerance
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility_lab.evaluation.baselines import equalised_matching, semi_global_matching
+from uw_visibility_lab.evaluation.degrade import CAMERA, Scene, sensor_of, title_of
+from uw_visibility_lab.evaluation.metrics import bad_fraction, correct_fraction
+from uw_visibility_lab.evaluation.scenes import find_scenes, search_limit, tolerance
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "middlebury"
 SCENES = ("art", "dolls", "moebius")
@@ -90,13 +91,8 @@ def measure_times(scene: Scene, rounds: int) -> dict[str, float]:
     """Return the pipeline's median time at each noise over that without."""
     pairs = {noise: pair(scene, TIMED_ATTENUATION, noise) for noise in NOISES}
     pipeline = make_pipeline(scene)
-    times: dict[str, list[float]] = {noise: [] for noise in NOISES}
-    for turn in range(rounds + 1):
-        for noise, images in pairs.items():
-            begin = time.process_time()
-            pipeline.process(*images)
-            if turn:
-                times[noise].append(time.process_time() - begin)
+    times = take_turns(
+        {noise: partial(pipeline.process, *images) for noise, images in pairs.items()}, rounds)
     medians = {noise: statistics.median(values) for noise, values in times.items()}
     return {noise: value / medians["0"] for noise, value in medians.items()}
 

@@ -15,8 +15,8 @@ from __future__ import annotations
 import argparse
 import json
 import statistics
-import time
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +25,14 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from benchmarks.timing import take_turns
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.commands.calibration_file import read_rig
 from uw_visibility.config.schema import read_yaml
-from uw_visibility.evaluation.degrade import Scene, load_scene
-from uw_visibility.evaluation.metrics import correct_fraction, mean_colour_difference
 from uw_visibility.images.files import read_image
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility_lab.evaluation.degrade import Scene, load_scene
+from uw_visibility_lab.evaluation.metrics import correct_fraction, mean_colour_difference
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
@@ -102,15 +103,10 @@ def make_pipeline(rig: StereoRig, parameters: Parameters) -> Pipeline:
 def measure_times(presets: Mapping[str, Parameters], rounds: int) -> dict[str, float]:
     """Return the median time of a pair by preset, ms."""
     rig, left, right, _, _ = degrade(load_scene(DATA / "middlebury" / "aloe"), 0.2)
-    pipelines = {name: make_pipeline(rig, values) for name, values in presets.items()}
-    times: dict[str, list[float]] = {name: [] for name in presets}
     cv2.setNumThreads(1)
-    for turn in range(rounds + 1):
-        for name, pipeline in pipelines.items():
-            begin = time.process_time()
-            pipeline.process(left, right)
-            if turn:
-                times[name].append(1e3 * (time.process_time() - begin))
+    times = take_turns(
+        {name: partial(make_pipeline(rig, values).process, left, right)
+         for name, values in presets.items()}, rounds)
     return {name: statistics.median(values) for name, values in times.items()}
 
 

@@ -9,23 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import get_package_share_path
-from launch.actions import (
-    DeclareLaunchArgument,
-    EmitEvent,
-    OpaqueFunction,
-    RegisterEventHandler,
-)
-from launch.event_handlers import OnProcessStart
-from launch.events import matches_action
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode, Node
-from launch_ros.event_handlers import OnStateTransition
-from launch_ros.events.lifecycle import ChangeState
-from lifecycle_msgs.msg import Transition
 
 from launch import LaunchContext, LaunchDescription
 from uw_visibility.config.parameters import read_yaml
-from uw_visibility.ros.environment import node_environment
+from uw_visibility.ros.start import node_environment
 
 PACKAGE = "uw_visibility"
 SWITCH = ["", "true", "false"]
@@ -42,7 +32,8 @@ def generate_launch_description() -> LaunchDescription:
             "node_name", default_value=PACKAGE, description="Name of the node.",
         ),
         DeclareLaunchArgument(
-            "params_file", default_value=str(parameters), description="Parameter file.",
+            "params_file", default_value=str(parameters),
+            description="Parameter file, or several with commas; a later one wins.",
         ),
         DeclareLaunchArgument(
             "camera_namespace", default_value="",
@@ -74,7 +65,7 @@ def generate_launch_description() -> LaunchDescription:
         ),
         DeclareLaunchArgument(
             "autostart", default_value="true", choices=SWITCH[1:],
-            description="Configure and activate the managed node at once.",
+            description="The managed node configures and activates itself, after a crash too.",
         ),
         DeclareLaunchArgument(
             "respawn", default_value="false", choices=SWITCH[1:],
@@ -93,28 +84,36 @@ def make_node(context: LaunchContext) -> list[Any]:
     def value(name: str) -> str:
         return LaunchConfiguration(name).perform(context)
 
-    # The node would be started without it, with no more than a warning.
-    if not Path(value("params_file")).is_file():
-        raise FileNotFoundError(
-            f"params_file is {value('params_file')}, which is no file: name a parameter file"
-        )
-    # What the file says holds unless an argument says otherwise.
+    files = [name.strip() for name in value("params_file").split(",")]
+    for name in files:
+        # The node would be started without it, with no more than a warning.
+        if not Path(name).is_file():
+            raise FileNotFoundError(
+                f"params_file is {name}, which is no file: name a parameter file, or several with "
+                "commas"
+            )
+    # What the files say holds unless an argument says otherwise.
     overrides: dict[str, Any] = {
         name: value(name) == "true" for name in ("rectify", "use_sim_time") if value(name)
     }
     if value("image_transport"):
         overrides["image_transport"] = value("image_transport")
     full_name = "/".join(["", *value("namespace").strip("/").split("/"), value("node_name")])
-    given = read_yaml(value("params_file"), full_name.replace("//", "/")) | overrides
+    given: dict[str, Any] = {}
+    for name in files:
+        given |= read_yaml(name, full_name.replace("//", "/"))
+    given |= overrides
     image = "image_raw" if given.get("rectify") else "image_rect"
     prefix = f"{value('camera_namespace').rstrip('/')}/" if value("camera_namespace") else ""
     managed = value("lifecycle") == "true"
-    node = (LifecycleNode if managed else Node)(
+    if managed:
+        overrides["autostart"] = value("autostart") == "true"
+    return [(LifecycleNode if managed else Node)(
         package=PACKAGE,
         executable="uw_visibility_lifecycle_node" if managed else "uw_visibility_node",
         name=value("node_name"),
         namespace=value("namespace"),
-        parameters=[value("params_file"), *([overrides] if overrides else [])],
+        parameters=[*files, *([overrides] if overrides else [])],
         remappings=[
             *(
                 (f"{side}/{name}", f"{prefix}{side}/{source}")
@@ -129,23 +128,4 @@ def make_node(context: LaunchContext) -> list[Any]:
         respawn_delay=float(value("respawn_delay")),
         output="screen",
         emulate_tty=True,
-    )
-    return [*autostart(node), node] if managed and value("autostart") == "true" else [node]
-
-
-def autostart(node: LifecycleNode) -> list[Any]:
-    """Configure a managed node when it has started, and activate it when it is configured."""
-    def change(transition: int) -> EmitEvent:
-        return EmitEvent(event=ChangeState(
-            lifecycle_node_matcher=matches_action(node), transition_id=transition,
-        ))
-
-    return [
-        RegisterEventHandler(OnProcessStart(
-            target_action=node, on_start=[change(Transition.TRANSITION_CONFIGURE)],
-        )),
-        RegisterEventHandler(OnStateTransition(
-            target_lifecycle_node=node, start_state="configuring", goal_state="inactive",
-            entities=[change(Transition.TRANSITION_ACTIVATE)],
-        )),
-    ]
+    )]

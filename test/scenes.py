@@ -21,11 +21,11 @@ from uw_visibility.messages.processor import FrameProcessor
 from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
 from uw_visibility.optics.transfer import from_linear
 from uw_visibility.pipeline.result import FrameResult
-from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
-from uw_visibility.simulation.frame import Effects, RenderedFrame, Renderer
-from uw_visibility.simulation.scene import Scene, reef
-from uw_visibility.simulation.water import Water
 from uw_visibility.stereo.rig import StereoRig
+from uw_visibility_lab.simulation.camera import Pose, Sensor, StereoCamera
+from uw_visibility_lab.simulation.frame import Effects, RenderedFrame, Renderer
+from uw_visibility_lab.simulation.scene import Scene, reef
+from uw_visibility_lab.simulation.water import Water
 
 Image = NDArray[Any]
 

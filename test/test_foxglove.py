@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -65,6 +66,23 @@ def test_images_are_images_with_their_calibration(layout: dict[str, Any]) -> Non
             assert kind(mode["imageTopic"]) == "Image"
             assert kind(mode["calibrationTopic"]) == "CameraInfo"
             assert Path(mode["imageTopic"]).parent == Path(mode["calibrationTopic"]).parent
+
+
+def test_the_command_of_the_page_gives_a_layout_for_a_namespace(layout: dict[str, Any]) -> None:
+    page = FILE.parents[1] / "docs" / "start" / "robot.md"
+    (script,) = re.findall(r"^sed '(.*)' uw_visibility\.json", page.read_text(), flags=re.M)
+    done = subprocess.run(
+        ["sed", script, str(FILE)], capture_output=True, text=True, check=True)
+
+    def moved(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {moved(key): moved(each) for key, each in value.items()}
+        if isinstance(value, list):
+            return [moved(each) for each in value]
+        topic = isinstance(value, str) and value.startswith("/") and value != "/diagnostics"
+        return f"/auv{value}" if topic else value
+
+    assert json.loads(done.stdout) == moved(layout)
 
 
 def test_other_panels_show_what_they_can(layout: dict[str, Any]) -> None:

@@ -145,6 +145,10 @@ def test_package_xml_and_setup_agree() -> None:
     assert package.get("format") == "3"
     assert package.findtext("name") == PACKAGE.name
     assert package.findtext("version") == setup["version"]
+    maintainer = package.find("maintainer")
+    assert maintainer is not None
+    assert (maintainer.text, maintainer.get("email")) == (
+        setup["maintainer"], setup["maintainer_email"])
     assert package.findtext("license") == setup["license"] == "Apache-2.0"
     assert package.findtext("export/build_type") == "ament_python"
 
@@ -285,6 +289,49 @@ def setuptools_version() -> tuple[int, ...]:
     return tuple(int(number) for number in version.split(".")[:2])
 
 
+INSTALLED = ("config", "launch", "foxglove", "integration")
+
+
+def copy_sources(tree: Path) -> None:
+    """Copy what a build takes."""
+    for name in ("uw_visibility", "resource", *INSTALLED):
+        shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "LICENSE", "README.md"):
+        shutil.copy(ROOT / name, tree)
+
+
+def test_setup_is_called_from_anywhere(tmp_path: Path) -> None:
+    """As colcon build --symlink-install does by a link, beside which not all files are."""
+    for name in ("setup.py", "setup.cfg", "uw_visibility", "resource"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    for script in (ROOT / "setup.py", tmp_path / "setup.py"):
+        told = subprocess.run(
+            [sys.executable, str(script), "--quiet", "--name", "--long-description"],
+            cwd=tmp_path, capture_output=True, text=True, check=True,
+        ).stdout
+        assert told.startswith("uw_visibility\n# uw_visibility\n")
+
+
+@pytest.mark.node
+@pytest.mark.parametrize("how", [[], ["--symlink-install"]], ids=["copies", "links"])
+def test_colcon_installs_what_ros_looks_for(how: list[str], tmp_path: Path) -> None:
+    colcon = shutil.which("colcon")
+    if colcon is None:
+        pytest.skip("colcon is not installed: pip install colcon-common-extensions")
+    copy_sources(tmp_path / "src" / "uw_visibility")
+    done = subprocess.run(
+        [colcon, "build", *how], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    install = tmp_path / "install" / "uw_visibility"
+    for folder in INSTALLED:
+        there = {path.name for path in (install / "share" / "uw_visibility" / folder).iterdir()}
+        wanted = {path.name for path in (ROOT / folder).iterdir() if path.is_file()}
+        assert there == wanted
+    executables = {path.name for path in (install / "lib" / "uw_visibility").iterdir()}
+    assert executables >= {"uw_visibility_node", "uw_visibility_lifecycle_node"}
+    assert (install / "share/ament_index/resource_index/packages/uw_visibility").is_file()
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
     """The wheel that `pip install .` would make."""
@@ -294,10 +341,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
     folder = tmp_path_factory.mktemp("wheel")
     tree = folder / "tree"
     # A build leaves folders of its own beside the sources.
-    for name in ("uw_visibility", "config", "launch", "foxglove", "resource"):
-        shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "LICENSE", "README.md"):
-        shutil.copy(ROOT / name, tree)
+    copy_sources(tree)
     subprocess.run(
         [
             sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-index",
@@ -316,10 +360,8 @@ def test_the_wheel_holds_modules_tables_and_what_ament_looks_for(wheel: zipfile.
     shared = {name.partition(".data/data/share/")[2] for name in names}
     assert "ament_index/resource_index/packages/uw_visibility" in shared
     assert "uw_visibility/package.xml" in shared
-    for folder, pattern in (
-        ("config", "*.yaml"), ("launch", "*.launch.py"), ("foxglove", "*.json")
-    ):
-        for file in (ROOT / folder).glob(pattern):
+    for folder in INSTALLED:
+        for file in (ROOT / folder).glob("*.*"):
             assert f"uw_visibility/{folder}/{file.name}" in shared
     assert not any(name.startswith(("test", "benchmarks")) for name in names)
 

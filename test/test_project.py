@@ -42,7 +42,8 @@ def test_read_the_docs_installs_what_the_site_needs() -> None:
     settings = read(".readthedocs.yaml")
     assert (ROOT / settings["sphinx"]["configuration"]).is_file()
     assert settings["sphinx"]["fail_on_warning"]
-    (install,) = settings["python"]["install"]
+    install, lab = settings["python"]["install"]
+    assert lab == {"method": "pip", "path": "lab"}
     extras = re.search(r"make_venv \$\(VENV_DOCS\) .*? (\S+) \$\(INTERPRETERS\)", MAKEFILE)
     assert extras is not None
     # As make docs does.

@@ -41,3 +41,24 @@ def test_the_library_is_there_by_its_names() -> None:
 def test_parameters_are_described_once() -> None:
     """A node checks all of them with each that it declares: it took two seconds."""
     assert describe(PipelineConfig) is describe(PipelineConfig)
+
+
+def test_what_flies_does_without_the_lab() -> None:
+    """Installed alone, by colcon or pip, the package has no lab beside it."""
+    pytest.importorskip("rclpy", reason="ROS is not installed")
+    blocked = "import sys; sys.modules['uw_visibility_lab'] = None"
+    modules = imported_by(
+        f"{blocked}; import uw_visibility.ros.node, uw_visibility.ros.lifecycle, "
+        "uw_visibility.replay.batch, uw_visibility.commands.calibrate")
+    assert not [name for name in modules if name.startswith("uw_visibility_lab.")]
+
+
+def test_a_command_of_the_lab_says_how_to_install_it() -> None:
+    code = (
+        "import importlib.metadata as m; m.entry_points = lambda **_: (); "
+        "from uw_visibility.cli import main; sys = __import__('sys'); "
+        "sys.exit(main(['simulate', '-o', 'bag', '--frames', '3']))")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "pip install ./lab" in done.stderr
+    assert len(done.stderr.splitlines()) == 1

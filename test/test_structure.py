@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -47,3 +48,51 @@ def test_arrays_of_kernels_are_annotated_as_any(file: Path) -> None:
         written = [a.annotation for a in kernel.args.args] + [kernel.returns]
         names = ["nothing" if w is None else ast.unparse(w) for w in written]
         assert not [n for n in names if "NDArray" in n or n == "nothing"], (kernel.name, names)
+
+
+# Conversions to whole numbers that may serve as indices; of a float they are undefined beyond the
+# range of their type.
+CONVERSIONS = re.compile(r"(np\.)?(int|round|u?int32|u?int64|u?intp)$")
+# Names, of arrays too, that stand for whole numbers in all kernels.
+WHOLE_NAMES = {
+    "_BARRED", "_BITS", "_DISPARITY_BITS", "_DISPARITY_MASK", "_MASK", "_MATCHED",
+    "_MATCHED_BITS", "_NOTHING", "_ROUNDS", "above", "at", "before", "after", "below", "best_left",
+    "blue", "code", "colours", "column", "count", "d", "descriptors", "energy", "entry", "first",
+    "green", "held", "here", "i", "k", "key", "marks", "max_gap", "peek", "shift", "start", "steps",
+    "symbol", "to", "total", "u", "v", "x", "y",
+}
+# Whole numbers by other words: the sizes of arrays, or masked to a table of that size.
+WHOLE = {
+    "images/jpeg_scan.py": {"value", "symbol if k == 0 else symbol & 15"},
+    "images/noise.py": {"image[y, x, channel]", "image[y - 1, x, channel]",
+                        "image[y + 1, x, channel]", "image[y, x - 1, channel]",
+                        "image[y, x + 1, channel]"},
+    "simulation/noise.py": {"fx", "fy", "fz"},
+    "simulation/scene.py": {"extent[0] / SPACING", "extent[1] / SPACING"},
+    "stereo/denoising.py": {"level", "scales.shape[0] - 2"},
+    "stereo/elas/confidence.py": {"max(column[x], 0)"},
+    "stereo/elas/postprocess.py": {"max(column[x] + 1, 0)"},
+    "stereo/elas/support.py": {"abs(after - before) >> 1"},
+    "water/observations.py": {"np.sqrt(height * width / PIXELS_READ_WHOLE)"},
+}
+
+
+def is_whole(argument: ast.expr, listed: set[str]) -> bool:
+    """Tell whether a conversion's argument is a whole number, by the lists above."""
+    written = ast.unparse(argument)
+    names = {node.id for node in ast.walk(argument) if isinstance(node, ast.Name)}
+    plain = not re.search(r"\.|(?<!/)/(?!/)|\w\(", re.sub(r"np\.u?int\d+\(", "(", written))
+    whole = plain and names <= WHOLE_NAMES | {"np"}
+    return whole or written in listed or written.startswith("index_of(")
+
+
+@pytest.mark.parametrize("file", [f for f in FILES if kernels(f)], ids=name_of)
+def test_kernels_make_indices_of_floats_by_the_one_helper(file: Path) -> None:
+    listed = WHOLE.get(str(file.relative_to(PACKAGE)), set())
+    found = [
+        f"line {node.lineno}: {ast.unparse(node)}"
+        for kernel in kernels(file) for node in ast.walk(kernel)
+        if isinstance(node, ast.Call) and CONVERSIONS.match(ast.unparse(node.func))
+        and not all(is_whole(argument, listed) for argument in node.args)
+    ]
+    assert found == [], "take compute.indexing.index_of, or list what is whole already"

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import importlib
 import io
 import os
@@ -12,16 +13,25 @@ import signal
 import sys
 import traceback
 from collections.abc import Sequence
+from importlib.metadata import entry_points
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from uw_visibility import __version__
-from uw_visibility.commands import calibrate, demo, enhance, evaluate, replay, simulate, warmup
+from uw_visibility.commands import calibrate, enhance, replay, warmup
 from uw_visibility.errors import InputError, needing, printable
 
 DONE, FAILED, UNUSABLE = 0, 1, 2
 INTERRUPTED, BROKEN_PIPE = 130, 141
-COMMANDS = (enhance, replay, calibrate, simulate, evaluate, demo, warmup)
+COMMANDS = {"enhance": enhance, "replay": replay, "calibrate": calibrate, "warmup": warmup}
+# Other distributions add commands by entry points of this group.
+GROUP = "uw_visibility.commands"
+# Those of the lab, which need not be installed.
+OF_THE_LAB = {
+    "simulate": "an underwater stereo transect with its truth",
+    "evaluate": "the paper's experiments, on images and renderings",
+    "demo": "simulate, run the node, play the bag into it, report",
+}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -68,6 +78,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if any("\0" in word for word in words):
             raise InputError("an argument holds a null character: leave it out")
+        command = commands().get(words[0]) if words else None
+        if isinstance(command, _Missing) and not {"-h", "--help"} & set(words):
+            command.run()
         parser = make_parser()
         _complete(parser)
         arguments = parser.parse_args(_repeat_calibration(words))
@@ -128,10 +141,10 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for command in COMMANDS:
+    for name, command in commands().items():
         subparser = subparsers.add_parser(
-            command.__name__.rpartition(".")[2], help=command.HELP,
-            description=command.DESCRIPTION, epilog=getattr(command, "EPILOG", None),
+            name, help=command.HELP, description=command.DESCRIPTION,
+            epilog=getattr(command, "EPILOG", None),
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         command.add_options(subparser)
@@ -140,6 +153,33 @@ def make_parser() -> argparse.ArgumentParser:
             "--debug", action="store_true", help="show where an internal error arose"
         )
     return parser
+
+
+@functools.cache
+def commands() -> dict[str, Any]:
+    """Return the commands by name: a module each, with HELP, DESCRIPTION, add_options and run."""
+    added = {point.name: point for point in entry_points(group=GROUP)}
+    found: dict[str, Any] = dict(COMMANDS)
+    for name, what in OF_THE_LAB.items():
+        found[name] = added.pop(name).load() if name in added else _Missing(name, what)
+    return found | {name: point.load() for name, point in sorted(added.items())}
+
+
+class _Missing:
+    """A command of the lab where that is not installed: it says how to install it."""
+
+    def __init__(self, name: str, what: str) -> None:
+        self.HELP = f"{what} (of the lab, not installed)"
+        self.DESCRIPTION = (
+            f"{name} is a command of the lab, which is not installed: "
+            "pip install ./lab in a clone of the repository")
+
+    def add_options(self, _: argparse.ArgumentParser) -> None:
+        """Add none."""
+
+    def run(self, _: argparse.Namespace | None = None) -> NoReturn:
+        """Say how to install it."""
+        raise InputError(self.DESCRIPTION)
 
 
 def _repeat_calibration(words: Sequence[str]) -> list[str]:

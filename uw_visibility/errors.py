@@ -43,6 +43,37 @@ def printable(text: object, length: int = LONGEST_NAME) -> str:
     )
 
 
+_FORMULA = ("=", "+", "-", "@")
+
+
+def cell(value: object) -> object:
+    """Return what a CSV file has for a value: texts that a spreadsheet would run have ' before.
+
+    Names of recordings and frames come from others, and ``=...`` in a cell is a formula.
+
+    References
+    ----------
+    OWASP, CSV Injection, https://owasp.org/www-community/attacks/CSV_Injection
+    """
+    if not isinstance(value, str):
+        return value
+    # Python's writer leaves it without quotes, and readers take it for the end of a row.
+    text = value.replace("\r", " ")
+    if not text.lstrip().startswith(_FORMULA):
+        return text
+    try:
+        float(text)
+    except ValueError:
+        return f"'{text}"
+    return text
+
+
+def uncell(text: str) -> str:
+    """Return the text of a cell that `cell` wrote."""
+    formula = text.startswith("'") and text[1:].lstrip().startswith(_FORMULA)
+    return text[1:] if formula else text
+
+
 class InputError(ValueError):
     """Bad input: the message names it and says what to do.
 

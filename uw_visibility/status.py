@@ -56,6 +56,10 @@ class Status(str, Enum):
         "ranges before and after dense matching tell different water "
         "(check calibration and stereo.max_disparity)"
     )
+    RANGES_OF_ANOTHER_SCENE = (
+        "edges of the image and steps of the ranges coincide no more than by chance "
+        "(ranges of another frame, mirrored, or an image of noise?)"
+    )
     NO_WATER_TYPE = "attenuation is that of no Jerlov type"
     WATER_TYPE_UNCERTAIN = "attenuation is too uncertain to tell a Jerlov type"
     LIT_BY_LAMPS = "lit by lamps: set lighting.model (and lighting.positions)"
@@ -71,6 +75,6 @@ class Status(str, Enum):
 
 REFUTING = frozenset((
     Status.CLEARER_THAN_CLEAR_WATER, Status.OTHER_TRANSFER, Status.UNEVEN_RADIUS,
-    Status.UNEVEN_SIDES, Status.CUES_DISAGREE, Status.NOT_ONE_WATER,
+    Status.UNEVEN_SIDES, Status.CUES_DISAGREE, Status.NOT_ONE_WATER, Status.NO_COLOUR,
 ))
 """Reasons by which a frame shows that water, light or camera are not what is assumed."""

@@ -26,12 +26,11 @@ from uw_visibility.status import Status
 FOLDER = Path(__file__).resolve().parents[1] / "generated"
 
 VERDICTS = {
-    Verdict.OK: "Sensor and estimate agree within the gate.",
-    Verdict.WARN: "They disagree, not yet often enough in a row for an error.",
-    Verdict.ERROR: "They have disagreed so often in a row that one of them is wrong: look at "
-    "the sensor's scale, sign and offset, then at the camera's white reference.",
+    Verdict.OK: "Sensor and estimate agree, but for a constant of the camera.",
+    Verdict.WARN: "They disagree as a right sensor does once in `plausibility.warn_interval`.",
+    Verdict.ERROR: "They disagree as a right sensor does once in `plausibility.error_interval`: "
+    "look at the sensor's scale, sign and offset, then at the camera's white reference.",
     Verdict.STALE: "Nothing has arrived from the sensor lately.",
-    Verdict.LEARNING: "A constant difference is being learned from the first comparisons.",
     Verdict.NOT_ASSESSABLE: "The estimate is too uncertain to prove anything, or there is none.",
 }
 

@@ -18,8 +18,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from uw_visibility import Pipeline, PipelineConfig
-from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.simulation.transect import Transect
+from uw_visibility_lab.simulation.camera import StereoCamera
+from uw_visibility_lab.simulation.transect import Transect
 
 camera = StereoCamera(width=320, height=240, focal_length=300.0, baseline=0.12)
 plan = Transect(frames=1, depth=(4.0, 4.0), attenuation=(0.2, 0.2), seed=3, camera=camera)

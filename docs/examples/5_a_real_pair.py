@@ -25,8 +25,8 @@ import numpy as np
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.images.files import read_image
 from uw_visibility.images.overview import overview
-from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.simulation.transect import Transect
+from uw_visibility_lab.simulation.camera import StereoCamera
+from uw_visibility_lab.simulation.transect import Transect
 
 data = Path("../../../shared/data/underwater/bermuda")
 paths = data / "left_10.png", data / "right_10.png"

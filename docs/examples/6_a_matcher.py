@@ -24,8 +24,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from uw_visibility import Pipeline, PipelineConfig
-from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.simulation.transect import Transect
+from uw_visibility_lab.simulation.camera import StereoCamera
+from uw_visibility_lab.simulation.transect import Transect
 from uw_visibility.stereo.elas import DenseMatch, Matcher
 from uw_visibility.stereo.matchers import MATCHERS
 

@@ -34,6 +34,7 @@ def visibility(**changes: Any) -> SimpleNamespace:
         "status": Status.OK, "depth_status": Status.OK,
         "mean_attenuation": 0.2, "mean_attenuation_stddev": 0.01,
         "distance": 23.5, "distance_stddev": 1.5, "depth": 3.0, "depth_stddev": 0.5,
+        "channels": "RGB",
     }
     return SimpleNamespace(**{**fields, **changes})
 
@@ -70,6 +71,7 @@ def test_the_report_holds_every_estimate_in_its_place() -> None:
         },
         "clear_water_attenuation": [0.228, 0.066, 0.025],
         "mean_attenuation": 0.2, "mean_attenuation_stddev": 0.01,
+        "channels": "RGB",
         "visibility_distance": 23.5, "visibility_distance_stddev": 1.5,
         "depth": 3.0, "depth_stddev": 0.5,
         "white": {"scene_light": [0.25, 0.5, 0.75], "from_camera": 0.5},

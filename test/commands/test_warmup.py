@@ -20,7 +20,7 @@ from uw_visibility import Pipeline, PipelineConfig, StereoRig, estimate_water
 from uw_visibility.cli import main
 from uw_visibility.compute.jit import counts
 from uw_visibility.pipeline.warm_up import warm_up_pair
-from uw_visibility.water.filter import WaterFilter
+from uw_visibility.water.series.filter import WaterFilter
 
 assert main(["warmup", "--size", "160x120"]) == 0
 known = counts.loaded + counts.compiled
@@ -78,7 +78,7 @@ def test_no_image_needs_a_kernel_that_was_not_warmed_up() -> None:
     assert process.returncode == 0, process.stderr
 
 
-@pytest.mark.parametrize("size", ["640", "20x20", "640xx480"])
+@pytest.mark.parametrize("size", ["640", "20x20", "640xx480", "-1x5"])
 def test_a_useless_size_is_refused(size: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["warmup", "--size", size]) == UNUSABLE
+    assert main(["warmup", f"--size={size}"]) == UNUSABLE
     assert "size" in capsys.readouterr().err

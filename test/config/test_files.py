@@ -13,7 +13,14 @@ from pathlib import Path
 
 import pytest
 
-from uw_visibility.config.files import read_regular, sole_writer, write_whole
+from uw_visibility.config.files import (
+    Products,
+    gathered,
+    read_regular,
+    refuse_inputs,
+    sole_writer,
+    write_whole,
+)
 from uw_visibility.errors import InputError
 
 
@@ -109,3 +116,70 @@ def test_of_many_writers_one_at_a_time_is_inside(tmp_path: Path) -> None:
     for thread in threads:
         thread.join()
     assert (done, most) == (16, 1)
+
+
+ONE = Products("mark.json", ("table.csv", "images/", "images/*.png"), "nothing", keys=("ours",))
+ALL = Products("all.json", ("index.html",), "nothing", folders=Products(
+    "mark.json", ("table.csv",), "nothing"))
+
+
+def write(folder: Path, *names: str) -> None:
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text("ours", encoding="utf-8")
+
+
+def test_only_what_holds_nothing_else_is_removed(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for foreign in ("notes.txt", "images/notes.txt", "images/sub/a.png", "table.csv.bak"):
+        write(out, "mark.json", "table.csv", "images/a.png", foreign)
+        with pytest.raises(InputError, match="is not of what this program writes there"):
+            ONE.remove(out)
+        (out / foreign).unlink()
+    with pytest.raises(InputError, match=r"images/sub is not of"):
+        ONE.remove(out)
+    (out / "images" / "sub").rmdir()
+    (out / "mark.json").write_text("theirs", encoding="utf-8")
+    with pytest.raises(InputError, match="is nothing"):
+        ONE.remove(out)
+    write(out, "mark.json", ".table.csv.0123456789ab.partial")
+    ONE.remove(out)
+    assert not out.exists()
+
+
+def test_folders_in_a_folder_need_their_own_mark(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    write(out, "all.json", "one/mark.json", "one/table.csv", "two/table.csv")
+    with pytest.raises(InputError, match="two is not of"):
+        ALL.remove(out)
+    write(out, "two/mark.json", "two/dive.mcap")
+    with pytest.raises(InputError, match=r"two/dive\.mcap is not of"):
+        ALL.remove(out)
+    (out / "two" / "dive.mcap").unlink()
+    ALL.remove(out)
+    assert not out.exists()
+
+
+def test_earlier_products_go_and_other_files_stay(tmp_path: Path) -> None:
+    write(tmp_path, "mark.json", "table.csv", "notes.txt")
+    with gathered(tmp_path, ONE, force=True) as folder:
+        write(folder, "mark.json")
+    assert {path.name for path in tmp_path.iterdir()} == {"mark.json", "notes.txt"}
+    with pytest.raises(InputError, match="--force to replace; the results are in"), \
+            gathered(tmp_path, ONE, force=False) as folder:
+        write(folder, "mark.json", "table.csv")
+    (kept,) = tmp_path.glob("*.partial")
+    assert (kept / "table.csv").is_file() and not (tmp_path / "table.csv").exists()
+
+
+def test_inputs_are_found_wherever_they_lie(tmp_path: Path) -> None:
+    write(tmp_path, "out/deep/in.mcap")
+    (tmp_path / "link").symlink_to(tmp_path / "out")
+    out, file = tmp_path / "out", tmp_path / "out" / "deep" / "in.mcap"
+    for given, place in (
+        (file, out), (tmp_path / "link" / "deep", out), (file, tmp_path / "link"), (out, out),
+        (f"file://{file}", out), ("s3://b/out/in.mcap", "s3://b/out"),
+    ):
+        with pytest.raises(InputError, match="would replace the input"):
+            refuse_inputs([None, given], [place])
+    refuse_inputs([file, "s3://b/out.mcap"], [tmp_path / "out" / "de", "s3://b/out"])

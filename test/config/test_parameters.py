@@ -48,14 +48,22 @@ def test_build_takes_what_is_given_and_keeps_the_rest() -> None:
     assert isinstance(made.inner.gain, float)
 
 
+def test_numbers_that_yaml_takes_for_texts_are_numbers() -> None:
+    """YAML 1.1 asks for a point in 1.0e-05."""
+    assert build(Outer, {"inner.gain": "1e+00"}).inner.gain == 1.0
+    for white in ("[1e-05, 0.5, 1.0]", ["1e-05", 0.5, 1.0], ["1e-05", "5e-1", "1e+0"]):
+        assert build(Outer, {"white": white}).white == (1e-05, 0.5, 1.0)
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [
         ("count", 1.0), ("count", "1"), ("count", True), ("count", -1), ("count", None),
         ("on", 1), ("on", "false"), ("inner.gain", 0.49), ("inner.gain", 4.1),
         ("inner.gain", float("nan")), ("inner.gain", float("inf")), ("inner.gain", True),
-        ("inner.gain", "2.0"), ("inner.mode", "c"), ("inner.mode", 1), ("white", [1.0, 1.0]),
-        ("white", [1.0, 1.0, "1"]), ("white", "abc"), ("white", 1.0),
+        ("inner.gain", "two"), ("inner.gain", "nan"), ("inner.mode", "c"), ("inner.mode", 1),
+        ("white", [1.0, 1.0]),
+        ("white", [1.0, 1.0, "one"]), ("white", "abc"), ("white", 1.0),
         ("white", [1.0, 1.0, -0.1]), ("white", [True, True, True]),
         ("white", [1.0, 1.0, float("nan")]),
     ],

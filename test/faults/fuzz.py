@@ -34,10 +34,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 # Numbers of cases that `make test` runs of each kind, within seconds.
 KINDS = {
     "bags": 200, "replays": 12, "resumes": 12, "images": 500, "documents": 300, "commands": 200,
-    "messages": 40, "parameters": 20, "signals": 4,
+    "pictures": 60, "messages": 40, "pairs": 20, "parameters": 20, "signals": 4,
 }
 # Those that need ROS.
-WITH_NODES = ("messages", "parameters", "signals")
+WITH_NODES = ("messages", "pairs", "parameters", "signals")
 # Nothing that these cases read takes as much; beyond the second limit the system refuses.
 MOST_MEMORY, HARD_LIMIT = 1 << 30, 6 << 30
 LONGEST = 30.0

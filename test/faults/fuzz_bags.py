@@ -10,7 +10,7 @@ from collections import Counter
 from pathlib import Path
 
 from fuzz import Outcome
-from hostile import damage_database, damage_mcap, damage_metadata, damage_rosbag1
+from hostile import damage_database, damage_mcap, damage_metadata
 from mutations import mutate
 from small_bags import write_all
 
@@ -52,9 +52,8 @@ class DamagedBags:
             file = metadata
         elif choice < 0.5 and file.suffix == ".db3":
             return damage_database(file, rng)
-        elif choice < 0.5 and file.suffix in (".mcap", ".bag"):
-            damage = damage_mcap if file.suffix == ".mcap" else damage_rosbag1
-            file.write_bytes(damage(file.read_bytes(), rng))
+        elif choice < 0.5 and file.suffix == ".mcap":
+            file.write_bytes(damage_mcap(file.read_bytes(), rng))
             return "structure"
         what, content = mutate(file.read_bytes(), rng)
         file.write_bytes(content)

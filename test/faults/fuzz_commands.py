@@ -30,7 +30,7 @@ DEVICES = ("/dev/zero", "/dev/null", "/dev/full", "/", "", ".", "/proc/self/mem"
 OPTIONS = {
     "enhance": {
         "--focal-length": 1, "--baseline": 1, "--principal-point": 2, "--calibration": 1,
-        "--max-disparity": 1, "--params-file": 1, "-o": 1,
+        "--max-disparity": 1, "--params-file": 1, "-o": 1, "--force": 0,
     },
     "replay": {
         "--rectify": 0, "--params-file": 1, "--calibration": 1, "--left": 1, "--right": 1,

@@ -26,7 +26,8 @@ from soak import spoil
 
 # The node says how it is once a second, which is what a case would wait for.
 NODE = """
-import sys
+import sys, warnings
+warnings.simplefilter("error", RuntimeWarning)
 from uw_visibility.ros import monitor
 monitor.PERIOD = 0.05
 from uw_visibility.ros.start import node

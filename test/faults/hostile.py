@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import random
-import re
 import sqlite3
 import struct
 from contextlib import suppress
@@ -106,13 +105,6 @@ def damage_mcap(data: bytes, rng: random.Random) -> bytes:
                 inner += 9 + struct.unpack_from("<Q", data, inner + 1)[0]
         at += 9 + length
     return _at_some(data, places, range(40), rng)
-
-
-def damage_rosbag1(data: bytes, rng: random.Random) -> bytes:
-    """Put absurd numbers into the fields of records' headers."""
-    pattern = rb"(op|conn|time|size|count|ver|chunk_pos|topic|compression|index_pos)="
-    places = [match.start() for match in re.finditer(pattern, data)]
-    return _at_some(data, places, range(-12, 20), rng)
 
 
 def _at_some(data: bytes, places: list[int], offsets: range, rng: random.Random) -> bytes:

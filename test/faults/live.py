@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from types import ModuleType
 
-from uw_visibility.commands.demonstration.node_process import reserved_domain
+from uw_visibility_lab.demonstration.node_process import reserved_domain
 
 FOLDER = Path(__file__).resolve().parents[1]
 SIDES = ("left", "right")

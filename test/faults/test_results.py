@@ -40,7 +40,7 @@ def test_enhance_on_a_full_disk_leaves_the_result_of_before(
     capsys.readouterr()
     # Room for an image, and none for the maps.
     with full_disk(25_000):
-        assert main(["enhance", *pair, "-o", str(out)]) == 2
+        assert main(["enhance", *pair, "-o", str(out), "--force"]) == 2
     told = capsys.readouterr().err
     assert "cannot write" in told and str(out) in told
     assert {file: file.read_bytes() for file in out.iterdir()} == before

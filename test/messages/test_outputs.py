@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 
 from uw_visibility.config.schema import NodeConfig
+from uw_visibility.messages.estimates import Estimate, ImageHeader
 from uw_visibility.messages.frames import StereoFrame, StereoPair
 from uw_visibility.messages.images import MessageFactory, read_image, typestore_factory
-from uw_visibility.messages.output_images import Source
-from uw_visibility.messages.outputs import TOPICS, all_topics, each_message, enhanced_sides
+from uw_visibility.messages.outputs import TOPICS, Source, all_topics, each_message, enhanced_sides
 from uw_visibility.pipeline.result import EnhancedImages, FrameResult, StereoResult
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate
-from uw_visibility.water.filter import FilteredWater
-from uw_visibility.water.tracking import TrackingEvent
+from uw_visibility.water.meaning.assessment import Visibility
+from uw_visibility.water.series.filter import FilteredWater
+from uw_visibility.water.series.tracking import TrackingEvent
 
 HEIGHT, WIDTH = 4, 40
 RIG = StereoRig(400.0, 0.12, (19.5, 1.5), (16.5, 1.5))
@@ -284,6 +284,22 @@ def test_depth_is_negative_below_the_surface_and_only_z_is_measured(make: Messag
     assert np.count_nonzero(covariance - np.diag(np.diag(covariance))) == 0
 
 
+@pytest.mark.parametrize(("camera", "given", "frame"), [
+    ("left_camera_optical_frame", "", "left_camera_frame"), ("auv/left_optical", "", "auv/left"),
+    ("left_camera_optical_link", "", "left_camera_link"), ("left_camera", "", "left_camera"),
+    ("optical_rig/left", "", "optical_rig/left"), ("left_optical", "auv/nose", "auv/nose"),
+])
+def test_a_range_is_in_a_frame_whose_x_axis_points_ahead(
+    make: MessageFactory, camera: str, given: str, frame: str
+) -> None:
+    """Viewers draw a Range along x, which is to the right in an optical frame (REP 103)."""
+    estimate = Estimate(
+        make, ImageHeader(7, 250, camera), result().water, result().visibility, 1.0,
+        replace(CONFIG, distance_frame=given))
+    assert head(estimate.message("distance")) == (7, 250, frame)
+    assert head(estimate.message("attenuation")) == (7, 250, camera)
+
+
 NAN = math.nan
 UNKNOWN = {"mean_attenuation": NAN, "distance": NAN, "distance_stddev": NAN}
 
@@ -314,8 +330,10 @@ UNKNOWN = {"mean_attenuation": NAN, "distance": NAN, "distance_stddev": NAN}
                 "mean_attenuation_stamped")
         },
     ),
+    # A channel that the water took is NaN in a vector that says the others.
+    ({"water": replace(result().water, attenuation=np.array([NAN, 0.3, 0.2]))}, set()),
     (
-        {"water": replace(result().water, attenuation=np.array([NAN, 0.3, 0.2]))},
+        {"water": replace(result().water, attenuation=np.array([NAN, NAN, NAN]))},
         {"visibility/attenuation"},
     ),
 ])

@@ -19,8 +19,8 @@ from uw_visibility.messages.processor import FrameProcessor
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimate import WaterEstimate
-from uw_visibility.water.filter import FilteredWater
-from uw_visibility.water.tracking import TrackingEvent
+from uw_visibility.water.series.filter import FilteredWater
+from uw_visibility.water.series.tracking import TrackingEvent
 
 HEIGHT, WIDTH = 96, 128
 ESTIMATES = {topic for topic in TOPICS if topic.startswith("visibility/")}

@@ -10,9 +10,9 @@ import pytest
 
 from uw_visibility import Pipeline
 from uw_visibility.commands.calibration_file import read_rig
-from uw_visibility.evaluation.metrics import correct_fraction
 from uw_visibility.images.files import read_image
 from uw_visibility.status import Status
+from uw_visibility_lab.evaluation.metrics import correct_fraction
 
 
 @pytest.mark.parametrize(("name", "codes", "least"), [

@@ -10,8 +10,8 @@ import pytest
 
 from uw_visibility import PipelineConfig, StereoRig, estimate_water
 from uw_visibility.errors import InputError
-from uw_visibility.evaluation.scenes import SceneSource
 from uw_visibility.status import Status
+from uw_visibility_lab.evaluation.scenes import SceneSource
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,11 @@ from scenes import ReefView
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.errors import InputError
-from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.simulation.frame import RenderedFrame
-from uw_visibility.simulation.water import Water
 from uw_visibility.status import Status
 from uw_visibility.stereo.pyramid import Pyramid
+from uw_visibility_lab.simulation.camera import StereoCamera
+from uw_visibility_lab.simulation.frame import RenderedFrame
+from uw_visibility_lab.simulation.water import Water
 
 CAMERA = StereoCamera(644, 362, 600.0, 0.12)
 

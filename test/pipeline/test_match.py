@@ -8,7 +8,7 @@ import numpy as np
 
 from uw_visibility import estimate_water, match
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.evaluation.scenes import SceneSource
+from uw_visibility_lab.evaluation.scenes import SceneSource
 
 CLEAR = np.array([0.228, 0.066, 0.025])
 

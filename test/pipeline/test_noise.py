@@ -13,13 +13,13 @@ import pytest
 from scenes import blurred, in_water, row_ranges, stereo_pair
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
-from uw_visibility.evaluation.degrade import load_scene
-from uw_visibility.evaluation.metrics import bad_fraction, correct_fraction
 from uw_visibility.images.jpeg import jpeg_chroma
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.pipeline import second_step
 from uw_visibility.pipeline.result import FrameResult
-from uw_visibility.simulation.camera import Sensor
+from uw_visibility_lab.evaluation.degrade import load_scene
+from uw_visibility_lab.evaluation.metrics import bad_fraction, correct_fraction
+from uw_visibility_lab.simulation.camera import Sensor
 
 HEIGHT, WIDTH, DISPARITY = 360, 640, 40
 WATER = [0.55, 0.4, 0.35]

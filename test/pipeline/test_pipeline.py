@@ -8,12 +8,12 @@ from scenes import blurred, codes, stereo_pair, texture
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.errors import InputError
-from uw_visibility.evaluation.degrade import load_scene
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.pipeline.warm_up import warm_up_pair
 from uw_visibility.status import Status
+from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.estimate import WaterEstimate
-from uw_visibility.water.estimation import WaterEstimator
+from uw_visibility_lab.evaluation.degrade import load_scene
 
 CLEAR = clear_water_attenuation(load_response("nikon_d5100"))
 DEPTH = 2.0
@@ -167,7 +167,11 @@ def test_blind_pairs_are_refused_with_the_cause_and_the_next_is_processed(pipeli
 @pytest.mark.parametrize("options, says", [
     ({"valid": np.ones((3, 3), bool)}, "shape .3, 3."),
     ({"valid": np.ones((120, 160), np.uint8)}, "valid pixels are uint8"),
-    ({"enhance": ["Left"]}, "no image is called 'Left'"),
+    ({"valid": [[True]]}, r"valid pixels are bool of shape \(1, 1\)"),
+    ({"valid": [[True], [True, False]]}, "valid pixels are object"),
+    ({"enhance": ["Left"]}, r"enhance is \['Left'\]: give a tuple"),
+    ({"enhance": "left"}, "enhance is 'left': give a tuple"),
+    ({"enhance": None}, "enhance is None: give a tuple"),
 ])
 def test_options_that_do_not_fit_the_pair_are_named(pipeline, options, says):
     left, right = warm_up_pair((120, 160), np.dtype(np.uint8))

@@ -12,11 +12,11 @@ from scenes import ReefView
 from uw_visibility import FrameResult, Pipeline, PipelineConfig
 from uw_visibility.images.vignetting import illumination
 from uw_visibility.optics.transfer import from_linear, to_linear
-from uw_visibility.simulation.camera import Pose, Sensor, StereoCamera
-from uw_visibility.simulation.frame import Effects
-from uw_visibility.simulation.scene import reef
-from uw_visibility.simulation.water import Water
 from uw_visibility.status import Status
+from uw_visibility_lab.simulation.camera import Pose, Sensor, StereoCamera
+from uw_visibility_lab.simulation.frame import Effects
+from uw_visibility_lab.simulation.scene import reef
+from uw_visibility_lab.simulation.water import Water
 
 CAMERA = StereoCamera(320, 240, 300.0, 0.12)
 RIG = CAMERA.rig

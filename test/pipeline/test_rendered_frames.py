@@ -17,9 +17,9 @@ from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.images import ENCODINGS
 from uw_visibility.messages.processor import FrameProcessor
-from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.simulation.frame import RenderedFrame
-from uw_visibility.simulation.water import Water
+from uw_visibility_lab.simulation.camera import StereoCamera
+from uw_visibility_lab.simulation.frame import RenderedFrame
+from uw_visibility_lab.simulation.water import Water
 
 CAMERA = StereoCamera()
 TILES = {"rggb": "rg/gb", "bggr": "bg/gr", "gbrg": "gb/rg", "grbg": "gr/bg"}

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from uw_visibility import StereoRig, estimate_water
+from uw_visibility.pipeline.coincidence import show_one_scene
 from uw_visibility.pipeline.parts import WaterResult
 from uw_visibility.status import Status
 
@@ -19,17 +20,26 @@ BASELINE = 0.1
 
 
 @pytest.fixture(scope="module")
-def sea(shared_data) -> dict[str, tuple[WaterResult, np.ndarray | None]]:
-    """Return each frame's result, and the irradiance of its open water where it shows some."""
+def frames(shared_data) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return each frame's image and depth, m; 0 where unknown."""
     folder = shared_data / "flsea"
     if not folder.is_dir():
         pytest.skip("the frames of FLSea are absent")
-    open_water = json.loads((folder / "open_water.json").read_text())
+    return {
+        path.name.removesuffix("_depth.png"): (
+            np.ascontiguousarray(
+                cv2.imread(str(path).replace("_depth.png", ".png"))[..., ::-1]),
+            cv2.imread(str(path), cv2.IMREAD_UNCHANGED) / np.float32(1000))
+        for path in sorted(folder.glob("*_depth.png"))
+    }
+
+
+@pytest.fixture(scope="module")
+def sea(shared_data, frames) -> dict[str, tuple[WaterResult, np.ndarray | None]]:
+    """Return each frame's result, and the irradiance of its open water where it shows some."""
+    open_water = json.loads((shared_data / "flsea" / "open_water.json").read_text())
     results = {}
-    for path in sorted(folder.glob("*_depth.png")):
-        name = path.name.removesuffix("_depth.png")
-        image = np.ascontiguousarray(cv2.imread(str(folder / f"{name}.png"))[..., ::-1])
-        depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) / np.float32(1000)
+    for name, (image, depth) in frames.items():
         with np.errstate(divide="ignore"):
             disparity = np.where(depth > 0, FOCAL_LENGTH * BASELINE / depth, np.nan)
         height, width = depth.shape
@@ -67,3 +77,11 @@ def test_the_cues_agree(sea):
         contrast, stddev = result.water.cues["contrast"]
         total = np.hypot(stddev, result.water.attenuation_stddev)
         assert (np.abs(result.water.attenuation - contrast) < 3 * total).all()
+
+
+def test_frames_belong_to_their_ranges_and_not_to_those_of_others(frames):
+    for image, ranges in frames.values():
+        assert show_one_scene(image, ranges)
+        assert not show_one_scene(image, np.ascontiguousarray(ranges[::-1, ::-1]))
+        noise = np.random.default_rng(1).normal(100, 30, image.shape)
+        assert not show_one_scene(np.clip(noise, 0, 255).astype(np.uint8), ranges)

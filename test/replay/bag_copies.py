@@ -29,7 +29,7 @@ TOPICS = ("/left/image_rect", "/right/image_rect", "/left/camera_info", "/right/
           "/depth_sensor")
 
 # With them, frames depend on those before in every way that there is.
-HARD_PARAMETERS = {"tracking.enabled": True, "plausibility.bias_window": 3,
+HARD_PARAMETERS = {"tracking.enabled": True,
                    "plausibility.max_gate": 50.0}
 
 # A message on its way into a copy: topic, type, object, time.

@@ -25,9 +25,9 @@ from bag_copies import (
 )
 
 from uw_visibility.cli import main
-from uw_visibility.simulation.bag import write_transect
-from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.simulation.transect import Transect
+from uw_visibility_lab.simulation.bag import write_transect
+from uw_visibility_lab.simulation.camera import StereoCamera
+from uw_visibility_lab.simulation.transect import Transect
 
 
 def simulated(

@@ -13,8 +13,8 @@ from uw_visibility.messages.estimates import ImageHeader
 from uw_visibility.replay.records import FrameEstimate, FrameRecord
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.meaning.assessment import Visibility
 
 
 def frame_estimate(water_status: Status = Status.OK, /, **visibility: Any) -> FrameEstimate:

@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.commands.demonstration.node_process import COMMAND, NodeProcess
 from uw_visibility.replay.bags.storage import Recorded
+from uw_visibility_lab.demonstration.node_process import COMMAND, NodeProcess
 
 # The first start compiles every kernel: three minutes of processor time, others' beside it.
 READY_TIMEOUT = 900.0

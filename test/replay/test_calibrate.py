@@ -19,8 +19,8 @@ from uw_visibility.config.parameters import read_yaml
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.replay.work import Recording, RecordingProcessor
-from uw_visibility.water.depth import diffuse_attenuation
-from uw_visibility.water.priors import NOTHING_EXPECTED
+from uw_visibility.water.daylight.priors import NOTHING_EXPECTED
+from uw_visibility.water.meaning.depth import diffuse_attenuation
 
 RESPONSE = load_response("nikon_d5100")
 WHITE = np.array([1.0, 0.7, 0.6])

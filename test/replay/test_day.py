@@ -18,9 +18,9 @@ from uw_visibility.cli import main
 from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.day import DAY_MARK
 from uw_visibility.replay.table import SUFFIX, read_rows
-from uw_visibility.simulation import bag as simulation
-from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.simulation.transect import Transect
+from uw_visibility_lab.simulation import bag as simulation
+from uw_visibility_lab.simulation.camera import StereoCamera
+from uw_visibility_lab.simulation.transect import Transect
 
 HOUR = 3600
 LEGS = {"leg 1": (0.1, 2 * HOUR, 4), "leg 2": (0.3, 0, 3), "murky": (2.5, 4 * HOUR, 2)}

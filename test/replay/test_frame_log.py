@@ -18,7 +18,7 @@ from uw_visibility.images.view import View
 from uw_visibility.replay.frame_log import NAME, FrameLog, read_records
 from uw_visibility.replay.records import FrameRecord
 from uw_visibility.water.estimate import LampLight
-from uw_visibility.water.lamp_tracks import GroundView
+from uw_visibility.water.lamps.tracks import GroundView
 from uw_visibility.water.observations import Envelopes, observe
 
 

@@ -4,14 +4,16 @@
 
 from __future__ import annotations
 
+import json
 import math
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from uw_visibility.errors import InputError
-from uw_visibility.replay.line_fit import LineFit, fit_line
+from uw_visibility.replay.line_fit import LARGEST, LineFit, fit_line
 
 
 def draw(seed: int, noise: float = 0.03, count: int = 60) -> LineFit:
@@ -57,6 +59,8 @@ def test_too_little_is_no_fit() -> None:
     assert fit_line(x[:7], x[:7], x[:7]) is None
     assert fit_line(np.full(20, 0.3), x, x) is None
     assert fit_line(np.full(20, np.nan), x, x) is None
+    # Squares of these are zero in double precision.
+    assert fit_line(x, x, 1e-200 * x) is None
 
 
 def test_a_fit_is_kept_and_read(tmp_path: Path) -> None:
@@ -69,3 +73,23 @@ def test_a_fit_is_kept_and_read(tmp_path: Path) -> None:
     (tmp_path / "fit.json").write_text('[1, 2]')
     with pytest.raises(InputError, match="no fit of a joined topic"):
         LineFit.read(tmp_path / "fit.json")
+
+
+@pytest.mark.parametrize(("name", "value"), [
+    ("intercept_stddev", 1e200), ("slope", 1e308), ("covariance", -1e39),
+])
+def test_a_fit_beyond_single_precision_is_refused(
+    name: str, value: float, tmp_path: Path
+) -> None:
+    (tmp_path / "fit.json").write_text(json.dumps(asdict(draw(0)) | {name: value}))
+    with pytest.raises(InputError, match="no fit of a joined topic"):
+        LineFit.read(tmp_path / "fit.json")
+
+
+def test_the_largest_fit_that_is_read_predicts(tmp_path: Path) -> None:
+    names = ("intercept", "slope", "intercept_stddev", "slope_stddev", "covariance",
+             "residual_stddev")
+    (tmp_path / "fit.json").write_text(json.dumps(asdict(draw(0)) | dict.fromkeys(names, LARGEST)))
+    value, stddev = LineFit.read(tmp_path / "fit.json").predict(0.4, 0.02)
+    assert math.isfinite(value)
+    assert math.isfinite(stddev)

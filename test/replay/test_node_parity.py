@@ -25,7 +25,7 @@ from uw_visibility.messages.estimates import NIS_TOPICS
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import FAILED
-from uw_visibility.simulation.bag import TOPICS as RECORDED
+from uw_visibility_lab.simulation.bag import TOPICS as RECORDED
 
 pytestmark = pytest.mark.node
 
@@ -44,7 +44,7 @@ OUTPUTS = {
 # The filter, a learned bias of the sensor, and every optional output.
 PARAMETERS = {
     "publish_depth_image": True, "publish_points": True, "tracking.enabled": True,
-    "plausibility.bias_window": 2, "plausibility.max_gate": 50.0,
+    "plausibility.max_gate": 50.0,
 }
 
 

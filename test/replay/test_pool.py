@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uw_visibility.replay.pool import FramePool, LightHistory
+from uw_visibility.replay.work import FramePool, LightHistory
 from uw_visibility.water.estimate import LampLight
 
 

@@ -44,7 +44,7 @@ from uw_visibility.messages.processor import FrameProcessor
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.table import read_rows
-from uw_visibility.water.tracking import WaterTracker
+from uw_visibility.water.series.tracking import WaterTracker
 
 ALONE = {"tracking.enabled": False, "threads": 1}
 

@@ -191,7 +191,7 @@ def test_a_part_that_a_crash_while_going_on_left_aside_is_not_forgotten(
         (tmp_path / name / "frames.csv").write_text(name)
         (tmp_path / name / "replay.json").write_text("{}")
     folder = ResultFolder(tmp_path / "out", resume=resume, force=not resume)
-    assert list(folder.work.iterdir()) == []
+    assert [entry.name for entry in folder.work.iterdir()] == ["replay.json"]
     if resume:
         # The newer part has not taken all of it over.
         assert folder.earlier is not None
@@ -225,10 +225,12 @@ def test_a_part_made_with_other_options_is_not_gone_on_from(
 def test_a_run_that_was_ended_by_force_before_its_first_frame_begins_anew(
     interrupted: Interrupted, capsys: pytest.CaptureFixture[str], completed: bool
 ) -> None:
-    (interrupted.partial / "replay.json").unlink()
+    (interrupted.partial / "replay.json").write_text("")
     # There are frames in it, of which nothing tells what they were made from.
     assert "cannot go on from" in interrupted.again("--resume", capsys=capsys).err
-    first = {"frames.csv", "frames.csv-metadata.json", "frames.jsonl", "results.mcap"}
+    first = {
+        "frames.csv", "frames.csv-metadata.json", "frames.jsonl", "results.mcap", "replay.json"}
+    (interrupted.partial / "replay.json").touch()
     for entry in interrupted.partial.iterdir():
         if entry.name in first:
             entry.write_bytes(b"")

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,10 @@ from typing import Any
 import pytest
 
 from uw_visibility.cli import main
+from uw_visibility.errors import InputError
 from uw_visibility.replay import stores
+from uw_visibility.replay.batch import replay_bags
+from uw_visibility.replay.inputs.options import ReplayOptions
 
 fsspec = pytest.importorskip("fsspec", reason="the extra stores is not installed")
 
@@ -55,7 +59,8 @@ def test_what_is_there_is_neither_replaced_nor_made_again(
     assert main(DAY) == 0
     before = store.modified("/bucket/day/dive/replay.json")
     assert main(DAY) == 2
-    assert "/dive exists already: give another name, or --force" in capsys.readouterr().err
+    assert "day has the results of several recordings already: give another" in (
+        capsys.readouterr().err)
     # What was not finished is made; what was is not even fetched.
     store.rm("/bucket/day/transect", recursive=True)
     store.rm("/bucket/dives/dive/metadata.yaml")
@@ -103,7 +108,9 @@ def test_what_others_have_there_is_left_alone(
 @pytest.mark.parametrize(("url", "said"), [
     ("memory://bucket/nothing", "memory://bucket/nothing: it is missing"),
     ("memory://bucket/no*", "nothing is at memory://bucket/no*"),
-    ("nostore://bucket/dive", "cannot use nostore://bucket/dive: Protocol not known: nostore"),
+    ("nostore://bucket/dive", "nostore is no kind of store that is used: give one of s3, "),
+    ("zip://dive::memory://bucket/dive.zip", "zip is no kind of store"),
+    ("memory://dive::https://here/dive.zip", "memory is no kind of store"),
 ])
 def test_what_is_not_there_is_one_sentence(
     url: str, said: str, store: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -139,6 +146,53 @@ def test_a_result_is_complete_or_has_no_mark(store: Any, tmp_path: Path) -> None
     assert not store.exists("/bucket/one/replay.json")
 
 
+@pytest.mark.parametrize("url", [
+    "s3://user:hidden@bucket/dive", "https://user:hidden@host/dive", "https://hidden@host/dive",
+    "https://host/dive?token=hidden", "s3://bucket/*?X-Amz-Signature=hidden",
+    "s3://user:hid/den@bucket/dive", "https://host/dive?hidden", "nothing:hidden@host/x://y",
+    "sftp://user:hidden@host:22/dive", "https://host/dive#key=hidden",
+])
+def test_credentials_in_a_url_are_refused_and_shown_nowhere(
+    url: str, transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "day"
+    for arguments in ([url, str(transect), "-o", str(out)], [str(transect), "-o", url],
+                      [url, "--list"]):
+        assert main(["replay", *arguments]) == 2
+        told = capsys.readouterr().err
+        assert not re.search("hid/?den", told)
+        assert told.count("\n") == 1
+    assert not out.exists()
+    # Who calls the library has the same.
+    for targets in ({url: out}, {transect: url}):
+        with pytest.raises(InputError) as refused:
+            replay_bags(targets, ReplayOptions())
+        assert not re.search("hid/?den", str(refused.value))
+
+
+@pytest.mark.parametrize("url", [
+    "abfs://container@account.dfs.core.windows.net/dive", "ssh://user@host:22/dive",
+    "https://host:8000/dive.mcap", "s3://bucket/2026-06-0?/dive*",
+])
+def test_names_of_users_and_containers_are_no_credentials(url: str) -> None:
+    assert stores.place(url) == url
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_no_more_is_fetched_than_there_may_be(
+    told: bool, store: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(stores, "LARGEST", 10_000)
+    if not told:
+        # A server need not say how much it will send.
+        monkeypatch.setattr(type(store), "size", lambda *_: None)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    assert main(["replay", "memory://bucket/dives/dive", "-o", str(tmp_path / "out")]) == 2
+    assert "has more than 1e-05 GB" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_without_fsspec_it_is_said_how_to_get_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -156,6 +210,38 @@ def test_a_store_does_not_choose_where_files_go(
     scratch.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(scratch))
     store.pipe("/bucket/dives/dive/../../planted", b"from outside")
+    store.pipe("/bucket/dives/dive/..", b"from outside")
     assert main(["replay", "memory://bucket/dives/dive", "-o", str(tmp_path / "out")]) == 2
     assert "an object outside of its folder" in capsys.readouterr().err
     assert not list(scratch.rglob("planted"))
+
+
+def test_a_store_loses_nothing_but_results(
+    store: Any, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = ["replay", "memory://bucket/dives/transect", "-o", "memory://bucket/one", "--jobs", "1"]
+    assert main(one) == 0
+    for name in ("one/notes.txt", "one/deep/in.mcap"):
+        store.pipe(f"/bucket/{name}", b"mine")
+        assert main([*one, "--force"]) == 2
+        assert f"memory://bucket/{name} is not of what" in capsys.readouterr().err
+        within = ["replay", f"memory://bucket/{name}", *one[2:], "--force"]
+        assert main(within) == 2
+        assert "would replace the input memory://bucket/one" in capsys.readouterr().err
+        assert store.cat(f"/bucket/{name}") == b"mine"
+        store.rm(f"/bucket/{name}")
+    assert main([*one, "--force"]) == 0
+    # Something comes there while it works.
+    replay_bag = stores.recording_here
+
+    def plant(bag: Any) -> Any:
+        store.pipe("/bucket/two/notes.txt", b"mine")
+        return replay_bag(bag)
+
+    monkeypatch.setattr(stores, "recording_here", plant)
+    capsys.readouterr()
+    assert main([*one[:3], "memory://bucket/two", "--jobs", "1"]) == 2
+    assert "the result is in memory://bucket/two." in capsys.readouterr().err
+    assert store.find("/bucket/two") == ["/bucket/two/notes.txt"]
+    (kept,) = store.glob("/bucket/two.*.partial/replay.json")
+    assert b'"complete": true' in store.cat(kept)

@@ -18,10 +18,12 @@ from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.outputs import TOPICS
 from uw_visibility.pipeline.result import EnhancedImages, FrameResult, StereoResult
 from uw_visibility.status import Status
-from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.meaning.assessment import Visibility
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
+
+from types import SimpleNamespace
 
 import rclpy
 from rclpy.node import Node
@@ -29,7 +31,12 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float64
 
 from uw_visibility.ros import core as module
+from uw_visibility.ros.core import PipelineState
+from uw_visibility.ros.monitor import OK, WARN, ReasonLog
 from uw_visibility.ros.parameters import NodeParameters
+from uw_visibility.water.series.filter import FilteredWater
+from uw_visibility.water.series.survey import SurveyEstimate
+from uw_visibility.water.series.tracking import TrackingEvent
 
 ESTIMATES = {topic for topic in TOPICS if topic.startswith("visibility/")}
 
@@ -135,3 +142,82 @@ def test_images_that_memory_has_no_room_for_are_refused_before_they_are_read(cor
     (reason,) = core.state.failures.counts
     assert "30000x30000 pixels, more than max_megapixels, which is 8" in reason
     assert core._processor.asked == []
+
+
+FLAT = Status.RANGE_SPREAD_TOO_SMALL
+VISIBILITY = Visibility(FLAT, FLAT)
+
+
+def result(status: Status, distance: Status | None = None) -> Any:
+    return SimpleNamespace(
+        status=status, visibility=Visibility(distance or status, FLAT), timing_ms={},
+        stereo=SimpleNamespace(support_points=100, coverage=0.5, matched_fraction=0.5),
+    )
+
+
+def state() -> PipelineState:
+    return PipelineState(ReasonLog(lambda _: None))
+
+
+def test_rejected_frames_are_counted() -> None:
+    kept = state()
+    water = WaterEstimate.not_assessable(FLAT)
+    kept.add(result(Status.OK), 0.1, 1.0, FilteredWater(
+        water, VISIBILITY, TrackingEvent.OUTLIER, 200, 3, 1))
+    finding = kept.diagnose("", 0)
+    assert finding.level == OK
+    assert finding.values["rejected by the filter"] == "3 of 200 frames"
+    assert finding.values["rejected by the filter in a row"] == 1
+    assert str(finding.values["filter"]) == "outlier"
+
+
+def test_a_survey_says_over_what_it_rests() -> None:
+    kept = state()
+    water = WaterEstimate.not_assessable(FLAT)
+    kept.add(result(FLAT), 0.1, 1.0)
+    assert kept.diagnose("", 0).level == WARN
+    survey = SurveyEstimate(water, 60, 59.0, 1.65, 2.34)
+    kept.add(result(FLAT), 0.1, 1.0, FilteredWater(
+        water, VISIBILITY, TrackingEvent.SURVEYED, 0, 0, 0, survey))
+    finding = kept.diagnose("", 0)
+    assert finding.level == OK
+    assert "60 frames in 59 s, ranges from 1.65 to 2.34 m" in finding.message
+
+
+def test_a_distance_that_is_not_told_has_its_reason() -> None:
+    kept = state()
+    kept.add(result(Status.OK, FLAT), 0.1, 1.0)
+    finding = kept.diagnose("", 0)
+    assert finding.level == WARN
+    assert finding.message == f"the visibility distance is not assessable: {FLAT}"
+
+
+def test_frames_that_were_lost_do_not_hide_why_there_is_no_water() -> None:
+    kept = state()
+    kept.diagnose("", 0)
+    kept.refuse("dropped a frame: left image: too dark")
+    assert kept.diagnose("", 0).message == "dropped a frame: left image: too dark"
+    kept.add(result(FLAT), 0.1, 1.0)
+    finding = kept.diagnose("", 0)
+    assert finding.level == WARN
+    assert finding.message == f"the water is not assessable: {FLAT}; frames were lost lately"
+    kept.add(result(Status.OK), 0.1, 1.0)
+    assert kept.diagnose("", 0).message == "frames were lost lately"
+
+
+def test_first_frame_after_a_pause_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("uw_visibility.ros.core.SILENCE", -1.0)
+    kept = state()
+    assert kept.silence() == "no frame was processed yet"
+    kept.add(result(Status.OK), 0.1, 1.0)
+    assert kept.silence() == ""
+
+
+def test_frames_skipped_by_the_most_are_a_warning_with_their_share() -> None:
+    kept = state()
+    kept.diagnose("", 0)
+    kept.add(result(Status.OK), 0.1, 1.0)
+    assert kept.diagnose("", 1).level == OK
+    finding = kept.diagnose("", 3)
+    assert finding.level == WARN
+    assert "75% of the frames are skipped" in finding.message

@@ -11,7 +11,7 @@ import sys
 
 import pytest
 
-from uw_visibility.ros.environment import MEMORY, PUBLICATION, node_environment
+from uw_visibility.ros.start import MEMORY, PUBLICATION, node_environment
 
 # Pages that are cleared while large blocks come and go in a thread.
 FAULTS = """

@@ -138,6 +138,32 @@ def test_lifecycle(manage: Callable[[str], Managed], parts: Any) -> None:
     managed.end(signal.SIGTERM)
 
 
+def test_managed_node_that_crashed_goes_on_by_itself(
+    start_node: Callable[..., Any], make_client: Callable[..., Any], parts: Any
+) -> None:
+    client = make_client(namespace="/crashed")
+    for crash in (signal.SIGKILL, signal.SIGSEGV, None):
+        # As respawn starts it: with the same arguments, at once.
+        process = start_node(
+            "-r", "__ns:=/crashed", "-p", "stereo.max_disparity:=40", "-p", "autostart:=true",
+            module="lifecycle",
+        )
+        client.connect(*parts)
+        client.result(client.publish(*parts), "disparity")
+        if crash is not None:
+            process.process.send_signal(crash)
+            process.process.wait(20)
+    managed = Managed(process, make_client(namespace="/crashed"))
+    assert managed.state == ACTIVE
+    assert managed.change(DEACTIVATE)
+    assert managed.change(CLEANUP)
+    managed.client.received["/diagnostics"].clear()
+    # Nobody but a manager brings it up again.
+    managed.client.diagnosed("lifecycle", "unconfigured")
+    assert managed.state == UNCONFIGURED
+    managed.end(signal.SIGINT)
+
+
 def test_transitions_in_any_order_with_images(
     manage: Callable[[str], Managed], parts: Any
 ) -> None:

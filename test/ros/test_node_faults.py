@@ -307,3 +307,4 @@ def test_clock_that_jumps_back_starts_anew(
         "the clock's time",
     )
     assert abs(float(client.diagnosis("pipeline").numbers["latency (ms)"])) < 1500.0
+    assert client.diagnosis("input").numbers["restarts"] == "1"

@@ -13,12 +13,12 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
 from uw_visibility.messages.images import read_image
-from uw_visibility.simulation.camera import Pose, StereoCamera
-from uw_visibility.simulation.frame import RenderedFrame, Renderer
-from uw_visibility.simulation.lamps import Lighting, default_rig, lighting_parameters
-from uw_visibility.simulation.scene import reef
-from uw_visibility.simulation.water import Water
 from uw_visibility.status import Status
+from uw_visibility_lab.simulation.camera import Pose, StereoCamera
+from uw_visibility_lab.simulation.frame import RenderedFrame, Renderer
+from uw_visibility_lab.simulation.lamps import Lighting, default_rig, lighting_parameters
+from uw_visibility_lab.simulation.scene import reef
+from uw_visibility_lab.simulation.water import Water
 
 LAMPS = default_rig(2)
 # The camera of the known scene, at twice its size.

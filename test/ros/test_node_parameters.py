@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import array
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -12,8 +13,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import yaml
 
-from uw_visibility.config.parameters import describe
+from uw_visibility.config.parameters import ROS_PARAMETERS, describe
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
@@ -25,7 +27,7 @@ from rcl_interfaces.srv import (
     SetParameters,
     SetParametersAtomically,
 )
-from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter import Parameter, parameter_dict_from_yaml_file, parameter_value_to_python
 from type_description_interfaces.srv import GetTypeDescription
 
 INFOS = {info.name: info for info in [*describe(PipelineConfig), *describe(NodeConfig)]}
@@ -124,6 +126,26 @@ def test_refused_change_says_why_and_changes_nothing(
 def test_whole_number_stands_for_a_decimal_one(client: Any) -> None:
     assert change(client, max_range=30).successful
     assert get(client, "max_range") == [30.0]
+
+
+def test_a_dump_of_the_node_loads_again(client: Any, tmp_path: Path) -> None:
+    """As ``ros2 param dump`` writes it and ``ros2 param load`` reads and sends it."""
+    assert change(client, camera__vignetting=[1e-05, -2e-07, 0.0], tracking__light_rate=1e-4
+                  ).successful
+    listed = client.call("uw_visibility/list_parameters", ListParameters.Request()).result.names
+    values = dict(zip(listed, get(client, *listed), strict=True))
+    values = {name: list(v) if isinstance(v, array.array) else v for name, v in values.items()}
+    file = tmp_path / "dump.yaml"
+    file.write_text(yaml.dump({"/parameters/uw_visibility": {"ros__parameters": values}}))
+    loaded = parameter_dict_from_yaml_file(str(file))
+    request = SetParameters.Request(parameters=list(loaded.values()))
+    results = client.call("uw_visibility/set_parameters", request).results
+    refused = {
+        name: result.reason for name, result in zip(loaded, results, strict=True)
+        if not result.successful and "read-only" not in result.reason
+        and not name.startswith(ROS_PARAMETERS)}
+    assert refused == {}
+    assert dict(zip(listed, get(client, *listed), strict=True)) | values == values
 
 
 def test_changes_that_are_not_atomic_are_judged_one_by_one(client: Any) -> None:

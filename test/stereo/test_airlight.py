@@ -10,14 +10,14 @@ from scenes import in_water, patches
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.evaluation.degrade import load_scene
-from uw_visibility.evaluation.metrics import correct_fraction
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.status import Status
 from uw_visibility.stereo.airlight import Airlight
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility_lab.evaluation.degrade import load_scene
+from uw_visibility_lab.evaluation.metrics import correct_fraction
 
 SHAPE = (80, 120)
 RIG = StereoRig(600.0, 0.1, (59.5, 39.5))

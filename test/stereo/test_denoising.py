@@ -12,7 +12,7 @@ from uw_visibility.config.schema import StereoConfig
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.denoising import LARGEST, LEAST_NOISE, NoiseAdaptiveSmoother
 from uw_visibility.stereo.elas import Matcher
-from uw_visibility.stereo.elas.noise_settings import settings_in_noise
+from uw_visibility.stereo.elas.matcher import settings_in_noise
 
 SHAPE = (96, 160)
 

@@ -10,8 +10,7 @@ from hypothesis.extra import numpy as hnp
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
-from uw_visibility.stereo.gaps import GapFiller
-from uw_visibility.stereo.interpolation import inpaint
+from uw_visibility.stereo.interpolation import GapFiller, inpaint
 from uw_visibility.stereo.plane import dominant_plane, fill_plane
 
 SHAPE = (40, 60)
@@ -208,7 +207,7 @@ def test_inpainting_carries_surroundings_into_a_large_hole() -> None:
 
 
 def test_real_occlusions_are_filled_better_than_by_the_mean_of_both_sides(shared_data) -> None:  # type: ignore[no-untyped-def]
-    from uw_visibility.evaluation.degrade import load_scene
+    from uw_visibility_lab.evaluation.degrade import load_scene
 
     scene = load_scene(shared_data / "middlebury" / "dolls")
     truth, right = scene.disparity_left, scene.disparity_right

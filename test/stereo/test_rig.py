@@ -117,6 +117,23 @@ def test_principal_point_must_be_two_finite_numbers() -> None:
         StereoRig(FOCAL, BASELINE, (math.nan, 1.0))
 
 
+@pytest.mark.parametrize("value", ["wide", np.ones(3), None, True, np.True_, [0.1], 1j])
+@pytest.mark.parametrize(
+    "name", ["focal_length", "baseline", "principal_point", "principal_point_right"])
+def test_what_is_no_number_is_named(name: str, value: Any) -> None:
+    arguments: dict[str, Any] = {
+        "focal_length": 400.0, "baseline": 0.12, "principal_point": (80.0, 60.0)}
+    if name == "principal_point_right" and value is None:
+        return  # that of the left image
+    with pytest.raises(InputError, match=r"(focal length|baseline|principal point) is .*: give"):
+        StereoRig(**arguments | {name: value})
+
+
+def test_a_baseline_in_millimetres_is_told_as_such() -> None:
+    with pytest.raises(InputError, match=r"baseline is 65 m, as of 0\.065 m in mm: give it in m"):
+        StereoRig(focal_length=400.0, baseline=65.0, principal_point=(80.0, 60.0))
+
+
 def test_camera_info_of_ros2_and_ros1_give_the_same_rig() -> None:
     left, right = camera_info(), right_info(cx=CENTRE[0] - 4.0)
     rig = StereoRig.from_camera_info(left, right)

@@ -7,8 +7,7 @@ import pytest
 
 from uw_visibility.images.view import View
 from uw_visibility.water import observations
-from uw_visibility.water.histogram import PIXELS_READ_WHOLE, accumulate
-from uw_visibility.water.levels import levels
+from uw_visibility.water.observations import PIXELS_READ_WHOLE, accumulate, levels
 from uw_visibility.water.observations import observe as observe_samples
 
 SETTINGS = {

@@ -5,8 +5,10 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Iterable
+from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,14 +18,14 @@ from uw_visibility.commands.options import (
     read_recording_options,
     reading,
 )
-from uw_visibility.commands.progress import say
-from uw_visibility.config.files import write_whole
+from uw_visibility.config.files import Products, refuse_inputs, write_whole
 from uw_visibility.errors import InputError, needing, printable
+from uw_visibility.replay.progress import say
 
 if TYPE_CHECKING:
     from uw_visibility.replay.calibration import CalibrationSeries
-    from uw_visibility.water.calibration import Calibration
-    from uw_visibility.water.lamp_calibration import LampCalibration
+    from uw_visibility.water.lamps.calibration import LampCalibration
+    from uw_visibility.water.meaning.calibration import Calibration
 
 HELP = "white reference and water type, or lamps, from bags"
 DESCRIPTION = """\
@@ -51,7 +53,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the sub-command."""
     add_recording_options(parser)
     parser.add_argument("-o", "--output", metavar="YAML", type=Path, help="file to write")
-    parser.add_argument("--force", action="store_true", help="replace an existing file")
+    parser.add_argument("--force", action="store_true", help="replace a file that calibrate wrote")
     parser.add_argument(
         "--lighting", action="store_true", help="find the vehicle's lamps instead")
     parser.add_argument(
@@ -62,16 +64,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command.
-
-    Raises
-    ------
-    InputError
-        If an option or a recording cannot be used, or tells too little.
-    SystemExit
-        With code 1 where nothing of a recording could be read.
-    """
-    _check_target(arguments.output, arguments.force)
+    """Run the sub-command."""
+    _check_target(arguments)
     if arguments.lamps is not None and not arguments.lighting:
         raise InputError("--lamps is for --lighting: give both, or neither")
     from uw_visibility.replay.stores import recordings_here
@@ -88,6 +82,8 @@ def _calibrate(arguments: argparse.Namespace) -> None:
 
         options = read_recording_options(arguments).with_threads(1)
         found, series = calibrate_recordings(arguments.bags, options, jobs=jobs(arguments))
+    # Checked again: a file may have appeared meanwhile.
+    _check_target(arguments)
     low, high = found.depth_range
     white = ", ".join(f"{value:.2g}" for value in found.best.white_reference_stddev)
     _write(
@@ -107,12 +103,14 @@ def _calibrate_lighting(arguments: argparse.Namespace) -> None:
             f"the picture would replace {picture}: give -o another name, or --force to replace")
     if picture is not None:
         with needing("report", "the picture of the lamps", ", or leave out -o"):
-            from uw_visibility.evaluation.lamps.figures import draw_calibration
+            from uw_visibility.replay.lamp_calibration import draw_calibration
     with reading("calibrate"):
         from uw_visibility.replay.lamp_calibration import calibrate_lighting
 
         found, frames, damage = calibrate_lighting(
             arguments.bags, read_recording_options(arguments), arguments.lamps)
+    # Checked again: a file may have appeared meanwhile.
+    _check_target(arguments)
     if picture is not None:
         draw_calibration(picture, found)
     _write(
@@ -133,7 +131,7 @@ def _write(
     names = printable(", ".join(bag.resolve().name for bag in arguments.bags))
     text = render_values(
         read_params_file(arguments.params_file) | parameters, f"{what}, of {names}: {how}")
-    # What is piped on is the file alone.
+    # Standard output holds the file only.
     print(told, file=sys.stderr if arguments.output is None else sys.stdout)
     for note in damage:
         say(f"uw_visibility: warning: {note}", error=True)
@@ -144,12 +142,21 @@ def _write(
     say(f"written to {arguments.output}{more}")
 
 
-def _check_target(path: Path | None, force: bool) -> None:
-    """Refuse a file that cannot be written before, not after, the work."""
+def _check_target(arguments: argparse.Namespace) -> None:
+    """Refuse an output file that cannot be written, before the work."""
+    path = arguments.output
     if path is None:
         return
-    if path.is_dir() or (path.exists() and not force):
+    targets = [path, path.with_suffix(".png")] if arguments.lighting else [path]
+    refuse_inputs([*arguments.bags, arguments.params_file, *arguments.calibration], targets)
+    if path.is_dir() or (path.exists() and not arguments.force):
         raise InputError(f"{path} exists already: give another name, or --force to replace")
+    # A symbolic link stays; its target is replaced.
+    real = Path(os.path.realpath(path))
+    pictures = (escape(real.with_suffix(".png").name),) if arguments.lighting else ()
+    Products(
+        real.name, pictures, "not of a calibration", keys=("by uw_visibility calibrate",)
+    ).check_room(real.parent, force=arguments.force)
     # Not resolved: a link that leads to itself raises.
     if not path.absolute().parent.is_dir():
         raise InputError(f"cannot write {path}: its folder is missing")

@@ -85,10 +85,6 @@ def read_camera_infos(paths: Sequence[str | Path]) -> tuple[FileCameraInfo, File
         to rectify, it needs ``K_left``, ``D_left``, ``R1`` and ``K_right``,
         ``D_right``, ``R2`` besides.
 
-    Returns
-    -------
-    left, right : FileCameraInfo
-
     Raises
     ------
     InputError

@@ -13,9 +13,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from uw_visibility.commands.progress import say
-from uw_visibility.config.files import gathered, sole_writer, write_whole
+from uw_visibility.config.files import Products, gathered, refuse_inputs, sole_writer, write_whole
 from uw_visibility.errors import InputError, refusing
+from uw_visibility.replay.progress import say
 from uw_visibility.status import Status
 
 if TYPE_CHECKING:
@@ -26,6 +26,11 @@ if TYPE_CHECKING:
     from uw_visibility.stereo.rig import StereoRig
 
 REPORT = "report.json"
+MAPS = ("disparity.pfm", "confidence.pfm", "disparity_filled.pfm", "range.pfm")
+PRODUCTS = Products(
+    REPORT, ("overview.png", "left_enhanced.png", "right_enhanced.png", *MAPS),
+    "not of a result of enhance", keys=('"matched_fraction"',))
+COLOURS = ("red", "green", "blue")
 
 HELP = "one pair from files"
 DESCRIPTION = """\
@@ -47,6 +52,9 @@ written to DIR:
   range.pfm              distance along the line of sight, m, of disparity_filled;
                          0 = unknown or infinite
   report.json            the estimates; null = not assessable, and status says why
+
+Other files in DIR are left alone. These are replaced with --force, beside the report.json
+of an earlier run.
 
 exit code: 0 done, 2 unusable input or options, 1 a failure inside"""
 
@@ -77,26 +85,25 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", metavar="DIR", type=Path, required=True,
         help="folder for the results; made where it is missing",
     )
+    parser.add_argument(
+        "--force", action="store_true", help="replace the results of an earlier run")
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the sub-command.
 
-    Raises
-    ------
-    InputError
-        If an option, a file or the pair of images cannot be used.
+    Raises `InputError` if an option, a file or the pair of images cannot be used.
     """
     config = _read_config(arguments.params_file, arguments.max_disparity)
     left, right = _read_pair(arguments.left, arguments.right)
     rig = _make_rig(arguments, left.shape)
-    _prepare_folder(arguments.output)
+    _prepare_folder(arguments)
     with sole_writer(arguments.output):
         try:
             result = _process(rig, config, left, right, arguments.left)
         except InputError as error:
             raise InputError(f"{arguments.left}, {arguments.right}: {error}") from error
-        with gathered(arguments.output, last=REPORT) as folder:
+        with gathered(arguments.output, PRODUCTS, force=arguments.force) as folder:
             report = _write(folder, result, left)
     say(_summary(report, arguments.output))
 
@@ -165,7 +172,7 @@ def _make_rig(arguments: argparse.Namespace, shape: tuple[int, ...]) -> StereoRi
 def _process(
     rig: StereoRig, config: PipelineConfig, left: NDArray[Any], right: NDArray[Any], path: Path
 ) -> FrameResult:
-    # Compiled modules load slowly; what is refused before needs none of them.
+    # Imported late: compiled modules load slowly, and bad input is refused before.
     from uw_visibility.images.jpeg import file_chroma
     from uw_visibility.images.pair import check_pair
     from uw_visibility.pipeline.pipeline import Pipeline
@@ -175,17 +182,22 @@ def _process(
         print("preparing; the first run compiles, for about a minute", file=sys.stderr)
     pipeline = Pipeline(rig, config)
     chroma = file_chroma(path, left)
-    # Without this the report's times would be those of the compiler.
+    # Otherwise the report's times would include compilation.
     pipeline.warm_up((left.shape[0], left.shape[1]), left.dtype, compressed=chroma is not None)
     return pipeline.process(left, right, match_original=True, colour=chroma)
 
 
-def _prepare_folder(folder: Path) -> None:
+def _prepare_folder(arguments: argparse.Namespace) -> None:
     """Make the folder for the results, before the work rather than after it."""
+    folder = arguments.output
+    refuse_inputs(
+        [arguments.left, arguments.right, arguments.params_file, *arguments.calibration],
+        [folder / name for name in (REPORT, *PRODUCTS.files)])
     with refusing(f"cannot make folder {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
     if not os.access(folder, os.W_OK | os.X_OK):
         raise InputError(f"cannot write to folder {folder}: give another one with -o")
+    PRODUCTS.check_room(folder, force=arguments.force)
 
 
 def _write(folder: Path, result: FrameResult, left: NDArray[Any]) -> dict[str, Any]:
@@ -226,6 +238,10 @@ def _summary(report: dict[str, Any], folder: Path) -> str:
             deviation = report[f"{name}_stddev"]
             band = "" if deviation is None else f" ± {deviation:.3g}"
             parts.append(f"{title} {report[name]:.3g}{band} {unit}")
+    lost = [name for name, letter in zip(COLOURS, "RGB", strict=True)
+            if letter not in report["channels"]]
+    if report["channels"] and lost:
+        parts.append(f"no light is left in {' and '.join(lost)}")
     parts.append(f"matched {report['matched_fraction']['enhanced']:.1%}")
     return f"{', '.join(parts)}; written to {folder}"
 
@@ -263,6 +279,8 @@ def frame_report(result: FrameResult) -> dict[str, Any]:
             "bins": int(result.water.bins),
         },
         "clear_water_attenuation": _channels(result.clear_water_attenuation),
+        # Those that have light, such as "GB" where water took the red.
+        "channels": visibility.channels,
         "mean_attenuation": _number(visibility.mean_attenuation),
         "mean_attenuation_stddev": _number(visibility.mean_attenuation_stddev),
         "visibility_distance": _number(visibility.distance),

@@ -12,9 +12,9 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
-from uw_visibility.commands.progress import say
 from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.errors import InputError, needing
+from uw_visibility.replay.progress import say
 
 if TYPE_CHECKING:
     from uw_visibility.replay.inputs.options import ReplayOptions
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Made = TypeVar("Made")
 Options: TypeAlias = Mapping[str, tuple[Any, ...]]
-"""Default and help, by an option's name and what stands for its values.
+"""Default and help by option name and metavars.
 
 The default tells the type, float without one, unless it is given behind the help. Braces hold
 choices, dots stand for one value or more.
@@ -64,7 +64,7 @@ def _shown(value: Any) -> str:
 def of_arguments(
     kind: Callable[..., Made], arguments: argparse.Namespace, **others: Any
 ) -> Made:
-    """Make a dataclass of the arguments that are named as its fields, and of others."""
+    """Make a dataclass from the arguments with the names of its fields, and from others."""
     given = {
         field.name: getattr(arguments, field.name) for field in fields(kind)  # type: ignore[arg-type]
         if field.name not in others and hasattr(arguments, field.name)
@@ -75,24 +75,7 @@ def of_arguments(
 
 
 def read_params_file(path: Path | None) -> dict[str, Any]:
-    """Read a parameter file, of which `PipelineConfig` and `NodeConfig` take what is theirs.
-
-    Parameters
-    ----------
-    path : Path or None
-        The file; None gives no values.
-
-    Returns
-    -------
-    dict of str to object
-        Values by dotted name, each known and allowed.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or a parameter is unknown or not allowed;
-        names the file.
-    """
+    """Read a parameter file, of which `PipelineConfig` and `NodeConfig` take what is theirs."""
     from uw_visibility.config.schema import NodeConfig, PipelineConfig, read_yaml
 
     values: dict[str, Any] = {} if path is None else read_yaml(path)
@@ -108,7 +91,11 @@ def named_place(text: str) -> Place:
     """Return what an argument names: a URL or a path."""
     from uw_visibility.replay.stores import place
 
-    return place(text)
+    try:
+        return place(text)
+    except InputError as error:
+        # For other errors argparse shows the argument, and credentials in the URL.
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
@@ -135,10 +122,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
 def read_recording_options(arguments: argparse.Namespace, **others: Any) -> ReplayOptions:
     """Return the options of a replay: those of the arguments that have their names, and others.
 
-    Raises
-    ------
-    InputError
-        If an option or a file that it names cannot be used.
+    Raises `InputError` if an option or a file that it names cannot be used.
     """
     from uw_visibility.commands.calibration_file import read_camera_infos
     from uw_visibility.config.schema import NodeConfig, PipelineConfig
@@ -160,15 +144,7 @@ def read_recording_options(arguments: argparse.Namespace, **others: Any) -> Repl
 
 @contextmanager
 def reading(command: str) -> Iterator[None]:
-    """Turn errors of reading recordings into one sentence and an exit code.
-
-    Raises
-    ------
-    InputError
-        If what reads them is not installed.
-    SystemExit
-        With code 1 where nothing of a recording could be read.
-    """
+    """Turn errors of reading recordings into one sentence and an exit code."""
     with needing("report", command):
         from uw_visibility.replay.bags.reader import UnreadableError
     try:
@@ -181,10 +157,7 @@ def reading(command: str) -> Iterator[None]:
 def jobs(arguments: argparse.Namespace) -> int:
     """Return the number of processes.
 
-    Raises
-    ------
-    InputError
-        If it is negative, or far beyond the processors that there are.
+    Raises `InputError` if it is negative, or far beyond the processors that there are.
     """
     most = MOST_JOBS * number_of_threads(0)
     if not 0 <= arguments.jobs <= most:

@@ -16,8 +16,9 @@ from uw_visibility.commands.options import (
     read_recording_options,
     reading,
 )
-from uw_visibility.commands.progress import say
+from uw_visibility.config.files import refuse_inputs
 from uw_visibility.errors import InputError, refusing
+from uw_visibility.replay.progress import say
 
 # Numbers of a topic that --list names.
 MOST_LISTED = 6
@@ -54,7 +55,8 @@ index.html, frames.csv and what else was asked for, with a column for the record
   images/, video.mp4, frames.geojson, frames.nc, frames.parquet   on request
 
 DIR appears when all is written; until then it is DIR.partial, which is what an
-interruption leaves, and what --resume goes on from.
+interruption leaves, and what --resume goes on from. Nothing that lies in DIR beside
+results is ever removed, nor a folder that an input lies in.
 
 frames.csv and the messages do not depend on --jobs. Each job takes one thread, unless
 the parameter threads says otherwise.
@@ -70,7 +72,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_recording_options(parser)
     add("-o", "--output", metavar="DIR", type=named_place, help="folder for the results")
     add("--list", action="store_true", help="show what is there and what would be used, and end")
-    add("--force", action="store_true", help="replace an existing result")
+    add("--force", action="store_true", help="replace a result, if nothing else is in its folder")
     add("--resume", action="store_true", help="go on from a partial result")
     add(
         "--scheduler", metavar="ADDRESS",
@@ -116,16 +118,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command.
-
-    Raises
-    ------
-    InputError
-        If an option or a recording cannot be used.
-    SystemExit
-        With code 1 where nothing of a recording could be read, or where it lacks what
-        was to be joined.
-    """
+    """Run the sub-command."""
     with reading("replay"):
         options = _options(arguments)
         if arguments.list:
@@ -134,15 +127,17 @@ def run(arguments: argparse.Namespace) -> None:
         targets = _targets(_expanded(arguments.bags), arguments.output)
         from uw_visibility.replay.day import check_day, write_day
 
+        _refuse_inputs(arguments, targets)
+        again = arguments.force or arguments.resume
         if len(targets) > 1:
-            check_day(arguments.output)
+            check_day(arguments.output, again=again)
         try:
             summaries = _replay(arguments, options, targets)
         except KeyboardInterrupt:
             _tell_partial(targets)
             raise
         if len(targets) > 1:
-            write_day(arguments.output, summaries, options)
+            write_day(arguments.output, summaries, options, again=again)
     for summary in summaries:
         _tell(summary)
     _tell_definition(summaries)
@@ -155,7 +150,7 @@ def run(arguments: argparse.Namespace) -> None:
 def _options(arguments: argparse.Namespace) -> ReplayOptions:
     if arguments.origin is not None and arguments.geo is None:
         raise InputError("--origin is given without --geo: name the Odometry with --geo")
-    from uw_visibility.replay.inputs.scalars import ScalarTopic
+    from uw_visibility.replay.inputs.sensors import ScalarTopic
     from uw_visibility.replay.line_fit import LineFit
 
     options = read_recording_options(
@@ -179,8 +174,8 @@ def _replay(
         from uw_visibility.replay.cluster import replay_on_cluster
 
         return replay_on_cluster(arguments.scheduler, targets, options, **flags)
-    from uw_visibility.commands.progress import tell
     from uw_visibility.replay.batch import replay_bags
+    from uw_visibility.replay.progress import tell
 
     tell("preparing; the first run compiles, for about a minute")
     return replay_bags(targets, options, jobs=jobs(arguments), **flags)
@@ -195,6 +190,7 @@ def _expanded(bags: list[Place]) -> list[Place]:
 
 def _targets(bags: list[Place], output: Place | None) -> dict[Place, Place]:
     """Return the folder of each bag's result."""
+    from uw_visibility.replay.results.folder import check_names
     from uw_visibility.replay.stores import child, recording_name
 
     if output is None:
@@ -202,13 +198,21 @@ def _targets(bags: list[Place], output: Place | None) -> dict[Place, Place]:
     if len(bags) == 1:
         return {bags[0]: output}
     names = [recording_name(bag) for bag in bags]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise InputError(f"two bags are named {twice[0]}: replay them one by one")
+    check_names(names)
     if isinstance(output, Path):
         with refusing(f"cannot make folder {output}"):
             output.mkdir(parents=True, exist_ok=True)
     return {bag: child(output, name) for bag, name in zip(bags, names, strict=True)}
+
+
+def _refuse_inputs(arguments: argparse.Namespace, targets: dict[Place, Place]) -> None:
+    """Refuse targets that an input of the run lies in."""
+    from uw_visibility.replay.results.folder import places_of
+
+    refuse_inputs(
+        [*targets, arguments.params_file, *arguments.calibration, arguments.turbidity],
+        [place for target in targets.values()
+         for place in ([target] if isinstance(target, str) else places_of(target))])
 
 
 def _list_all(bags: list[Place], options: ReplayOptions) -> None:
@@ -231,7 +235,7 @@ def _list_all(bags: list[Place], options: ReplayOptions) -> None:
 
 def _list(bag: Path, options: ReplayOptions) -> None:
     from uw_visibility.replay.bags.reader import BagReader
-    from uw_visibility.replay.inputs.lacks import without_lacking
+    from uw_visibility.replay.inputs.options import without_lacking
     from uw_visibility.replay.inputs.topics import find_topics, is_raw
 
     with BagReader(bag) as reader:
@@ -271,7 +275,7 @@ def _list(bag: Path, options: ReplayOptions) -> None:
 
 def _list_joinable(reader: BagReader, topics: list[str]) -> None:
     """Name the topics that --geo and --join could take."""
-    from uw_visibility.replay.inputs.scalars import numbers_of
+    from uw_visibility.replay.inputs.sensors import numbers_of
     from uw_visibility.replay.inputs.topics import ODOMETRY, POSITION_TYPES
 
     positions, scalars = [], []
@@ -300,7 +304,7 @@ def _tell_partial(targets: dict[Place, Place]) -> None:
         partial = partial_of(target)
         try:
             frames = read_state(partial)["frames"]
-        except (OSError, ValueError):
+        except (OSError, ValueError, LookupError):
             continue
         say(f"{partial} has {frames} frames: --resume goes on from it", error=True)
 

@@ -37,18 +37,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Run the sub-command.
 
-    Raises
-    ------
-    InputError
-        If the parameters cannot be used, or the size is too small.
+    Raises `InputError` if the parameters cannot be used, or the size is too small.
     """
     from uw_visibility.commands.options import read_params_file
-    from uw_visibility.commands.progress import tell
     from uw_visibility.config.schema import PipelineConfig
+    from uw_visibility.replay.progress import tell
 
     config = PipelineConfig.from_parameters(read_params_file(arguments.params_file))
     begin = time.monotonic()
-    # Compiled modules load slowly; what is refused before needs none of them.
+    # Imported late: compiled modules load slowly, and bad input is refused before.
     from uw_visibility import Pipeline, StereoRig
     from uw_visibility.compute.jit import counts
     from uw_visibility.compute.kernel_folder import writable_folder
@@ -75,8 +72,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _size(text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
-    try:
-        return int(width), int(height)
-    except ValueError:
+    # Digits alone: numpy has no word for a negative size.
+    if not (width.isdecimal() and height.isdecimal()):
         message = f"{text!r} is no size: give width x height in px, as in 640x480"
-        raise argparse.ArgumentTypeError(message) from None
+        raise argparse.ArgumentTypeError(message)
+    return int(width), int(height)

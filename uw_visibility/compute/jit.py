@@ -2,15 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kernels compiled by numba, and kept on disk.
 
-Numba's own cache holds a kernel for fresh as long as its own file is unchanged, though
+Numba's own cache takes a kernel for fresh as long as its own file is unchanged, though
 functions and constants of other modules are compiled into it; it fails on a damaged file
-and on a full disk, ends the process where machine code is damaged, runs what anybody may
-have written, and does not use what an administrator has compiled into a folder that the
-user may only read. Here a kernel's file lies in a folder whose name is a digest of all that
-it was made from (`fingerprint`), begins with a digest of its content, and is trusted by its
-owner (`kernel_folder`).
+and on a full disk, ends the process where machine code is damaged, and runs what anybody may
+have written. Here a kernel's file lies in a folder whose name is a digest of all that
+it was made from (`fingerprint`), begins with a digest of its content, and is run from folders
+alone that no other user can write to (`kernel_folder`).
 
-Nothing of numba's configuration is changed, and no other package's cache: modules of
+Numba's configuration and other packages' caches stay as they are: modules of
 this package take their `njit` from here.
 """
 
@@ -32,14 +31,7 @@ _DIGEST_SIZE = hashlib.sha256().digest_size
 
 @dataclass
 class KernelCounts:
-    """Kernels of this process so far: one for each kernel and types of arguments.
-
-    Attributes
-    ----------
-    loaded : int
-        Found on disk.
-    compiled : int
-        Compiled, since they were not.
+    """Kernels of this process so far that were found on disk, and that were not and were compiled.
     """
 
     loaded: int = 0
@@ -52,22 +44,13 @@ counts = KernelCounts()
 def njit(*, cache: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function as `numba.njit` does, with this cache in place of numba's.
 
-    Parameters
-    ----------
-    cache : bool
-        Whether to keep the machine code on disk.
-    **options
-        As for `numba.njit`.
-
-    Returns
-    -------
-    callable
-        The decorator, for functions of a module: not for functions within functions,
-        whose variables the digest does not know.
+    Not for functions within functions, whose variables the digest does not know. `cache` says
+    whether to keep the machine code on disk.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        kernel = numba.njit(**options)(function)
+        # No kernel is called from C: its wrapper for that is compiled for nothing.
+        kernel = numba.njit(no_cfunc_wrapper=True, **options)(function)
         # With NUMBA_DISABLE_JIT the function comes back as it is.
         if cache and kernel is not function:
             if function.__closure__:
@@ -87,13 +70,7 @@ class _Serializer(caching.CompileResultCacheImpl):  # type: ignore[misc]
 
 
 class KernelCache:
-    """The files of one kernel, as numba's dispatcher asks for them.
-
-    Parameters
-    ----------
-    function : function
-        The kernel's Python function.
-    """
+    """The files of one kernel, as numba's dispatcher asks for them."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._name = f"{function.__module__}.{function.__qualname__}"
@@ -174,6 +151,3 @@ class KernelCache:
 
 def _sealed(identity: str, payload: bytes) -> bytes:
     return hashlib.sha256(identity.encode() + payload).digest() + payload
-
-
-__all__ = ["KernelCache", "KernelCounts", "counts", "njit"]

@@ -1,9 +1,9 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Folders of compiled kernels, whose files may be run, and what they are made from.
+"""Folders of compiled kernels, and what kernels are made from.
 
-A kernel's file is code. It is run only where nobody but the user or root can have written
-it, and written only where nobody else can exchange it; root trusts root alone.
+A kernel's file is code. It is run only from a folder that the user or root alone can write to;
+root trusts root alone.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import hashlib
 import logging
 import os
 import re
-import shutil
 import stat
 import sys
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +35,7 @@ _SETTINGS = (
     "DISABLE_INTEL_SVML", "LLVM_REFPRUNE_PASS", "LLVM_REFPRUNE_FLAGS",
 )
 _DIGITS = 16
-# Imports within the package, those inside of functions too; none is relative.
+# Imports within the package and its lab, those inside of functions too; none is relative.
 _IMPORT = re.compile(
     rf"^[ \t]*(?:from +(?P<source>{PACKAGE_FOLDER.name}[\w.]*) +import +(?P<names>\([^)]*\)|.*)"
     rf"|import +(?P<module>{PACKAGE_FOLDER.name}[\w.]*))",
@@ -52,16 +52,14 @@ def package_folder() -> Path:
 def writable_folder() -> Path | None:
     """Return the folder that kernels are kept in, or None where there is none.
 
-    It is the first of ``uw_visibility`` in the user's ``NUMBA_CACHE_DIR``, the folder
-    beside the sources, and ``uw_visibility`` in the user's folder for caches
-    (``XDG_CACHE_HOME``, or else ``~/.cache``), that can be written to by the user and by
-    nobody else.
+    It is the first that the user alone can write to, of: ``uw_visibility`` in the user's
+    ``NUMBA_CACHE_DIR``, the folder beside the sources, and ``uw_visibility`` in the user's folder
+    for caches (``XDG_CACHE_HOME``, or else ``~/.cache``).
     """
     chosen = _chosen_folder()
     for folder in filter(None, (chosen, package_folder(), _user_folder())):
         try:
-            # Parents are made as the user makes folders; who may write into this one is ours.
-            folder.mkdir(mode=_mode(0o755), parents=True, exist_ok=True)
+            folder.mkdir(mode=0o755, parents=True, exist_ok=True)
             if not _trusted(folder):
                 continue
             # Permissions do not tell: file systems can be read-only.
@@ -90,35 +88,23 @@ def folders() -> tuple[Path, ...]:
 
 
 def read(file: Path) -> bytes | None:
-    """Return what a file holds, or None where there is none that may be trusted."""
+    """Return what a file holds, or None where there is none that this user can read."""
     try:
-        with file.open("rb") as opened:
-            # Asked of what was opened, which nobody can exchange any more.
-            return opened.read() if _trusted(file, os.fstat(opened.fileno())) else None
-    except FileNotFoundError:
-        return None
-    except PermissionError:
-        warn_once(f"compiled kernels in {file.parents[1]} cannot be read by this user")
+        return file.read_bytes()
+    except (FileNotFoundError, PermissionError):
         return None
 
 
 def write(file: Path, content: bytes) -> None:
-    """Write a file of a version's folder at once and whole; make the folder.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-    """
+    """Write a file of a version's folder at once and whole; make the folder."""
     if not file.parent.exists():
-        file.parent.mkdir(mode=_mode(0o755), exist_ok=True)
+        file.parent.mkdir(mode=0o755, exist_ok=True)
         _remove_old_versions(file.parent)
     descriptor, temporary = tempfile.mkstemp(dir=file.parent)
     try:
         with os.fdopen(descriptor, "wb") as opened:
             opened.write(content)
-            # Of what was opened: a path may lead elsewhere by now.
-            os.fchmod(opened.fileno(), _mode(0o644))
+            os.fchmod(opened.fileno(), 0o644)
         Path(temporary).replace(file)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
@@ -131,21 +117,16 @@ def warn_once(message: str) -> None:
     log.warning(message)
 
 
-def _mode(mode: int) -> int:
-    """Return permissions: for others to read only where root works for all users."""
-    return mode if os.geteuid() == 0 else mode & 0o700
-
-
-def _trusted(path: Path, status: os.stat_result | None = None) -> bool:
-    status = status or path.stat()
+def _trusted(folder: Path) -> bool:
+    """Whether the user or root, and nobody else, can write to a folder."""
+    status = folder.stat()
     if status.st_uid not in (0, os.geteuid()):
         reason = f"belongs to another user (number {status.st_uid})"
     elif status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         reason = "can be written to by others (chmod go-w ends that)"
     else:
         return True
-    place = path if path.is_dir() else path.parent
-    warn_once(f"compiled kernels in {place} are not used: it, or a file in it, {reason}")
+    warn_once(f"compiled kernels in {folder} are not used: it {reason}")
     return False
 
 
@@ -162,10 +143,15 @@ def _remove_old_versions(folder: Path) -> None:
         # Other folders may serve other checkouts, with other modules.
         old += [
             other for other in folder.parent.iterdir()
-            if source_of(other.name.rpartition("-")[0]) is None
+            if other.name.startswith(f"{PACKAGE_FOLDER.name}.")
+            and source_of(other.name.rpartition("-")[0]) is None
         ]
     for other in old:
-        shutil.rmtree(other, ignore_errors=True)
+        # By their names: nothing else that somebody keeps there is removed.
+        with suppress(OSError):
+            for kernel in [*other.glob("*.kernel"), *other.glob("tmp????????")]:
+                kernel.unlink(missing_ok=True)
+            other.rmdir()
 
 
 def _modified(folder: Path) -> float:
@@ -203,27 +189,12 @@ def _user_folder() -> Path | None:
 
 @functools.cache
 def fingerprint(module: str) -> str:
-    """Return a digest of what the kernels of a module are compiled from.
+    """Return a digest, hexadecimal digits, of what the kernels of a module are compiled from.
 
     These are the sources of the module and of all modules of the package that it imports,
     directly or through others, since their functions and constants are compiled in; the
-    package's tables; the versions of Python, numpy, numba and llvmlite; numba's settings.
-
-    Parameters
-    ----------
-    module : str
-        Full name. It is to be asked for when it is imported, since an upgrade may replace
-        files while the old code is in memory.
-
-    Returns
-    -------
-    str
-        Hexadecimal digits.
-
-    Raises
-    ------
-    OSError
-        If a source cannot be read.
+    package's tables; the versions of Python, numpy, numba and llvmlite; numba's settings. Ask for
+    it when the module is imported: an upgrade may replace files while the old code is in memory.
     """
     files: dict[str, Path] = {}
     waiting = [module]
@@ -239,11 +210,12 @@ def fingerprint(module: str) -> str:
 
 
 def source_of(module: str) -> Path | None:
-    """Return the file of a module of the package, or None where there is none."""
+    """Return the file of a module of the package or its lab, or None where there is none."""
     package, *names = module.split(".")
-    if package != PACKAGE_FOLDER.name:
+    loaded = sys.modules.get(package) if package.startswith(PACKAGE_FOLDER.name) else None
+    if loaded is None or loaded.__file__ is None:
         return None
-    path = PACKAGE_FOLDER.joinpath(*names)
+    path = Path(loaded.__file__).resolve().parent.joinpath(*names)
     for file in (path.with_suffix(".py"), path / "__init__.py"):
         if file.is_file():
             return file
@@ -276,9 +248,3 @@ def _surroundings() -> Iterator[str]:
     yield _digest(PACKAGE_FOLDER / "compute" / "jit.py")
     for table in sorted((PACKAGE_FOLDER / "data").glob("*.csv")):
         yield f"{table.name} {_digest(table)}"
-
-
-__all__ = [
-    "PACKAGE_FOLDER", "fingerprint", "folders", "package_folder", "read", "source_of", "warn_once",
-    "writable_folder", "write",
-]

@@ -13,19 +13,9 @@ from uw_visibility.compute.jit import njit
 
 @njit(nogil=True)
 def solve(matrix: Any, right: Any) -> Any:
-    """Solve a system of a few equations.
+    """Solve a system of a few equations, matrix (N, N) and right side (N,) or (N, K).
 
     By the inverse: the last digit of LAPACK's own solution (gesv) depends on how many threads
-    OpenBLAS has in Ubuntu 24.04's SciPy, which takes them for four equations too.
-
-    Parameters
-    ----------
-    matrix : (N, N) float64 ndarray
-    right : (N,) or (N, K) float64 ndarray
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the matrix is singular.
+    OpenBLAS has in Ubuntu 24.04's SciPy, which takes them for six equations already.
     """
     return np.linalg.inv(matrix) @ right

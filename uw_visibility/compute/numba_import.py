@@ -41,6 +41,4 @@ if _first:
     # Private: numba has no other way to say that there is no file of settings.
     config._config_fname = os.devnull
 
-__all__ = [
-    "caching", "dumps", "intrinsic", "ir", "llvmlite", "numba", "register_jitable", "types",
-]
+__all__ = ["caching", "dumps", "intrinsic", "ir", "llvmlite", "numba", "register_jitable", "types"]

@@ -120,24 +120,10 @@ def _end_with_parent() -> None:
 def process_pool(
     jobs: int, initializer: Callable[..., object], *arguments: Any
 ) -> Iterator[ProcessPoolExecutor]:
-    """Start processes anew: a fork of one that has threads may never answer.
+    """Start so many processes anew: a fork of one that has threads may never answer.
 
-    Parameters
-    ----------
-    jobs : int
-        How many.
-    initializer : callable
-        What each does first, with the arguments.
-
-    Yields
-    ------
-    ProcessPoolExecutor
-        It is shut down at the end, without what has not begun.
-
-    Raises
-    ------
-    InputError
-        If they cannot be started, or one of them was ended from outside.
+    Each calls the initializer first, with the arguments. The pool is shut down at the end, without
+    what has not begun. InputError if they cannot be started, or one of them was ended from outside.
     """
     with _safe_path():
         # Of Python's processes one starts here, that keeps account of what they share, and it

@@ -32,13 +32,7 @@ def number_of_threads(threads: int) -> int:
 
 
 class Workers:
-    """A pool of threads that runs compiled kernels over bands of rows.
-
-    Parameters
-    ----------
-    threads : int
-        Number of threads; 0 takes one per processor.
-    """
+    """A pool of threads (0: one per processor) that runs compiled kernels over bands of rows."""
 
     def __init__(self, threads: int = 0) -> None:
         self.threads = number_of_threads(threads)
@@ -79,17 +73,8 @@ class Workers:
     ) -> tuple[First, Second]:
         """Run two calls that do not need one another's results, at once where threads allow.
 
-        Either may use `rows`: what finds no thread free is done by its caller.
-
-        Parameters
-        ----------
-        first, second : callable
-            Without arguments; the calling thread runs the first.
-
-        Returns
-        -------
-        tuple
-            What they return. If both raise, what the first raises is seen.
+        Either may use `rows`: what finds no thread free is done by its caller. The calling
+        thread runs the first. If both raise, what the first raises is seen.
         """
         if self._pool is None:
             return first(), second()

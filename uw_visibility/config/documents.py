@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""YAML and JSON documents, read within limits and refused where they are ambiguous."""
+"""YAML and JSON files: limits on size and nesting, no ambiguous content."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import Any
 from uw_visibility.config.files import read_regular
 from uw_visibility.errors import InputError
 
-# Calibrations and parameters have some kilobytes; metadata of a bag has some for each topic.
+# Parameter files have a few kB; a bag's metadata has a few kB per topic.
 MOST_BYTES = 4 << 20
 DEEPEST = 32
-# A number beyond this is none that a parameter, a size or a count could be.
+# No parameter, size or count is larger.
 LARGEST_INTEGER = 2**63
 LONGEST_NUMBER = 100
 
@@ -53,11 +53,8 @@ def read_document(path: str | Path, what: str) -> Any:
 def parse_yaml(text: str) -> Any:
     """Parse YAML, with what ROS 2's own parser takes: no aliases, no tags of programs.
 
-    Raises
-    ------
-    InputError
-        If it is not YAML, is nested deeper than `DEEPEST`, repeats a key, refers to
-        another part of itself, or holds an integer beyond 64 bit.
+    Raises `InputError` if it is not YAML, is nested deeper than `DEEPEST`, repeats a key, refers to
+    another part of itself, or holds an integer beyond 64 bit.
     """
     # Imported here, since --help needs none of it.
     import yaml
@@ -72,7 +69,7 @@ def parse_yaml(text: str) -> Any:
     except yaml.YAMLError as error:
         raise InputError(" ".join(str(error).split())) from error
     except Exception as error:
-        # Scalars that their tag does not fit fail in many ways.
+        # PyYAML raises many kinds of errors for scalars that do not fit their tag.
         raise InputError(f"a value does not fit its type ({type(error).__name__})") from error
 
 
@@ -91,7 +88,7 @@ def _check_events(yaml: Any, events: Any) -> None:
 
 
 def _loader(yaml: Any, parser: Any) -> Any:
-    """Return a loader that takes no key twice and no absurd number."""
+    """Return a YAML loader that refuses repeated keys and huge integers."""
 
     class Loader(parser):  # type: ignore[misc]
         def construct_mapping(self, node: Any, deep: bool = False) -> Any:
@@ -130,11 +127,8 @@ def _loader(yaml: Any, parser: Any) -> Any:
 def parse_json(text: str) -> Any:
     """Parse JSON.
 
-    Raises
-    ------
-    InputError
-        If it is not JSON (NaN and Infinity are not), is nested too deep, repeats a
-        key, or holds an integer beyond 64 bit.
+    Raises `InputError` if it is not JSON (NaN and Infinity are not), is nested too deep, repeats a
+    key, or holds an integer beyond 64 bit.
     """
     try:
         return json.loads(

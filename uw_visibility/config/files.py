@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""File access: regular files within a size are read, and results appear whole or not at all."""
+"""Reading of files within limits; results appear complete, and replace only earlier results."""
 
 from __future__ import annotations
 
@@ -8,18 +8,186 @@ import errno
 import fcntl
 import glob
 import os
-import shutil
+import re
 import stat
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from uw_visibility.errors import InputError, refusing
 
 PARTIAL = ".partial"
+WORK_MARK = ".uw_visibility"
+"""Mark of the temporary folders in which results are written."""
 # File systems allow 255 bytes to a name.
 LONGEST_STEM = 60
+# Digits that make the name of what is being written a new one (`aside_of`).
+_DIGITS = 12
+_ASIDE = re.compile(rf"\.(.+)\.[0-9a-f]{{{_DIGITS}}}{re.escape(PARTIAL)}")
+# Bytes of a mark that are searched for `keys`.
+_MARK_BYTES = 1 << 16
+
+
+@dataclass(frozen=True)
+class Products:
+    """Files that a command writes to a folder; all others in it are foreign.
+
+    Parameters
+    ----------
+    mark : str
+        File that every such folder has.
+    files : tuple of str
+        Patterns of the others, relative to the folder; a folder in it ends with ``/``.
+    what : str
+        What a folder without the mark is told to be, such as ``no replay``.
+    keys : tuple of str
+        Texts of which a mark holds one; none where its name tells enough.
+    folders : Products, optional
+        What every other folder in it holds.
+    """
+
+    mark: str
+    files: tuple[str, ...]
+    what: str
+    keys: tuple[str, ...] = ()
+    folders: Products | None = None
+
+    def includes(self, name: str) -> bool:
+        """Return whether a name, relative to the folder, is one of a product."""
+        *parents, last = name.split("/")
+        aside = _ASIDE.fullmatch(last)
+        parts = [*parents, last if aside is None else aside[1]]
+        return any(
+            len(pattern) == len(parts) and all(map(fnmatchcase, parts, pattern))
+            for pattern in (text.split("/") for text in (glob.escape(self.mark), *self.files)))
+
+    def foreign(self, names: Iterable[str]) -> str | None:
+        """Return the first name that is of no product, or None; folders' names end with ``/``."""
+        within: dict[str, list[str]] = {}
+        for name in names:
+            folder, slash, rest = name.partition("/")
+            if self.includes(name):
+                continue
+            if self.folders is None or not slash:
+                return name
+            within.setdefault(folder, []).extend([rest] if rest else [])
+        for folder, inner in within.items():
+            if self.folders is None or self.folders.mark not in inner:
+                return f"{folder}/"
+            found = self.folders.foreign(inner)
+            if found is not None:
+                return f"{folder}/{found}"
+        return None
+
+    def marks(self, folder: Path) -> bool:
+        """Return whether a folder, and no link to one, has the mark."""
+        mark = folder / self.mark
+        if folder.is_symlink() or mark.is_symlink() or not mark.is_file():
+            return False
+        with mark.open("rb") as file:
+            text = file.read(_MARK_BYTES)
+        return not self.keys or any(key.encode() in text for key in self.keys)
+
+    def check(self, folder: Path) -> None:
+        """Refuse a folder that must not be removed: without the mark, or with a foreign file."""
+        self.check_names(folder, _names(folder), self.marks(folder))
+
+    def check_names(self, folder: Path | str, names: Iterable[str], marked: bool) -> None:
+        """Refuse as `check` does a folder, or one of a store, by the names of all that it holds."""
+        listed = list(names)
+        if listed and not marked:
+            raise InputError(f"{folder} exists already and is {self.what}: give another name")
+        foreign = self.foreign(listed)
+        if foreign is not None:
+            raise InputError(
+                f"{folder}/{foreign.rstrip('/@')} is not of what this program writes there: "
+                "move it, or give another name")
+
+    def remove(self, folder: Path) -> None:
+        """Remove a folder, each of its files by name; an empty one needs no mark.
+
+        A folder with a foreign file is refused. A file that appears meanwhile stays (OSError).
+        """
+        names = list(_names(folder))
+        self.check_names(folder, names, self.marks(folder))
+        # A mark goes last of its folder, so that what a killed run leaves is known again.
+        marks = {self.mark, "" if self.folders is None else self.folders.mark}
+        for name in sorted(names, reverse=True, key=lambda name: [
+            (part not in marks, part) for part in name.rstrip("/").split("/")
+        ]):
+            path = folder / name
+            if name.endswith("/"):
+                path.rmdir()
+            else:
+                path.unlink()
+        folder.rmdir()
+
+    def check_room(self, folder: Path, *, force: bool) -> None:
+        """Refuse to write where a product would replace a file; with force, a foreign one only."""
+        there = self.present(folder)
+        if not there:
+            return
+        for entry in there:
+            if entry.is_symlink() or not entry.is_file() or not self.marks(folder):
+                raise InputError(
+                    f"{entry} exists already and is {self.what}: move it, or give another name")
+        if not force:
+            raise InputError(
+                f"{there[0]} exists already: give another name, or --force to replace")
+
+    def present(self, folder: Path) -> list[Path]:
+        """Return the products in a folder, the mark first."""
+        there = [path for path in folder.iterdir() if self.includes(path.name)] \
+            if folder.is_dir() else []
+        return sorted(there, key=lambda path: (path.name != self.mark, path.name))
+
+
+def _names(folder: Path, within: str = "") -> Iterator[str]:
+    """Yield all names in a folder, those of folders with ``/``, those of links with ``@``."""
+    if folder.is_symlink() or not folder.is_dir():
+        yield "@"
+        return
+    with os.scandir(folder) as found:
+        entries = sorted(found, key=lambda entry: entry.name)
+    for entry in entries:
+        name = within + entry.name
+        if entry.is_dir(follow_symlinks=False):
+            yield f"{name}/"
+            yield from _names(Path(entry.path), f"{name}/")
+        else:
+            # Only regular files are products.
+            yield name if entry.is_file(follow_symlinks=False) else f"{name}@"
+
+
+def refuse_inputs(inputs: Iterable[Path | str | None], places: Iterable[Path | str]) -> None:
+    """Refuse places to be replaced in which an input of the run lies; paths, or URLs."""
+    taken = [(place, _parts(place)) for place in places]
+    for given in inputs:
+        if given is None:
+            continue
+        parts = _parts(given)
+        for place, end in taken:
+            if parts[: len(end)] == end:
+                raise InputError(
+                    f"{place} would replace the input {given}: give the results another name")
+
+
+def _parts(place: Path | str) -> tuple[str, ...]:
+    text = str(place).removeprefix("file://")
+    if "://" in text:
+        return tuple(text.rstrip("/").split("/"))
+    return Path(os.path.realpath(text)).parts
+
+
+def identity(folder: Path) -> tuple[int, int] | None:
+    """Return device and inode of a folder that is not empty; None otherwise."""
+    if not folder.is_dir() or not any(folder.iterdir()):
+        return None
+    status = folder.stat()
+    return status.st_dev, status.st_ino
 
 
 def read_regular(path: str | Path, most: int, what: str = "file") -> bytes:
@@ -43,12 +211,12 @@ def read_regular(path: str | Path, most: int, what: str = "file") -> bytes:
     """
     with refusing(f"cannot read {what} {path}"):
         check_regular(path, what)
-        # Between the look and the opening a pipe may have come into its place.
+        # The file may have been replaced by a pipe since the check.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         with os.fdopen(descriptor, "rb") as file:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
                 raise InputError(f"{what} {path} is no regular file: give one")
-            # Not its size: some files, as those of /proc, state none.
+            # The stated size is not used: files in /proc state 0.
             content = file.read(most + 1)
     if len(content) > most:
         raise InputError(f"{what} {path} is larger than {most} bytes: give a smaller one")
@@ -56,13 +224,7 @@ def read_regular(path: str | Path, most: int, what: str = "file") -> bytes:
 
 
 def check_regular(path: str | Path, what: str = "file") -> None:
-    """Refuse what is no regular file, without opening it.
-
-    Raises
-    ------
-    InputError
-        If it is missing, or a folder, a pipe, a socket or a device.
-    """
+    """Refuse what is no regular file, without opening it."""
     # ValueError: names that hold a null character.
     with refusing(f"cannot read {what} {path}", OSError, ValueError):
         mode = Path(path).stat().st_mode
@@ -89,7 +251,7 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
     with refusing(f"cannot write {path}", OSError, ValueError):
-        # A link is kept, and what it leads to is replaced.
+        # A symbolic link stays; its target is replaced.
         target = Path(os.path.realpath(path))
         if target.exists() and not target.is_file():
             raise InputError(f"cannot write {path}: it is no regular file")
@@ -106,72 +268,111 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
 
 
 def aside_of(target: Path) -> Path:
-    """Return a new name beside a file or folder, hidden, to write it under."""
-    return target.with_name(f".{target.name[:LONGEST_STEM]}.{uuid.uuid4().hex[:12]}{PARTIAL}")
+    """Return a new hidden name beside a file or folder, for writing."""
+    return target.with_name(f".{target.name[:LONGEST_STEM]}.{new_name()}{PARTIAL}")
+
+
+def new_name() -> str:
+    """Return a random name that nothing has yet."""
+    return uuid.uuid4().hex[:_DIGITS]
+
+
+def in_work(products: Products, within: str = "") -> Products:
+    """Return the products in the temporary folder of results, or `within` a folder in it."""
+    names = (products.mark, *products.files)
+    if within:
+        folder = glob.escape(within)
+        names = (f"{folder}/", *(f"{folder}/{name}" for name in names))
+    return Products(WORK_MARK, names, "no folder of an unfinished run")
 
 
 @contextmanager
-def gathered(folder: Path, last: str, *, clear: bool = False) -> Iterator[Path]:
-    """Folder to write results to, which come to their place when all of them are written.
-
-    Parameters
-    ----------
-    folder : Path
-        Their place; made where missing.
-    last : str
-        The file that says that results are complete: it goes first and comes last.
-    clear : bool
-        Whether whatever else is in the folder is removed.
-
-    Raises
-    ------
-    InputError
-        If something cannot be written, as on a full disk; what was there before is
-        left as it was.
-    """
-    aside = folder / f".{uuid.uuid4().hex[:12]}{PARTIAL}"
+def work_folder(folder: Path, products: Products) -> Iterator[Path]:
+    """Make a temporary folder for results, and remove what is left in it at the end."""
+    folder.mkdir(parents=True)
     try:
-        with refusing(f"cannot write to folder {folder}"):
-            aside.mkdir(parents=True)
-            for left in folder.glob(f".*{PARTIAL}"):
-                # Of a run that was ended by force.
-                if left != aside:
-                    _remove(left)
-            yield aside
-            for entry in folder.iterdir():
-                if entry.name == last or (clear and entry not in (aside, lock_of(folder))):
-                    _remove(entry)
-            files = sorted(aside.iterdir(), key=lambda file: (file.name == last, file.name))
-            for file in files:
-                file.replace(folder / file.name)
+        (folder / WORK_MARK).touch()
+        yield folder
     finally:
-        shutil.rmtree(aside, ignore_errors=True)
+        with suppress(OSError, InputError):
+            products.remove(folder)
 
 
-def _remove(entry: Path) -> None:
-    if entry.is_dir() and not entry.is_symlink():
-        shutil.rmtree(entry)
-    else:
-        entry.unlink()
+@contextmanager
+def gathered(folder: Path, products: Products, *, force: bool) -> Iterator[Path]:
+    """Yield a temporary folder; its files are moved to `folder` when all are written.
+
+    Earlier products there are replaced (with `force`), other files stay. The mark tells that
+    results are complete: it is removed first and moved last. Where something cannot be written, or
+    a foreign file has appeared under the name of a result (`InputError`), nothing is replaced.
+    """
+    work, name = in_work(products), new_name()
+    with refusing(f"cannot write to folder {folder}"):
+        _tidy(folder, "", work)
+        with work_folder(folder / f".{name}{PARTIAL}", work) as aside:
+            yield aside
+            try:
+                work.check(aside)
+                products.check_room(folder, force=force)
+            except InputError as error:
+                kept = aside.rename(folder / f"{name}{PARTIAL}")
+                raise InputError(f"{error}; the results are in {kept}") from error
+            for entry in products.present(folder):
+                entry.unlink()
+            for file in reversed(products.present(aside)):
+                file.replace(folder / file.name)
+
+
+def replace_folder(
+    work: Path, target: Path, products: Products, before: tuple[int, int] | None
+) -> None:
+    """Rename a folder of results to its target; earlier ones of identity `before` are removed."""
+    check_replaced(target, products, before)
+    if identity(target) is None:
+        work.rename(target)
+        return
+    old = target.rename(aside_of(target))
+    try:
+        work.rename(target)
+    except OSError:
+        old.rename(target)
+        raise
+    products.remove(old)
+
+
+def check_replaced(target: Path, products: Products, before: tuple[int, int] | None) -> None:
+    """Refuse a target that is neither empty nor the folder of identity `before`."""
+    found = identity(target)
+    other = target.is_symlink() or (target.exists() and not target.is_dir())
+    if other or found not in (None, before):
+        raise InputError(f"something else has come to {target} meanwhile: move it")
+    if found is not None:
+        products.check(target)
+
+
+def _tidy(folder: Path, stem: str, *kinds: Products) -> None:
+    """Remove hidden temporary folders of killed runs."""
+    for left in folder.glob(f"{glob.escape(stem)}.{'[0-9a-f]' * _DIGITS}{PARTIAL}"):
+        for products in kinds:
+            with suppress(InputError, OSError):
+                if products.marks(left):
+                    products.remove(left)
 
 
 def lock_of(target: Path) -> Path:
     """Return where the lock of a folder or file of results is: beside it, if that can be."""
     place = Path(os.path.realpath(target))
     name = f".{place.name[:LONGEST_STEM]}.lock"
-    # Whoever may write to a folder may not always to the one that it is in.
+    # The parent folder may be read-only.
     beside = not place.is_dir() or os.access(place.parent, os.W_OK | os.X_OK)
     return (place.parent if beside else place) / name
 
 
 @contextmanager
-def sole_writer(target: Path) -> Iterator[None]:
-    """Keep a folder or file of results to this process; its parent is made where missing.
+def sole_writer(target: Path, *left: Products) -> Iterator[None]:
+    """Lock a folder or file of results for this process; its parent is made where missing.
 
-    Raises
-    ------
-    InputError
-        If another process writes it, or the place cannot be written to.
+    Hidden temporary folders of killed runs beside it that hold the products `left` are removed.
     """
     with refusing(f"cannot write to folder {target.parent}", OSError, ValueError):
         lock = lock_of(target)
@@ -183,12 +384,10 @@ def sole_writer(target: Path) -> Iterator[None]:
                 f"another run writes {target}: wait for its end, or give another name"
             ) from error
     try:
-        # Whoever was ended by force left these.
-        for left in lock.parent.glob(f"{glob.escape(lock.stem)}.*{PARTIAL}"):
-            _remove(left)
+        _tidy(lock.parent, lock.stem, *left)
         yield
     finally:
-        # While it is held: whoever opened it meanwhile sees that it is gone, and tries again.
+        # Unlinked while locked: another process that has opened it tries again.
         with suppress(OSError):
             lock.unlink()
         os.close(descriptor)

@@ -17,7 +17,7 @@ T = TypeVar("T")
 Vector = tuple[float, float, float]
 
 MOST_LAMPS = 16
-# Nearer to the camera, what the water in front of it scatters has no bound.
+# Closer lamps scatter without bound into the camera (m).
 LEAST_DISTANCE = 0.01
 ISOTROPIC = 360.0
 
@@ -108,17 +108,14 @@ class LightingConfig:
     )
 
     def __post_init__(self) -> None:
-        # Of daylight alone nothing is asked, so that a node's parameters may be set one by one.
+        # Not checked in daylight: a node's parameters may be set one by one.
         if self.model != "daylight":
             tuple(self.lamps())
 
     def lamps(self) -> Iterator[Lamp]:
         """Yield the lamps, axes of length 1.
 
-        Raises
-        ------
-        InputError
-            If the parameters do not fit one another.
+        Raises `InputError` if the parameters do not fit one another.
         """
         positions = _triples(self.positions)
         count = len(positions)

@@ -17,7 +17,7 @@ from typing import Any
 from uw_visibility.config.documents import read_document
 from uw_visibility.errors import InputError
 
-# How the names begin of parameters that every ROS 2 node has, and that a dump of ours holds too.
+# Parameters of every ROS 2 node, which a dump of a node holds too.
 ROS_PARAMETERS = ("qos_overrides.", "start_type_description_service", "use_sim_time")
 
 
@@ -85,15 +85,32 @@ class ParameterInfo:
             )
         return value
 
+    def numeric(self, value: Any) -> Any:
+        """Convert text and integers to floats where the parameter is a float or a list.
+
+        ``ros2 param`` takes 5 for an integer and, by YAML 1.1, 1e-05 for a text, with which its
+        own dumps would not load.
+        """
+        try:
+            if self.type is float and isinstance(value, int | str) and not isinstance(value, bool):
+                return float(value)
+            if self.type is tuple:
+                parts = value.strip("[] ").split(",") if isinstance(value, str) else value
+                if any(isinstance(each, str) for each in parts):
+                    return [float(each) for each in parts]
+        except (OverflowError, TypeError, ValueError):
+            # `check` says what is wrong.
+            pass
+        return value
+
     def _of_type(self, value: Any) -> Any:
-        if self.type is float and isinstance(value, int) and not isinstance(value, bool):
-            return float(value)
+        value = self.numeric(value)
         if self.type is tuple:
             numbers = value if isinstance(value, str | bytes) else _numbers(value)
             if not isinstance(numbers, tuple) or not self._fits(len(numbers)):
                 wanted = f"{len(self.default)} number{'s' if len(self.default) > 1 else ''}"
                 wanted += " for each, one after the other" if self.repeats else ""
-                # Of rclpy numbers come as an array with a type.
+                # rclpy gives numbers as a typed array.
                 shown = list(numbers) if isinstance(numbers, tuple) else value
                 raise InputError(f"parameter {self.name} is {shown!r}: give {wanted}")
             return numbers
@@ -126,7 +143,6 @@ def parameter(default: Any, description: str, **facts: Any) -> Any:
 
     Parameters
     ----------
-    default : object
     description : str
         One sentence.
     **facts
@@ -140,7 +156,7 @@ def section(group: type) -> Any:
     return dataclasses.field(default_factory=group)
 
 
-# Kept, since a node checks all of its parameters with each of the hundred that it declares.
+# Cached: a node checks all its parameters each time that it declares one.
 @functools.cache
 def describe(group: type, prefix: str = "") -> tuple[ParameterInfo, ...]:
     """Return every parameter of a dataclass and of its sections, in order."""
@@ -199,13 +215,7 @@ def build(group: type, values: Mapping[str, Any], prefix: str = "") -> Any:
 
 
 def check_names(given: Mapping[str, Any], known: Iterable[str]) -> None:
-    """Refuse names that are not known, with the nearest one that is.
-
-    Raises
-    ------
-    InputError
-        Naming the first unknown parameter.
-    """
+    """Refuse names that are not known, with the nearest one that is."""
     names = set(known)
     for name in given:
         if name not in names:
@@ -216,10 +226,7 @@ def check_names(given: Mapping[str, Any], known: Iterable[str]) -> None:
 def flatten(values: Any, prefix: str = "") -> dict[str, Any]:
     """Return a dataclass, or nested mappings, as one mapping by dotted name.
 
-    Raises
-    ------
-    InputError
-        If a name comes twice, once nested and once with dots.
+    Raises `InputError` if a name comes twice, once nested and once with dots.
     """
     if dataclasses.is_dataclass(values):
         values = {f.name: getattr(values, f.name) for f in dataclasses.fields(values)}
@@ -268,7 +275,7 @@ def read_yaml(path: str | Path, node: str | None = None) -> dict[str, Any]:
 def _node_blocks(
     content: Any, namespace: str, path: str | Path
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield what a file says of nodes, by their names or patterns of such."""
+    """Yield the parameters of each node name or pattern in a file."""
     if not isinstance(content, dict) or not content:
         raise InputError(
             f"parameter file {path} has no 'ros__parameters' under a node's name: "
@@ -299,9 +306,3 @@ def _numbers(value: Any) -> Any:
     if all(isinstance(i, int | float) and not isinstance(i, bool) for i in items):
         return tuple(float(i) for i in items)
     return value
-
-
-__all__ = [
-    "ROS_PARAMETERS", "ParameterInfo", "build", "check_names", "describe", "flatten",
-    "parameter", "read_yaml", "section",
-]

@@ -32,13 +32,7 @@ from uw_visibility.config.water import (
 )
 from uw_visibility.errors import InputError
 
-__all__ = [
-    "AssessmentConfig", "CameraConfig", "EnhancementConfig", "LightingConfig", "NodeConfig",
-    "PipelineConfig", "PlausibilityConfig", "StereoConfig", "SurveyConfig",
-    "SynchronizationConfig", "TrackingConfig", "WaterConfig",
-]
-
-# tf2 takes none that begins with a slash.
+# tf2 refuses frame names that begin with a slash.
 FRAME_ID = re.compile(r"(?!/)[!-~]{1,200}")
 
 
@@ -324,23 +318,34 @@ class PlausibilityConfig:
         0.95, "Share of the differences that pass the gate where all is well (chi squared, one "
         "degree of freedom).", minimum=0.5, maximum=0.9999,
     )
-    warn_after: int = parameter(
-        3, "Differences beyond the gate in a row that are a warning.", minimum=1, maximum=1000,
+    warn_interval: float = parameter(
+        10.0, "A warning is what a right sensor shows at most once in so long on average.",
+        unit="h", minimum=1e-3, maximum=1e6,
     )
-    error_after: int = parameter(
-        6, "Differences beyond the gate in a row that are an error.", minimum=1, maximum=1000,
+    error_interval: float = parameter(
+        100.0, "An error is what a right sensor shows at most once in so long on average.",
+        unit="h", minimum=1e-3, maximum=1e6,
     )
     model_stddev: float = parameter(
-        0.25, "Standard deviation of what the estimate's own does not hold: kind of water, light, "
-        "white balance.", unit="m", minimum=0.0, maximum=20.0,
+        0.25, "Standard deviation of what the estimate's own does not hold and is not constant: "
+        "what wanders with the scene, and frames that are off.",
+        unit="m", minimum=1e-3, maximum=20.0,
     )
     max_gate: float = parameter(
-        1.5, "A difference whose gate is wider than this proves nothing and is not judged.",
+        1.5, "A difference within a gate that is wider than this proves nothing.",
         unit="m", minimum=0.1, maximum=100.0,
     )
+    warn_after: int = parameter(
+        3, "No longer used, and taken until version 0.4: see warn_interval.",
+        minimum=1, maximum=1000,
+    )
+    error_after: int = parameter(
+        6, "No longer used, and taken until version 0.4: see error_interval.",
+        minimum=1, maximum=1000,
+    )
     bias_window: int = parameter(
-        0, "Differences at the start of which the mean is learned as a constant bias and then "
-        "taken off; 0 for none.", minimum=0, maximum=10000,
+        0, "No longer used, and taken until version 0.4: the constant bias is always learned.",
+        minimum=0, maximum=10000,
     )
     timeout: float = parameter(
         2.0, "Age from which estimate or sensor are stale, and longest gap between the sensor's "
@@ -352,6 +357,10 @@ class PlausibilityConfig:
 class NodeConfig:
     """Configuration of the node beyond the pipeline's."""
 
+    autostart: bool = parameter(
+        False, "The managed node configures and activates itself once, when its process starts; "
+        "whatever state a manager asks for later stays.", read_only=True,
+    )
     rectify: bool = parameter(
         False, "Rectify raw images with K, D, R and P of their CameraInfo.", read_only=True,
     )
@@ -389,6 +398,10 @@ class NodeConfig:
     depth_frame: str = parameter(
         "map", "Frame of the published depth: fixed to the world, z up, its origin at the surface.",
     )
+    distance_frame: str = parameter(
+        "", "Frame of visibility/distance, along whose x axis a Range points (REP 103); empty for "
+        "the left image's without _optical, as camera_link for camera_link_optical.",
+    )
     synchronization: SynchronizationConfig = section(SynchronizationConfig)
     plausibility: PlausibilityConfig = section(PlausibilityConfig)
 
@@ -397,11 +410,13 @@ class NodeConfig:
         """Make a configuration from dotted names, ignoring the pipeline's."""
         _, mine = split_parameters(values)
         config = build(cls, mine)
-        if not FRAME_ID.fullmatch(config.depth_frame):
-            raise InputError(
-                f"parameter depth_frame is {config.depth_frame!r}: give the name of a frame, such "
-                "as map"
-            )
+        # The other one may be empty.
+        for name, frame in (
+            ("depth_frame", config.depth_frame), ("distance_frame", config.distance_frame or "map")
+        ):
+            if not FRAME_ID.fullmatch(frame):
+                raise InputError(
+                    f"parameter {name} is {frame!r}: give the name of a frame, such as map")
         return config
 
 

@@ -53,13 +53,6 @@ def bound_by_veil(
         Attenuation and ambient light (the veil B); channels with NaN bound nothing.
     transfer : str
         ``"linear"`` or ``"srgb"``.
-    workers : Workers, optional
-        Threads; one by default.
-
-    Returns
-    -------
-    (H, W) float32 ndarray
-        The range map; no range is larger than before.
     """
     attenuation = np.atleast_1d(water.attenuation)
     veil = np.atleast_1d(water.ambient_light)

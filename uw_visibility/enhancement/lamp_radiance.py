@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
@@ -30,17 +31,7 @@ _PLACES = 8192
 
 
 class LampRestorer:
-    """Radiance recovery under lamps as images of limited gain; see `restore`.
-
-    Parameters
-    ----------
-    config : EnhancementConfig
-        `max_gain` limits the gain over that of the brightest lit place.
-    transfer : str
-        ``"linear"`` or ``"srgb"``.
-    workers : Workers
-        Threads.
-    """
+    """Radiance recovery under lamps as images of limited gain; see `restore`."""
 
     def __init__(self, config: EnhancementConfig, transfer: str, workers: Workers) -> None:
         self._config = config
@@ -59,30 +50,8 @@ class LampRestorer:
         A white patch becomes the largest pixel value, wherever it is. Where hardly any
         light is, the gain is limited and what is seen fades to black; a channel whose gain
         is limited takes what it lacks from the others, so that the far has no colour of its
-        own. A range that is unknown, or infinite, is taken as far.
-
-        Parameters
-        ----------
-        image : (H, W, 3) ndarray of uint8 or uint16
-            Pixel values.
-        range_map : (H, W) float32 ndarray
-            Range along the line of sight, m.
-        field : LightField
-            Light over image and range; a channel with NaN is handed on as it is.
-        noise : (3,) float64 ndarray, optional
-            Standard deviation of the image's noise in code values; measured by default.
-
-        Returns
-        -------
-        enhanced : ndarray
-            Of the image's shape and type.
-        limited : (H, W) bool ndarray
-            Where the gain of a channel was limited, or the range is unknown.
-
-        Raises
-        ------
-        InputError
-            If shapes or number of channels do not fit.
+        own. A range that is unknown, or infinite, is taken as far. A channel with NaN in `field` is
+        handed on as it is. See `Restorer.restore` for the rest.
         """
         planes = as_channels(image, range_map)
         if planes.shape[2] != 3:
@@ -146,19 +115,19 @@ def _restore(
     kept = np.empty((3, width), np.float32)
     for x in range(width):
         place = min(np.float32(x) / grid[1], np.float32(last_column - 0.001))
-        column[x] = np.int32(place)
+        column[x] = index_of(place, 0, max(last_column - 1, 0))
         across[x] = place - np.float32(column[x])
     for y in range(start, stop):
         place = min(np.float32(y) / grid[0], np.float32(last_row - 0.001))
-        j = int(place)
+        j = index_of(place, 0, max(last_row - 1, 0))
         share = np.float32(place - j)
         here[:] = (one - share) * light[j] + share * light[j + 1]
         for x in range(width):
             at = distance[y, x] * per_metre
             # Written so that NaN fails it.
             inside = at >= zero and at < np.float32(place_of.size)
-            place = place_of[np.int32(at) if inside else place_of.size - 1]
-            node[x] = np.int32(place)
+            place = place_of[index_of(at, 0, place_of.size - 1) if inside else place_of.size - 1]
+            node[x] = index_of(place, 0, light.shape[3] - 2)
             along[x] = place - np.float32(node[x])
             limited[y, x] = not inside
         for c in range(3):
@@ -200,4 +169,5 @@ def _restore(
         for c in range(3):
             for x in range(width):
                 enhanced[y, x, c] = (
-                    encode[np.uint32(value[c, x])] if known[c] else image[y, x, c])
+                    encode[np.uint32(index_of(value[c, x], zero, top))] if known[c]
+                    else image[y, x, c])

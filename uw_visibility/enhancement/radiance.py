@@ -21,7 +21,7 @@ from uw_visibility.optics.transfer import encode_table, linear_table, to_linear
 
 # Attenuation, 1/m, below which no range brings a channel to its limit.
 _LEAST_ATTENUATION = 1e-9
-# However noisy an image is, this much optical thickness is made up for.
+# However noisy an image and unsure its veil, this much optical thickness is made up for.
 _LEAST_THICKNESS = 0.5
 # Largest standard deviation of radiance by that of the veil, as part of white.
 _MOST_VEIL = 0.2
@@ -29,21 +29,10 @@ _MOST_VEIL = 0.2
 
 @dataclass(frozen=True)
 class Channels:
-    """Attenuation, veil, light and limits of an image's channels, as kernels take them.
+    """Attenuation (1/m), veil B, light W and limits of an image's channels, as kernels take them.
 
-    Attributes
-    ----------
-    attenuation : (C,) float32 ndarray
-        1/m; 0 where the channel is not assessable.
-    veil : (C,) float32 ndarray
-        Veil B, what the water adds at infinity; 1 where the channel is not assessable.
-    light : (C,) float32 ndarray
-        Light W on the scene, likewise; the paper's model is W = B.
-    limits : (C,) float32 ndarray
-        Largest optical thickness βd; 0 where the channel is not assessable,
-        which leaves it as it is.
-    assessable : (C,) bool ndarray
-        Whether the channel is restored at all.
+    `limits` is the largest optical thickness βd. A channel that is not assessable stays as it is:
+    attenuation and limit 0, veil and light 1. The paper's model is W = B.
     """
 
     attenuation: NDArray[np.float32]
@@ -54,18 +43,18 @@ class Channels:
 
     def limited_by_noise(self, noise: Array, largest: float) -> Channels:
         """Lower the limits so that restored noise, σ exp(βd) / W, stays below ``largest``."""
-        gain = largest * self.light / np.maximum(noise, 1e-9)
-        thickness = np.log(np.maximum(gain, math.exp(_LEAST_THICKNESS)))
-        limits = np.where(self.assessable, np.minimum(self.limits, thickness), 0.0)
-        return replace(self, limits=limits.astype(np.float32))
+        return self._limited(largest * self.light / np.maximum(noise, 1e-9))
 
     def limited_by_veil(self, stddev: Array, largest: float) -> Channels:
         """Lower the limits so that the veil's error, σ (exp(βd) - 1) / W, stays below ``largest``.
 
         Where β and range are large, a veil that is 2 % off makes half of white of a dark wall.
         """
-        thickness = np.log1p(largest * self.light / np.maximum(stddev, 1e-9))
-        thickness = np.maximum(thickness, _LEAST_THICKNESS)
+        return self._limited(1.0 + largest * self.light / np.maximum(stddev, 1e-9))
+
+    def _limited(self, gain: Array) -> Channels:
+        """Lower the limits to a gain exp(βd), but for the least thickness."""
+        thickness = np.log(np.maximum(gain, math.exp(_LEAST_THICKNESS)))
         limits = np.where(self.assessable, np.minimum(self.limits, thickness), 0.0)
         return replace(self, limits=limits.astype(np.float32))
 
@@ -78,16 +67,9 @@ class Channels:
 
 
 class Restorer:
-    """Radiance recovery as images of limited gain; see `restore`.
+    """Radiance recovery as images of limited gain (`max_gain` limits exp(βd)); see `restore`.
 
-    Parameters
-    ----------
-    config : EnhancementConfig
-        `max_gain` limits exp(βd).
-    transfer : str
-        ``"linear"`` or ``"srgb"``: how pixel values follow light, in and out.
-    workers : Workers, optional
-        Threads; one by default.
+    `transfer` is ``"linear"`` or ``"srgb"``: how pixel values follow light, in and out.
     """
 
     def __init__(
@@ -124,8 +106,7 @@ class Restorer:
             Range along the line of sight, m.
         water : Water
             `attenuation`, `ambient_light` (the veil B) and, where it is another one,
-            `scene_light` (W); three values for a colour image and one for a grey one. And
-            `veil_stddev`, the standard deviation of the veil, where it is not exact.
+            `scene_light` (W), one value a channel; `veil_stddev`, where the veil is not exact.
         noise : (3,) or (1,) float64 ndarray, optional
             Standard deviation of the image's noise in code values; measured by default.
 
@@ -134,15 +115,9 @@ class Restorer:
         enhanced : ndarray
             Of the image's shape and type.
         limited : (H, W) bool ndarray
-            Where the gain of a channel was limited, to `max_gain` or to what
-            keeps the image's noise below `max_noise`, and what an error of the veil
-            makes below a fifth of white, or the range is unknown.
-
-        Raises
-        ------
-        InputError
-            If shapes or number of channels do not fit, or the image is
-            neither 8- nor 16-bit.
+            Where the range is unknown, or the gain of a channel was limited: to `max_gain`, or to
+            what
+            keeps noise below `max_noise` and an error of the veil below a fifth of white.
         """
         planes = as_channels(image, range_map)
         decode = linear_table(self._transfer, image.dtype)
@@ -175,9 +150,8 @@ def recover_radiance(
 ) -> NDArray[np.float32]:
     """Radiance recovery as numbers, neither clipped nor quantised (eq. 8).
 
-    ρ = B/W + (E - B)/W e^(βd), which is eq. 8 where W = B.
-
-    For evaluation; `Restorer` is the fast form.
+    ρ = B/W + (E - B)/W e^(βd), which is eq. 8 where W = B. For evaluation; `Restorer` is the fast
+    form.
 
     Parameters
     ----------
@@ -205,13 +179,7 @@ def recover_radiance(
 
 
 def prepare(water: Water, count: int, max_gain: float) -> Channels:
-    """Convert a water's state to the form that kernels take.
-
-    Raises
-    ------
-    InputError
-        If the water has another number of channels than the image.
-    """
+    """Convert a water's state to the form that kernels take."""
     attenuation = np.atleast_1d(np.asarray(water.attenuation, dtype=np.float64))
     veil = np.atleast_1d(np.asarray(water.ambient_light, dtype=np.float64))
     light = np.atleast_1d(scene_light_of(water))
@@ -231,22 +199,10 @@ def prepare(water: Water, count: int, max_gain: float) -> Channels:
 
 
 def irradiance_noise(noise: Array, decode: NDArray[np.float32], veil: NDArray[np.float32]) -> Array:
-    """Standard deviation of the irradiance near the veil, where gains are large.
+    """Standard deviation of the irradiance near the veil, where gains are large, (C,).
 
-    Rounding counts as noise: amplified, its steps show as bands of false colour.
-
-    Parameters
-    ----------
-    noise : (C,) float64 ndarray
-        Standard deviation in code values.
-    decode : float32 ndarray
-        Irradiance of each code value.
-    veil : (C,) float32 ndarray
-        Veil of each channel.
-
-    Returns
-    -------
-    (C,) float64 ndarray
+    `noise` is in code values. Rounding counts as noise: amplified, its steps show as bands of
+    false colour.
     """
     codes = np.sqrt(noise**2 + ROUNDING_VARIANCE)
     at = np.clip(np.searchsorted(decode, veil), 1, decode.size - 1)
@@ -254,13 +210,7 @@ def irradiance_noise(noise: Array, decode: NDArray[np.float32], veil: NDArray[np
 
 
 def as_channels(image: NDArray[np.generic], range_map: RangeMap) -> NDArray[np.generic]:
-    """View an image as (H, W, C), after a check that it fits its range.
-
-    Raises
-    ------
-    InputError
-        If it does not.
-    """
+    """View an image as (H, W, C), after a check that it fits its range."""
     if image.shape[:2] != range_map.shape:
         raise InputError(
             f"image of shape {image.shape} does not fit a range map of shape {range_map.shape}: "

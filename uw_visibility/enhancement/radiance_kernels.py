@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 
 
@@ -126,6 +127,6 @@ def restore(
                 plane[x] = radiance * top + half
         for x in range(width):
             for c in range(count):
-                enhanced[y, x, c] = encode[np.uint32(deviation[c, x])]
+                enhanced[y, x, c] = encode[np.uint32(index_of(deviation[c, x], zero, top))]
         for x in range(width):
             limited[y, x] = not (distance[y, x] >= zero and distance[y, x] <= farthest)

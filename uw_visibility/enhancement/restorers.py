@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from uw_visibility.compute.threads import Workers
@@ -22,16 +23,10 @@ class ImageRestorer(Protocol):
         """Return the image without the water, and where its gain was limited."""
 
 
-class RestorerFactory(Protocol):
-    """Maker of restorers of images whose code values follow light by a transfer."""
-
-    def __call__(
-        self, config: EnhancementConfig, transfer: str, workers: Workers, /
-    ) -> ImageRestorer: ...
-
-
-RESTORERS: dict[str, RestorerFactory] = {"radiance": Restorer}
-"""Another one is a file and an entry here."""
+RESTORERS: dict[str, Callable[[EnhancementConfig, str, Workers], ImageRestorer]] = {
+    "radiance": Restorer,
+}
+"""Makers of restorers, of parameters, transfer and threads: another one is an entry here."""
 
 RESTORER = "radiance"
 """The one that is used; a parameter once there are several."""

@@ -14,9 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.enhancement.veil_level import level_veil
 from uw_visibility.images.arrays import Array, Image, Mask, RangeMap
-from uw_visibility.optics.light_model import Water, contrast_gain, radiance_of, scene_light_of
+from uw_visibility.optics.light_model import (
+    Water,
+    contrast_gain,
+    radiance_of,
+    scene_light_of,
+    transmission,
+)
 from uw_visibility.optics.transfer import linear_table
 
 # Pixels with a range that are looked at, at the most, and at least.
@@ -36,16 +41,10 @@ _QUANTISATION = 0.3
 
 
 class RestorationWater(NamedTuple):
-    """Attenuation, veil and scene light for restoration, one value a channel.
+    """Attenuation β (1/m), veil B and scene light W for restoration, one value a channel.
 
-    Attributes
-    ----------
-    attenuation, ambient_light, scene_light : (C,) float64 ndarray
-        β, 1/m; the veil B; the light W on the scene.
-    balanced : float
-        How far W was taken from the camera's own white: 0 not at all, 1 wholly.
-    veil_stddev : (C,) float64 ndarray or None
-        Standard deviation of the veil; None where it is taken for exact.
+    `balanced` is how far W was taken from the camera's own white: 0 not at all, 1 wholly.
+    `veil_stddev` is None where the veil is taken for exact.
     """
 
     attenuation: Array
@@ -69,53 +68,44 @@ def restoration_water(
     neutral: of light that is not balanced, water would have taken the red. W is then scaled
     in each channel so that their restored colour is the one they had. Where much of the
     scene would be restored as brighter than white, as sunlit sand before a dark wall, W is
-    raised alike in all channels. Before, the veil is moved within its deviation, see
-    `veil_level`.
+    raised alike in all channels. Before, the veil is moved within its deviation, see `level_veil`.
 
-    Parameters
-    ----------
-    image : (H, W, 3) or (H, W) ndarray of uint8 or uint16
-        Pixel values.
-    range_map : (H, W) float32 ndarray
-        Range along the line of sight, m.
-    measured : (H, W) bool ndarray
-        Pixels whose range was measured; others tell nothing here.
-    water : Water
-        State to restore with; NaN where not assessable.
-    transfer : str
-        ``"linear"`` or ``"srgb"``.
-    veil_stddev : (C,) float64 ndarray, optional
-        Standard deviation of the veil; where absent it is taken for exact.
-
-    Returns
-    -------
-    RestorationWater
-        The same with veil and W corrected; as it was where too little is seen or assessable.
+    Only ranges that were `measured` count. Where too little is seen or assessable, the water stays
+    as it was.
     """
     attenuation = np.array(water.attenuation, np.float64, ndmin=1)
     veil = np.array(water.ambient_light, np.float64, ndmin=1)
     light = np.array(scene_light_of(water), ndmin=1)
-    if not np.isfinite(attenuation + veil + light).all():
+    seen = np.isfinite(attenuation + veil + light)
+    if not seen.any():
         return RestorationWater(attenuation, veil, light)
+    if not seen.all():
+        # A channel without light stays as it is.
+        part = restoration_water(
+            image[..., seen], range_map, measured,
+            RestorationWater(attenuation[seen], veil[seen], light[seen]), transfer,
+            None if veil_stddev is None else veil_stddev[seen])
+        veil[seen], light[seen] = part.ambient_light, part.scene_light
+        return RestorationWater(attenuation, veil, light, part.balanced, veil_stddev)
+    corrected = RestorationWater(attenuation, veil, light, veil_stddev=veil_stddev)
     codes, distance = _samples(image, range_map, measured)
     if len(distance) < _FEWEST:
-        return RestorationWater(attenuation, veil, light, veil_stddev=veil_stddev)
+        return corrected
     irradiance = linear_table(transfer, image.dtype)[codes].astype(np.float64)
     if veil_stddev is not None:
         veil = level_veil(
             irradiance, distance, attenuation, veil, light, veil_stddev,
             _QUANTISATION / np.iinfo(image.dtype).max)
+        corrected = corrected._replace(ambient_light=veil)
     near = distance < _MOST_THICKNESS / max(float(attenuation.max()), 1e-9)
     irradiance, distance = irradiance[:, near], distance[near]
     if len(distance) < _FEWEST:
-        return RestorationWater(attenuation, veil, light, veil_stddev=veil_stddev)
+        return corrected
     gain = contrast_gain(attenuation[:, np.newaxis], distance)
     radiance = radiance_of(irradiance, gain, veil[:, np.newaxis], light[:, np.newaxis])
     factor, balanced = _white(irradiance, radiance)
-    exposure = np.quantile(
-        (radiance / factor[:, np.newaxis]).mean(axis=0), 1.0 - _OVEREXPOSED)
-    return RestorationWater(
-        attenuation, veil, light * factor * max(exposure, 1.0), balanced, veil_stddev)
+    exposure = np.quantile((radiance / factor[:, np.newaxis]).mean(axis=0), 1.0 - _OVEREXPOSED)
+    return corrected._replace(scene_light=light * factor * max(exposure, 1.0), balanced=balanced)
 
 
 def _white(irradiance: Array, radiance: Array) -> tuple[Array, float]:
@@ -129,7 +119,8 @@ def _white(irradiance: Array, radiance: Array) -> tuple[Array, float]:
     certain, not_at_all = _NEUTRAL
     weight = float(np.clip((not_at_all - saturation) / (not_at_all - certain), 0.0, 1.0))
     restored = np.median(radiance[:, bright], axis=1)
-    if channels == 1 or weight == 0.0 or restored.min() <= 0.0:
+    # Without all three channels nothing is seen to be neutral.
+    if channels < 3 or weight == 0.0 or restored.min() <= 0.0:
         return unchanged
     factor = (restored / restored.mean()) / (shown / shown.mean())
     return factor**weight, weight
@@ -145,3 +136,71 @@ def _samples(image: Image, range_map: RangeMap, measured: Mask) -> tuple[NDArray
     chosen = np.flatnonzero(usable)
     # Each channel in a piece, which a mask of both axes would not leave them in.
     return codes.take(chosen, axis=1), distance[chosen].astype(np.float64)
+
+
+# Bins of range, of equal ratio, the pixels that one needs, and how many neighbours show one object.
+_BINS, _FEWEST, _NEIGHBOURS = 24, 50, 3.0
+# Scatter of the mean radiance from one range to another.
+_SCATTER = 0.3
+# A veil that is known worse than to this part is not moved as far as it may be: dark depths stay
+# dark.
+_MOST = 0.1
+# Of a bin of which less light is left, nothing is seen.
+_LEAST_LEFT = 1e-3
+
+
+def level_veil(
+    irradiance: Array,
+    distance: Array,
+    attenuation: Array,
+    veil: Array,
+    light: Array,
+    stddev: Array,
+    error: float,
+) -> Array:
+    """Veil for which radiance depends least on range, as far as its deviation lets it.
+
+    Restoration of the far multiplies an error of the veil by e^(βd): of 2 % at an optical
+    thickness of 3 it makes 0.4 of white. What lies far is as bright as what lies near, but for
+    the scatter from one range to another; as a prior of Bayes' rule that tells the veil better
+    than the dark envelope does. Nothing of it goes into the estimate that is published. The mean
+    radiance of a bin is linear in the veil: a weighted least-squares solution.
+
+    Parameters
+    ----------
+    irradiance : (C, N) float64 ndarray
+        Of pixels, 0..1.
+    distance : (N,) float64 ndarray
+        Their range, m, above 0 and finite.
+    attenuation, veil, light, stddev : (C,) float64 ndarray
+        β, 1/m; veil B; light W on the scene; standard deviation of the veil.
+    error : float
+        Of a bin's irradiance, by quantisation.
+    """
+    low, high = distance.min(), distance.max()
+    place = np.log(distance / low) / max(np.log(high / low), 1e-9)
+    bins = np.minimum((place * _BINS).astype(np.intp), _BINS - 1)
+    count = np.bincount(bins, minlength=_BINS)
+    full = count >= _FEWEST
+    if np.count_nonzero(full) < 2:
+        return veil
+    level = veil.copy()
+    for c in range(len(veil)):
+        # The bin's mean of e^(-βd) is not that at its mean range.
+        left = _mean(transmission(attenuation[c], distance), bins, count)[full]
+        shown = left > _LEAST_LEFT
+        gain = shown / np.where(shown, left, 1.0)
+        radiance = radiance_of(_mean(irradiance[c], bins, count)[full], gain, veil[c], light[c])
+        change = (gain - 1.0) / light[c]
+        weight = shown / (_NEIGHBOURS * (_SCATTER**2 + (error * gain / light[c]) ** 2))
+        for values in (radiance, change):
+            values -= weight @ values / max(weight.sum(), 1e-9)
+        prior = 1.0 / min(max(stddev[c], 1e-6), _MOST * veil[c]) ** 2
+        step = weight @ (change * radiance) / (weight @ change**2 + prior)
+        if step > -veil[c]:
+            level[c] += step
+    return level
+
+
+def _mean(values: Array, bins: NDArray[np.intp], count: NDArray[np.intp]) -> Array:
+    return np.bincount(bins, values, minlength=_BINS) / np.maximum(count, 1)

@@ -16,7 +16,7 @@ Image8: TypeAlias = NDArray[np.uint8]
 """``(H, W, 3)`` RGB or ``(H, W)`` grey; uint8 code values."""
 
 Mask: TypeAlias = NDArray[np.bool_]
-"""``(H, W)`` bool."""
+"""bool, ``(H, W)`` unless said otherwise."""
 
 RangeMap: TypeAlias = NDArray[np.float32]
 """``(H, W)`` float32, Euclidean distance along the line of sight, m; NaN where unknown."""

@@ -26,24 +26,18 @@ BLOCKS = 1.08
 def blocking(image: Image) -> float:
     """Blockiness: third differences across the edges of JPEG's blocks over the largest within.
 
-    Parameters
-    ----------
-    image : (H, W, 3) or (H, W) uint8 or uint16 ndarray
-        RGB or grey code values; blocks begin at its first column.
-
-    Returns
-    -------
-    float
-        About 1 without blocks; 1.1 and more after a JPEG of quality 90. An image that was resized
-        or rectified since shows none.
+    About 1 without blocks; 1.1 and more after a JPEG of quality 90. Blocks begin at the image's
+    first column: one that was resized or rectified since shows none.
     """
     height, width = image.shape[:2]
     if width < 4 * BLOCK:
         return 1.0
+    plane = image if image.ndim == 2 else image[..., 1]
+    # In floating point, so that there is one kernel for all kinds of pixels.
+    rows = plane[:: max(1, -(-height // ROWS))].astype(np.float32)
+    rows *= np.float32(255.0 / np.iinfo(image.dtype).max)
     course = np.zeros(width - 3, np.float32)
-    _sum_up(
-        image[..., np.newaxis] if image.ndim == 2 else image[..., 1:2],
-        max(1, -(-height // ROWS)), np.float32(255.0 / np.iinfo(image.dtype).max), course)
+    _add_departures(rows, course)
     if course.sum() < LEAST:
         return 1.0
     means = np.array([course[(at - 2) % BLOCK :: BLOCK].mean() for at in range(BLOCK)])
@@ -52,19 +46,12 @@ def blocking(image: Image) -> float:
 
 
 @njit(nogil=True)
-def _sum_up(plane: Any, stride: int, scale: float, course: Any) -> None:
+def _add_departures(rows: Any, course: Any) -> None:
     """Add up over rows how far the step from a pixel to the next departs from those beside it."""
-    row = np.empty(plane.shape[1], np.float32)
-    for y in range(0, plane.shape[0], stride):
-        for x in range(row.size):
-            row[x] = plane[y, x, 0] * scale
-        _add_departures(row, course)
-
-
-@njit(nogil=True)
-def _add_departures(row: Any, course: Any) -> None:
     edge, two = np.float32(EDGE), np.float32(2)
-    for x in range(course.size):
-        before, step, after = row[x + 1] - row[x], row[x + 2] - row[x + 1], row[x + 3] - row[x + 2]
-        away = abs(two * step - before - after)
-        course[x] += away if away < edge else edge
+    for y in range(rows.shape[0]):
+        row = rows[y]
+        for x in range(course.size):
+            before, step = row[x + 1] - row[x], row[x + 2] - row[x + 1]
+            away = abs(two * step - before - (row[x + 3] - row[x + 2]))
+            course[x] += away if away < edge else edge

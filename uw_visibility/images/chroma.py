@@ -47,18 +47,11 @@ class ChromaImage:
 
 
 def mosaic_chroma(image: Image, pattern: str) -> ChromaImage:
-    """Chroma noise of an image that was demosaiced.
+    """Chroma noise of an image (H, W, 3) that was demosaiced from a pattern such as ``"rggb"``.
 
     Interpolation smooths noise, but leaves each pixel as it was in the channel that the
     sensor has measured there. These are two pixels apart, over which texture looks like
     noise; how much of it is noise is told by green, which has neighbours nearer by.
-
-    Parameters
-    ----------
-    image : (H, W, 3) ndarray of uint8 or uint16
-        The interpolated image, RGB.
-    pattern : str
-        Colours of the mosaic's first two pixels and of those below, such as ``"rggb"``.
     """
     height, width = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
     cells = np.empty((height // 2, width // 2, 3), image.dtype)
@@ -71,13 +64,7 @@ def mosaic_chroma(image: Image, pattern: str) -> ChromaImage:
 
 
 def subsampled_chroma(image: Image) -> ChromaImage:
-    """Colour of an image whose pixels share it in twos, as in YUV 4:2:2.
-
-    Parameters
-    ----------
-    image : (H, W, 3) ndarray of uint8
-        The interpolated image, RGB.
-    """
+    """Colour of an image (H, W, 3) whose pixels share it in twos, as in YUV 4:2:2."""
     height, width = image.shape[0] // 2, image.shape[1] // 2
     whole = image[: 2 * height, : 2 * width]
     half = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)

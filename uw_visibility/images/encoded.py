@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Encoded images: header and completeness are checked before anything is decoded.
 
-A few bytes can claim any size, and a decoder takes the memory for it first. What ends
-early or leads astray, decoders fill with grey or with what is not there, without a word.
+A few bytes can claim any size, and a decoder takes the memory for it first. Decoders fill what is
+missing or damaged with grey or with wrong pixels, and report nothing.
 """
 
 from __future__ import annotations
@@ -50,26 +50,16 @@ class TruncatedError(InputError):
 
 
 class Header(NamedTuple):
-    """Header of an encoded image: size, depth and completeness.
-
-    Attributes
-    ----------
-    width, height : int
-        Pixels.
-    """
+    """Width and height of an encoded image, px."""
 
     width: int
     height: int
 
 
 def read_header(data: bytes) -> Header:
-    """Read the size of a PNG, JPEG, TIFF or binary PNM, and whether it is all there.
+    """Read the size of a PNG, JPEG, TIFF or binary PNM, and check that it is complete.
 
-    Raises
-    ------
-    InputError
-        If it is none of these, is damaged, or has more than `MOST_PIXELS`;
-        `TruncatedError` where its end is missing.
+    `TruncatedError` where its end is missing; refused beyond `MOST_PIXELS`.
     """
     if data.startswith(PNG):
         header = _read_png(data)
@@ -91,18 +81,10 @@ def read_header(data: bytes) -> Header:
 
 
 def decode(data: bytes) -> NDArray[Any]:
-    """Decode an image as it is stored: depth and channels are not converted.
+    """Decode an image as it is stored, (H, W) or (H, W, C): depth and channels are not converted.
 
-    Returns
-    -------
-    ndarray, (H, W) or (H, W, C), uint8 or uint16
-        Channels in OpenCV's order, blue first.
-
-    Raises
-    ------
-    InputError
-        As `read_header`, and if it cannot be decoded, codes of a JPEG are missing or
-        left over, or it has neither 8 nor 16 bit per channel.
+    Channels are in OpenCV's order, blue first. Refused as by `read_header`, and if it cannot be
+    decoded, codes of a JPEG are missing or left over, or it has neither 8 nor 16 bit per channel.
     """
     header = read_header(data)
     image: NDArray[Any] | None = None

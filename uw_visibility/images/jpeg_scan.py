@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Huffman scan of a baseline JPEG: whether all of its blocks are there.
 
-Where the data end early, or lead astray after a wrong bit, decoders repeat the last
-block's brightness to the end, or shift and tint all that follows, and say nothing; a cable
-that loses a part of a frame leaves such images, with a right end. The codes are followed
-without decoding (ITU-T T.81, F.2.2): they have to end where the data do.
+Where the data end early, or a bit is wrong, decoders repeat the last block's brightness to the
+end, or shift and tint all that follows, and report nothing: Pillow and OpenCV refuse only files
+without an end. A cable that loses a part of a frame leaves such images, with a right end. The codes
+are followed without decoding (ITU-T T.81, F.2.2): they have to end where the data do.
 """
 
 from __future__ import annotations
@@ -32,10 +32,7 @@ MOST_PADDING = 16
 def check_blocks(data: bytes) -> None:
     """Refuse a JPEG of which blocks are missing; of a progressive one that cannot be told.
 
-    Raises
-    ------
-    InputError
-        If its codes are damaged or left over; `TruncatedError` where they end early.
+    `TruncatedError` where its codes end early, `InputError` where they are damaged or left over.
     """
     reader = _ScanReader(data)
     at = 2
@@ -96,13 +93,7 @@ class _ScanReader:
         self.sequential = False
 
     def take(self, kind: int, content: bytes) -> None:
-        """Take a segment before a scan.
-
-        Raises
-        ------
-        struct.error, LookupError
-            If it is damaged.
-        """
+        """Take a segment before a scan; struct.error or LookupError if it is damaged."""
         if 0xC0 <= kind <= 0xCF and kind not in (HUFFMAN_TABLES, 0xC8, 0xCC):
             precision, height, width, count = struct.unpack_from(">BHHB", content)
             self.sequential = kind in BASELINE and precision == 8
@@ -127,29 +118,13 @@ class _ScanReader:
             (self._interval,) = struct.unpack_from(">H", content)
 
     def follow(self, content: bytes, at: int) -> int:
-        """Follow a scan to its end.
+        """Follow a scan, given its segment's content and where its data begin, to its end.
 
-        Parameters
-        ----------
-        content : bytes
-            Of the scan's segment.
-        at : int
-            Where its data begin.
-
-        Returns
-        -------
-        int
-            Where they end, or `DAMAGED` or `CUT_OFF`.
-
-        Raises
-        ------
-        LookupError
-            If it names components or tables that are not there.
+        Returns where they end, or `DAMAGED` or `CUT_OFF`; LookupError if it names components or
+        tables that are not there.
         """
         count = content[0]
-        chosen = [
-            (self._components[content[1 + 2 * k]], content[2 + 2 * k]) for k in range(count)
-        ]
+        chosen = [(self._components[content[1 + 2 * k]], content[2 + 2 * k]) for k in range(count)]
         if not chosen:
             raise LookupError("a scan without components")
         blocks = np.array([c.across * c.down for c, _ in chosen], np.int64)

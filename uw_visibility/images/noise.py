@@ -20,22 +20,11 @@ ROUNDING_VARIANCE = 1.0 / 12.0
 
 
 def noise_stddev(image: Image) -> Array:
-    """Estimate the standard deviation of an image's noise.
+    """Standard deviation of the noise of each channel, in code values, without rounding's.
 
     Each pixel is compared with the mean of its four neighbours, in blocks
     spread over the image; texture raises the difference, so the smoothest
-    blocks count.
-
-    Parameters
-    ----------
-    image : (H, W, 3) or (H, W) ndarray of uint8 or uint16
-        Code values.
-
-    Returns
-    -------
-    (3,) or (1,) float64 ndarray
-        Of each channel in code values, without what rounding adds; 0 for an image smaller
-        than a block.
+    blocks count. 0 for an image smaller than a block.
     """
     planes = image[..., np.newaxis] if image.ndim == 2 else image
     height, width, channels = planes.shape
@@ -80,7 +69,7 @@ def _block_variances(image: Any, stride: int, columns: int, variances: Any) -> N
             variances[block, channel] = total / (16.0 * BLOCK * BLOCK)
 
 
-@njit(nogil=True)
+@njit(nogil=True, inline="always")
 def _squared_difference(image: Any, y: int, x: int, channel: int) -> Any:
     difference = (
         (np.int64(image[y, x, channel]) << 2)

@@ -18,20 +18,7 @@ NOT_MATCHED = (0, 0, 0)
 
 
 def overview(image: Image, enhanced: Image, disparity: DisparityMap) -> Image8:
-    """Put an image, itself without the water, and its disparity side by side.
-
-    Parameters
-    ----------
-    image, enhanced : (H, W, 3) or (H, W) uint8 or uint16 ndarray
-        RGB or grey.
-    disparity : (H, W) float32 ndarray
-        px; NaN where nothing matched, which is black.
-
-    Returns
-    -------
-    (H, 3 W, 3) uint8 ndarray
-        RGB.
-    """
+    """Put an image, itself without the water, and its disparity (px, NaN is black) side by side."""
     known = np.isfinite(disparity)
     low, high = np.percentile(disparity[known], DRAWN_SHARE) if known.any() else (0.0, 0.0)
     drawn = draw_disparity(disparity, float(low), float(high))
@@ -39,20 +26,7 @@ def overview(image: Image, enhanced: Image, disparity: DisparityMap) -> Image8:
 
 
 def draw_disparity(disparity: DisparityMap, low: float, high: float) -> Image8:
-    """Draw disparities in colours.
-
-    Parameters
-    ----------
-    disparity : (H, W) float32 ndarray
-        px; NaN where nothing matched, which is black.
-    low, high : float
-        Disparities at the ends of the colours, px.
-
-    Returns
-    -------
-    (H, W, 3) uint8 ndarray
-        RGB.
-    """
+    """Draw disparities, px, in colours that reach from low to high; NaN is black."""
     known = np.isfinite(disparity)
     share = (np.where(known, disparity, low) - low) / max(high - low, 1e-6)
     drawn = viridis(np.clip(share, 0.0, 1.0))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Image
+from uw_visibility.images.arrays import Image, Mask
 from uw_visibility.status import Status
 
 # The smallest image in which a support grid, its neighbourhood and a disparity
@@ -25,22 +25,9 @@ _FLAT = 2.0 / 255.0
 
 
 def check_pair(left: Any, right: Any) -> tuple[Image, Image]:
-    """Check a pair of images.
+    """Check the types and sizes of a pair of images; return them contiguous and read-only.
 
-    Parameters
-    ----------
-    left, right : ndarray
-        ``(H, W, 3)`` RGB or ``(H, W)`` grey; uint8 or uint16.
-
-    Returns
-    -------
-    left, right : ndarray
-        The same images, contiguous; not to be written to.
-
-    Raises
-    ------
-    InputError
-        If an image has another shape or type, is too small, or the two differ.
+    RGB (H, W, 3) or grey (H, W); uint8 or uint16.
     """
     images = []
     for side, image in (("left", left), ("right", right)):
@@ -66,19 +53,20 @@ def check_pair(left: Any, right: Any) -> tuple[Image, Image]:
     return images[0], images[1]
 
 
-def check_valid(valid: Image | None, shape: tuple[int, ...]) -> None:
-    """Check the mask of an image's valid pixels, which kernels read without looking at its size.
-
-    Raises
-    ------
-    InputError
-        If it is not ``(H, W)`` bool; None stands for all pixels.
-    """
-    if valid is not None and (valid.dtype != bool or valid.shape != shape[:2]):
+def check_valid(valid: Any, shape: tuple[int, ...]) -> Mask | None:
+    """Check the mask of an image's valid pixels (H, W); kernels do not look at its size."""
+    if valid is None:
+        return None
+    try:
+        mask = np.asarray(valid)
+    except ValueError:  # rows of several lengths
+        mask = np.array(None)
+    if mask.dtype != bool or mask.shape != shape[:2]:
         raise InputError(
-            f"the valid pixels are {valid.dtype} of shape {valid.shape}, the images are "
+            f"the valid pixels are {mask.dtype} of shape {mask.shape}, the images are "
             f"{shape[1]}x{shape[0]} px: give one bool a pixel"
         )
+    return mask
 
 
 def read_only(image: Image) -> Image:
@@ -93,18 +81,7 @@ def read_only(image: Image) -> Image:
 
 
 def exposure_status(image: Image) -> Status:
-    """Exposure status: too dark, saturated or textureless, or ok.
-
-    Parameters
-    ----------
-    image : ndarray
-        ``(H, W, 3)`` or ``(H, W)``, uint8 or uint16.
-
-    Returns
-    -------
-    Status
-        `TOO_DARK`, `SATURATED` or `NO_TEXTURE`; `OK` where it shows something.
-    """
+    """Exposure status: `TOO_DARK`, `SATURATED`, `NO_TEXTURE`, or `OK`."""
     largest = float(np.iinfo(image.dtype).max)
     # Every fourth pixel of every fourth row tells as much about the whole.
     sample = image[::4, ::4].reshape(-1, 1 if image.ndim == 2 else 3)

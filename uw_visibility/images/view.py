@@ -17,16 +17,12 @@ from uw_visibility.images.noise import noise_stddev
 
 @dataclass(frozen=True, eq=False)
 class ColourSamples:
-    """Pixels at the resolution at which their colour was measured, with their noise.
+    """Pixels (RGB code values) at the resolution at which their colour was measured.
 
     Attributes
     ----------
-    pixels : (h, w, 3) ndarray of uint8 or uint16
-        RGB code values.
-    transfer : str
-        How they follow light: ``"linear"`` or ``"srgb"``.
     noise : (3,) float64 ndarray
-        Standard deviation of R, G, B in code values, with what a codec or the
+        Standard deviation in code values, with what a codec or the
         interpolation of a mosaic hides.
     scale : int
         A sample is the mean of so many times so many of the camera's pixels.
@@ -49,20 +45,10 @@ class ColourSamples:
         return -(-pixels // self.scale)
 
     def reduce(self, range_map: RangeMap, valid: Mask | None) -> tuple[RangeMap, Mask | None]:
-        """Return the range of each sample, and which of them count.
+        """Return the range (m) of each sample, and which of them count; None for all.
 
-        Parameters
-        ----------
-        range_map : (H, W) float32 ndarray
-            Of the camera's pixels, m; NaN where unknown.
-        valid : (H, W) bool ndarray or None
-            Pixels that count; None for all.
-
-        Returns
-        -------
-        tuple
-            A sample's range is the mean of its pixels', unknown where one of them is; it
-            counts where they all do.
+        A sample's range is the mean of its pixels', unknown where one of them is; it
+        counts where they all do.
         """
         if self.scale == 1:
             return range_map, valid
@@ -115,12 +101,7 @@ class View:
     ) -> View:
         """Measure an image's noise, once, and find where its colour is to be read.
 
-        Parameters
-        ----------
-        pixels, transfer, valid
-            See above.
-        chroma : ChromaImage, optional
-            Colour as the codec left it; the pixels say all by default.
+        `chroma` is colour as the codec left it; the pixels say all by default.
         """
         noise = noise_stddev(pixels)
         colour = None if pixels.ndim == 2 else _samples(pixels, transfer, noise, chroma)

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import CameraConfig
@@ -28,26 +29,9 @@ _OUTSIDE = 0.001
 
 
 class FlatFieldCorrection:
-    """Flat-field correction of the images of a pair of cameras.
+    """Flat-field correction of a pair, from flat fields or coefficients of vignetting.
 
-    Parameters
-    ----------
-    config : CameraConfig
-        `flat_field` and `flat_field_right`, or `vignetting`.
-    centres : tuple of two tuples
-        Principal points (x, y) of the left and the right image, px.
-    workers : Workers
-        Threads.
-
-    Attributes
-    ----------
-    needed : bool
-        Whether there is anything to correct.
-
-    Raises
-    ------
-    InputError
-        If a flat field cannot be read.
+    `centres` are the principal points (x, y) of the left and the right image, px.
     """
 
     def __init__(
@@ -68,19 +52,13 @@ class FlatFieldCorrection:
         """Return the pair as it were under even illumination; the same arrays if it is.
 
         Pixels at the largest code stay there, whatever their gain: how bright they
-        would have been is not known.
-
-        Raises
-        ------
-        InputError
-            If a flat field has another size than the images.
+        would have been is not known. Refused if a flat field has another size than the images.
         """
         if not self.needed:
             return left, right
         self.allocate((left.shape[0], left.shape[1]))
         first, second = (
-            self._apply(image, gain)
-            for image, gain in zip((left, right), self._gains, strict=True)
+            self._apply(image, gain) for image, gain in zip((left, right), self._gains, strict=True)
         )
         return first, second
 
@@ -127,26 +105,12 @@ class FlatFieldCorrection:
 
 
 def illumination(
-    coefficients: tuple[float, float, float],
-    shape: tuple[int, int],
-    centre: tuple[float, float],
+    coefficients: tuple[float, float, float], shape: tuple[int, int], centre: tuple[float, float]
 ) -> Array:
-    """Relative illumination by the radial polynomial 1 + a r² + b r⁴ + c r⁶.
+    """Relative illumination (H, W) by the radial polynomial 1 + a r² + b r⁴ + c r⁶.
 
-    Parameters
-    ----------
-    coefficients : tuple of float
-        a, b and c; a usual lens has a negative a.
-    shape : tuple of int
-        Height and width, px.
-    centre : tuple of float
-        Column and row of the optical axis, px.
-
-    Returns
-    -------
-    (H, W) float64 ndarray
-        1 at the centre; r is the distance from it over half of the image's
-        diagonal.
+    `centre` is column and row of the optical axis, px; r is the distance from it over half of the
+    image's diagonal. A usual lens has a negative a.
     """
     height, width = shape
     x = np.arange(width) - centre[0]
@@ -186,5 +150,5 @@ def _multiply(
             for c in range(image.shape[2]):
                 code = image[y, x, c]
                 light = decode[code] * gain[y, x, c if own else 0]
-                at = np.int64(min(light, np.float32(1.0)) * np.float32(top) + half)
+                at = index_of(light * np.float32(top) + half, 0, top)
                 corrected[y, x, c] = encode[at] if code < largest else code

@@ -28,47 +28,25 @@ from uw_visibility.messages.images import (
 
 
 def read_format(kind: str) -> tuple[str, bool]:
-    """Read the format of a ``sensor_msgs/CompressedImage``.
+    """Read the format of a CompressedImage, such as ``rgb8; jpeg compressed bgr8``.
 
-    Parameters
-    ----------
-    kind : str
-        Such as ``rgb8; jpeg compressed bgr8``.
-
-    Returns
-    -------
-    original : str
-        Encoding of the image that was compressed, or the codec where that is all.
-    swapped : bool
-        Whether the codec, which takes its input for BGR, was handed RGB, as by old
-        publishers.
+    Returns the encoding of the image that was compressed, or the codec where that is all; and
+    whether the codec, which takes its input for BGR, was handed RGB, as by old publishers.
     """
     original, _, compression = (part.strip() for part in kind.partition(";"))
     return original, "compressed rgb" in compression
 
 
 def read_compressed(message: CompressedImageMessage, name: str = "image") -> tuple[Image, str]:
-    """Decompress an image.
-
-    Parameters
-    ----------
-    message : object
-        A ``sensor_msgs/CompressedImage`` of rclpy or rosbags, JPEG or PNG.
-    name : str
-        What errors call the image.
+    """Decompress a CompressedImage, JPEG or PNG; `name` is what errors call it.
 
     Returns
     -------
-    pixels : ndarray, (H, W) or (H, W, 3), uint8 or uint16
+    pixels : (H, W) or (H, W, 3) ndarray of uint8 or uint16
         Grey, or RGB; alpha is dropped and Bayer patterns are interpolated.
     encoding : str
         How the enhanced image is to be encoded: in the order of the image that
         was compressed, with the depth of what was stored.
-
-    Raises
-    ------
-    InputError
-        If the format is another one, or the data are damaged.
     """
     original, swapped = read_format(str(message.format))
     data = _encoded(message, name)
@@ -94,17 +72,7 @@ def message_chroma(
 ) -> ChromaImage | None:
     """Read an image's colour as its codec or mosaic left it.
 
-    Parameters
-    ----------
-    message : object
-        A ``sensor_msgs/Image`` or ``CompressedImage`` of rclpy or rosbags.
-    pixels : ndarray
-        What was read of it.
-
-    Returns
-    -------
-    ChromaImage or None
-        None where the pixels say all that there is.
+    `pixels` is what was read of the message. None where they say all that there is.
     """
     if pixels.ndim == 2:
         return None
@@ -124,25 +92,7 @@ def message_chroma(
 
 
 def read_size(message: CompressedImageMessage, name: str = "image") -> tuple[int, int]:
-    """Read the size of a compressed image, without decompressing it.
-
-    Parameters
-    ----------
-    message : object
-        A ``sensor_msgs/CompressedImage`` of rclpy or rosbags, JPEG or PNG.
-    name : str
-        What errors call the image.
-
-    Returns
-    -------
-    width, height : int
-        Pixels.
-
-    Raises
-    ------
-    InputError
-        As `read_compressed`.
-    """
+    """Read width and height, px, of a compressed image, without decompressing it."""
     data = _encoded(message, name)
     try:
         header = read_header(data)
@@ -152,13 +102,7 @@ def read_size(message: CompressedImageMessage, name: str = "image") -> tuple[int
 
 
 def _encoded(message: CompressedImageMessage, name: str) -> bytes:
-    """Return the data of a message, if they are a JPEG or a PNG.
-
-    Raises
-    ------
-    InputError
-        If they are neither.
-    """
+    """Return the data of a message, if they are a JPEG or a PNG."""
     data = bytes(message.data)
     if "compressedDepth" in message.format or not data.startswith((JPEG, PNG)):
         raise InputError(

@@ -37,22 +37,10 @@ Z_VARIANCE = 14
 
 
 def read_depth(message: Any, config: PlausibilityConfig, arrival: int) -> DepthSample:
-    """Read the depth of the camera from a sensor's message.
+    """Read the depth of the camera from a sensor's message, of the configured type.
 
-    Parameters
-    ----------
-    message : object
-        Of the type that the configuration names.
-    config : PlausibilityConfig
-        Type, sign, offset, and what turns pressure into depth.
-    arrival : int
-        When the message came, ns; stands for the stamp where it has none.
-
-    Raises
-    ------
-    InputError
-        If there is no stamp, a number is not finite or beyond what any ocean has, or
-        a pressure cannot be in Pa.
+    `arrival`, ns, stands for the stamp where the type has none. Refused without stamp, for numbers
+    that are not finite or beyond what any ocean has, and for a pressure that cannot be in Pa.
     """
     if config.sensor_type == "Float64":
         stamp, value, variance = arrival, float(message.data), 0.0
@@ -82,25 +70,7 @@ def read_depth(message: Any, config: PlausibilityConfig, arrival: int) -> DepthS
 
 
 def depth_of_pressure(pressure: float, config: PlausibilityConfig) -> float:
-    """Depth of a pressure in water.
-
-    Parameters
-    ----------
-    pressure : float
-        Pa.
-    config : PlausibilityConfig
-        Density of the water, and the pressure at the surface.
-
-    Returns
-    -------
-    float
-        m, positive down.
-
-    Raises
-    ------
-    InputError
-        If the magnitude says that it is not in Pa.
-    """
+    """Depth, m, of a pressure in water, Pa; refused if it must be in another unit."""
     if 0.0 < pressure < MILLIBAR_RATIO * config.surface_pressure:
         raise InputError(
             f"depth_sensor says {pressure:g} Pa, less than the air above the water, which looks "

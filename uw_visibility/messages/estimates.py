@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -17,8 +18,8 @@ from uw_visibility.images.arrays import Array
 from uw_visibility.messages.images import MessageFactory, Stamped
 from uw_visibility.plausibility.comparison import Comparison
 from uw_visibility.status import Status
-from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.meaning.assessment import Visibility
 
 # Variance of the components of a pose that are not measured: whoever fuses
 # them by mistake gives them no weight. A variance of 0 would mean certainty
@@ -28,12 +29,12 @@ UNMEASURED_VARIANCE = 1e6
 # sensor_msgs/Range.INFRARED: the nearest to visible light that the message knows.
 RADIATION_LIGHT = 1
 
+_OPTICAL = re.compile(r"_optical(_frame|_link)?$")
+
 VECTOR = "geometry_msgs/msg/Vector3Stamped"
 NIS, STAMPED_NIS = "depth_plausibility/nis", "depth_plausibility/nis_stamped"
 
-NIS_TOPICS = MappingProxyType({
-    NIS: "std_msgs/msg/Float64", STAMPED_NIS: VECTOR,
-})
+NIS_TOPICS = MappingProxyType({NIS: "std_msgs/msg/Float64", STAMPED_NIS: VECTOR})
 """Type of message by topic."""
 
 
@@ -101,20 +102,9 @@ def region_message(
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Estimate, header and optics that its messages are made from.
+    """Estimate, header of the left image and optics that its messages are made from.
 
-    Attributes
-    ----------
-    make : MessageFactory
-        Makes the messages.
-    header : ImageHeader
-        Of the left image.
-    water : WaterEstimate
-    visibility : Visibility
-    field_of_view : float
-        Of the left image, horizontally, rad.
-    config : NodeConfig
-        `max_range` and `depth_frame`.
+    `field_of_view` is that of the left image, horizontally, rad.
     """
 
     make: MessageFactory
@@ -139,11 +129,15 @@ def _distance(estimate: Estimate) -> Any:
     if visibility.status is not Status.OK or math.isnan(visibility.distance):
         return None
     max_range = estimate.config.max_range
+    # Range points along x, which is to the right in an optical frame; that of the body beside it
+    # has the name without the suffix (REP 103).
+    body = estimate.config.distance_frame or _OPTICAL.sub(r"\1", estimate.header.frame_id)
+    header = estimate.header._replace(frame_id=body)
     seen = visibility.distance <= max_range
     known = math.isfinite(visibility.distance_stddev)
     return estimate.make(
         "sensor_msgs/msg/Range",
-        header=estimate.header.message(estimate.make),
+        header=header.message(estimate.make),
         radiation_type=RADIATION_LIGHT,
         field_of_view=estimate.field_of_view,
         min_range=0.0,
@@ -155,7 +149,8 @@ def _distance(estimate: Estimate) -> Any:
 
 
 def _vector(estimate: Estimate, values: Array) -> Any:
-    if estimate.water.status is not Status.OK or not np.isfinite(values).all():
+    """Vector of R, G, B; NaN for a channel that has no light, as the node's page says."""
+    if estimate.water.status is not Status.OK or not np.isfinite(values).any():
         return None
     return _stamped(estimate, *map(float, values))
 
@@ -202,23 +197,7 @@ ESTIMATES = MappingProxyType({name: kind for name, (kind, _) in _BUILDERS.items(
 def nis_messages(
     make: MessageFactory, comparison: Comparison, frame_id: str
 ) -> Iterator[tuple[str, Any]]:
-    """Make the messages of a comparison, by topic.
-
-    Parameters
-    ----------
-    make : MessageFactory
-        Makes the messages.
-    comparison : Comparison
-        Of sensor and estimate, at the stamp of an image.
-    frame_id : str
-        Frame of the depth.
-
-    Yields
-    ------
-    topic : str
-        Of `NIS_TOPICS`.
-    message : object
-    """
+    """Make the messages of a comparison of sensor and estimate, by topic of `NIS_TOPICS`."""
     yield NIS, make(NIS_TOPICS[NIS], data=comparison.nis)
     header = ImageHeader.at(comparison.estimate.stamp, frame_id).message(make)
     yield STAMPED_NIS, vector_message(

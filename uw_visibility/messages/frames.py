@@ -39,11 +39,11 @@ class StereoPair:
 
     Attributes
     ----------
-    left, right : ndarray, (H, W) or (H, W, 3), uint8 or uint16
+    left, right : (H, W) or (H, W, 3) ndarray of uint8 or uint16
         Grey or RGB.
     rig : StereoRig
         Geometry of the pair.
-    valid : ndarray, (H, W) bool, or None
+    valid : (H, W) bool ndarray or None
         Where a left image rectified here shows the raw one; None for all of it.
     valid_window : tuple of int
         (x, y, width, height) of the smallest window that holds all of `valid`.
@@ -65,15 +65,7 @@ class StereoPair:
 class FrameReader:
     """Reader of frames; keeps rig and rectification while CameraInfo stays the same.
 
-    Parameters
-    ----------
-    rectify : bool
-        Whether the images are raw, to be rectified with K, D, R and P.
-
-    Attributes
-    ----------
-    calibrations : int
-        How often CameraInfo was new, so that the rig was made anew.
+    `calibrations` counts how often CameraInfo was new, so that the rig was made anew.
     """
 
     def __init__(self, rectify: bool) -> None:
@@ -84,19 +76,7 @@ class FrameReader:
         self.calibrations = 0
 
     def read(self, frame: StereoFrame) -> StereoPair:
-        """Read the images of a frame, rectified where that is asked for.
-
-        Parameters
-        ----------
-        frame : StereoFrame
-            Messages of rclpy or rosbags.
-
-        Raises
-        ------
-        InputError
-            If an image or a calibration cannot be used, or they do not belong
-            together.
-        """
+        """Read the images of a frame, rectified where that is asked for."""
         # Before anything is decompressed: what a message claims may be any size.
         _check_size(frame.left, frame.left_info, "left")
         _check_size(frame.right, frame.right_info, "right")

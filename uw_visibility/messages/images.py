@@ -110,10 +110,7 @@ class CameraInfoMessage(Stamped, CameraInfo, Protocol):
 
 
 class MessageFactory(Protocol):
-    """Factory of messages by type, named like ``sensor_msgs/msg/Image``.
-
-    All fields are given, sequences of numbers as numpy arrays.
-    """
+    """Factory of messages by type, with all fields given, sequences of numbers as numpy arrays."""
 
     def __call__(self, name: str, /, **fields: Any) -> Any: ...
 
@@ -133,19 +130,10 @@ def stamp_to_nanoseconds(stamp: Stamp) -> int:
 
 
 def image_view(message: ImageMessage, name: str = "image") -> Image:
-    """View the pixels of an Image message, without a copy.
+    """View the pixels of an Image message, without a copy; `name` is what errors call it.
 
-    Parameters
-    ----------
-    message : object
-        A ``sensor_msgs/Image`` of rclpy or rosbags.
-    name : str
-        What errors call the image.
-
-    Returns
-    -------
-    ndarray, (H, W) or (H, W, C), uint8 or uint16 of the message's byte order
-        Channels in the order of the encoding; Bayer images have one, those of YUV 4:2:2 two.
+    Returns (H, W) or (H, W, C), uint8 or uint16 of the message's byte order, channels
+    in the order of the encoding; Bayer images have one, those of YUV 4:2:2 two.
 
     Raises
     ------
@@ -185,25 +173,10 @@ def image_view(message: ImageMessage, name: str = "image") -> Image:
 
 
 def read_image(message: ImageMessage, name: str = "image") -> Image:
-    """Read an Image message as the package's arrays.
+    """Read an Image message as the package's arrays; `name` is what errors call it.
 
-    Parameters
-    ----------
-    message : object
-        A ``sensor_msgs/Image`` of rclpy or rosbags.
-    name : str
-        What errors call the image.
-
-    Returns
-    -------
-    ndarray, (H, W) or (H, W, 3), uint8 or uint16
-        Grey, or RGB; alpha is dropped, Bayer patterns and subsampled colour are interpolated.
-        May share the message's memory.
-
-    Raises
-    ------
-    InputError
-        As `image_view`.
+    Returns (H, W) or (H, W, 3), uint8 or uint16, grey or RGB; alpha is dropped, Bayer patterns and
+    subsampled colour are interpolated. May share the message's memory.
     """
     view = image_view(message, name)
     native = np.ascontiguousarray(view, view.dtype.newbyteorder("="))
@@ -228,23 +201,9 @@ def output_encoding(encoding: str) -> str:
 
 
 def write_image(make: MessageFactory, pixels: Image, encoding: str, header: Any) -> Any:
-    """Make an Image message.
+    """Make an Image message of grey or RGB pixels, or of float32 for ``32FC1``.
 
-    Parameters
-    ----------
-    make : MessageFactory
-        Makes messages of the wanted library.
-    pixels : ndarray, (H, W) or (H, W, 3)
-        Grey or RGB, or float32 for ``32FC1``.
-    encoding : str
-        Encoding of the message; RGB is turned round for ``bgr8`` and ``bgr16``.
-    header : object
-        The message's header.
-
-    Returns
-    -------
-    object
-        A ``sensor_msgs/msg/Image``.
+    `encoding` is that of the message; RGB is turned round for ``bgr8`` and ``bgr16``.
     """
     if encoding.startswith("bgr"):
         pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)

@@ -20,19 +20,15 @@ _EVERYWHERE = np.zeros((0, 0), bool)
 
 
 def published_disparity(
-    disparity: DisparityMap,
-    valid: Mask | None,
-    offset: float,
-    low: float,
-    high: float,
+    disparity: DisparityMap, valid: Mask | None, offset: float, low: float, high: float
 ) -> DisparityMap:
     """Return a disparity as ``stereo_msgs/DisparityImage`` defines it.
 
     Parameters
     ----------
-    disparity : ndarray, (H, W) float32
+    disparity : (H, W) float32 ndarray
         x_left - x_right, px; NaN where nothing was matched.
-    valid : ndarray, (H, W) bool, or None
+    valid : (H, W) bool ndarray or None
         Where the left image shows anything; None where all of it does.
     offset : float
         cx_left - cx_right, px.
@@ -41,7 +37,7 @@ def published_disparity(
 
     Returns
     -------
-    ndarray, (H, W) float32
+    (H, W) float32 ndarray
         x_left - x_right - offset, rounded to `DISPARITY_STEP`; ``low - 1`` where nothing
         was matched, and where what was matched does not lie in front of the camera or
         between the limits.
@@ -76,22 +72,7 @@ def _publish_disparity(
 def depth_of(
     published: NDArray[np.float32], low: float, scale: float
 ) -> NDArray[np.float32]:
-    """Return Z = scale / disparity.
-
-    Parameters
-    ----------
-    published : ndarray, (H, W) float32
-        What `published_disparity` returns, px.
-    low : float
-        Smallest disparity published, px.
-    scale : float
-        Focal length times baseline, px m.
-
-    Returns
-    -------
-    ndarray, (H, W) float32
-        m; NaN where nothing was matched.
-    """
+    """Z = scale / disparity, m, of a published disparity, NaN below low; scale in px m."""
     depth = np.empty_like(published)
     _fill_depth(published, np.float32(low), np.float32(scale), depth)
     return depth
@@ -112,22 +93,11 @@ def cloud_of(
     rows: NDArray[np.float32],
     colours: Image,
 ) -> NDArray[np.float32]:
-    """Return a point for each pixel.
+    """Return a point for each pixel, (H, W, 4) float32: X, Y, Z, m, and colour.
 
-    Parameters
-    ----------
-    depth : ndarray, (H, W) float32
-        Z, m; NaN where it is not known.
-    columns, rows : ndarray, (W,) and (H,) float32
-        X / Z of each column and Y / Z of each row.
-    colours : ndarray, (H, W, 3) or (H, W), uint8 or uint16
-        RGB or grey.
-
-    Returns
-    -------
-    ndarray, (H, W, 4) float32
-        X, Y, Z, m, and the colour as PCL packs it: the number 0x00RRGGBB in the memory
-        of a float.
+    `columns` and `rows` are X / Z of each column and Y / Z of each row; `colours` RGB or grey,
+    uint8 or uint16. The colour is as PCL packs it: the number 0x00RRGGBB in the memory of a
+    float.
     """
     if colours.dtype == np.uint16:
         colours = (colours >> 8).astype(np.uint8)

@@ -20,7 +20,7 @@ from uw_visibility.pipeline.warm_up import warm_up_config
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.search_range import disparity_limits
 from uw_visibility.water.estimate import LampLight
-from uw_visibility.water.filter import FilteredWater
+from uw_visibility.water.series.filter import FilteredWater
 
 # Kernels are compiled once per type of pixel, not per size or rig; a small image is quicker.
 WARM_UP_RIG = StereoRig(200.0, 0.1, (79.5, 59.5))
@@ -39,21 +39,7 @@ def warm_up(config: PipelineConfig, *, compressed: bool = False) -> None:
 def try_out(
     config: PipelineConfig, rig: StereoRig | None = None, shape: tuple[int, int] | None = None
 ) -> None:
-    """Refuse parameters with which no frame could be processed.
-
-    Parameters
-    ----------
-    config : PipelineConfig
-        The parameters.
-    rig : StereoRig, optional
-        Geometry of the images to come, where it is known.
-    shape : tuple of int, optional
-        Their height and width, px.
-
-    Raises
-    ------
-    InputError
-        Naming the parameter.
+    """Refuse parameters with which no frame could be processed, of a rig and a shape where known.
     """
     pipeline = Pipeline(rig or WARM_UP_RIG, config, Workers(1))
     if shape is not None:
@@ -91,23 +77,9 @@ class FrameWork:
         confidence: bool = False,
         known_light: LampLight | None = None,
     ) -> FrameResult:
-        """Run the pipeline on the frame.
+        """Run the pipeline on the frame, for topics of `uw_visibility.messages.outputs.all_topics`.
 
-        Parameters
-        ----------
-        topics : collection of str
-            Outputs wanted, of `uw_visibility.messages.outputs.all_topics`.
-        match_original : bool
-            Whether to match the raw pair too, for comparison.
-        confidence : bool
-            Whether to rate the disparities; no message carries it.
-        known_light : LampLight, optional
-            That of the frames before, see `Pipeline.process`.
-
-        Raises
-        ------
-        InputError
-            If the frame shows nothing that could be matched.
+        See `Pipeline.process` for the other parameters; no message carries the confidence.
         """
         pair = self._pair
         return self._pipeline.process(
@@ -123,18 +95,9 @@ class FrameWork:
         topics: Collection[str],
         filtered: FilteredWater | None = None,
     ) -> Iterator[tuple[str, Any]]:
-        """Make the messages of a result, by topic; what is not assessable is absent.
+        """Make the messages of the frame's result, by topic; what is not assessable is absent.
 
-        Parameters
-        ----------
-        result : FrameResult
-            Of this frame.
-        node_config : NodeConfig
-            Holds for this frame.
-        topics : collection of str
-            Outputs wanted, of `uw_visibility.messages.outputs.all_topics`.
-        filtered : FilteredWater, optional
-            The estimate filtered up to this frame, where frames are tracked.
+        `filtered` is the estimate filtered up to this frame, where frames are tracked.
         """
         return each_message(
             Source(self._make, self._frame, self._pair, result, node_config, filtered), topics
@@ -144,19 +107,8 @@ class FrameWork:
 class FrameProcessor:
     """Frame processor: reads frames, runs the pipeline and makes the messages of its results.
 
-    The pipeline is made anew when the calibration or its configuration changes.
-
-    Parameters
-    ----------
-    make : MessageFactory
-        Makes the outgoing messages.
-    rectify : bool
-        Whether the images are raw.
-
-    Attributes
-    ----------
-    reader : FrameReader
-        Knows how often the calibration changed.
+    The pipeline is made anew when the calibration or its configuration changes. `rectify` says
+    that the images are raw; `reader` knows how often the calibration changed.
     """
 
     def __init__(self, make: MessageFactory, rectify: bool) -> None:
@@ -166,25 +118,7 @@ class FrameProcessor:
         self._threads: tuple[int, Workers] | None = None
 
     def begin(self, frame: StereoFrame, pipeline_config: PipelineConfig) -> FrameWork:
-        """Read a frame, and make the pipeline that it needs.
-
-        Parameters
-        ----------
-        frame : StereoFrame
-            Input messages.
-        pipeline_config : PipelineConfig
-            Holds for this frame.
-
-        Returns
-        -------
-        FrameWork
-            What remains to be done.
-
-        Raises
-        ------
-        InputError
-            If the frame cannot be used.
-        """
+        """Read a frame, and make the pipeline that it needs."""
         pair = self.reader.read(frame)
         made = self._pipeline
         if made is None or (made.rig, made.config) != (pair.rig, pipeline_config):

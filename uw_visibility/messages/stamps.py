@@ -18,25 +18,9 @@ _CDR_STAMP = 4
 
 
 def header_stamp(data: bytes, *, ros1: bool = False) -> int:
-    """Read the header stamp of a serialised message.
+    """Read the header stamp, ns, of a serialised message whose type begins with a header.
 
-    Parameters
-    ----------
-    data : bytes
-        A message whose type begins with a header.
-    ros1 : bool
-        Whether it is serialised as in ROS 1, where a header begins with a counter, and not
-        as CDR.
-
-    Returns
-    -------
-    int
-        ns.
-
-    Raises
-    ------
-    InputError
-        If the message ends before.
+    As CDR, or as in ROS 1, where a header begins with a counter.
     """
     try:
         if ros1:

@@ -19,15 +19,7 @@ RESTART_NANOSECONDS = 1_000_000_000
 
 
 class SynchronizedFrame(NamedTuple):
-    """Two images that belong together, with the CameraInfo that holds for each.
-
-    Attributes
-    ----------
-    stamp, right_stamp : int
-        Of the left and of the right image, ns.
-    left, right, left_info, right_info : object
-        What was handed over.
-    """
+    """Two images that belong together, with the CameraInfo that holds for each; stamps in ns."""
 
     stamp: int
     right_stamp: int
@@ -68,13 +60,11 @@ class Synchronizer:
     frames : int
         Frames made.
     restarts : int
-        How often the stamps jumped back.
+        How often the stamps jumped back, or the clock did before them.
     """
 
     def __init__(
-        self,
-        config: SynchronizationConfig,
-        on_drop: Callable[[str], None] = lambda reason: None,
+        self, config: SynchronizationConfig, on_drop: Callable[[str], None] = lambda reason: None
     ) -> None:
         self.config = config
         self._on_drop = on_drop
@@ -108,23 +98,15 @@ class Synchronizer:
         self._pair = self._waited = self._last = None
         self._sent = {}
 
-    def add_info(self, side: str, stamp: int, info: Any) -> list[SynchronizedFrame]:
-        """Take a CameraInfo.
-
-        Parameters
-        ----------
-        side : str
-            "left" or "right".
-        stamp : int
-            Of its header, ns.
-        info : object
-            Handed on as it is.
-
-        Returns
-        -------
-        list of SynchronizedFrame
-            The frame that waited for this message, or nothing.
+    def restart(self, now: int) -> None:
+        """Reset, since the clock was set back to `now`, ns; stamps that went back before are
+        counted.
         """
+        self.restarts += self._last is not None and self._last > now
+        self.reset()
+
+    def add_info(self, side: str, stamp: int, info: Any) -> list[SynchronizedFrame]:
+        """Take a side's CameraInfo of a stamp, ns; return the frame that waited for it, if any."""
         self.received[f"{side} info"] += 1
         infos = self._infos[side]
         # Taken out first, so that the newest arrival is always the last one.
@@ -137,21 +119,9 @@ class Synchronizer:
         return self._release(at_once=False)
 
     def add_image(self, side: str, stamp: int, image: Any) -> list[SynchronizedFrame]:
-        """Take an image.
+        """Take a side's image of a stamp, ns; 0 stands for none.
 
-        Parameters
-        ----------
-        side : str
-            "left" or "right".
-        stamp : int
-            Of its header, ns; 0 stands for none.
-        image : object
-            Handed on as it is.
-
-        Returns
-        -------
-        list of SynchronizedFrame
-            The frame that it completes, after one that it ends the wait of.
+        Returns the frame that it completes, after one that it ends the wait of.
         """
         self.received[side] += 1
         if stamp == 0 or stamp in self._waiting[side]:
@@ -180,24 +150,13 @@ class Synchronizer:
 
         Called from time to time, so that a CameraInfo that was lost does not
         hold up the last pair of a sequence.
-
-        Returns
-        -------
-        list of SynchronizedFrame
-            The frame, or nothing.
         """
         waited, self._waited = self._waited, self._pair
         known = all(self._infos.values())
         return self._release(at_once=True) if known and waited is self._pair else []
 
     def finish(self) -> list[SynchronizedFrame]:
-        """End a sequence: release the pair that is there, and drop what has no partner.
-
-        Returns
-        -------
-        list of SynchronizedFrame
-            The frame, or nothing.
-        """
+        """End a sequence: release the pair that is there, and drop what has no partner."""
         frames = self._release(at_once=True)
         self._drop_waiting()
         return frames

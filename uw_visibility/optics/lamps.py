@@ -81,13 +81,7 @@ class LampTables(NamedTuple):
     log_scattered: Table
 
     def at(self, attenuation: Array) -> tuple[Table, Table]:
-        """Interpolate over attenuation: ln D and ln S, each (3, Y, X, R) float32.
-
-        Parameters
-        ----------
-        attenuation : (3,) float64 ndarray
-            β, 1/m.
-        """
+        """ln D and ln S at attenuations (3,), 1/m, each (3, Y, X, R) float32."""
         beta = np.clip(np.nan_to_num(attenuation), ATTENUATIONS[0], ATTENUATIONS[-1])
         low = np.clip(np.searchsorted(ATTENUATIONS, beta) - 1, 0, len(ATTENUATIONS) - 2)
         step = ATTENUATIONS[low + 1] - ATTENUATIONS[low]
@@ -95,13 +89,12 @@ class LampTables(NamedTuple):
         channel = np.arange(3)
 
         def mix(table: Table) -> Table:
-            return np.asarray(
-                (1 - share) * table[low, channel] + share * table[low + 1, channel])
+            return np.asarray((1 - share) * table[low, channel] + share * table[low + 1, channel])
 
         return mix(self.log_direct), mix(self.log_scattered)
 
     def by_range(self, attenuation: Array) -> DirectLight:
-        """Direct light over range alone, for an attenuation, (3,), 1/m."""
+        """Direct light over range alone, at attenuations (3,), 1/m."""
         log_direct, _ = self.at(attenuation)
         return DirectLight(RANGES, np.exp(log_direct.mean(axis=(1, 2), dtype=np.float64)))
 
@@ -116,15 +109,7 @@ class LampTables(NamedTuple):
             np.clip(z, 0, len(RANGES) - 1.001))
 
     def look_up(self, column: Array, row: Array, distance: Array) -> tuple[Array, Array]:
-        """ln D and ln S of points at all attenuations of the nodes, each (K, 3, N).
-
-        Parameters
-        ----------
-        column, row : (N,) float64 ndarray
-            Pixels.
-        distance : (N,) float64 ndarray
-            Range, m.
-        """
+        """ln D and ln S at pixels and ranges (m), (N,), at all `ATTENUATIONS`, each (K, 3, N)."""
         places = self.place(column, row, distance)
         return trilinear(self.log_direct, *places), trilinear(self.log_scattered, *places)
 
@@ -138,10 +123,9 @@ class LampTables(NamedTuple):
         attenuation : (3,) float64 ndarray
             β, 1/m.
         power, scattering : (3,) float64 ndarray
-            P: irradiance of white at 1 m of a lamp of relative power 1; what S is to be
-            multiplied by.
+            P: irradiance of white at 1 m of a lamp of relative power 1; the factor of S.
         daylight, veil : (3,) float64 ndarray
-            W and B of daylight: irradiance of white, and of the water at infinity.
+            W and B of daylight.
         """
         log_direct, log_scattered = self.at(attenuation)
         direct = np.exp(log_direct) * _of_channels(power)
@@ -241,15 +225,8 @@ def shine(
 ) -> tuple[Array, Array, Array]:
     """Distance from a lamp, g/r², and the cosine of scattering to the camera, each (N, S).
 
-    Parameters
-    ----------
-    points : (N, S, 3) float64 ndarray
-        Along the lines of sight, from the camera's place, m.
-    directions : (N, 3) float64 ndarray
-        Unit directions of these lines.
-    lamp : Lamp
-    eye : tuple of float
-        The camera's place in the lamps' frame, m.
+    The points (N, S, 3), m, lie along lines of sight with unit directions (N, 3) from the camera at
+    `eye` in the lamps' frame.
     """
     away = points - (np.array(lamp.position) - np.array(eye))
     r = np.maximum(np.linalg.norm(away, axis=2), LEAST_DISTANCE)
@@ -260,7 +237,7 @@ def shine(
 def incidence(points: Array, normals: Array, lamp: Lamp, r: Array) -> Array:
     """Cosine of incidence of a lamp's light at points, (N, 3), at distances from it, (N,).
 
-    Not below `LEAST_COSINE`: how ground lies is not known that well.
+    At least `LEAST_COSINE`: the slope of the ground is not known better.
     """
     away = points - np.array(lamp.position)
     return np.maximum(-np.einsum("nk,nk->n", away, normals) / r, LEAST_COSINE)
@@ -269,16 +246,7 @@ def incidence(points: Array, normals: Array, lamp: Lamp, r: Array) -> Array:
 def displaced(
     lamps: Sequence[Lamp], position_stddev: float, direction_stddev: float
 ) -> list[list[Lamp]]:
-    """Lamps each of which is off by a standard deviation along one axis, in turn.
-
-    Parameters
-    ----------
-    lamps : sequence of Lamp
-    position_stddev : float
-        Of each coordinate, m.
-    direction_stddev : float
-        Of the axis about each of two others, degrees.
-    """
+    """Rigs with one lamp off by a standard deviation, of each coordinate (m) and axis (degrees)."""
     moved = []
     turn = math.radians(direction_stddev)
     for i, lamp in enumerate(lamps):
@@ -290,8 +258,7 @@ def displaced(
             for unit in np.eye(3)
         ] + [
             lamp._replace(direction=_vector(math.cos(turn) * axis + math.sin(turn) * side))
-            for side in (across, np.cross(axis, across))
-        ]
+            for side in (across, np.cross(axis, across))]
         moved += [[*lamps[:i], other, *lamps[i + 1:]] for other in others]
     return moved
 
@@ -309,16 +276,13 @@ def beam(cosine: Array, angle: float) -> Array:
 def phase_function(cosine: Array) -> Array:
     """Henyey-Greenstein phase function p(ψ), 1/sr, for cos ψ."""
     g = ASYMMETRY
-    return np.asarray(
-        (1 - g * g) / (4 * math.pi * (1 + g * g - 2 * g * cosine) ** 1.5))
+    return np.asarray((1 - g * g) / (4 * math.pi * (1 + g * g - 2 * g * cosine) ** 1.5))
 
 
 def _nodes() -> tuple[Array, Array]:
     """Middles and lengths of the steps of the integral along a line of sight, m."""
     ends = [np.linspace(0.0, RANGES[0], FIRST_STEPS + 1)]
-    ends += [
-        np.linspace(low, high, SUBSTEPS + 1)[1:]
-        for low, high in itertools.pairwise(RANGES)]
+    ends += [np.linspace(low, high, SUBSTEPS + 1)[1:] for low, high in itertools.pairwise(RANGES)]
     edges = np.concatenate(ends)
     return 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
 

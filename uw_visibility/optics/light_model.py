@@ -20,6 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.compute.numba_import import register_jitable
 
+Array = NDArray[np.float64]
+
 
 @register_jitable
 def transmission(attenuation: Any, distance: Any) -> Any:
@@ -37,12 +39,7 @@ def contrast_gain(attenuation: Any, distance: Any) -> Any:
 def veil_of(veil: Any, transmitted: Any) -> Any:
     """Veil B (1 − e^(−βd)) in front of a scene: the irradiance of a black patch (eq. 6).
 
-    Parameters
-    ----------
-    veil : float or ndarray
-        Veil B at infinity.
-    transmitted : float or ndarray
-        Transmission, or the part of it that a patch which is not black leaves to the veil.
+    `transmitted` may be the part of the transmission that a patch which is not black leaves.
     """
     return veil * (1.0 - transmitted)
 
@@ -73,13 +70,13 @@ class Water(Protocol):
     """Protocol of a water's state: attenuation and ambient light; NaN = not assessable."""
 
     @property
-    def attenuation(self) -> NDArray[np.float64]: ...
+    def attenuation(self) -> Array: ...
 
     @property
-    def ambient_light(self) -> NDArray[np.float64]: ...
+    def ambient_light(self) -> Array: ...
 
 
-def scene_light_of(water: Water) -> NDArray[np.float64]:
+def scene_light_of(water: Water) -> Array:
     """Scene light W of each channel; the ambient light where it is not told apart."""
     light = getattr(water, "scene_light", None)
     return np.asarray(water.ambient_light if light is None else light, dtype=np.float64)
@@ -89,18 +86,15 @@ class UncertainWater(Water, Protocol):
     """Protocol of a water's state with the covariance of both, ``(C, 2, 2)``."""
 
     @property
-    def attenuation_stddev(self) -> NDArray[np.float64]: ...
+    def attenuation_stddev(self) -> Array: ...
 
     @property
-    def covariance(self) -> NDArray[np.float64]: ...
+    def covariance(self) -> Array: ...
 
 
 def attenuate(
-    radiance: NDArray[np.floating],
-    range_map: NDArray[np.floating],
-    attenuation: ArrayLike,
-    ambient_light: ArrayLike,
-    scene_light: ArrayLike | None = None,
+    radiance: NDArray[np.floating], range_map: NDArray[np.floating], attenuation: ArrayLike,
+    ambient_light: ArrayLike, scene_light: ArrayLike | None = None,
 ) -> NDArray[np.float32]:
     """Image of a scene through the water, as irradiance (eq. 1).
 
@@ -120,7 +114,7 @@ def attenuate(
     Returns
     -------
     (H, W, 3) float32 ndarray
-        E = W ρ e^(−βd) + B (1 − e^(−βd)). NaN where the range is NaN.
+        NaN where the range is NaN.
     """
     # Water that does not attenuate, seen to infinity, still ends in ambient light.
     rate = np.maximum(np.asarray(attenuation, np.float32), np.float32(1e-12))
@@ -132,12 +126,10 @@ def attenuate(
 
 
 def ambient_light_at_depth(
-    attenuation: ArrayLike,
-    depth: float,
-    surface_light: ArrayLike = 1.0,
+    attenuation: ArrayLike, depth: float, surface_light: ArrayLike = 1.0,
     surface_transmission: float = 1.0,
-) -> NDArray[np.float64]:
-    """Ambient light below the surface (eq. 2).
+) -> Array:
+    """Ambient light I∞ = T·I0·e^(−βz) below the surface, (3,) (eq. 2).
 
     Parameters
     ----------
@@ -149,11 +141,6 @@ def ambient_light_at_depth(
         Light I0 above the surface, one value or one per channel.
     surface_transmission : float
         Transmission T through the surface, 0..1.
-
-    Returns
-    -------
-    (3,) float64 ndarray
-        I∞ = T·I0·e^(−βz).
     """
     rate = np.asarray(attenuation, dtype=np.float64)
     light = np.asarray(surface_light, dtype=np.float64)
@@ -161,7 +148,7 @@ def ambient_light_at_depth(
 
 
 def visibility_distance(attenuation: float, contrast: float) -> float:
-    """Visibility distance (eq. 12): where a white patch beside a black one is lost.
+    """Distance, m, at which a white patch beside a black one is lost (eq. 12).
 
     Parameters
     ----------
@@ -169,10 +156,5 @@ def visibility_distance(attenuation: float, contrast: float) -> float:
         β of the clearest channel, 1/m.
     contrast : float
         Smallest contrast C that an observer distinguishes.
-
-    Returns
-    -------
-    float
-        ln((1 − C)/(2C) + 1)/β, m.
     """
     return math.log((1 - contrast) / (2 * contrast) + 1) / attenuation

@@ -20,13 +20,7 @@ MOST_BYTES = 4 << 20
 
 
 def read_shipped(name: str) -> tuple[list[str], list[list[str]]]:
-    """Read a table of `uw_visibility.data`: its column names and its rows.
-
-    Parameters
-    ----------
-    name : str
-        File name, for example ``"clear_sea_water.csv"``.
-    """
+    """Read a table of `uw_visibility.data` by its file name: column names and rows."""
     text = resources.files("uw_visibility.data").joinpath(name).read_text(encoding="utf-8")
     return parse(text)
 
@@ -37,8 +31,7 @@ def shipped_names(prefix: str) -> list[str]:
     return sorted(
         name[len(prefix):-len(".csv")]
         for name in files
-        if name.startswith(prefix) and name.endswith(".csv")
-    )
+        if name.startswith(prefix) and name.endswith(".csv"))
 
 
 def read_file(path: Path) -> tuple[list[str], list[list[str]]]:
@@ -54,7 +47,7 @@ def read_file(path: Path) -> tuple[list[str], list[list[str]]]:
 
 
 def parse(text: str) -> tuple[list[str], list[list[str]]]:
-    """Split CSV text into column names and rows; ``#`` lines and blank lines are left out."""
+    """Split CSV text into column names and rows, without ``#`` lines and blank lines."""
     lines = (line for line in text.splitlines() if line.strip() and not line.startswith("#"))
     rows = [[cell.strip() for cell in row] for row in csv.reader(lines)]
     return (rows[0], rows[1:]) if rows else ([], [])
@@ -63,21 +56,9 @@ def parse(text: str) -> tuple[list[str], list[list[str]]]:
 def numbers(
     table: tuple[list[str], list[list[str]]], columns: Sequence[str], name: str
 ) -> NDArray[np.float64]:
-    """Return columns of a table of spectra as numbers, wavelengths first and rising.
+    """Columns of a table of spectra as numbers, (N, len(columns)), N >= 2, all finite.
 
-    Parameters
-    ----------
-    table : tuple of (list of str, list of list of str)
-        Column names and rows.
-    columns : sequence of str
-        The columns wanted; the first is the wavelength.
-    name : str
-        What to call the table in a message.
-
-    Returns
-    -------
-    (N, len(columns)) float64 ndarray
-        With N >= 2 rows, every value finite.
+    The first column is the wavelength; `name` is that of the table, for messages.
 
     Raises
     ------
@@ -90,8 +71,7 @@ def numbers(
     if missing:
         raise InputError(
             f"table {name} has no column {missing[0]!r}: its first line must name "
-            f"{', '.join(columns)}"
-        )
+            f"{', '.join(columns)}")
     places = [head.index(column) for column in columns]
     try:
         values = np.array([[float(row[place]) for place in places] for row in rows])

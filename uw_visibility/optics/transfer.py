@@ -1,6 +1,10 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Transfer functions: lookup tables between code values and irradiance."""
+"""Transfer functions: lookup tables between code values and irradiance.
+
+Transfers are ``"linear"`` or ``"srgb"`` (IEC 61966-2-1), types of images uint8 or uint16; anything
+else raises an `InputError`.
+"""
 
 from __future__ import annotations
 
@@ -19,25 +23,7 @@ _ENCODE_STEPS = {255: 1 << 14, 65535: 1 << 20}
 
 @lru_cache(maxsize=8)
 def linear_table(transfer: str, dtype: DTypeLike) -> NDArray[np.float32]:
-    """Lookup table from code value to irradiance.
-
-    Parameters
-    ----------
-    transfer : str
-        ``"linear"`` or ``"srgb"`` (IEC 61966-2-1).
-    dtype : dtype
-        uint8 or uint16, the image's type.
-
-    Returns
-    -------
-    (256,) or (65536,) float32 ndarray
-        Irradiance 0..1 for each code value; read-only.
-
-    Raises
-    ------
-    InputError
-        If the transfer or the type is not known.
-    """
+    """Lookup table from code value to irradiance 0..1, float32, read-only."""
     top = _largest_code(dtype)
     code = np.arange(top + 1, dtype=np.float64) / top
     table = _decode(code, transfer).astype(np.float32)
@@ -46,20 +32,7 @@ def linear_table(transfer: str, dtype: DTypeLike) -> NDArray[np.float32]:
 
 
 def to_linear(image: NDArray[Any], transfer: str) -> NDArray[np.float32]:
-    """Convert an image to irradiance 0..1.
-
-    Parameters
-    ----------
-    image : ndarray of uint8, uint16 or float32
-        Code values; float32 is irradiance already and is returned as it is.
-    transfer : str
-        ``"linear"`` or ``"srgb"``.
-
-    Returns
-    -------
-    float32 ndarray
-        Of the same shape.
-    """
+    """Convert code values to irradiance 0..1, float32; float32 is returned as it is."""
     if image.dtype == np.float32:
         return image
     return np.take(linear_table(transfer, image.dtype), image)
@@ -68,27 +41,7 @@ def to_linear(image: NDArray[Any], transfer: str) -> NDArray[np.float32]:
 def from_linear(
     irradiance: NDArray[np.floating], transfer: str, dtype: DTypeLike
 ) -> NDArray[np.integer]:
-    """Convert irradiance to code values, rounded to the nearest and clipped.
-
-    Parameters
-    ----------
-    irradiance : ndarray of float
-        0..1; what is beyond is clipped, NaN becomes 0.
-    transfer : str
-        ``"linear"`` or ``"srgb"``.
-    dtype : dtype
-        uint8 or uint16.
-
-    Returns
-    -------
-    ndarray of uint8 or uint16
-        Of the same shape.
-
-    Raises
-    ------
-    InputError
-        If the transfer or the type is not known.
-    """
+    """Convert irradiance to code values, rounded and clipped to 0..1; NaN becomes 0."""
     top = _largest_code(dtype)
     light = np.nan_to_num(np.clip(irradiance, 0.0, 1.0), nan=0.0)
     return (_encode(light, transfer) * top + 0.5).astype(dtype)
@@ -96,21 +49,9 @@ def from_linear(
 
 @lru_cache(maxsize=8)
 def encode_table(transfer: str, dtype: DTypeLike) -> NDArray[np.integer]:
-    """Lookup table from irradiance, in equal steps over 0..1, to code value.
+    """Lookup table from irradiance, in equal steps over 0..1, to code value; read-only.
 
     For kernels: ``table[int(irradiance * (len(table) - 1) + 0.5)]``.
-
-    Parameters
-    ----------
-    transfer : str
-        ``"linear"`` or ``"srgb"``.
-    dtype : dtype
-        uint8 or uint16.
-
-    Returns
-    -------
-    (N,) ndarray of uint8 or uint16
-        Read-only.
     """
     steps = _ENCODE_STEPS[_largest_code(dtype)]
     table = from_linear(np.linspace(0.0, 1.0, steps), transfer, dtype)

@@ -7,6 +7,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+Array = NDArray[np.float64]
+
 BLACK_DISC = 4.8
 """Attenuation lengths over which a black target is seen horizontally.
 
@@ -24,73 +26,32 @@ SECCHI_DEVIATION = 0.18
 """What `secchi_depth` is off by over 338 measurements, as a part (the same source)."""
 
 
-def black_disc_visibility(beam_attenuation: ArrayLike) -> NDArray[np.float64]:
-    """Horizontal visibility of a black target, y = 4.8 / c.
+def black_disc_visibility(beam_attenuation: ArrayLike) -> Array:
+    """Horizontal visibility of a black target, y = 4.8 / c, m.
 
-    Parameters
-    ----------
-    beam_attenuation : array_like
-        Beam attenuation c, 1/m, photopic or near 532 nm.
-
-    Returns
-    -------
-    float64 ndarray
-        m.
-
-    References
-    ----------
-    J. R. V. Zaneveld and W. S. Pegau, Robust underwater visibility parameter,
-    Optics Express 11(23), 2003, doi 10.1364/OE.11.002997.
+    c is the beam attenuation, 1/m, photopic or near 532 nm. J. R. V. Zaneveld and W. S. Pegau,
+    Robust underwater visibility parameter, Optics Express 11(23), 2003, doi 10.1364/OE.11.002997.
     """
     return np.asarray(BLACK_DISC / np.asarray(beam_attenuation, np.float64))
 
 
-def secchi_depth(
-    diffuse_attenuation: ArrayLike, remote_sensing_reflectance: ArrayLike
-) -> NDArray[np.float64]:
-    """Secchi disk depth, Z = ln(|0.14 − Rrs| / 0.013) / (2.5 min Kd).
+def secchi_depth(diffuse_attenuation: ArrayLike, remote_sensing_reflectance: ArrayLike) -> Array:
+    """Secchi disk depth, Z = ln(|0.14 − Rrs| / 0.013) / (2.5 min Kd), m.
 
-    Parameters
-    ----------
-    diffuse_attenuation : array_like
-        Kd at the wavelength, within 443 to 665 nm, where it is least, 1/m.
-    remote_sensing_reflectance : array_like
-        Rrs there, 1/sr.
-
-    Returns
-    -------
-    float64 ndarray
-        m.
-
-    References
-    ----------
-    Z. Lee et al., Secchi disk depth: A new theory and mechanistic model for underwater
-    visibility, Remote Sensing of Environment 169, 2015, doi 10.1016/j.rse.2015.08.002.
+    Takes Kd, 1/m, and Rrs, 1/sr, at the wavelength within 443 to 665 nm where Kd is least. Z. Lee
+    et al., Secchi disk depth: A new theory and mechanistic model for underwater visibility, Remote
+    Sensing of Environment 169, 2015, doi 10.1016/j.rse.2015.08.002.
     """
     contrast = np.abs(SECCHI_DISK_REFLECTANCE - np.asarray(remote_sensing_reflectance))
     lengths = np.log(contrast / SECCHI_CONTRAST)
     return np.asarray(lengths / (2.5 * np.asarray(diffuse_attenuation, np.float64)))
 
 
-def remote_sensing_reflectance(
-    absorption: ArrayLike, backscattering: ArrayLike
-) -> NDArray[np.float64]:
-    """Remote-sensing reflectance Rrs of deep water.
+def remote_sensing_reflectance(absorption: ArrayLike, backscattering: ArrayLike) -> Array:
+    """Remote-sensing reflectance Rrs of deep water, 1/sr, by a and b_b, 1/m.
 
-    Parameters
-    ----------
-    absorption, backscattering : array_like
-        a and b_b, 1/m.
-
-    Returns
-    -------
-    float64 ndarray
-        1/sr.
-
-    References
-    ----------
-    Z. Lee, K. L. Carder and R. A. Arnone, Deriving inherent optical properties from
-    water color, Applied Optics 41(27), 2002, doi 10.1364/AO.41.005755: eq. 2, 3.
+    Z. Lee, K. L. Carder and R. A. Arnone, Deriving inherent optical properties from water color,
+    Applied Optics 41(27), 2002, doi 10.1364/AO.41.005755: eq. 2, 3.
     """
     scattered = np.asarray(backscattering, np.float64)
     u = scattered / (np.asarray(absorption, np.float64) + scattered)

@@ -61,8 +61,7 @@ class WaterType:
 def water_type(name: str) -> WaterType:
     """Return a Jerlov water type by its name, one of `TYPES`."""
     file = "jerlov_diffuse_attenuation.csv"
-    wavelength, diffuse = tables.numbers(
-        tables.read_shipped(file), ("wavelength_nm", name), file).T
+    wavelength, diffuse = tables.numbers(tables.read_shipped(file), ("wavelength_nm", name), file).T
     grid = np.arange(SECCHI_WAVELENGTHS[0], SECCHI_WAVELENGTHS[1] + 0.5)
     values = np.interp(grid, wavelength, diffuse)
     least = int(values.argmin())
@@ -73,28 +72,15 @@ def water_type(name: str) -> WaterType:
     reflectance = remote_sensing_reflectance(absorption, backscattering)
     return WaterType(
         name, float(np.interp(DIFFUSE_WAVELENGTH, wavelength, diffuse)), float(values[least]),
-        float(grid[least]), float(secchi_depth(values[least], reflectance)[0]),
-    )
+        float(grid[least]), float(secchi_depth(values[least], reflectance)[0]))
 
 
 def inherent_properties(name: str, wavelength: Vector) -> tuple[Vector, Vector]:
-    """Absorption and scattering of a Jerlov water type.
+    """Absorption a and scattering b of a Jerlov water type at wavelengths (N,), nm; 1/m.
 
-    Measured ones (Williamson and Hollins 2022) where there are some, else modelled ones
-    (Solonenko and Mobley 2015: I, IA, 7C, 9C). Between measurements absorption follows that
-    of clear water, which rises steeply towards red.
-
-    Parameters
-    ----------
-    name : str
-        One of `TYPES`.
-    wavelength : (N,) float64 ndarray
-        nm.
-
-    Returns
-    -------
-    absorption, scattering : (N,) float64 ndarray
-        a and b, 1/m.
+    Measured ones (Williamson and Hollins 2022) where there are some, else modelled ones (Solonenko
+    and Mobley 2015: I, IA, 7C, 9C). Between measurements absorption follows that of clear water,
+    which rises steeply towards red.
     """
     if name in water_types():
         known, absorbed, scattered = water_type_spectrum(name)
@@ -112,25 +98,10 @@ def inherent_properties(name: str, wavelength: Vector) -> tuple[Vector, Vector]:
 def seen_attenuation(
     name: str, response: CameraResponse, depth: float, path: float
 ) -> NDArray[np.float64]:
-    """Beam attenuation of a Jerlov water type as a camera under water sees it.
+    """Beam attenuation of a Jerlov type as a camera sees it, at a depth over a path (m); (3,) 1/m.
 
-    That of the band-averaged transmission over a path, in the daylight that is left at a
-    depth: of red both leave the part that water takes least.
-
-    Parameters
-    ----------
-    name : str
-        One of `TYPES`.
-    response : CameraResponse
-    depth : float
-        Depth of the camera, m.
-    path : float
-        Range, m.
-
-    Returns
-    -------
-    (3,) float64 ndarray
-        R, G, B, 1/m.
+    That of the band-averaged transmission over the path, in the daylight that is left at the depth:
+    of red both leave the part that water takes least.
     """
     absorption, scattering = inherent_properties(name, WAVELENGTHS)
     daylight = np.interp(WAVELENGTHS, *daylight_spectrum())
@@ -167,72 +138,37 @@ def water_types() -> list[str]:
 def water_type_spectrum(
     water_type: str,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Measured absorption and scattering of a Jerlov water type.
+    """Wavelength, nm, rising, absorption a and scattering b, 1/m, measured for a Jerlov type.
 
-    Parameters
-    ----------
-    water_type : str
-        One of `water_types`.
-
-    Returns
-    -------
-    wavelength : (N,) float64 ndarray
-        nm, rising.
-    absorption, scattering : (N,) float64 ndarray
-        a and b, 1/m.
+    B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types, Applied Optics 61(33),
+    2022, doi 10.1364/AO.470464.
 
     Raises
     ------
     InputError
-        If the type is not known.
-
-    References
-    ----------
-    B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types,
-    Applied Optics 61(33), 2022, doi 10.1364/AO.470464.
+        If the type is not one of `water_types`.
     """
     head, rows = tables.read_shipped("jerlov_water_types.csv")
     if water_type not in water_types():
-        raise InputError(
-            f"no water type {water_type!r}: give one of {', '.join(water_types())}"
-        )
+        raise InputError(f"no water type {water_type!r}: give one of {', '.join(water_types())}")
     mine = [row for row in rows if row[0] == water_type]
     values = tables.numbers(
-        (head, mine), ("wavelength_nm", "a_per_m", "b_per_m"), "jerlov_water_types.csv"
-    )
+        (head, mine), ("wavelength_nm", "a_per_m", "b_per_m"), "jerlov_water_types.csv")
     return values[:, 0], values[:, 1], values[:, 2]
 
 
 def water_type_attenuation(
     water_type: str, response: CameraResponse, *, diffuse: bool = False
 ) -> NDArray[np.float64]:
-    """Beam attenuation a + b of a Jerlov water type as a camera sees it, or the diffuse one.
+    """Attenuation β = a + b of a Jerlov water type as a camera sees it, or the diffuse K, (3,) 1/m.
 
-    Parameters
-    ----------
-    water_type : str
-        One of `water_types`.
-    response : CameraResponse
-    diffuse : bool
-        Whether to return K = a + b_b, by which daylight fades with depth: light scattered
-        forwards is not lost to it, so that only the part scattered back counts, as in clear
-        water's K_w.
-
-    Returns
-    -------
-    (3,) float64 ndarray
-        β or K for R, G, B, 1/m. Beyond the measured wavelengths, the nearest
-        measured one counts.
+    K = a + b_b is that by which daylight fades with depth: light scattered forwards is not lost to
+    it. Beyond the measured wavelengths, the nearest one counts.
 
     Raises
     ------
     InputError
-        If the type is not known.
-
-    References
-    ----------
-    B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types,
-    Applied Optics 61(33), 2022, doi 10.1364/AO.470464.
+        If the type is not one of `water_types`.
     """
     wavelength, absorbed, scattered = water_type_spectrum(water_type)
     lost = BACKSCATTERED if diffuse else 1.0

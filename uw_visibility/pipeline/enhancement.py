@@ -44,27 +44,13 @@ class ImageEnhancement:
         self._restorer = RESTORERS[RESTORER](config.enhancement, self._transfer, workers)
 
     def run(
-        self,
-        views: StereoViews,
-        filled: FilledStereo,
-        water: ChannelWater,
-        right_gain: PerChannel,
+        self, views: StereoViews, filled: FilledStereo, water: ChannelWater, right_gain: PerChannel,
         sides: Collection[str],
     ) -> EnhancedImages:
-        """Restore the images that are wanted.
+        """Restore the images of the sides wanted: "left", "right".
 
-        Parameters
-        ----------
-        views : StereoViews
-            The pair.
-        filled : FilledStereo
-            Ranges of the left view, and of the right one where its image is wanted.
-        water : ChannelWater
-            What the left camera sees of the water.
-        right_gain : ndarray
-            ``(C,)`` float64, irradiance in the right image over that in the left.
-        sides : collection of str
-            "left", "right".
+        `water` is what the left camera sees, `right_gain` the irradiance in the right image over
+        that in the left, (C,). The right view needs ranges where its image is wanted.
         """
         if not sides:
             return EnhancedImages(NOT_WANTED, NOT_WANTED, NOT_LIMITED)
@@ -73,12 +59,10 @@ class ImageEnhancement:
         of_right = light._replace(
             ambient_light=right_gain * light.ambient_light,
             scene_light=right_gain * light.scene_light,
-            veil_stddev=None if light.veil_stddev is None else right_gain * light.veil_stddev,
-        )
+            veil_stddev=None if light.veil_stddev is None else right_gain * light.veil_stddev)
         (left, limited), (right, _) = self._workers.together(
             lambda: self._restore(views.left, filled.left if "left" in sides else None, light),
-            lambda: self._restore(views.right, filled.right, of_right),
-        )
+            lambda: self._restore(views.right, filled.right, of_right))
         return EnhancedImages(left, right, limited, light.scene_light, light.balanced)
 
     def _restore(

@@ -30,10 +30,10 @@ from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.radiometry import right_gain
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.search_range import disparity_limits
+from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.estimate import WaterEstimate
-from uw_visibility.water.estimation import WaterEstimator
 from uw_visibility.water.foreground import foreground_mask
-from uw_visibility.water.lamp_estimation import LampEstimator
+from uw_visibility.water.lamps.estimation import LampEstimator
 
 # Images are halved as long as their small copy keeps this width, px,
 _LEAST_WIDTH = 300
@@ -108,12 +108,8 @@ class FirstStep:
     """
 
     def __init__(
-        self,
-        shape: tuple[int, int],
-        rig: StereoRig,
-        config: PipelineConfig,
-        estimator: WaterEstimator | LampEstimator,
-        workers: Workers,
+        self, shape: tuple[int, int], rig: StereoRig, config: PipelineConfig,
+        estimator: WaterEstimator | LampEstimator, workers: Workers,
     ) -> None:
         self._pyramid = Pyramid(reduction_factor(shape, config), workers)
         self._rig = rig
@@ -140,8 +136,7 @@ class FirstStep:
         with clock("support points"):
             left, right = self._workers.together(
                 lambda: self._pyramid.downsample_view(views.left),
-                lambda: self._pyramid.downsample_view(views.right),
-            )
+                lambda: self._pyramid.downsample_view(views.right))
             self._matcher.describe_raw(self._contrast, left, right)
             support = self._matcher.support_points()
             by_chance = self._refuse_useless_pair(left.pixels, right.pixels, support)
@@ -175,38 +170,27 @@ class FirstStep:
             view=view,
             right_gain=gain,
             coverage=float(np.count_nonzero(np.isfinite(mesh)) / mesh.size),
-            by_chance=by_chance,
-        )
+            by_chance=by_chance)
 
-    def _without_foreground(
-        self, view: View, small: Image, support: SupportPoints
-    ) -> View:
+    def _without_foreground(self, view: View, small: Image, support: SupportPoints) -> View:
         """Take unmatched close objects out of the valid pixels."""
         if small.ndim == 2:
             return view
         found = foreground_mask(small, support.points, view.transfer)
         return view.without(self._pyramid.upsample_mask(found, view.shape))
 
-    def _estimate(
-        self, view: View, mesh: DisparityMap, support_points: int
-    ) -> WaterEstimate:
+    def _estimate(self, view: View, mesh: DisparityMap, support_points: int) -> WaterEstimate:
         if support_points < FEWEST_SUPPORT_POINTS:
             return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
         ranges = self._rig.range_from_disparity(self._pyramid.upsample_disparity(mesh, view.shape))
         return self._estimator.estimate_view(
-            view, ranges, range_error=self._rig.range_error(_MESH_DEVIATION), coarse=True,
-        )
+            view, ranges, range_error=self._rig.range_error(_MESH_DEVIATION), coarse=True)
 
     def _refuse_useless_pair(self, left: Image, right: Image, support: SupportPoints) -> bool:
         """Raise where few support points have a cause that no water explains.
 
-        Exchanged images still match here and there, and what follows from that
-        would be invented.
-
-        Returns
-        -------
-        bool
-            Whether the support points are few, and no more than chance finds.
+        Exchanged images still match here and there, but what follows would be invented. Returns
+        whether the support points are few, and no more than chance finds.
         """
         if len(support) < FEWEST_SUPPORT_POINTS:
             for side, image in (("left", left), ("right", right)):
@@ -216,13 +200,11 @@ class FirstStep:
         if np.array_equal(left, right):
             raise InputError(
                 "left and right image are one and the same: give each side the images of its own "
-                "camera"
-            )
+                "camera")
         ratio = self._matcher.swapped_ratio()
         if ratio > _EXCHANGED_RATIO:
             raise InputError(
-                "the images match with negative disparities only: exchange left and right"
-            )
+                "the images match with negative disparities only: exchange left and right")
         grid = left.shape[0] * left.shape[1] / self._support_step**2
         return ratio > _CHANCE_RATIO and len(support) < _SPARSE * grid
 

@@ -17,10 +17,10 @@ from uw_visibility.images.view import StereoViews, View
 from uw_visibility.optics.lamps import DirectLight, LampTables, nodes_of, tabulate
 from uw_visibility.pipeline.result import NOT_LIMITED, NOT_WANTED, EnhancedImages, FilledStereo
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.assessment import Assessor
+from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.estimate import LampLight
-from uw_visibility.water.estimation import WaterEstimator
-from uw_visibility.water.lamp_estimation import LampEstimator
+from uw_visibility.water.lamps.estimation import LampEstimator
+from uw_visibility.water.meaning.assessment import Assessor
 
 # What matching takes for the attenuation by particles, 1/m; gains depend little on it.
 USUAL_PARTICLES = 0.1
@@ -45,8 +45,7 @@ def light_by_range(
     """Return how light falls with range where lamps alone light the scene."""
     if config.lighting.model != "lamps" or not isinstance(estimator, LampEstimator):
         return None
-    return estimator.tables(shape).by_range(
-        assessor.clear_water_attenuation + USUAL_PARTICLES)
+    return estimator.tables(shape).by_range(assessor.clear_water_attenuation + USUAL_PARTICLES)
 
 
 class LampEnhancement:
@@ -78,28 +77,10 @@ class LampEnhancement:
         self._restore(view, np.full(view.shape, 2.0, np.float32), light, False)
 
     def run(
-        self,
-        views: StereoViews,
-        filled: FilledStereo,
-        light: LampLight | None,
-        right_gain: PerChannel,
-        sides: Collection[str],
+        self, views: StereoViews, filled: FilledStereo, light: LampLight | None,
+        right_gain: PerChannel, sides: Collection[str],
     ) -> EnhancedImages:
-        """Restore the images that are wanted.
-
-        Parameters
-        ----------
-        views : StereoViews
-            The pair.
-        filled : FilledStereo
-            Ranges of the left view, and of the right one where its image is wanted.
-        light : LampLight or None
-            Light of lamps and water; without it the images stay as they are.
-        right_gain : ndarray
-            ``(C,)`` float64, irradiance in the right image over that in the left.
-        sides : collection of str
-            "left", "right".
-        """
+        """Restore as `ImageEnhancement.run`; without `light` the images stay as they are."""
         left, limited, right = NOT_WANTED, NOT_LIMITED, NOT_WANTED
         power = None if light is None else light.power
         if "left" in sides:

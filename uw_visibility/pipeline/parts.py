@@ -17,15 +17,16 @@ from uw_visibility.images.arrays import Array, Image, Mask, RangeMap
 from uw_visibility.images.pair import read_only
 from uw_visibility.images.view import View
 from uw_visibility.images.vignetting import FlatFieldCorrection
+from uw_visibility.pipeline.coincidence import show_one_scene
 from uw_visibility.pipeline.lamps import make_estimator
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import StereoResult
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import DISPARITY_STDDEV, StereoRig
-from uw_visibility.water.assessment import Assessor, Visibility
-from uw_visibility.water.derived import DerivedModel, DerivedQuantities
+from uw_visibility.water.daylight.estimation import check_arrays
 from uw_visibility.water.estimate import WaterEstimate
-from uw_visibility.water.estimation import check_arrays
+from uw_visibility.water.meaning.assessment import Assessor, Visibility
+from uw_visibility.water.meaning.derived import DerivedModel, DerivedQuantities
 
 
 @dataclass(frozen=True)
@@ -62,18 +63,13 @@ class WaterResult:
             "attenuation": self.water.status,
             "visibility": self.visibility.status,
             "depth": self.visibility.depth_status,
-            "water type": self.derived.water_type_status,
-        }
+            "water type": self.derived.water_type_status}
         return {name: str(reason) for name, reason in named.items() if reason is not Status.OK}
 
 
 def estimate_water(
-    image: Image,
-    disparity: NDArray[np.floating],
-    rig: StereoRig,
-    config: PipelineConfig | None = None,
-    *,
-    valid: Mask | None = None,
+    image: Image, disparity: NDArray[np.floating], rig: StereoRig,
+    config: PipelineConfig | None = None, *, valid: Mask | None = None,
     disparity_stddev: float = DISPARITY_STDDEV,
 ) -> WaterResult:
     """Estimate attenuation, visibility and depth from an image and its disparities.
@@ -87,7 +83,8 @@ def estimate_water(
         ``(H, W, 3)`` RGB, uint8 or uint16.
     disparity : ndarray
         ``(H, W)``, px; NaN where unknown. Open water is left unknown, and found
-        in the image.
+        in the image. Where edges of the image and steps of the ranges coincide no more
+        than by chance, that is the status.
     rig : StereoRig
         Geometry of the pair.
     config : PipelineConfig, optional
@@ -113,8 +110,7 @@ def estimate_water(
         raise InputError(
             f"the disparities are {disparity.dtype} of shape {disparity.shape}, the image has "
             f"the shape {image.shape}: give one floating-point number per pixel, px, NaN where "
-            "unknown"
-        )
+            "unknown")
     if not (math.isfinite(disparity_stddev) and disparity_stddev >= 0):
         raise InputError(
             f"disparity_stddev is {disparity_stddev:g} px: give 0 or a positive, finite number")
@@ -127,23 +123,21 @@ def estimate_water(
         image, _ = illumination.correct(image, image)
     assessor = Assessor.from_config(config)
     range_map = rig.range_from_disparity(disparity.astype(np.float32))
-    check_arrays(image, range_map, valid)
-    water = make_estimator(config, assessor, rig).estimate_view(
-        View.of(image[..., 0] if image.shape[2:] == (1,) else image, camera.transfer, valid),
-        range_map, range_error=rig.range_error(disparity_stddev),
-    )
+    valid = check_arrays(image, range_map, valid)
+    if show_one_scene(image, range_map):
+        water = make_estimator(config, assessor, rig).estimate_view(
+            View.of(image[..., 0] if image.shape[2:] == (1,) else image, camera.transfer, valid),
+            range_map, range_error=rig.range_error(disparity_stddev))
+    else:
+        water = WaterEstimate.not_assessable(Status.RANGES_OF_ANOTHER_SCENE)
     return WaterResult(
         water.status, water, assessor.assess(water),
         DerivedModel.from_config(config).derive(water), assessor.clear_water_attenuation,
-        range_map,
-    )
+        range_map)
 
 
 def match(
-    left: Image,
-    right: Image,
-    rig: StereoRig,
-    config: PipelineConfig | None = None,
+    left: Image, right: Image, rig: StereoRig, config: PipelineConfig | None = None
 ) -> StereoResult:
     """Match a rectified pair densely, with its contrast restored where water took it.
 

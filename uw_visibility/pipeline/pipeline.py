@@ -39,10 +39,10 @@ from uw_visibility.status import Status
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.search_range import disparity_limits
-from uw_visibility.water.assessment import Assessor, Visibility
+from uw_visibility.water.daylight.estimation import WaterEstimator
+from uw_visibility.water.daylight.validation import compare_steps
 from uw_visibility.water.estimate import LampLight, WaterEstimate
-from uw_visibility.water.estimation import WaterEstimator
-from uw_visibility.water.validation import compare_steps
+from uw_visibility.water.meaning.assessment import Assessor, Visibility
 
 SIDES = ("left", "right")
 
@@ -53,7 +53,7 @@ class Pipeline:
     Memory is allocated at the first pair of a size and used again; calls from
     several threads are taken one after the other. Nothing is kept of a frame, so
     that frames may be processed in any order and in parallel; see
-    `uw_visibility.water.filter` for the filter over frames.
+    `uw_visibility.water.series.filter` for the filter over frames.
 
     Parameters
     ----------
@@ -71,10 +71,7 @@ class Pipeline:
     """
 
     def __init__(
-        self,
-        rig: StereoRig,
-        config: PipelineConfig | None = None,
-        workers: Workers | None = None,
+        self, rig: StereoRig, config: PipelineConfig | None = None, workers: Workers | None = None
     ) -> None:
         self.rig = rig
         self.config = config or PipelineConfig()
@@ -92,16 +89,9 @@ class Pipeline:
         self._lock = threading.Lock()
 
     def process(
-        self,
-        left: Image,
-        right: Image,
-        *,
-        valid: Mask | None = None,
-        match_original: bool = False,
-        enhance: Collection[str] = SIDES,
-        confidence: bool = True,
-        colour: ChromaImage | None = None,
-        known_light: LampLight | None = None,
+        self, left: Image, right: Image, *, valid: Mask | None = None, match_original: bool = False,
+        enhance: Collection[str] = SIDES, confidence: bool = True,
+        colour: ChromaImage | None = None, known_light: LampLight | None = None,
     ) -> FrameResult:
         """Assess and enhance one rectified pair.
 
@@ -138,22 +128,20 @@ class Pipeline:
             of their size, or `enhance` names anything else.
         """
         left, right = check_pair(left, right)
-        check_valid(valid, left.shape)
-        unknown = [side for side in enhance if side not in SIDES]
-        if unknown:
-            raise InputError(f"no image is called {unknown[0]!r}: enhance takes left and right")
+        valid = check_valid(valid, left.shape)
+        if not isinstance(enhance, Collection) or any(side not in SIDES for side in enhance):
+            raise InputError(
+                f"enhance is {enhance!r}: give a tuple of the images wanted, of 'left' and 'right'")
         with self._lock:
             clock = StageClock()
             views = self._prepare(left, right, valid, colour, clock)
             first_step, second_step = self._steps_for(views.left.shape)
             coarse = first_step.run(views, clock)
             improved = second_step.run(
-                views, coarse, clock, match_original=match_original, confidence=confidence
-            )
+                views, coarse, clock, match_original=match_original, confidence=confidence)
             filled, (water, visibility, shown) = self._workers.together(
                 lambda: self._fill(second_step, improved, enhance, clock),
-                lambda: self._assess(coarse, improved, clock),
-            )
+                lambda: self._assess(coarse, improved, clock))
             with clock("image enhancement 2"):
                 images = self._enhance(
                     views, filled, water, shown, coarse.right_gain, enhance, known_light)
@@ -168,29 +156,12 @@ class Pipeline:
                     range=filled.measured, filled_range=filled.left.range_map,
                     confidence=improved.confidence, original=improved.original,
                     support_points=len(coarse.points), coverage=coarse.coverage,
-                    min_disparity=low, max_disparity=high, right_gain=coarse.right_gain,
-                ),
+                    min_disparity=low, max_disparity=high, right_gain=coarse.right_gain),
                 images=images,
-                timing_ms=clock.milliseconds(),
-            )
+                timing_ms=clock.milliseconds())
 
     def coarse_estimate(self, left: Image, right: Image) -> CoarseEstimate:
-        """Take step 1 alone, as `process` does.
-
-        Parameters
-        ----------
-        left, right : ndarray
-            See `process`.
-
-        Returns
-        -------
-        CoarseEstimate
-
-        Raises
-        ------
-        InputError
-            If the images do not fit, or show nothing that could be matched.
-        """
+        """Take step 1 alone, as `process` does; raises InputError likewise."""
         left, right = check_pair(left, right)
         with self._lock:
             clock = StageClock()
@@ -198,25 +169,12 @@ class Pipeline:
             return self._steps_for(views.left.shape)[0].run(views, clock)
 
     def warm_up(
-        self,
-        shape: tuple[int, int],
-        dtype: Any = np.uint8,
-        *,
-        grey: bool = False,
+        self, shape: tuple[int, int], dtype: Any = np.uint8, *, grey: bool = False,
         compressed: bool = False,
     ) -> None:
-        """Compile what is not compiled yet, and allocate for a size of image.
+        """Compile kernels, and allocate, for images of a height and width, px, and of a type.
 
-        Parameters
-        ----------
-        shape : tuple of int
-            Height and width, px.
-        dtype : dtype
-            uint8 or uint16.
-        grey : bool
-            Whether the images will be grey ones.
-        compressed : bool
-            Whether they may be JPEG.
+        `grey`: the images will be grey; `compressed`: they may be JPEG.
         """
         left, right = warm_up_pair(shape, np.dtype(dtype), grey=grey)
         self.process(left, right, match_original=True)
@@ -242,12 +200,7 @@ class Pipeline:
             self.process(left, right, enhance=(), confidence=False, colour=warm_up_chroma(left))
 
     def allocate(self, shape: tuple[int, int]) -> None:
-        """Allocate for a size of image, as its first pair would.
-
-        Parameters
-        ----------
-        shape : tuple of int
-            Height and width, px.
+        """Allocate for images of a height and width, px.
 
         Raises
         ------
@@ -259,11 +212,7 @@ class Pipeline:
             self._steps_for(shape)
 
     def _prepare(
-        self,
-        left: Image,
-        right: Image,
-        valid: Mask | None,
-        chroma: ChromaImage | None,
+        self, left: Image, right: Image, valid: Mask | None, chroma: ChromaImage | None,
         clock: StageClock,
     ) -> StereoViews:
         """Even out the illumination, and measure the noise."""
@@ -280,8 +229,7 @@ class Pipeline:
                 FirstStep(shape, self.rig, self.config, self._estimator, self._workers),
                 SecondStep(
                     shape, self.rig, self.config, self._workers,
-                    light_by_range(self._estimator, self.config, self._assessor, shape)),
-            )
+                    light_by_range(self._estimator, self.config, self._assessor, shape)))
             self._shape = shape
         return self._steps
 
@@ -303,7 +251,7 @@ class Pipeline:
     ) -> tuple[WaterEstimate, Visibility, ChannelWater | None]:
         """Estimate the water again, from the original pixels and the improved range; assess it.
 
-        Also returns the water that images by daylight are restored with.
+        Also return the water to restore images by daylight with.
         """
         with clock("visibility estimation 2"):
             # Water tells as much of what the right view does not show.
@@ -323,13 +271,8 @@ class Pipeline:
         return compare_steps(coarse.water, water)
 
     def _enhance(
-        self,
-        views: StereoViews,
-        filled: FilledStereo,
-        water: WaterEstimate,
-        shown: ChannelWater | None,
-        right_gain: PerChannel,
-        sides: Collection[str],
+        self, views: StereoViews, filled: FilledStereo, water: WaterEstimate,
+        shown: ChannelWater | None, right_gain: PerChannel, sides: Collection[str],
         known: LampLight | None,
     ) -> EnhancedImages:
         if shown is None:
@@ -340,13 +283,12 @@ class Pipeline:
     def _shown_water(
         self, water: WaterEstimate, coarse: CoarseEstimate, measured: RangeMap
     ) -> ChannelWater:
-        """Water that the images are restored with.
+        """Water to restore the images with.
 
-        A channel that step 2 refuses is restored with what step 1 says of it: an
-        image is worth more than none, and the estimate itself stays refused. Where
-        neither knows a channel that is not just dark, the image stays as it is: restored
-        in two channels of three it would have a false colour. A grey image has no colour
-        to be assessed, but a contrast to be restored.
+        A channel that step 2 refuses is restored with the estimate of step 1; the estimate itself
+        stays refused. Where neither knows a channel that has light, the image stays as it is:
+        restored in two of three channels it would have a false colour. A grey image still gets its
+        contrast restored.
         """
         if coarse.view.colour is not None:
             missing = np.isnan(water.attenuation)
@@ -361,8 +303,7 @@ class Pipeline:
                     (coarse.water.ambient_light_stddev, water.ambient_light_stddev))))
         assert isinstance(self._estimator, WaterEstimator)
         found = self._estimator.estimate_grey_view(
-            coarse.view, measured, range_error=self.rig.range_error(),
-        )
+            coarse.view, measured, range_error=self.rig.range_error())
         attenuation, ambient_light = found or (np.nan, np.nan)
         light = np.array([ambient_light])
         return ChannelWater(np.array([attenuation]), light, light)

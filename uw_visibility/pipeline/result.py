@@ -17,8 +17,8 @@ from uw_visibility.images.arrays import DisparityMap, Image, Mask, PerChannel, R
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.views import in_right_view
-from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.meaning.assessment import Visibility
 
 # Stand for an image, and for where it was limited, that nobody asked for.
 NOT_WANTED: Image = np.empty((0, 0), np.uint8)
@@ -172,12 +172,8 @@ def _matched_fraction(disparity: DisparityMap) -> float:
 class FilledRanges(NamedTuple):
     """Ranges of one view without holes.
 
-    Attributes
-    ----------
-    range_map : ndarray
-        ``(H, W)`` float32, m; infinite where the filled disparity lies at or beyond infinity.
-    matched : ndarray
-        ``(H, W)`` bool, where the range was measured.
+    `range_map` is (H, W) float32, m; infinite where the filled disparity lies at or beyond
+    infinity. `matched` tells where the range was measured.
     """
 
     range_map: RangeMap
@@ -185,18 +181,9 @@ class FilledRanges(NamedTuple):
 
 
 class FilledStereo(NamedTuple):
-    """Disparity of the left view without holes, and ranges.
+    """Disparity of the left view without holes, px, and ranges.
 
-    Attributes
-    ----------
-    disparity : ndarray
-        ``(H, W)`` float32, px; gaps filled.
-    measured : ndarray
-        ``(H, W)`` float32, m, of the left view; NaN where unmatched.
-    left : FilledRanges
-        Of the left view.
-    right : FilledRanges or None
-        Of the right view, where asked for.
+    `measured` are ranges of the left view, m; NaN where unmatched.
     """
 
     disparity: DisparityMap
@@ -209,19 +196,9 @@ class FilledStereo(NamedTuple):
         cls, rig: StereoRig, disparity: DisparityMap, filled: DisparityMap, right: bool,
         workers: Workers,
     ) -> FilledStereo:
-        """Find the ranges of one view or of both.
+        """Find the ranges of the left view, and of the right one if wanted.
 
-        Parameters
-        ----------
-        rig : StereoRig
-        disparity : ndarray
-            ``(H, W)`` float32, of the left view, px; NaN where unmatched.
-        filled : ndarray
-            ``(H, W)`` float32, the same without holes.
-        right : bool
-            Whether those of the right view are asked for.
-        workers : Workers
-            Threads.
+        `disparity` of the left view is NaN where unmatched, `filled` the same without holes.
         """
         left = FilledRanges(rig.range_of_filled(filled), np.isfinite(disparity))
         of_right = None

@@ -23,8 +23,7 @@ from uw_visibility.stereo.codec_noise import with_codec_noise
 from uw_visibility.stereo.contrast import LUMA, ContrastNormalizer, least_noise_weights
 from uw_visibility.stereo.denoising import ROUNDING
 from uw_visibility.stereo.elas import DenseMatch, SupportPoints
-from uw_visibility.stereo.gaps import GapFiller
-from uw_visibility.stereo.interpolation import inpaint
+from uw_visibility.stereo.interpolation import GapFiller, inpaint
 from uw_visibility.stereo.matchers import MATCHER, MATCHERS
 from uw_visibility.stereo.noise_scale import matching_scale, shown
 from uw_visibility.stereo.pyramid import Pyramid
@@ -74,15 +73,7 @@ class ImprovedDisparity:
 
 
 class _Scale:
-    """What matches small copies of images of one size; buffers preallocated.
-
-    Parameters
-    ----------
-    factor : int
-        Side of the squares of pixels whose means are matched, px.
-    shape, rig, config, workers
-        See `SecondStep`.
-    """
+    """Matcher of small copies of the images, reduced by `factor`; buffers preallocated."""
 
     def __init__(
         self, factor: int, shape: tuple[int, int], rig: StereoRig, config: PipelineConfig,
@@ -97,8 +88,7 @@ class _Scale:
         self.contrast = (
             ContrastNormalizer(small, self.factor), ContrastNormalizer(small, self.factor))
         self.airlight = Airlight(
-            small, self.pyramid.rig(rig, shape), limits[1] + 2, config.camera.transfer, workers
-        )
+            small, self.pyramid.rig(rig, shape), limits[1] + 2, config.camera.transfer, workers)
         self.gaps = GapFiller(small, config.enhancement.max_gap, workers)
 
     def downsample(self, views: StereoViews) -> StereoViews:
@@ -150,28 +140,12 @@ class SecondStep:
         self._airlight_used = config.stereo.airlight_prior > 0
 
     def run(
-        self,
-        views: StereoViews,
-        coarse: CoarseEstimate,
-        clock: StageClock,
-        *,
-        match_original: bool = False,
-        confidence: bool = True,
+        self, views: StereoViews, coarse: CoarseEstimate, clock: StageClock, *,
+        match_original: bool = False, confidence: bool = True,
     ) -> ImprovedDisparity:
-        """Match a pair densely, its contrast restored with what step 1 says.
+        """Match a pair densely, its contrast restored with the estimate of step 1.
 
-        Parameters
-        ----------
-        views : StereoViews
-            The pair.
-        coarse : CoarseEstimate
-            Of step 1.
-        clock : StageClock
-            Times the stages.
-        match_original : bool
-            Whether to match the raw pair too, for comparison.
-        confidence : bool
-            Whether to rate the disparities.
+        `match_original`: match the raw pair too; `confidence`: rate the disparities.
         """
         original = None
         if match_original:
@@ -233,7 +207,7 @@ class SecondStep:
         self, scale: _Scale, views: StereoViews, coarse: CoarseEstimate, clock: StageClock,
         confidence: bool,
     ) -> tuple[DenseMatch, int]:
-        """Match the restored pair at a scale: the match, and how many support points."""
+        """Match the restored pair at a scale: the match, and the number of support points."""
         small = views
         if scale.factor > 1:
             with clock("reduction"):
@@ -254,10 +228,10 @@ class SecondStep:
         self, found: ImprovedDisparity, scale: _Scale, views: StereoViews, coarse: CoarseEstimate,
         clock: StageClock,
     ) -> ImprovedDisparity:
-        """Add ranges of what is too dark for a scale, and leave out those of noise alone.
+        """Add ranges of what is too dark for a scale, and remove those of noise alone.
 
-        Light of lamps falls so fast with range that no one scale suits the near and the far: what
-        is not matched is matched at the next coarser scale. The water alone is told of it.
+        The light of lamps falls so fast with range that no one scale suits near and far: what is
+        not matched is matched at the next coarser scale, for the estimate of the water only.
         """
         coarser = self._coarser(scale)
         whole = found.with_occlusions
@@ -287,14 +261,11 @@ class SecondStep:
         found = self._finest.matcher.dense_disparity(support, confidence=False).disparity
         return self._finest.pyramid.upsample_disparity(found, self._shape)
 
-    def _describe_restored(
-        self, scale: _Scale, views: StereoViews, coarse: CoarseEstimate
-    ) -> None:
-        """Describe the pair with its contrast restored; without estimate as it is.
+    def _describe_restored(self, scale: _Scale, views: StereoViews, coarse: CoarseEstimate) -> None:
+        """Describe the pair with its contrast restored; without an estimate as it is.
 
-        Under lamps it is their known light that falls with range, whatever the water is.
-        By daylight channels that are too dark are left out. One that is refused for another reason
-        still shows the scene: without it less is left than of the image as it is.
+        Under lamps the known light is divided out, whatever the water is. By daylight channels that
+        are too dark are left out; those refused for another reason still show the scene.
         """
         water, lamps = coarse.water, self._lamps
         left, right = views
@@ -316,8 +287,7 @@ class SecondStep:
         self._workers.together(
             lambda: describe(0, left, coarse.disparity, np.ones(3)),
             lambda: describe(
-                1, right, in_right_view(coarse.disparity, self._workers), coarse.right_gain),
-        )
+                1, right, in_right_view(coarse.disparity, self._workers), coarse.right_gain))
 
     def _airlight_prior(
         self, scale: _Scale, left: View, coarse: CoarseEstimate, points: Points
@@ -328,11 +298,7 @@ class SecondStep:
         return scale.airlight.prior(left.pixels, coarse.water, points, left.noise)
 
     def _upsample(
-        self,
-        scale: _Scale,
-        match: DenseMatch,
-        original: DisparityMap | None,
-        support_points: int,
+        self, scale: _Scale, match: DenseMatch, original: DisparityMap | None, support_points: int,
         clock: StageClock,
     ) -> ImprovedDisparity:
         """Bring what was matched to the size of the images."""

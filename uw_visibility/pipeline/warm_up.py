@@ -17,25 +17,21 @@ from uw_visibility.optics.light_model import attenuate
 
 
 def warm_up_config(config: PipelineConfig) -> PipelineConfig:
-    """Return a configuration that compiles the same for images of any size.
+    """Configuration that compiles the same kernels for images of any size.
 
-    A flat field has the size of the images to come, and their disparities may begin
-    beyond those of a small pair.
+    A flat field has the size of the real images, and their disparities may begin beyond those of a
+    small pair.
     """
     camera, stereo = config.camera, config.stereo
     if camera.flat_field or camera.flat_field_right:
-        camera = replace(
-            camera, flat_field="", flat_field_right="", vignetting=(-0.1, 0.0, 0.0)
-        )
-    return replace(
-        config, camera=camera, stereo=replace(stereo, min_disparity=0, max_disparity=0)
-    )
+        camera = replace(camera, flat_field="", flat_field_right="", vignetting=(-0.1, 0.0, 0.0))
+    return replace(config, camera=camera, stereo=replace(stereo, min_disparity=0, max_disparity=0))
 
 
 def warm_up_pair(
     shape: tuple[int, int], dtype: np.dtype[Any], *, grey: bool = False, smooth: bool = False
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return a pair of three planes under water, which every stage has work with.
+    """Pair of three planes under water, which exercises every stage.
 
     Its texture counts as noise, unless it is smooth.
     """
@@ -55,12 +51,10 @@ def warm_up_pair(
 
 
 def warm_up_scene(image: Image) -> tuple[NDArray[Any], tuple[NDArray[np.float32], ...]]:
-    """Return an image and ranges with open water in view, for all that an estimate may need.
+    """Image and ranges with open water in view, which exercise the whole estimator.
 
-    Ranges that fall downwards, and such that halves of the image see all of, since those are
-    compared at equal range.
-
-    The water is brighter above, as looking ahead it is.
+    One map of ranges falls downwards; in the other each half of the image has all ranges, since
+    halves are compared at equal range. The water is brighter above, as looking ahead it is.
     """
     height, width = image.shape[:2]
     open_water = slice(0, height // 3)

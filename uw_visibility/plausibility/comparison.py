@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,12 +23,27 @@ class DepthSample:
     depth : float
         m, positive down; NaN where it is not known.
     variance : float
-        m².
+        m²; an estimate's, of what differs between frames.
+    constant_variance : float
+        Of what an estimate's error has in common over a dive, m².
     """
 
     stamp: int
     depth: float
     variance: float
+    constant_variance: float = 0.0
+
+    @classmethod
+    def estimated(
+        cls, stamp: int, depth: float, stddev: float, precision: float
+    ) -> DepthSample:
+        """Return an estimate of depth, m, with its standard deviation and precision, m.
+
+        All are NaN where depth is not known.
+        """
+        if not (math.isfinite(depth) and math.isfinite(precision)):
+            return cls(stamp, math.nan, math.nan)
+        return cls(stamp, depth, precision**2, max(stddev**2 - precision**2, 0.0))
 
     @property
     def depth_stddev(self) -> float:
@@ -72,7 +88,7 @@ def neighbours(
         return after, after, 1.0
     before = values[max(index - 1, 0)]
     gap = after.stamp - before.stamp
-    # Before the first value there is no neighbour.
+    # No extrapolation.
     return (before, after, (stamp - before.stamp) / gap) if 0 < gap <= longest_gap * 1e9 else None
 
 
@@ -100,7 +116,6 @@ class Verdict(str, Enum):
     WARN = "warning"
     ERROR = "error"
     STALE = "stale"
-    LEARNING = "learning"
     NOT_ASSESSABLE = "not assessable"
 
     def __str__(self) -> str:
@@ -114,17 +129,17 @@ class Comparison:
     Attributes
     ----------
     estimate, sensor : DepthSample
-        The sensor's is interpolated and without the learned bias.
+        The sensor's is interpolated.
     innovation : float
-        ν = sensor - bias - estimate, m.
+        ν, m: sensor less estimate, less what is expected of that by the frames before.
     variance : float
-        S, m²: of the estimate, the sensor, the model and the learned bias.
+        S, m²: of the estimate, the sensor, the model and what is expected.
     nis : float
         ν²/S.
     gate : float
         Largest magnitude of ν that passes, m.
     conclusive : bool
-        Whether the gate is narrow enough to prove anything.
+        Whether it proves anything: the gate is narrow, or ν beyond it.
     """
 
     estimate: DepthSample
@@ -147,19 +162,15 @@ class Report:
 
     Attributes
     ----------
-    verdict : Verdict
     reason : str
         The verdict in a sentence.
-    last : Comparison or None
     compared, failed, inconclusive, unmatched : int
-        Comparisons; those beyond their gate; those whose gate was too wide;
-        estimates without a sensor's value at their stamp.
-    consecutive : int
-        Comparisons beyond the gate in a row.
+        Comparisons; those beyond their gate; those within a gate too wide to prove
+        anything; estimates without a sensor's value at their stamp.
+    evidence : float
+        Of a fault, s: a right sensor shows as much once in so long on average at most.
     bias, bias_stddev : float
-        Constant difference learned, m; NaN where none is.
-    learned : int
-        Differences that it was learned from so far.
+        Constant difference learned, m; NaN before the first comparison.
     """
 
     verdict: Verdict
@@ -169,7 +180,6 @@ class Report:
     failed: int
     inconclusive: int
     unmatched: int
-    consecutive: int
+    evidence: float
     bias: float
     bias_stddev: float
-    learned: int

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Innovation test (NIS) of a depth sensor against the depth estimated from colour.
 
-The test is the one of a filter's consistency: the innovation ν, its variance S
-and the normalised innovation squared ν²/S against the χ² distribution with one
-degree of freedom (Bar-Shalom, Li and Kirubarajan, "Estimation with Applications
-to Tracking and Navigation", 2001, section 5.4, doi:10.1002/0471221279).
+The test is the one of a filter's consistency: the innovation ν, its variance S and the
+normalised innovation squared ν²/S against the χ² distribution with one degree of freedom
+(Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation",
+2001, section 5.4, doi:10.1002/0471221279). What is expected of the difference, and the evidence
+of a fault, are those of `uw_visibility.plausibility.model`.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ from __future__ import annotations
 import math
 from collections import deque
 
-import numpy as np
 from scipy.special import chdtri
 
 from uw_visibility.config.schema import PlausibilityConfig
@@ -24,25 +24,27 @@ from uw_visibility.plausibility.comparison import (
     Verdict,
     interpolate,
 )
+from uw_visibility.plausibility.model import INTERVAL, InnovationModel
 from uw_visibility.status import Status
 
-# Memory is bounded whatever arrives: 10 s of a sensor at 200 Hz.
+# Bounds memory: 10 s of a sensor at 200 Hz.
 SENSOR_SAMPLES = 2000
 WAITING_ESTIMATES = 100
 
-# A stamp that is older than the newest by more than this is a new recording.
+HOUR = 3600.0
+# Tolerance for rounding at the limit of evidence.
+REACHED = 1.0 - 1e-9
+NO_SENSOR = "no depth_sensor yet"
+
+# A stamp older than the newest by more than this starts a new recording, ns.
 RESTART_NANOSECONDS = 1_000_000_000
 
 
 class DepthMonitor:
-    """Innovation test of a depth sensor, with a verdict over runs of comparisons.
+    """Innovation test of a depth sensor, with a verdict by the evidence of all comparisons.
 
     An estimate waits until the sensor's values enclose its stamp. Times of
     arrival are of any clock that only goes forward, and tell what is stale.
-
-    Parameters
-    ----------
-    config : PlausibilityConfig
 
     Attributes
     ----------
@@ -58,13 +60,15 @@ class DepthMonitor:
         """Forget everything, the learned bias too."""
         self._samples: deque[DepthSample] = deque(maxlen=SENSOR_SAMPLES)
         self._waiting: deque[DepthSample] = deque(maxlen=WAITING_ESTIMATES)
-        self._differences: list[tuple[float, float]] = []
+        self._model: InnovationModel | None = None
+        # Stamp of the last comparison that the model has taken.
+        self._taken = 0
         self._status = Status.OK
         self._last: Comparison | None = None
         self._sensor_arrival = self._estimate_arrival = -math.inf
         self._compared_arrival = self._conclusive_arrival = -math.inf
         self._compared = self._failed = self._inconclusive = 0
-        self._unmatched = self._consecutive = 0
+        self._unmatched = 0
 
     def add_sensor(self, sample: DepthSample, arrival: float) -> list[Comparison]:
         """Take a value of the sensor.
@@ -118,15 +122,14 @@ class DepthMonitor:
         return self._compare_waiting(arrival)
 
     def report(self, now: float) -> Report:
-        """Return the verdict at a time of the clock of the arrivals, s."""
+        """Return the verdict at a time, s, of the clock of the arrivals."""
         self._give_up_waiting()
         verdict, reason = self._judge(now)
-        learned = self.config.bias_window > 0 and self._learning_done()
-        bias, bias_variance = self._bias() if learned else (math.nan, math.nan)
+        model = self._model
+        bias, bias_stddev = model.constant if model is not None else (math.nan, math.nan)
         return Report(
             verdict, reason, self._last, self._compared, self._failed, self._inconclusive,
-            self._unmatched, self._consecutive, bias, math.sqrt(bias_variance),
-            len(self._differences),
+            self._unmatched, model.evidence if model is not None else 0.0, bias, bias_stddev,
         )
 
     def _compare_waiting(self, arrival: float) -> list[Comparison]:
@@ -144,7 +147,7 @@ class DepthMonitor:
         return comparisons
 
     def _give_up_waiting(self) -> None:
-        """Let go of estimates that the sensor, or another recording, has left behind."""
+        """Drop waiting estimates that are too old, or of another recording."""
         limit = self.config.timeout * 1e9
         while len(self._waiting) > 1 and (
             abs(self._waiting[-1].stamp - self._waiting[0].stamp) > limit
@@ -153,48 +156,37 @@ class DepthMonitor:
             self._unmatched += 1
 
     def _compare(self, estimate: DepthSample, sensor: DepthSample, arrival: float) -> Comparison:
-        bias, bias_variance = self._bias() if self._learning_done() else (0.0, 0.0)
-        innovation = sensor.depth - bias - estimate.depth
-        variance = (
-            estimate.variance + sensor.variance + self.config.model_stddev**2 + bias_variance
-        )
-        # Nothing at all is never certain.
-        variance = max(variance, 1e-12)
-        gate = math.sqrt(chdtri(1, 1.0 - self.config.confidence) * variance)
+        config, model = self.config, self._model
+        if model is None or model.stddev != config.model_stddev:
+            # The constant is at least as uncertain as the rest.
+            constant = max(math.sqrt(estimate.constant_variance), config.model_stddev)
+            model = self._model = InnovationModel(
+                config.model_stddev, constant, estimate.depth)
+            self._taken = estimate.stamp - RESTART_NANOSECONDS
+        elapsed = 1e-9 * abs(estimate.stamp - self._taken)
+        difference = sensor.depth - estimate.depth
+        # Avoids a zero variance.
+        own = max(estimate.variance + sensor.variance, 1e-12)
+        expected, stddev = model.predict(elapsed, estimate.depth, own)
+        if elapsed >= INTERVAL:
+            model.update(
+                elapsed, estimate.depth, difference, own, HOUR * config.error_interval)
+            self._taken = estimate.stamp
+        innovation, variance = difference - expected, stddev**2
+        gate = math.sqrt(chdtri(1, 1.0 - config.confidence) * variance)
         comparison = Comparison(
             estimate, sensor, innovation, variance, innovation**2 / variance, gate,
-            conclusive=gate <= self.config.max_gate,
+            conclusive=gate <= config.max_gate or abs(innovation) > gate,
         )
         self._last = comparison
-        self._count(comparison, arrival)
-        return comparison
-
-    def _count(self, comparison: Comparison, arrival: float) -> None:
         self._compared += 1
         self._compared_arrival = arrival
-        if not comparison.conclusive:
-            # Passing a wide gate proves nothing, so the row goes on.
+        if comparison.conclusive:
+            self._conclusive_arrival = arrival
+            self._failed += not comparison.passed
+        else:
             self._inconclusive += 1
-            return
-        self._conclusive_arrival = arrival
-        if not self._learning_done():
-            self._differences.append((comparison.innovation, comparison.variance))
-            return
-        self._failed += not comparison.passed
-        self._consecutive = 0 if comparison.passed else self._consecutive + 1
-
-    def _learning_done(self) -> bool:
-        return len(self._differences) >= self.config.bias_window
-
-    def _bias(self) -> tuple[float, float]:
-        """Return the learned bias (weighted mean of the first differences) and its variance."""
-        if self.config.bias_window == 0:
-            return 0.0, 0.0
-        values, variances = np.array(self._differences[: self.config.bias_window]).T
-        weights = 1.0 / variances
-        mean = float(np.average(values, weights=weights))
-        scatter = float(np.average((values - mean) ** 2, weights=weights)) / len(values)
-        return mean, max(1.0 / float(weights.sum()), scatter)
+        return comparison
 
     def _judge(self, now: float) -> tuple[Verdict, str]:
         config = self.config
@@ -203,29 +195,27 @@ class DepthMonitor:
             return Verdict.STALE, stale
         if self._status is not Status.OK:
             return Verdict.NOT_ASSESSABLE, f"the depth is not assessable: {self._status}"
-        if self._last is None or now - self._compared_arrival > config.timeout:
+        model, last = self._model, self._last
+        if model is None or last is None or now - self._compared_arrival > config.timeout:
             return Verdict.STALE, (
                 "no depth_sensor value at the stamps of the images: are both on one clock?"
             )
+        bias, bias_stddev = model.constant
+        found = (
+            f"sensor {last.innovation:+.2f} m from what is expected, gate {last.gate:.2f} m, "
+            f"after a learned bias of {bias:+.2f} ± {bias_stddev:.2f} m"
+        )
+        for verdict, hours in (
+            (Verdict.ERROR, config.error_interval), (Verdict.WARN, config.warn_interval),
+        ):
+            if model.evidence >= REACHED * HOUR * hours:
+                return verdict, (
+                    f"{found}; a right sensor shows as much at most once in {hours:g} h"
+                )
         if now - self._conclusive_arrival > config.timeout:
             return Verdict.NOT_ASSESSABLE, (
-                f"too uncertain: a difference of {self._last.gate:.2f} m would pass"
+                f"too uncertain: a difference of {last.gate:.2f} m would pass"
             )
-        if not self._learning_done():
-            return Verdict.LEARNING, (
-                f"learning the constant bias, {len(self._differences)} of {config.bias_window} "
-                "differences: nothing is judged yet"
-            )
-        found = (
-            f"sensor {self._last.innovation:+.2f} m from the estimate, gate {self._last.gate:.2f} m"
-        )
-        if config.bias_window:
-            found += f", after a learned bias of {self._bias()[0]:+.2f} m"
-        row = f"{found}, {self._consecutive} in a row beyond their gate"
-        if self._consecutive >= config.error_after:
-            return Verdict.ERROR, row
-        if self._consecutive >= config.warn_after:
-            return Verdict.WARN, row
         return Verdict.OK, found
 
     def _stale(self, now: float) -> str:

@@ -21,7 +21,7 @@ __all__ = ["ReplayedFrame", "Wanted", "read"]
 
 
 def __getattr__(name: str) -> Any:
-    # Who only writes a bag needs no pipeline, so it is loaded when it is asked for.
+    # Loaded on demand: writing a bag needs no pipeline.
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from uw_visibility.replay import library

@@ -1,27 +1,45 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Batch replay: recordings one after the other, their frames in parallel."""
+"""Replay of recordings, one after the other, into folders of results."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 from uw_visibility import __version__
+from uw_visibility.compute.threads import number_of_threads
+from uw_visibility.config.files import sole_writer
 from uw_visibility.errors import InputError, printable
 from uw_visibility.replay import stores
 from uw_visibility.replay.bags.layout import find_files
-from uw_visibility.replay.inputs.lacks import check_in_any
-from uw_visibility.replay.inputs.options import ReplayOptions
-from uw_visibility.replay.pool import FramePool, frame_pool
-from uw_visibility.replay.progress import MakeCounter, Progress
+from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.inputs.options import ReplayOptions, check_in_any, without_lacking
+from uw_visibility.replay.inputs.stream import Event, InputStream, RecordedFrame
+from uw_visibility.replay.progress import Progress
+from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.report.sentences import verdict
-from uw_visibility.replay.results.folder import MARK
-from uw_visibility.replay.results.provenance import Origin
+from uw_visibility.replay.results.exports import check_exports, write_exports
+from uw_visibility.replay.results.folder import DAY, MARK, RESULT, ResultFolder
+from uw_visibility.replay.results.joining import Joiner
+from uw_visibility.replay.results.mcap import EarlierPart, copied_topics
+from uw_visibility.replay.results.provenance import FileHash, Origin
+from uw_visibility.replay.results.recorder import FrameRecorder, frame_topics
 from uw_visibility.replay.results.summary import Summary
-from uw_visibility.replay.runner import replay_bag
+from uw_visibility.replay.results.synopsis import Findings
 from uw_visibility.replay.stores import Place
+from uw_visibility.replay.work import (
+    FrameAnswer,
+    FramePool,
+    FrameTask,
+    LightHistory,
+    Recording,
+    frame_pool,
+)
 
 
 def replay_bags(
@@ -31,7 +49,6 @@ def replay_bags(
     jobs: int = 1,
     force: bool = False,
     resume: bool = False,
-    counter: MakeCounter = Progress,
 ) -> list[Summary]:
     """Replay recordings into folders.
 
@@ -46,8 +63,6 @@ def replay_bags(
     force, resume : bool
         Whether existing results are replaced, or partial ones gone on from and
         complete ones left as they are.
-    counter : callable
-        Makes what counts a recording's frames.
 
     Returns
     -------
@@ -61,16 +76,17 @@ def replay_bags(
         join. Of several recordings, one that cannot be used holds up no other: its
         summary says why, and what a recording lacks of the topics to join.
     """
+    stores.check_urls([*targets, *targets.values()])
     options = replace(options, several=options.several or len(targets) > 1)
     finished = {
         bag: _finished(bag, target, options) if resume and not force else None
         for bag, target in targets.items()
     }
-    # What is finished was made with the same topics, and to look for them may be to fetch.
+    # Finished results had the same topics, and the check may have to download recordings.
     if len(targets) > 1 and not any(finished.values()):
         check_in_any(targets, options)
     for bag, target in targets.items():
-        # Before hours of work on the others, not after.
+        # Checked before hours of work.
         if finished[bag] is None:
             stores.check_place(target, force)
     with frame_pool(jobs, options.pipeline) as pool:
@@ -78,14 +94,14 @@ def replay_bags(
         for bag, target in targets.items():
             try:
                 outcomes.append(finished[bag] or _replay(
-                    bag, target, options, pool, force=force, resume=resume, counter=counter,
+                    bag, target, options, pool, force=force, resume=resume,
                 ))
             except InputError as error:
                 outcomes.append(error)
             except (MemoryError, OSError):
                 raise
             except Exception as error:
-                # Whatever is wrong here, it costs this recording, not a night of others.
+                # An internal error must not stop the other recordings.
                 if not options.several:
                     raise
                 outcomes.append(_internal(error))
@@ -93,7 +109,7 @@ def replay_bags(
 
 
 def _internal(error: Exception) -> InputError:
-    """Return what is told of an error inside that costs a recording its result."""
+    """Describe an internal error as the reason why a recording has no result."""
     reason = printable(" ".join(str(error).split()))
     return InputError(
         f"internal error, {type(error).__name__}: {reason} (replay it alone with --debug, which "
@@ -103,20 +119,7 @@ def _internal(error: Exception) -> InputError:
 def settle(
     targets: Mapping[Place, Place], outcomes: Sequence[Summary | InputError]
 ) -> list[Summary]:
-    """Return a summary for each recording, if there is a result of any.
-
-    Parameters
-    ----------
-    targets : mapping of (Path or str) to (Path or str)
-        Folder by recording.
-    outcomes : sequence of Summary or InputError
-        What became of each.
-
-    Raises
-    ------
-    InputError
-        The first one, if there is nothing else.
-    """
+    """Return a summary for each recording, if there is a result of any."""
     summaries = []
     for (bag, target), outcome in zip(targets.items(), outcomes, strict=True):
         if isinstance(outcome, InputError):
@@ -128,22 +131,19 @@ def settle(
 
 
 def _replay(
-    bag: Place, target: Place, options: ReplayOptions, pool: FramePool, **how: Any
+    bag: Place, target: Place, options: ReplayOptions, pool: FramePool, *, force: bool, **how: Any
 ) -> Summary:
-    """Replay a recording from where it is to where its result shall be."""
-    with stores.recording_here(bag) as recording, stores.result_here(target) as folder:
-        summary = replay_bag(recording, folder, options, pool, **how)
+    """Replay a recording; fetch it from a store and put the result there, where they are URLs."""
+    with (
+        stores.recording_here(bag) as recording,
+        stores.result_here(target, force=force) as folder,
+    ):
+        summary = replay_bag(recording, folder, options, pool, force=force, **how)
     return replace(summary, bag=str(bag), output=str(target))
 
 
 def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | None:
-    """Return the summary of a result that is there already, complete and made alike.
-
-    Raises
-    ------
-    InputError
-        If it was made otherwise, saying what differs.
-    """
+    """Return the summary of an existing complete result of the same recording and options."""
     try:
         state = stores.read_state_at(target)
     except (OSError, ValueError):
@@ -151,7 +151,7 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
     if not state.get("complete"):
         return None
     if isinstance(bag, str):
-        # To compare the recording would be to fetch it.
+        # Comparing the recording would need a download.
         origin = Origin(bag, str(state.get("fingerprint")), __version__, options.parameters())
     else:
         origin = Origin.of(bag, find_files(bag).files, options.parameters())
@@ -166,7 +166,7 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
         )
     try:
         summary = Summary.of_finished(str(bag), str(target), state)
-        # What is told of it at the end needs more of the state than its form.
+        # The texts at the end read more of the state than this: damage must show here.
         for tell in (
             summary.rejections, summary.surveyed, summary.refusals.together,
             lambda: verdict(summary),
@@ -178,3 +178,228 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
             f"{stores.child(target, MARK)} is damaged: give another name, or --force to replace "
             "the result"
         ) from error
+
+
+def replay_bag(
+    bag: Path,
+    target: Path,
+    options: ReplayOptions,
+    pool: FramePool,
+    *,
+    force: bool = False,
+    resume: bool = False,
+) -> Summary:
+    """Replay a recording into a folder.
+
+    Parameters
+    ----------
+    bag : Path
+        The recording.
+    target : Path
+        Folder to make.
+    options : ReplayOptions
+        What is wanted.
+    pool : FramePool
+        Where frames are worked on.
+    force, resume : bool
+        Whether an existing result is replaced, or a partial one gone on from.
+
+    Raises
+    ------
+    InputError
+        If the recording or the folder cannot be used.
+    KeyboardInterrupt
+        After an interruption; what there is by then is a readable partial result.
+    """
+    check_exports(options)
+    with BagReader(bag) as reader, sole_writer(target, RESULT, DAY):
+        used, lacks = without_lacking(reader, options) if options.several else (options, {})
+        stream = InputStream(reader, used)
+        folder = ResultFolder(target, force=force, resume=resume)
+        try:
+            replay = _Replay(reader, stream, options, folder)
+            replay.summary.lacks = [f"{name} is not joined: {why}" for name, why in lacks.items()]
+            with replay:
+                replay.run(pool)
+        except OSError as error:
+            raise InputError(
+                f"cannot write {folder.work}: {error.strerror or error}; with more room "
+                "--resume goes on from it"
+            ) from error
+        return replay.summary
+
+
+class _Replay:
+    """State of a replay under way: everything that is open while it runs."""
+
+    def __init__(
+        self,
+        reader: BagReader,
+        stream: InputStream,
+        options: ReplayOptions,
+        folder: ResultFolder,
+    ) -> None:
+        self._reader, self._stream = reader, stream
+        self._options, self._folder = options, folder
+        self._begin = time.monotonic()
+        selection = stream.selection
+        self.summary = Summary(str(reader.path), str(folder.target), notes=list(selection.notes))
+        self.summary.topics = {
+            name: topic for name, topic in selection.by_use().items() if topic is not None}
+        self._origin = Origin.of(reader.path, reader.files, options.parameters())
+        self._check_earlier()
+        self._hash = FileHash(reader.files)
+        self._earlier: EarlierPart | None = None
+        if folder.earlier is not None:
+            self._earlier = EarlierPart(folder.earlier, frame_topics(options))
+        self._copied = copied_topics(
+            selection, reader.channels, rectify=options.node.rectify) if options.all_topics else {}
+        self._recorder = FrameRecorder(
+            folder.work, options, self._earlier.timings if self._earlier else {}, self._copied
+        )
+        self._joiner = Joiner(
+            stream.plausibility, selection.position is not None, options.origin, options.joins,
+            options.join_tolerance,
+        )
+        self._findings = Findings(options.pipeline.assessment.contrast)
+        folder.write_state(self._state())
+
+    def run(self, pool: FramePool) -> None:
+        """Replay the recording to its end."""
+        lights = LightHistory(pool.read_ahead)
+        with closing(Progress(self._reader.path.name, self._stream.expected_frames)) as progress:
+            for item in pool.answers(self._tasks(self._stream.events(), lights)):
+                if isinstance(item, FrameAnswer):
+                    filtered = self._recorder.write_frame(item)
+                    lights.add(self._recorder.lamps)
+                    self._write_rows(self._joiner.add_frame(item.record, filtered))
+                    progress.add()
+                else:
+                    self._write_rows(self._joiner.add(item))
+        if self._copied:
+            for message in self._reader.messages(self._copied, *self._stream.interval()):
+                self._recorder.copy(message, ros1=self._reader.ros1)
+        self.summary.complete = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *details: object) -> None:
+        early = kind is not None and issubclass(kind, (InputError, KeyboardInterrupt))
+        if early and self.summary.frames == 0:
+            # Refused or interrupted before the first frame: nothing is worth keeping.
+            self._hash.stop()
+            self._recorder.close({})
+            self._folder.refuse_earlier()
+            return
+        try:
+            self._finish(hashed=kind is None)
+        except OSError:
+            # The first error matters, not that the report cannot be written on a full disk.
+            if kind is None:
+                raise
+        if kind is None:
+            self._folder.forget_earlier()
+            self._folder.check_complete()
+            self._recorder.forget_records()
+            self._folder.complete()
+        elif self._earlier is not None and self.summary.frames < len(self._earlier.timings):
+            # This run has less than the earlier part, which is kept for --resume.
+            self._folder.refuse_earlier()
+        else:
+            self._folder.forget_earlier()
+
+    def _tasks(
+        self, events: Iterable[Event], lights: LightHistory
+    ) -> Iterator[Any]:
+        """Yield a task or an earlier answer for each frame, and sensor values.
+
+        Under lamps a frame is restored with the light of those before, but for the last few
+        that several processes may still be at.
+        """
+        recording = Recording.of(
+            self._reader, self._stream.selection, self._options, frame_topics(self._options))
+        known = self._earlier.answers() if self._earlier is not None else iter(())
+        for event in events:
+            if not isinstance(event, RecordedFrame):
+                yield event
+                continue
+            earlier = next(known, None)
+            if earlier is not None and earlier.record.frame != event.number:
+                raise InputError(
+                    f"{self._folder.earlier} is not of these frames: --force begins anew"
+                )
+            light = lights.next()
+            yield FrameTask(recording, event, light) if earlier is None else earlier
+
+    def _write_rows(self, frames: Iterator[JoinedFrame]) -> None:
+        for joined in frames:
+            self._recorder.write_row(joined)
+            self.summary.count(joined)
+            self._findings.count(joined)
+
+    def _finish(self, hashed: bool) -> None:
+        """Close everything, whole or partial, and write report and summary."""
+        if not hashed:
+            self._hash.stop()
+        if self.summary.complete:
+            self._write_rows(self._joiner.finish())
+        self._collect()
+        summary, origin = self.summary, self._origin
+        summary.provenance = {
+            "version": origin.version, "bag": origin.bag, "input_sha256": self._hash.result(),
+            "complete": summary.complete, "parameters": origin.parameters,
+            "threads": number_of_threads(self._options.pipeline.threads),
+        }
+        self._recorder.close(summary.provenance)
+        self._folder.write_state(self._state())
+        self._write_extras()
+
+    def _state(self) -> dict[str, Any]:
+        return self.summary.state(self._origin) | {"extras": self._options.extras()}
+
+    def _collect(self) -> None:
+        stream, summary = self._stream, self.summary
+        summary.plausibility = self._joiner.report()
+        summary.synopsis = self._findings.synopsis()
+        summary.verdicts = self._joiner.verdicts
+        summary.resumed = self._recorder.resumed
+        summary.dropped = stream.synchronizer.dropped
+        summary.damage = list(dict.fromkeys(self._reader.damage))
+        if summary.complete:
+            summary.damage += stream.missing()
+        summary.damage += [f"{reason} ({count})" for reason, count in stream.problems.items()]
+        summary.damage += [
+            f"{count} of {summary.frames} frames lie {reason} of {stream.selection.position}, and "
+            "have no position" for reason, count in self._joiner.unplaced.items()
+        ]
+        restarts = stream.synchronizer.restarts
+        if restarts:
+            times = "once" if restarts == 1 else f"{restarts} times"
+            summary.damage.append(f"stamps of the images jumped back {times}")
+        summary.seconds = time.monotonic() - self._begin
+
+    def _write_extras(self) -> None:
+        from uw_visibility.replay.report.gallery import Gallery
+        from uw_visibility.replay.report.report import fit_joins, write_report
+
+        work = self._folder.work
+        write_exports(work, self._recorder.columns, self.summary.provenance, self._options)
+        gallery = Gallery(work, self._reader, self._stream.selection)
+        if self.summary.complete:
+            gallery.write(self._options)
+        write_report(work, gallery, self.summary, fit_joins(work, self._options.joins))
+
+    def _check_earlier(self) -> None:
+        """Refuse to go on with another input or other parameters."""
+        if self._folder.earlier is None:
+            return
+        try:
+            difference = self._origin.difference(self._folder.state())
+            if difference:
+                raise InputError(
+                    f"the partial result {self._folder.work} {difference}: --force begins anew"
+                )
+        except InputError:
+            self._folder.refuse_earlier()
+            raise

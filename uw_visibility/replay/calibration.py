@@ -19,17 +19,16 @@ from uw_visibility.optics.spectra import load_response
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
-from uw_visibility.replay.pool import FramePool, frame_pool
 from uw_visibility.replay.progress import Progress
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.joining import Joiner
-from uw_visibility.replay.work import FrameAnswer, FrameTask, Recording
-from uw_visibility.water.calibration import Calibration, calibrate
+from uw_visibility.replay.work import FrameAnswer, FramePool, FrameTask, Recording, frame_pool
+from uw_visibility.water.daylight.priors import NOTHING_EXPECTED
 from uw_visibility.water.estimate import WaterEstimate
-from uw_visibility.water.priors import NOTHING_EXPECTED
+from uw_visibility.water.meaning.calibration import Calibration, calibrate
 
-# Over less, water above and the camera's white look the same: light that is
-# greener may have come through more of a greener water, or to a greener camera.
+# Over smaller differences, water type and white reference cannot be told apart: greener
+# light may come from greener water or from a greener camera. In m.
 LEAST_DEPTH_SPREAD = 1.0
 
 
@@ -91,15 +90,9 @@ def calibrate_recordings(
     Calibration
     CalibrationSeries
         What it was found from.
-
-    Raises
-    ------
-    InputError
-        If a recording cannot be used or has no depth sensor, or if there are too
-        few frames or too little difference of depth between them.
     """
-    # What is expected of the light's colour rests on the white reference and the water type that
-    # are sought, and would draw the estimates to the ones given.
+    # The prior on the light's colour uses the white reference and water type that are sought,
+    # and would pull the estimates to the given ones.
     water = replace(options.pipeline.water, daylight_tolerance=NOTHING_EXPECTED)
     options = replace(options, pipeline=replace(options.pipeline, water=water))
     _check_spread(_sensed_depths(bags, options))
@@ -115,7 +108,7 @@ def calibrate_recordings(
 
 
 def _sensed_depths(bags: Sequence[Path], options: ReplayOptions) -> tuple[float, float]:
-    """Return the least and the largest depth that sensors say, before any frame is worked on."""
+    """Return smallest and largest sensor depth, before any frame is processed."""
     low, high = math.inf, -math.inf
     for bag in bags:
         with BagReader(bag) as reader:
@@ -127,13 +120,7 @@ def _sensed_depths(bags: Sequence[Path], options: ReplayOptions) -> tuple[float,
 
 
 def _check_spread(depths: tuple[float, float]) -> None:
-    """Refuse depths that are too much alike; none at all are told of later.
-
-    Raises
-    ------
-    InputError
-        Naming by how much they differ.
-    """
+    """Refuse depths that are too much alike; none at all are told of later."""
     spread = depths[1] - depths[0]
     if 0.0 <= spread < LEAST_DEPTH_SPREAD:
         raise InputError(

@@ -14,8 +14,8 @@ from uw_visibility.messages.stamps import iso_time, seconds
 from uw_visibility.optics.water_type import TYPES
 from uw_visibility.plausibility.comparison import Verdict
 from uw_visibility.status import Status
-from uw_visibility.water.derived import QUANTITIES
-from uw_visibility.water.tracking import TrackingEvent
+from uw_visibility.water.meaning.derived import QUANTITIES
+from uw_visibility.water.series.tracking import TrackingEvent
 
 FAILED = "unusable"
 """Status of frames that gave no result; the column ``reason`` says why."""
@@ -68,11 +68,11 @@ class Column:
     source: str = ""
 
     def meaning(self, choice: str) -> str:
-        """Return what a word of the table says in reports and messages."""
+        """Return the meaning of a choice, as reports and messages state it."""
         return dict(zip(self.choices, self.meanings, strict=True)).get(choice, choice)
 
     def text(self, sources: Mapping[str, Any]) -> str:
-        """Return what the table has for a frame; empty where it is not known.
+        """Return the text in the table for a frame; empty where unknown.
 
         Numbers are written so that reading them gives the same ones.
         """
@@ -92,7 +92,7 @@ class Column:
 
 
 def word(value: Enum) -> str:
-    """Return what tables have for a status, a verdict or an event: a word that stays.
+    """Return the stable word that tables have for a status, verdict or event.
 
     The sentences of statuses may change, and the CF conventions take words alone.
     """
@@ -156,8 +156,8 @@ def _visibility(prefix: str, source: str, of: str) -> dict[str, Column]:
         **_with_stddev(
             f"{prefix}mean_attenuation", f"{source}.visibility.mean_attenuation",
             f"mean attenuation α{of}", "m-1",
-            "Mean over the channels of what the water attenuates beyond clear sea water "
-            "(Roser et al. 2014, eq. 9)", status="" if prefix else "status"),
+            "Mean over the channels that have light of what the water attenuates beyond clear sea "
+            "water (Roser et al. 2014, eq. 9)", status="" if prefix else "status"),
         **_with_stddev(
             f"{prefix}visibility_distance", f"{source}.visibility.distance",
             f"visibility distance{of}", "m",

@@ -23,10 +23,10 @@ from uw_visibility.messages.estimates import ImageHeader
 from uw_visibility.replay.records import FrameEstimate, FrameRecord
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import LampLight, WaterEstimate
-from uw_visibility.water.lamp_cells import Cells
-from uw_visibility.water.lamp_tracks import GroundView
+from uw_visibility.water.lamps.cells import Cells
+from uw_visibility.water.lamps.tracks import GroundView
+from uw_visibility.water.meaning.assessment import Visibility
 from uw_visibility.water.observations import Envelopes
 
 NAME = "frames.jsonl"
@@ -71,10 +71,7 @@ class FrameLog:
 def read_records(folder: Path) -> Iterator[FrameRecord]:
     """Yield the records of a replay's folder; a last line that is cut off is left out.
 
-    Raises
-    ------
-    InputError
-        If the file is no log of frames.
+    Raises `InputError` if the file is no log of frames.
     """
     path = folder / NAME
     if not path.is_file():
@@ -96,11 +93,11 @@ def read_records(folder: Path) -> Iterator[FrameRecord]:
 
 
 def _encoded(value: Any) -> Any:
-    """Return a record, or what it holds, as what JSON can hold."""
+    """Return a record or its parts as JSON values."""
     if value is None or isinstance(value, Status):
         return value
     if isinstance(value, GroundView):
-        # Ten times as long as all else: a survey that is resumed begins its tracks anew.
+        # Left out: ten times as large as all else. A resumed survey starts new tracks.
         return None
     if isinstance(value, np.ndarray):
         kind = value.dtype.newbyteorder("<").str
@@ -135,13 +132,7 @@ def _decoded(value: Any) -> Any:
 
 
 def _made(kind: type[Any], found: dict[str, Any]) -> Any:
-    """Make a record of its fields.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If they are not those of such a record.
-    """
+    """Make a record of its fields."""
     for name, hint in get_type_hints(kind).items():
         if hint is Status:
             found[name] = Status(found[name])

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration of lamps from recordings."""
+"""Calibration of lamps from recordings, and its drawing."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.lighting import Lamp, LightingConfig
@@ -23,13 +25,13 @@ from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
 from uw_visibility.replay.progress import Progress
-from uw_visibility.water.lamp_calibration import LampCalibration, calibrate_lamps
-from uw_visibility.water.lamp_sightings import Sightings, observe_points
-from uw_visibility.water.lamp_tracks import PointTracker
+from uw_visibility.water.lamps.calibration import LampCalibration, calibrate_lamps
+from uw_visibility.water.lamps.sightings import Sightings, observe_points
+from uw_visibility.water.lamps.tracks import PointTracker
 
-# Numbers of tracks kept apart for each recording.
+# Numbers of tracks per recording.
 TRACKS = 1 << 32
-# Places to start from where none are told, m, beside, above and below the middle of the cameras.
+# Start positions of the search, m: beside, above and below the cameras.
 ASIDE, ALONG = 0.45, (-0.3, 0.0, 0.3)
 
 
@@ -54,11 +56,6 @@ def calibrate_lighting(
         Frames used.
     list of str
         What of the recordings could not be read.
-
-    Raises
-    ------
-    InputError
-        If a recording cannot be used, or tells too little.
     """
     lighting = options.pipeline.lighting
     if lamps is None and lighting.model != "lamps":
@@ -67,7 +64,7 @@ def calibrate_lighting(
             "about as they are with lighting.model: lamps in --params-file")
     guesses = [list(lighting.lamps())] if lamps is None else rigs(lamps)
     if lamps is not None:
-        # Under lamps, what is known of them changes no range.
+        # The lamps do not change ranges.
         lighting = LightingConfig(
             model="lamps", positions=tuple(v for lamp in guesses[0] for v in lamp.position))
     options = replace(options, pipeline=replace(options.pipeline, lighting=lighting))
@@ -143,3 +140,55 @@ def _observe(pair: StereoPair, pipeline: Pipeline, tracker: PointTracker) -> Sig
     return observe_points(
         irradiance, saturated, ranges, pair.rig.ray_directions(ranges.shape),
         tracker.points.astype(np.float64), tracker.tracks)
+
+
+# Okabe and Ito's blue, and grey.
+FOUND, GUESSED = "#0072b2", "#777777"
+DPI = 130
+# Length of a lamp's axis in the drawing, m.
+ARROW = 0.3
+
+
+def draw_calibration(path: Path, found: LampCalibration) -> None:
+    """Draw lamp positions from above and behind, and the departure of the light from the model."""
+    figure = Figure(figsize=(12.0, 4.2), layout="constrained")
+    behind, above, light = figure.subplots(1, 3)
+    for axes, (i, j), label in ((behind, (0, 1), "down"), (above, (0, 2), "forward")):
+        axes.plot(0, 0, "s", color="black")
+        axes.annotate("left camera", (0, 0), (4, 6), textcoords="offset points", fontsize=8)
+        for k, (lamp, stddev) in enumerate(zip(found.lamps, found.position_stddev, strict=True)):
+            place, axis = np.array(lamp.position), np.array(lamp.direction)
+            axes.errorbar(
+                place[i], place[j], stddev[j], stddev[i], "o", color=FOUND, capsize=3)
+            axes.annotate(
+                "", (place[i] + ARROW * axis[i], place[j] + ARROW * axis[j]), (place[i], place[j]),
+                arrowprops={"arrowstyle": "->", "color": FOUND})
+            axes.annotate(f"lamp {k + 1}", place[[i, j]], (5, -12), textcoords="offset points")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.margins(0.3)
+        axes.set_xlabel("right [m]")
+        axes.set_ylabel(f"{label} [m]")
+        axes.grid(alpha=0.25)
+    behind.invert_yaxis()
+    behind.set_title("as the camera looks, ± 1 σ")
+    above.set_title("from above")
+    for values, colour, label in (
+        (found.before, GUESSED, "lamps as guessed"),
+        (found.after, FOUND, "lamps as found"),
+    ):
+        departure = 100.0 * np.expm1(np.abs(values[:, 1]))
+        edges = np.quantile(found.range, np.linspace(0.0, 1.0, 13))
+        place = np.clip(np.searchsorted(edges, found.range) - 1, 0, 11)
+        light.plot(
+            0.5 * (edges[1:] + edges[:-1]),
+            [np.median(departure[place == k]) if (place == k).any() else np.nan
+             for k in range(12)],
+            "o-", color=colour, label=label)
+    light.set_xlabel("range [m]")
+    light.set_ylabel("median departure [%]")
+    light.set_title("light of a point, over the model's")
+    light.set_ylim(bottom=0.0)
+    light.grid(alpha=0.25)
+    light.legend(frameon=False)
+    FigureCanvasAgg(figure)
+    figure.savefig(path, dpi=DPI)

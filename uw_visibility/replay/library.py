@@ -19,7 +19,7 @@ from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
 from uw_visibility.replay.inputs.topics import Wanted
 from uw_visibility.replay.work import Recording, RecordingProcessor
-from uw_visibility.water.filter import FilteredWater, WaterFilter
+from uw_visibility.water.series.filter import FilteredWater, WaterFilter
 
 log = logging.getLogger(__name__)
 

@@ -18,6 +18,8 @@ from uw_visibility.images.arrays import Array
 
 FEWEST = 8
 """Frames that a fit needs."""
+LARGEST = float(np.finfo(np.float32).max)
+"""Largest number of a sensor: that of single precision, whose powers double precision holds."""
 BLOCKS = 10
 # How far beyond the fitted values the line is taken to go on, as a part of their span.
 BEYOND = 0.25
@@ -33,7 +35,6 @@ class LineFit:
         Topic and field of the sensor.
     against : str
         Column of the estimates.
-    intercept, slope : float
     intercept_stddev, slope_stddev, covariance : float
         Of both, by jackknife over blocks of frames, whose errors are alike.
     residual_stddev : float
@@ -42,7 +43,6 @@ class LineFit:
         Of estimates and sensor.
     low, high : float
         Least and largest estimate.
-    frames : int
     """
 
     source: str
@@ -89,10 +89,7 @@ class LineFit:
     def read(cls, path: Path) -> LineFit:
         """Read what `write` wrote.
 
-        Raises
-        ------
-        InputError
-            If the file is none.
+        Raises `InputError` if the file is none.
         """
         content = read_document(path, "fit")
         try:
@@ -101,12 +98,13 @@ class LineFit:
                 name: str(value) if name in texts else float(value)
                 for name, value in content.items()
             }
-            if not all(math.isfinite(value) for key, value in values.items() if key not in texts):
-                raise ValueError("a number is not finite")
+            for name, value in values.items():
+                if name not in texts and not abs(value) <= LARGEST:
+                    raise ValueError(f"{name} is {value:g}")
             return cls(**values | {"frames": int(values["frames"])})
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise InputError(
-                f"{path} is no fit of a joined topic: give a fit_….json of replay --join"
+                f"{path} is no fit of a joined topic, {error}: give a fit_….json of replay --join"
             ) from error
 
 
@@ -139,9 +137,10 @@ def fit_line(
     """
     known = np.isfinite(x) & np.isfinite(x_stddev) & np.isfinite(y)
     x, x_stddev, y = x[known], x_stddev[known], y[known]
-    if len(x) < FEWEST or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+    # Tiny differences underflow to zero variance, and rounding gives equal values some.
+    if len(x) < FEWEST or any(np.ptp(each) ** 2 == 0.0 or np.var(each) == 0.0 for each in (x, y)):
         return None
-    # Around the middle, where intercept and slope tell of different things.
+    # Centred, so that intercept and slope are uncorrelated.
     centre = float(x.mean())
     level, slope, scatter, plain = _line(x - centre, x_stddev, y)
     parts = []

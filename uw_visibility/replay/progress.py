@@ -1,29 +1,20 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Progress of a replay: a bar on a terminal, a line every 10 s elsewhere."""
+"""Progress on standard error, as a bar or a line every 10 s, and in a log; lines for users."""
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
-from collections.abc import Callable
-from typing import Any, Protocol, TextIO
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TextIO, TypeVar
+
+from uw_visibility.errors import LONGEST_MESSAGE, printable, refusing
 
 PERIOD = 10.0
-
-
-class Counter(Protocol):
-    """What is told of each frame that is done."""
-
-    def add(self) -> None:
-        """Count a frame."""
-
-    def close(self) -> None:
-        """End the counting."""
-
-
-MakeCounter = Callable[[str, int | None], Counter]
-"""Makes the counter of a recording, of its name and of its frames, where their number is known."""
 
 
 class Progress:
@@ -100,3 +91,66 @@ class Progress:
             f"{line} of {self._total} frames, {rate:.1f} frames/s, "
             f"{left // 60}:{left % 60:02d} min left"
         )
+
+
+Item = TypeVar("Item")
+
+
+def progress_bar(
+    items: Iterable[Item], name: str, total: int | None = None, log: logging.Logger | None = None
+) -> Iterator[Item]:
+    """Yield the items; tell how many there were, as `Progress` does, in a log too."""
+    counters = [Progress(name, total)]
+    if log is not None:
+        counters.append(Progress(name, total, tell=log.info))
+    try:
+        for item in items:
+            yield item
+            for counter in counters:
+                counter.add()
+    finally:
+        for counter in counters:
+            counter.close()
+
+
+@contextmanager
+def progress_log(path: Path | None, name: str) -> Iterator[logging.Logger | None]:
+    """Open a log of long work, with dated lines: its begin, its progress, its end or failure.
+
+    Parameters
+    ----------
+    path : Path or None
+        File to add to; None yields None.
+    name : str
+        What the work is.
+    """
+    if path is None:
+        yield None
+        return
+    with refusing(f"cannot write log {path}"):
+        handler = logging.FileHandler(path, encoding="utf-8")
+    handler.setFormatter(logging.Formatter("%(asctime)s %(message)s", "%Y-%m-%dT%H:%M:%S%z"))
+    # Of no one else's loggers, and no one else's.
+    log = logging.Logger("uw_visibility")
+    log.addHandler(handler)
+    log.info("%s: begins", name)
+    try:
+        yield log
+    except BaseException as error:
+        log.info("%s: ended by %s", name, str(error) or type(error).__name__)
+        raise
+    else:
+        log.info("%s: done", name)
+    finally:
+        handler.close()
+
+
+def tell(text: str) -> None:
+    """Write a line to standard error, where that is a terminal."""
+    if sys.stderr.isatty():
+        print(text, file=sys.stderr)
+
+
+def say(line: str, *, error: bool = False) -> None:
+    """Print a line, which may hold text from outside: names of topics, files and frames."""
+    print(printable(line, LONGEST_MESSAGE), file=sys.stderr if error else sys.stdout)

@@ -12,9 +12,9 @@ from uw_visibility.messages.estimates import ImageHeader, field_of_view
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.plausibility.comparison import Comparison, DepthSample, Verdict
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.assessment import Visibility
 from uw_visibility.water.estimate import WaterEstimate
-from uw_visibility.water.filter import FilteredWater
+from uw_visibility.water.meaning.assessment import Visibility
+from uw_visibility.water.series.filter import FilteredWater
 
 # Reasons may carry numbers of the input, and a recording may be long.
 MOST_REASONS = 50
@@ -35,8 +35,6 @@ class FrameEstimate:
         Of the left image, rad.
     header : ImageHeader
         Of the left image.
-    support_points : int
-    coverage, matched_fraction, limited_fraction : float
     matched_fraction_original : float or None
         See `uw_visibility.pipeline.result`.
     """
@@ -65,11 +63,9 @@ class FrameEstimate:
 
     def depth(self, stamp: int) -> DepthSample:
         """Return the estimated depth at a stamp, ns, to be compared with a sensor's."""
-        depth, precision = self.visibility.depth, self.visibility.depth_precision
-        known = math.isfinite(depth) and math.isfinite(precision)
-        return DepthSample(stamp, depth, precision**2) if known else DepthSample(
-            stamp, math.nan, math.nan
-        )
+        seen = self.visibility
+        return DepthSample.estimated(
+            stamp, seen.depth, seen.depth_stddev, seen.depth_precision)
 
 
 @dataclass(frozen=True)

@@ -5,24 +5,67 @@
 from __future__ import annotations
 
 import importlib
+import re
+import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeAlias
 
+from uw_visibility.config.files import PARTIAL, new_name
 from uw_visibility.errors import InputError, needing, refusing
-from uw_visibility.replay.results.folder import MARK, check_target, read_state, refuse_to_replace
+from uw_visibility.replay.results.folder import (
+    DAY,
+    DAY_MARK,
+    MARK,
+    RESULT,
+    check_target,
+    read_state,
+    refuse_to_replace,
+)
 
 Place: TypeAlias = Path | str
 """Where a recording or a result is: a path of this machine, or a URL."""
 
 PREFIX = "uw_visibility-"
+SCHEMES = (
+    "s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "https", "http", "sftp", "ssh", "file",
+    "memory",
+)
+"""Kinds of store. fsspec has others that run what they read, or read one place by another."""
+LARGEST = 1 << 40
+"""Bytes of a recording that is fetched; a day of pairs of two megapixels has no more."""
+BLOCK = 1 << 20
 
 
 def place(text: str) -> Place:
     """Return the place that a text names: a URL such as ``s3://bucket/dive``, or a path."""
-    return text.rstrip("/") if "://" in text else Path(text)
+    if "://" not in text:
+        return Path(text)
+    check_urls([text])
+    return text.rstrip("/")
+
+
+def check_urls(places: Iterable[Place]) -> None:
+    """Refuse URLs of other stores than `SCHEMES`, and those that hold credentials.
+
+    Places are shown in reports, errors and lists of processes, which are no place for secrets.
+    """
+    for url in (where for where in places if isinstance(where, str)):
+        scheme, _, rest = url.partition("://")
+        # Behind :: fsspec takes another URL.
+        if scheme.lower() not in SCHEMES or "::" in rest:
+            shown = scheme if re.fullmatch(r"[\w+.-]*", scheme) else "a URL within a URL"
+            raise InputError(
+                f"{shown} is no kind of store that is used: give one of {', '.join(SCHEMES)}")
+        # A name alone is none: abfs has containers before @, and ssh users. HTTP has tokens
+        # there, and behind ?. A password may hold slashes.
+        web = scheme.lower() in ("http", "https")
+        if re.match(r"(?s)[^/]*:.*@|.*[?#].*=" + (r"|[^/]*@|.*\?" if web else ""), rest):
+            raise InputError(
+                f"a URL of {scheme} holds credentials, or what may be some (before @, behind ?): "
+                "leave them out, and give them by the store's settings, see docs/cluster.md")
 
 
 def child(folder: Place, name: str) -> Place:
@@ -38,10 +81,7 @@ def absolute(where: Place) -> Place:
 def expand(where: Place) -> list[Place]:
     """Return the places that a URL with wildcards names, which no shell expands; else itself.
 
-    Raises
-    ------
-    InputError
-        If there are none, or the store cannot be read.
+    Raises `InputError` if there are none, or the store cannot be read.
     """
     if isinstance(where, Path) or "*" not in where:
         return [where]
@@ -63,18 +103,7 @@ def recording_name(bag: Place) -> str:
 
 @contextmanager
 def recording_here(bag: Place) -> Iterator[Path]:
-    """Fetch a recording to a folder of this machine, for as long as it is needed.
-
-    Parameters
-    ----------
-    bag : Path or str
-        A path is yielded as it is.
-
-    Raises
-    ------
-    InputError
-        If it cannot be fetched.
-    """
+    """Yield the path of a recording; one at a URL is fetched to a temporary folder."""
     if isinstance(bag, Path):
         yield bag
         return
@@ -91,10 +120,7 @@ def recording_here(bag: Place) -> Iterator[Path]:
 def recordings_here(bags: Sequence[Place]) -> Iterator[list[Path]]:
     """Fetch several recordings, those that wildcards stand for too, as `recording_here` does.
 
-    Raises
-    ------
-    InputError
-        If one cannot be fetched.
+    Raises `InputError` if one cannot be fetched.
     """
     with ExitStack() as fetched:
         yield [
@@ -102,23 +128,10 @@ def recordings_here(bags: Sequence[Place]) -> Iterator[list[Path]]:
 
 
 @contextmanager
-def result_here(target: Place) -> Iterator[Path]:
-    """Make room on this machine for a result, and store it when it is complete.
+def result_here(target: Place, *, force: bool = False) -> Iterator[Path]:
+    """Yield the folder to make for a result; for a URL, store it when it is complete.
 
-    Parameters
-    ----------
-    target : Path or str
-        A path is yielded as it is.
-
-    Yields
-    ------
-    Path
-        Folder to make.
-
-    Raises
-    ------
-    InputError
-        If it cannot be stored.
+    Where something else has appeared at the URL meanwhile, it is stored beside (`InputError`).
     """
     if isinstance(target, Path):
         yield target
@@ -127,34 +140,19 @@ def result_here(target: Place) -> Iterator[Path]:
         folder = Path(scratch) / PurePosixPath(target).name
         yield folder
         with _opened(target, "write") as (store, path):
-            if store.exists(path):
-                store.rm(path, recursive=True)
+            try:
+                for name in _replaced(store, path, target, force):
+                    store.rm_file(f"{path}/{name}")
+            except InputError as error:
+                kept = f".{new_name()}{PARTIAL}"
+                _put(store, path + kept, folder)
+                raise InputError(f"{error}; the result is in {target}{kept}") from error
             _put(store, path, folder)
 
 
 @contextmanager
 def results_here(output: Place, results: Sequence[Place], names: Sequence[str]) -> Iterator[Path]:
-    """Fetch some files of several results, and store what is written beside their folders.
-
-    Parameters
-    ----------
-    output : Path or str
-        Folder of all results; a path is yielded as it is.
-    results : sequence of Path or str
-        Those that are there.
-    names : sequence of str
-        Files to fetch of each.
-
-    Yields
-    ------
-    Path
-        Folder with a folder of each result.
-
-    Raises
-    ------
-    InputError
-        If something cannot be fetched or stored.
-    """
+    """Yield the folder of several results; for a URL, fetch files of each, and store new files."""
     if isinstance(output, Path):
         yield output
         return
@@ -165,8 +163,7 @@ def results_here(output: Place, results: Sequence[Place], names: Sequence[str]) 
             here = folder / PurePosixPath(result).name
             here.mkdir()
             with _opened(result) as (store, path):
-                for name in names:
-                    store.get_file(f"{path}/{name}", str(here / name))
+                _fetch_files(store, {f"{path}/{name}": here / name for name in names})
         yield folder
         with _opened(output, "write") as (store, path):
             for written in sorted(folder.iterdir()):
@@ -177,43 +174,29 @@ def results_here(output: Place, results: Sequence[Place], names: Sequence[str]) 
 def read_state_at(target: Place) -> dict[str, Any]:
     """Read the state of a result, as `read_state` does.
 
-    Raises
-    ------
-    InputError
-        If there is none.
+    Raises `InputError` if there is none.
     """
     if isinstance(target, Path):
         return read_state(target)
     with tempfile.TemporaryDirectory(prefix=PREFIX) as scratch:
         with _opened(target) as (store, path):
-            store.get_file(f"{path}/{MARK}", f"{scratch}/{MARK}")
+            _fetch_files(store, {f"{path}/{MARK}": Path(scratch) / MARK})
         return read_state(Path(scratch))
 
 
 def check_place(target: Place, force: bool) -> None:
-    """Refuse a place that must not be overwritten, as `check_target` does.
-
-    Raises
-    ------
-    InputError
-        If there is another result, or something else.
-    """
+    """Refuse a place that must not be overwritten, as `check_target` does."""
     if isinstance(target, Path):
         check_target(target, force)
         return
     with _opened(target) as (store, path):
-        there, result = store.exists(path), store.exists(f"{path}/{MARK}")
-    if there:
-        refuse_to_replace(target, result, force)
+        _replaced(store, path, target, force)
 
 
 def exists(where: Place) -> bool:
     """Return whether something is at a place.
 
-    Raises
-    ------
-    InputError
-        If its store cannot be read.
+    Raises `InputError` if its store cannot be read.
     """
     if isinstance(where, Path):
         return where.exists()
@@ -221,19 +204,54 @@ def exists(where: Place) -> bool:
         return bool(store.exists(path))
 
 
+def _replaced(store: Any, path: str, target: str, force: bool) -> list[str]:
+    """Return the names of all that is at a place, where it may be replaced; the mark first."""
+    names = [
+        # The place may be a file itself.
+        PurePosixPath(name).relative_to(path).as_posix() for name in store.find(path)]
+    if not names:
+        return []
+    products = DAY if DAY_MARK in names else RESULT
+    refuse_to_replace(target, products, products.mark in names, force)
+    products.check_names(target, names, marked=True)
+    return sorted(names, key=lambda name: name != products.mark)
+
+
 def _fetch(store: Any, path: str, here: Path) -> None:
     if not store.isdir(path):
         if store.exists(path):
-            store.get_file(path, str(here))
+            _fetch_files(store, {path: here})
         return
-    for name in store.find(path):
+    files = {}
+    # A recording has no folders within; a page of the web leads to any number of others.
+    for name in store.find(path, maxdepth=1):
         relative = PurePosixPath(name).relative_to(path)
         # Whoever names the objects must not choose where on this machine they go.
         if ".." in relative.parts:
             raise InputError(f"the store has an object outside of its folder: {name!r}")
-        file = here / relative
-        file.parent.mkdir(parents=True, exist_ok=True)
-        store.get_file(name, str(file))
+        files[name] = here / relative
+    if files:
+        here.mkdir()
+    _fetch_files(store, files)
+
+
+def _fetch_files(store: Any, files: Mapping[str, Path]) -> None:
+    """Fetch files, as many bytes as there may be."""
+    folder = Path(tempfile.gettempdir())
+    most = min(LARGEST, shutil.disk_usage(folder).free // 2)
+    too_much = InputError(
+        f"{next(iter(files), '')} and what is beside it has more than {most / 1e9:.3g} GB, which "
+        f"is half of the room in {folder} or the most that is fetched: name a folder with more "
+        "room in TMPDIR, or fetch it yourself and give the folder")
+    if sum(store.size(name) or 0 for name in files) > most:
+        raise too_much
+    for name, here in files.items():
+        with store.open(name, "rb") as source, here.open("wb") as target:
+            while block := source.read(BLOCK):
+                most -= len(block)
+                if most < 0:
+                    raise too_much
+                target.write(block)
 
 
 def _put(store: Any, path: str, folder: Path) -> None:
@@ -248,6 +266,7 @@ def _put(store: Any, path: str, folder: Path) -> None:
 @contextmanager
 def _opened(url: Place, work: str = "read") -> Iterator[tuple[Any, str]]:
     """Yield the store of a URL, and the path within it, to read or to write."""
+    check_urls([url])
     with needing("stores", str(url)):
         fsspec = importlib.import_module("fsspec.core")
     with refusing(f"cannot use {url}", Exception):

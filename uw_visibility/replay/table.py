@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.errors import refusing
+from uw_visibility.errors import cell, refusing, uncell
 from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import TRANSECT, Column
 
@@ -40,7 +40,7 @@ class TableWriter:
 
     def write(self, row: Mapping[str, Any]) -> None:
         """Write a row; columns that it lacks stay empty."""
-        self._writer.writerow(row)
+        self._writer.writerow({name: cell(value) for name, value in row.items()})
         self._file.flush()
 
     def close(self) -> None:
@@ -51,10 +51,7 @@ class TableWriter:
 def read_rows(path: Path) -> Iterator[dict[str, str]]:
     """Yield the rows of a table, as text; a last row that is cut off is left out.
 
-    Raises
-    ------
-    InputError
-        If the table is damaged.
+    Raises `InputError` if the table is damaged.
     """
     with (
         path.open(encoding="utf-8", newline="") as file,
@@ -62,7 +59,7 @@ def read_rows(path: Path) -> Iterator[dict[str, str]]:
     ):
         for row in csv.DictReader(file):
             if None not in row.values():
-                yield row
+                yield {name: uncell(text) for name, text in row.items() if name is not None}
 
 
 def read_columns(path: Path, names: Sequence[str]) -> dict[str, Array]:
@@ -85,17 +82,11 @@ def slices(path: Path, columns: Mapping[str, Column]) -> Iterator[dict[str, NDAr
     ----------
     path : Path
         The table.
-    columns : mapping of str to Column
 
     Yields
     ------
     dict of str to ndarray, (n,)
         float64 for numbers, NaN where they are not known; object (str) for texts.
-
-    Raises
-    ------
-    InputError
-        If the table is damaged.
     """
     found = read_rows(path)
     for number in itertools.count():

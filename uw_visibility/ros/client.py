@@ -179,7 +179,7 @@ def open_link(
         Receives in a thread of its own.
     """
     context = rclpy.Context()
-    # Signals are the command's: Ctrl-C has to end more than ROS.
+    # The command handles signals: Ctrl-C ends more than ROS.
     rclpy.init(
         args=[], context=context, domain_id=domain,
         signal_handler_options=SignalHandlerOptions.NO,
@@ -196,7 +196,7 @@ def open_link(
         thread.start()
         yield player, collector
     finally:
-        # The executor takes away what it waits with, from under whoever still spins it.
+        # The thread must end before the executor is destroyed.
         ending.set_result(None)
         if thread.is_alive():
             thread.join()

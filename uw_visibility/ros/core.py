@@ -7,8 +7,8 @@ from __future__ import annotations
 import threading
 import time
 import traceback
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from rclpy.clock import Clock, ClockType, JumpThreshold
@@ -17,30 +17,46 @@ from rclpy.node import Node
 
 from uw_visibility.compute.jit import counts
 from uw_visibility.compute.kernel_folder import writable_folder
+from uw_visibility.config.parameters import describe
+from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.errors import InputError
+from uw_visibility.messages.depth_sensor import SENSOR_TYPES, read_depth
+from uw_visibility.messages.estimates import NIS_TOPICS, nis_messages
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.processor import FrameProcessor, FrameWork, try_out, warm_up
-from uw_visibility.ros.depth_check import DepthCheck
+from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.plausibility.comparison import Comparison, DepthSample, Report, Verdict
+from uw_visibility.plausibility.monitor import NO_SENSOR, DepthMonitor
 from uw_visibility.ros.inputs import RESTING, SILENCE, StereoInput
-from uw_visibility.ros.monitor import OK, WARN, Finding, ReasonLog, describe_fault
+from uw_visibility.ros.monitor import (
+    ERROR,
+    OK,
+    SHOWN_REASONS,
+    STALE,
+    WARN,
+    Finding,
+    ReasonLog,
+    RecentCounts,
+    describe_fault,
+)
 from uw_visibility.ros.parameters import NodeParameters, Settings, check_qos_overrides
-from uw_visibility.ros.pipeline_state import PipelineState
 from uw_visibility.ros.transport.factory import make_message, message_type
-from uw_visibility.ros.transport.qos import publish_on
+from uw_visibility.ros.transport.qos import describe_publishers, publish_on, subscribe_to
 from uw_visibility.ros.worker import NewestWorker
+from uw_visibility.status import Status
 from uw_visibility.stereo.calibration import image_size
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.filter import WaterFilter
+from uw_visibility.water.series.filter import FilteredWater, WaterFilter
 
-# A pair waits for CameraInfo of its own stamp for one to two of these, s.
+# A pair waits one to two periods for CameraInfo of its stamp, s.
 CAMERA_INFO_PERIOD = 0.1
 # How often the subscriptions look at their publishers, s.
 QOS_PERIOD = 0.5
 # How often a reason for the lack of output is repeated in the log, s.
 SILENCE_PERIOD = 30.0
-# Kernels are compiled once, however many cores are made meanwhile.
+# Only one core compiles kernels at a time.
 WARMING = threading.Lock()
 # A clock that goes back by more than this was set back, s.
 CLOCK_JUMP = 0.1
@@ -68,11 +84,6 @@ class NodeCore:
         Knows what was skipped.
     state : PipelineState
         Knows what became of the frames.
-
-    Raises
-    ------
-    InputError
-        If a parameter that the node was started with cannot be used.
     """
 
     def __init__(self, node: Node, parameters: NodeParameters) -> None:
@@ -111,7 +122,7 @@ class NodeCore:
         self._depth = DepthCheck(node, self._parameters)
         made.callback(self._depth.destroy)
         check_qos_overrides(node)
-        # Time in the network and in the log is not that of a recording.
+        # Steady clock: these periods do not follow recorded time.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         for period, callback in (
             (CAMERA_INFO_PERIOD, self.input.end_wait), (QOS_PERIOD, self._update_input),
@@ -141,18 +152,7 @@ class NodeCore:
         self.input.update_qos()
 
     def try_out(self, settings: Settings) -> None:
-        """Try out settings on images as they come, before they are accepted.
-
-        Parameters
-        ----------
-        settings : Settings
-            Those of the next frame, if this passes.
-
-        Raises
-        ------
-        InputError
-            If no frame could be processed with them.
-        """
+        """Try settings on images of the present size and calibration."""
         rig, shape = self._images or (None, None)
         config = settings.pipeline
         if shape is not None:
@@ -222,9 +222,9 @@ class NodeCore:
             warm_up(self._settings.pipeline, compressed=compressed)
         except Exception:
             if self._ending():
-                # The interpreter may be on its way out.
+                # The interpreter may be shutting down.
                 return
-            # A frame of the real size may still work, and says why if not.
+            # Frames of the real size may work, or tell why they do not.
             self._log.error(f"the pipeline failed to warm up\n{traceback.format_exc()}")
         self.state.ready = True
         if self.worker.stopping:
@@ -274,13 +274,7 @@ class NodeCore:
             self._log.info("first frame processed")
 
     def _read(self, frame: StereoFrame, settings: Settings) -> FrameWork:
-        """Read the images of a frame.
-
-        Raises
-        ------
-        InputError
-            If they cannot be used, or are larger than there may be memory for.
-        """
+        """Read the images of a frame."""
         width, height = image_size(frame.left_info, "left")
         check_megapixels(width, height, settings.node.max_megapixels)
         work = self._processor.begin(frame, settings.pipeline)
@@ -312,7 +306,7 @@ class NodeCore:
 
     def _on_clock_jump(self) -> None:
         self._on_restart()
-        self.input.reset()
+        self.input.restart()
 
     def _silence(self) -> str:
         """Return why there is no output, or nothing where there is."""
@@ -322,15 +316,351 @@ class NodeCore:
 
 
 def check_megapixels(width: int, height: int, most: float) -> None:
-    """Refuse images of more pixels than there may be memory for.
-
-    Raises
-    ------
-    InputError
-        If they are larger than the parameter allows, 1e6 px.
-    """
+    """Refuse images of more pixels than there may be memory for."""
     if width * height > 1e6 * most:
         raise InputError(
             f"images have {width}x{height} pixels, more than max_megapixels, which is {most:g}: "
             "raise it where there is memory for them"
         )
+
+
+class PipelineState:
+    """Counts frames by their outcome; written by the worker, read by the diagnostics.
+
+    Parameters
+    ----------
+    failures : ReasonLog
+        Logs why frames gave no result.
+
+    Attributes
+    ----------
+    ready : bool
+        Whether the pipeline is compiled.
+    processed, refused, failed : int
+        Frames whose results were published; those that cannot be used; those
+        lost to an error inside.
+    calibrations : int
+        How often CameraInfo was new.
+    failures : ReasonLog
+        Why frames gave no result.
+    """
+
+    def __init__(self, failures: ReasonLog) -> None:
+        self.ready = False
+        self.processed = self.refused = self.failed = 0
+        self.calibrations = 0
+        self.failures = failures
+        self._recent = RecentCounts(SILENCE)
+        self._lock = threading.Lock()
+        self._busy_since: float | None = None
+        self._answered = 0.0
+        self._problem = ""
+        self._result: FrameResult | None = None
+        self._filtered: FilteredWater | None = None
+        self._latency = self._around = 0.0
+
+    @contextmanager
+    def busy(self) -> Iterator[None]:
+        """Note that a frame is being processed."""
+        self._busy_since = time.monotonic()
+        try:
+            yield
+        finally:
+            self._busy_since = None
+
+    def add(
+        self, result: FrameResult, latency: float, around: float,
+        filtered: FilteredWater | None = None,
+    ) -> None:
+        """Note a result that was published.
+
+        Parameters
+        ----------
+        result : FrameResult
+            What the pipeline found.
+        latency : float
+            Time since the image's stamp, s.
+        around : float
+            What reading the images and publishing the messages took, ms.
+        filtered : FilteredWater, optional
+            The water filtered up to this frame.
+        """
+        with self._lock:
+            self._result, self._latency, self._problem = result, latency, ""
+            self._around, self._filtered = around, filtered
+            self._answered = time.monotonic()
+            self.processed += 1
+
+    def refuse(self, reason: str) -> None:
+        """Note a frame that cannot be used."""
+        with self._lock:
+            self._problem = reason
+            self.failures.add(reason)
+            self.refused += 1
+
+    def fail(self, reason: str, details: str) -> None:
+        """Note a frame that was lost to an error inside."""
+        with self._lock:
+            self._problem = reason
+            self.failures.add(reason, details)
+            self.failed += 1
+
+    def obstacle(self) -> str:
+        """Return the reason why no frame is processed, or ""."""
+        if not self.ready:
+            return f"the pipeline is being compiled, {counts.compiled} kernels so far"
+        busy = self._busy_since
+        if busy is not None and time.monotonic() - busy > SILENCE:
+            return "the pipeline is still busy with one frame"
+        return ""
+
+    def silence(self) -> str:
+        """Return why frames come in but no results go out, or nothing where they do."""
+        if time.monotonic() - self._answered <= SILENCE:
+            return ""
+        # A frame that came after a pause is on its way through the pipeline.
+        return self._problem or ("" if self.processed else "no frame was processed yet")
+
+    def diagnose(self, silence: str, skipped: int) -> Finding:
+        """Return level, message and numbers."""
+        counts = {
+            "processed": self.processed, "refused": self.refused, "failed": self.failed,
+            "skipped": skipped,
+        }
+        recent = self._recent.update(time.monotonic(), counts)
+        rate = recent.get("processed", 0) / max(self._recent.duration, 1e-9)
+        values: dict[str, Any] = {f"frames {name}": count for name, count in counts.items()}
+        values["rate (Hz)"] = f"{rate:.2f}"
+        values["calibrations"] = self.calibrations
+        if self._result is not None:
+            values |= _values(self._result)
+            values |= _filter_values(self._filtered)
+            values["around the pipeline (ms)"] = f"{self._around:.1f}"
+            values["latency (ms)"] = f"{1e3 * self._latency:.1f}"
+        failures = self.failures.selection(SHOWN_REASONS)
+        values |= {f"problem: {reason}": count for reason, count in failures.items()}
+        if silence:
+            stopped = self.processed > 0 or self.refused + self.failed > 0
+            return Finding(ERROR if stopped else WARN, f"no output: {silence}", values)
+        missing = self._missing()
+        if recent.get("refused") or recent.get("failed"):
+            level = ERROR if recent.get("failed") else WARN
+            lost = "; ".join(filter(None, (missing, "frames were lost lately")))
+            return Finding(level, self._problem or lost, values)
+        survey = self._filtered.survey if self._filtered is not None else None
+        if survey is not None:
+            return Finding(OK, f"{rate:.1f} frames per second; water of a survey: {survey}", values)
+        if missing:
+            return Finding(WARN, missing, values)
+        said = f"{rate:.1f} frames per second"
+        share = recent.get("skipped", 0) / max(sum(recent.values()), 1)
+        if share > 0.5:
+            return Finding(
+                WARN, f"{said}, {share:.0%} of the frames are skipped: lower the camera's rate, or "
+                "set stereo.reduction", values)
+        return Finding(OK, said, values)
+
+    def _missing(self) -> str:
+        """Return which quantity of the last frame is not assessable, and why; "" if none."""
+        if self._result is None:
+            return ""
+        status, distance = self._result.status, self._result.visibility.status
+        if status is not Status.OK:
+            return f"the water is not assessable: {status}"
+        if distance is not Status.OK:
+            return f"the visibility distance is not assessable: {distance}"
+        return ""
+
+
+def _filter_values(filtered: FilteredWater | None) -> dict[str, Any]:
+    """Return the filter's numbers, by name."""
+    if filtered is None:
+        return {}
+    return {
+        "filter": filtered.event,
+        "rejected by the filter": f"{filtered.rejected} of {filtered.assessed} frames",
+        "rejected by the filter in a row": filtered.rejected_in_a_row,
+        "survey": filtered.survey or "none",
+    }
+
+
+def _values(result: FrameResult) -> dict[str, Any]:
+    return {
+        "status": result.status,
+        "visibility status": result.visibility.status,
+        "depth status": result.visibility.depth_status,
+        "support points": result.stereo.support_points,
+        "coverage": f"{result.stereo.coverage:.3f}",
+        "matched fraction": f"{result.stereo.matched_fraction:.3f}",
+    } | {f"{stage} (ms)": f"{duration:.1f}" for stage, duration in result.timing_ms.items()}
+
+
+SENSOR_TOPIC = "depth_sensor"
+
+LEVELS = {
+    Verdict.OK: OK, Verdict.WARN: WARN, Verdict.ERROR: ERROR,
+    Verdict.STALE: STALE, Verdict.NOT_ASSESSABLE: WARN,
+}
+
+
+class DepthCheck:
+    """Plausibility test, fed from the sensor's callback and the pipeline's thread.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Subscription and publisher are made on it.
+    parameters : NodeParameters
+        Type of the sensor, and what the monitor is told.
+    """
+
+    def __init__(self, node: Node, parameters: NodeParameters) -> None:
+        self._node = node
+        self._parameters = parameters
+        self._monitor = DepthMonitor(parameters.settings.node.plausibility)
+        self._pipeline = parameters.settings.pipeline
+        self._lock = threading.Lock()
+        log = node.get_logger()
+        self._refusals = ReasonLog(lambda line: log.warning(line))
+        self._verdicts = ReasonLog(lambda line: log.warning(line))
+        self._refused: tuple[float, str] | None = None
+        unused = _unused(parameters.settings.node.plausibility)
+        if unused:
+            log.warning(f"{unused} are no longer used: see plausibility.error_interval")
+        self._subscription: Any = None
+        self._publishers: dict[str, Any] = {}
+        with ExitStack() as made:
+            self._make(made)
+            self._made = made.pop_all()
+
+    def _make(self, made: ExitStack) -> None:
+        node = self._node
+        for topic, name in NIS_TOPICS.items():
+            publisher = self._publishers[topic] = publish_on(node, message_type(name), topic)
+            made.callback(node.destroy_publisher, publisher)
+        kind = self._parameters.settings.node.plausibility.sensor_type
+        if kind in SENSOR_TYPES:
+            self._subscription = subscribe_to(
+                node, message_type(SENSOR_TYPES[kind]), SENSOR_TOPIC, self._on_sensor
+            )
+            made.callback(node.destroy_subscription, self._subscription)
+
+    def destroy(self) -> None:
+        """Destroy subscription and publishers."""
+        self._made.close()
+
+    @property
+    def wanted(self) -> bool:
+        """Whether somebody subscribes to what it publishes."""
+        publishers = self._publishers.values()
+        return any(publisher.get_subscription_count() > 0 for publisher in publishers)
+
+    def reset(self) -> None:
+        """Forget everything: time has jumped."""
+        with self._lock:
+            self._monitor.reset()
+
+    def add_result(self, stamp: Any, result: FrameResult) -> None:
+        """Take the depth that the pipeline found at an image's stamp."""
+        if self._subscription is None:
+            return
+        visibility = result.visibility
+        sample = DepthSample.estimated(
+            stamp_to_nanoseconds(stamp), visibility.depth, visibility.depth_stddev,
+            visibility.depth_precision,
+        )
+        with self._lock:
+            comparisons = self._updated_monitor().add_estimate(
+                sample, visibility.depth_status, time.monotonic()
+            )
+        self._publish(comparisons)
+
+    def diagnose(self) -> Finding:
+        """Return level, message and numbers."""
+        if self._subscription is None:
+            return Finding(OK, "switched off: plausibility.sensor_type is none")
+        now = time.monotonic()
+        with self._lock:
+            report = self._updated_monitor().report(now)
+        values = _report_values(report) | {"refused sensor messages": self._refusals.total}
+        refused, timeout = self._refused, self._monitor.config.timeout
+        if refused is not None and now - refused[0] <= timeout:
+            return Finding(WARN, refused[1], values)
+        if report.verdict in (Verdict.WARN, Verdict.ERROR):
+            self._verdicts.add(
+                f"depth sensor and estimate do not agree ({report.verdict})", f": {report.reason}"
+            )
+        topic = self._subscription.topic_name
+        if report.reason == NO_SENSOR and not self._node.count_publishers(topic):
+            return Finding(OK, f"no sensor: nobody publishes {topic}", values)
+        message = f"{report.verdict}: {report.reason}"
+        if report.reason.startswith("no depth_sensor"):
+            message += f", {describe_publishers(self._node, self._subscription)}"
+        return Finding(LEVELS[report.verdict], message, values)
+
+    def _on_sensor(self, message: Any) -> None:
+        config = self._parameters.settings.node.plausibility
+        try:
+            sample = read_depth(message, config, self._node.get_clock().now().nanoseconds)
+        except InputError as error:
+            self._refused = time.monotonic(), str(error)
+            self._refusals.add(str(error))
+            return
+        with self._lock:
+            comparisons = self._updated_monitor().add_sensor(sample, time.monotonic())
+        self._publish(comparisons)
+
+    def _updated_monitor(self) -> DepthMonitor:
+        settings = self._parameters.settings
+        self._monitor.config = settings.node.plausibility
+        if settings.pipeline != self._pipeline:
+            # Another white reference, for example, has another constant.
+            self._pipeline = settings.pipeline
+            self._monitor.reset()
+        return self._monitor
+
+    def _publish(self, comparisons: list[Comparison]) -> None:
+        frame = self._parameters.settings.node.depth_frame
+        for comparison in comparisons:
+            for topic, message in nis_messages(make_message, comparison, frame):
+                self._publishers[topic].publish(message)
+
+
+def _unused(config: PlausibilityConfig) -> str:
+    """Return the parameters that are given but no longer used."""
+    return ", ".join(
+        info.name for info in describe(PlausibilityConfig, "plausibility.")
+        if info.description.startswith("No longer used")
+        and getattr(config, info.name.rpartition(".")[2]) != info.default
+    )
+
+
+def _report_values(report: Report) -> dict[str, Any]:
+    values: dict[str, Any] = {
+        "verdict": report.verdict,
+        "comparisons": report.compared,
+        "beyond the gate": report.failed,
+        "evidence of a fault (s)": f"{report.evidence:.4g}",
+        "too uncertain to judge": report.inconclusive,
+        "estimates without a sensor value": report.unmatched,
+        "learned bias (m)": _number(report.bias),
+        "learned bias stddev (m)": _number(report.bias_stddev),
+    }
+    last = report.last
+    if last is not None:
+        values |= {
+            "estimated depth (m)": _number(last.estimate.depth),
+            "estimated depth stddev (m)": _number(last.estimate.depth_stddev),
+            "sensor depth (m)": _number(last.sensor.depth),
+            "sensor depth stddev (m)": _number(last.sensor.depth_stddev),
+            "innovation (m)": _number(last.innovation),
+            "innovation variance (m^2)": _number(last.variance),
+            "nis": _number(last.nis),
+            "gate (m)": _number(last.gate),
+        }
+    return values
+
+
+def _number(value: float) -> str:
+    # NaN is shown as empty text.
+    return f"{value:.4f}" if value == value else ""

@@ -21,7 +21,7 @@ from uw_visibility.ros.parameters import NodeParameters
 from uw_visibility.ros.transport import qos
 from uw_visibility.ros.transport.qos import AdaptiveReliabilitySubscription
 
-# An input that was silent for so long has stopped, s.
+# Silence after which an input counts as stopped, s.
 SILENCE = 5.0
 RECENT_STAMPS = RECENT_DROPS = 10
 RESTING = "at rest (lazy): nobody subscribes to a result"
@@ -98,13 +98,7 @@ class StereoInput:
             self._node.destroy_subscription(self._infos.popitem()[1])
 
     def rest(self, resting: bool) -> None:
-        """Unsubscribe while nobody wants a result, and subscribe again.
-
-        Parameters
-        ----------
-        resting : bool
-            Whether to do without images.
-        """
+        """Unsubscribe while nobody wants a result, and subscribe again."""
         if resting == self.resting:
             return
         self.resting = resting
@@ -121,8 +115,12 @@ class StereoInput:
             image.update_qos()
 
     def reset(self) -> None:
-        """Forget what waits: time has jumped."""
+        """Forget what waits."""
         self.synchronizer.reset()
+
+    def restart(self) -> None:
+        """Forget what waits: the clock was set back."""
+        self.synchronizer.restart(self._node.get_clock().now().nanoseconds)
 
     def end_wait(self) -> None:
         """Let go of a frame whose CameraInfo does not come; called from time to time."""

@@ -28,17 +28,13 @@ class UwVisibilityLifecycleNode(LifecycleNode):
     """Managed node with the work of `uw_visibility.ros.node.UwVisibilityNode`.
 
     Configuring subscribes, advertises and compiles; only an active node takes
-    images and publishes results.
+    images and publishes results. With the parameter `autostart` it does both when
+    its process starts, so that one that crashed and was started again goes on.
 
     Attributes
     ----------
     faults : FaultLog
         Counts what callbacks raise.
-
-    Raises
-    ------
-    InputError
-        If a parameter that the node was started with cannot be used.
     """
 
     def __init__(self) -> None:
@@ -57,6 +53,12 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         self._change = self._service_change_state.callback
         self._service_change_state.callback = self._change_or_refuse
         DiagnosticsPublisher(self, self._diagnose, self.faults)
+        # Nobody's request does it: after a crash one may be sent to the process that has died.
+        if (
+            self._node_parameters.settings.node.autostart
+            and self.trigger_configure() is TransitionCallbackReturn.SUCCESS
+        ):
+            self.trigger_activate()
 
     def stop(self, timeout: float) -> bool:
         """End the work; returns whether it ended within the timeout (s)."""

@@ -234,7 +234,7 @@ class DiagnosticsPublisher:
         self._find = find
         self._faults = faults
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        # Time in the network and in the log is not that of a recording.
+        # Steady clock: these periods do not follow recorded time.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(PERIOD, self._publish, clock=clock)
 

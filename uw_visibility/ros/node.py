@@ -19,11 +19,6 @@ class UwVisibilityNode(Node):
     ----------
     faults : FaultLog
         Counts what callbacks raise.
-
-    Raises
-    ------
-    InputError
-        If a parameter that the node was started with cannot be used.
     """
 
     def __init__(self) -> None:

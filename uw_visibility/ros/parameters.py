@@ -45,11 +45,8 @@ class Settings:
     def from_values(cls, values: dict[str, Any]) -> Settings:
         """Make settings of values by dotted name.
 
-        Raises
-        ------
-        InputError
-            If a name is unknown, a value is not allowed, or a table that is
-            named cannot be loaded.
+        Raises `InputError` if a name is unknown, a value is not allowed, or a table that is named
+        cannot be loaded.
         """
         settings = cls(PipelineConfig.from_parameters(values), NodeConfig.from_parameters(values))
         load_response(settings.pipeline.camera.response)
@@ -72,11 +69,6 @@ class NodeParameters:
     try_out : callable or None
         Raises `InputError` for settings that cannot work; asked before a change is
         accepted.
-
-    Raises
-    ------
-    InputError
-        If the node was started with an unknown name or a value not allowed.
     """
 
     def __init__(self, node: Node) -> None:
@@ -105,13 +97,13 @@ class NodeParameters:
         node.add_post_set_parameters_callback(self._accept)
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Let whole numbers stand for decimal ones: ``ros2 param set`` sends 5 as an integer."""
+        """Let whole numbers and texts stand for decimal numbers, as ``ros2 param`` sends them."""
         converted = []
         for parameter in parameters:
             info = self._infos.get(parameter.name)
             value = parameter.value
-            if info is not None and parameter.type_ == Parameter.Type.INTEGER:
-                value = float(value) if info.type is float else value
+            if info is not None:
+                value = info.numeric(value)
             if info is not None and parameter.type_ == Parameter.Type.INTEGER_ARRAY:
                 value = [float(v) for v in value] if info.type is tuple else value
             converted.append(Parameter(parameter.name, value=value))
@@ -145,13 +137,7 @@ class NodeParameters:
 
 
 def check_qos_overrides(node: Node) -> None:
-    """Refuse a ``qos_overrides`` name that no publisher or subscription has read.
-
-    Raises
-    ------
-    InputError
-        Naming the parameter and the nearest one that exists.
-    """
+    """Refuse a ``qos_overrides`` name that no publisher or subscription has read."""
     for name in _overrides(node):
         if name.startswith(QOS_PREFIX) and not node.has_parameter(name):
             known = [known for known in node._parameters if known.startswith(QOS_PREFIX)]

@@ -1,13 +1,14 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Run loop of a node until a signal ends it, and its exit codes."""
+"""Run loop of a node: middleware settings, callbacks until a signal, exit codes."""
 
 from __future__ import annotations
 
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, MutableMapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -17,7 +18,63 @@ from rclpy.signals import SignalHandlerOptions
 
 from uw_visibility.errors import LONGEST_MESSAGE, InputError, printable
 from uw_visibility.ros.start import SIGNALS
-from uw_visibility.ros.transport.middleware import give_memory, scarce_memory
+
+# Fast DDS hands messages to other processes through 512 KiB of the sender's shared memory, which
+# one image of 640x480 overruns; what finds no room is lost, or comes seconds late. The profile lets
+# the node send through more shared memory and receive through sockets, whose memory is its own.
+# Without it, a camera that publishes with best effort loses most pairs: test_node_large_images,
+# 11 of 45 arrive.
+PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+# With any of these somebody has set up the middleware already.
+OTHER_VARIABLES = (
+    "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS", "SKIP_DEFAULT_XML_FILE",
+)
+# Read by Fast DDS from the current folder.
+LOCAL_FILE = "DEFAULT_FASTRTPS_PROFILES.xml"
+PROFILES = Path(__file__).with_name("fastdds.xml")
+# What Linux allows the memory of a socket to be, and what a pair of images needs, bytes.
+SOCKET_MEMORY = Path("/proc/sys/net/core/rmem_max")
+ENOUGH = 2 * 640 * 480 * 3
+
+
+def give_memory(environment: MutableMapping[str, str] = os.environ) -> bool:
+    """Enlarge the memory of transport for images; to be called before `rclpy.init`.
+
+    Nothing changes where the middleware was set up otherwise. Other middlewares do not
+    read the variable.
+
+    Parameters
+    ----------
+    environment : mutable mapping of str to str
+        Of the process.
+
+    Returns
+    -------
+    bool
+        Whether the node's own profile is in use.
+    """
+    if any(environment.get(name) for name in (PROFILES_VARIABLE, *OTHER_VARIABLES)):
+        return False
+    if Path(LOCAL_FILE).exists() or not PROFILES.exists():
+        return False
+    environment[PROFILES_VARIABLE] = str(PROFILES)
+    return True
+
+
+def scarce_memory(allowed: Path = SOCKET_MEMORY) -> str:
+    """Return advice where a socket may not hold a pair of images, by a file of Linux; else ""."""
+    try:
+        size = int(allowed.read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        # Another system, or one that hides it: nothing is known to be wrong.
+        return ""
+    if size >= ENOUGH:
+        return ""
+    return (
+        f"a socket may hold {size // 1024} KiB, less than a pair of images, which may come late: "
+        "allow more, such as sysctl -w net.core.rmem_max=4194304"
+    )
+
 
 # How long the exit waits for the frame that is being processed, s.
 STOP_TIMEOUT = 0.5

@@ -1,12 +1,35 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Entry points of the executables: they listen to signals before the node is imported."""
+"""Start of the node: environment of its process, and entry points of the executables."""
 
 from __future__ import annotations
 
 import importlib
 import os
 import signal
+from collections.abc import Mapping
+
+# The C library gives large blocks back to the system when they are freed, and each frame has its
+# pages cleared anew: for a cloud of points that takes longer than filling it. See mallopt(3).
+MEMORY = {
+    # Free memory beyond this goes back to the system, bytes: all messages of a large frame.
+    "MALLOC_TRIM_THRESHOLD_": str(128 << 20),
+    # Larger blocks are the system's own in any case, bytes: the most that can be asked for.
+    "MALLOC_MMAP_THRESHOLD_": str(32 << 20),
+}
+# By default the middleware sends within the call that publishes, and rclpy keeps the interpreter
+# meanwhile: a slow network holds up every callback. Read by rmw_fastrtps only.
+PUBLICATION = {"RMW_FASTRTPS_PUBLICATION_MODE": "ASYNCHRONOUS"}
+
+
+def node_environment(given: Mapping[str, str]) -> dict[str, str]:
+    """Return environment variables to add for the node; those that are `given` hold."""
+    added: dict[str, str] = {}
+    for variables, others in ((MEMORY, {"GLIBC_TUNABLES"}), (PUBLICATION, set())):
+        if not given.keys() & (variables.keys() | others):
+            added |= variables
+    return added
+
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 

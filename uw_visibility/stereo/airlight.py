@@ -5,9 +5,8 @@
 A pixel is at least as bright as the airlight in front of what it shows, which is
 the light model (eq. 1) with a radiance that cannot be negative:
 E >= I (1 - exp(-attenuation x d)). So its brightness bounds its range from above,
-whatever its texture: dark pixels cannot be far. Within the bound, what needs a
-bright surface is less likely than what needs a dark one: a pixel as bright as
-ambient light is seldom a white thing nearby.
+whatever its texture: dark pixels cannot be far. Within the bound, a dark surface is likelier
+than a bright one: a pixel as bright as ambient light is seldom a white thing nearby.
 """
 
 from __future__ import annotations
@@ -57,11 +56,11 @@ class AirlightPrior:
 
     Attributes
     ----------
-    farthest : ndarray
-        ``(H, W)`` float32, the largest optical thickness in front of each pixel
-        of the left view, several standard deviations added; inf without bound.
-    thickness : ndarray
-        ``(D,)`` float32, optical thickness at each disparity, falling.
+    farthest : (H, W) float32 ndarray
+        Largest optical thickness in front of each pixel of the left view, several standard
+        deviations added; inf without bound.
+    thickness : (D,) float32 ndarray
+        Optical thickness at each disparity, falling.
     trust : float
         0..1, how well the water is known: the weight of what lies within the bounds.
     """
@@ -72,21 +71,7 @@ class AirlightPrior:
 
 
 class Airlight:
-    """Airlight bounds of images of one size, in memory that is allocated once.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width, px.
-    rig : StereoRig
-        Geometry of the pair.
-    disparities : int
-        Number of disparities, from 0 on.
-    transfer : str
-        ``"linear"`` or ``"srgb"``.
-    workers : Workers
-        Threads.
-    """
+    """Airlight bounds of images of one size, for a number of disparities, from 0 on."""
 
     def __init__(
         self,
@@ -104,31 +89,26 @@ class Airlight:
         self._farthest = np.empty(shape, np.float32)
 
     def prior(
-        self,
-        image: Image,
-        water: UncertainWater,
-        points: Points,
-        noise: Array | None = None,
+        self, image: Image, water: UncertainWater, points: Points, noise: Array | None = None
     ) -> AirlightPrior | None:
-        """Bound the range of each pixel.
+        """Bound the range of each pixel of an RGB image.
 
         Parameters
         ----------
-        image : ndarray
-            ``(H, W, 3)`` RGB, uint8 or uint16: the left view.
+        image : (H, W, 3) ndarray of uint8 or uint16
+            Left view.
         water : UncertainWater
             Attenuation and ambient light, with their covariance.
-        points : ndarray
-            ``(N, 3)`` float32: column, row and disparity, px, of matches that the
-            bound is scaled to hold for, narrowly.
-        noise : ndarray, optional
-            ``(3,)`` float64, standard deviation of the image's noise in code values;
-            measured by default.
+        points : (N, 3) float32 ndarray
+            Column, row and disparity, px, of matches that the bound is scaled to hold for,
+            narrowly.
+        noise : (3,) float64 ndarray, optional
+            Standard deviation of the image's noise in code values; measured by default.
 
         Returns
         -------
         AirlightPrior or None
-            Until the next call. None where the water is unknown, or explains the
+            Valid until the next call. None where the water is unknown, or explains the
             matches too badly.
         """
         noise = noise_stddev(image) if noise is None else noise

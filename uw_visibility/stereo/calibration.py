@@ -58,22 +58,8 @@ class CameraCalibration:
 
     A CameraInfo is written for the sensor's full resolution. Region of
     interest and binning are applied here, so that all matrices are in the
-    pixels of the image that comes with the message.
-
-    Attributes
-    ----------
-    size : tuple of int
-        Width and height of the image, px.
-    camera_matrix : ndarray, (3, 3) float64
-        K, of the raw image.
-    distortion : ndarray, (n,) float64
-        D; empty where the image is not distorted.
-    distortion_model : str
-        One of `DISTORTION_COEFFICIENTS`.
-    rotation : ndarray, (3, 3) float64
-        R, from the camera to the rectified frame.
-    projection : ndarray, (3, 4) float64
-        P, of the rectified image.
+    pixels of the image that comes with the message. `size` is width and height, px; D is empty
+    where the image is not distorted.
     """
 
     size: tuple[int, int]
@@ -85,21 +71,7 @@ class CameraCalibration:
 
     @classmethod
     def from_camera_info(cls, info: CameraInfo, side: str) -> CameraCalibration:
-        """Read a CameraInfo of rclpy, or of rosbags (ROS 1 and ROS 2 names).
-
-        Parameters
-        ----------
-        info : object
-            Has width, height, distortion_model, binning_x, binning_y, roi and
-            k, d, r, p (or K, D, R, P).
-        side : str
-            "left" or "right", for the messages of errors.
-
-        Raises
-        ------
-        InputError
-            If K or P is zero or not finite, or if a size is missing.
-        """
+        """Read a CameraInfo; errors name its `side`."""
         camera_matrix = _matrix(info, "k", side).reshape(3, 3)
         projection = _matrix(info, "p", side).reshape(3, 4)
         rotation = _matrix(info, "r", side).reshape(3, 3)
@@ -124,13 +96,7 @@ class CameraCalibration:
         )
 
     def check_distortion(self, side: str) -> None:
-        """Refuse a distortion that cannot be undone.
-
-        Raises
-        ------
-        InputError
-            If the model is unknown, or D has another length than it needs.
-        """
+        """Refuse a distortion model that is unknown, or has another number of coefficients."""
         # Without coefficients these models are a pinhole camera; a fisheye is not.
         if not self.distortion.any() and self.distortion_model != EQUIDISTANT:
             return
@@ -149,13 +115,7 @@ class CameraCalibration:
 
 
 def image_size(info: CameraInfo, side: str) -> tuple[int, int]:
-    """Return width and height of the images that belong to a CameraInfo, px.
-
-    Raises
-    ------
-    InputError
-        If the message has no size.
-    """
+    """Return width and height of the images that belong to a CameraInfo, px."""
     roi = info.roi
     width, height = (roi.width, roi.height) if roi.width and roi.height else (
         info.width, info.height
@@ -171,13 +131,7 @@ def image_size(info: CameraInfo, side: str) -> tuple[int, int]:
 
 
 def read_pair(left: CameraInfo, right: CameraInfo) -> tuple[CameraCalibration, CameraCalibration]:
-    """Read the CameraInfo messages of a pair of cameras with images of one size.
-
-    Raises
-    ------
-    InputError
-        If a camera is not calibrated, or if the sizes differ.
-    """
+    """Read the CameraInfo messages of a pair of cameras with images of one size."""
     pair = (
         CameraCalibration.from_camera_info(left, "left"),
         CameraCalibration.from_camera_info(right, "right"),
@@ -192,13 +146,7 @@ def read_pair(left: CameraInfo, right: CameraInfo) -> tuple[CameraCalibration, C
 
 
 def read_projection(matrix: ArrayLike, side: str) -> Array:
-    """Return a projection matrix as (3, 4) float64.
-
-    Raises
-    ------
-    InputError
-        If it has another form, is not finite, or has no focal length.
-    """
+    """Return a projection matrix as (3, 4) float64."""
     try:
         p = np.asarray(matrix, np.float64).reshape(3, 4)
     except (TypeError, ValueError) as error:
@@ -220,13 +168,7 @@ def read_projection(matrix: ArrayLike, side: str) -> Array:
 
 
 def check_rectified(p1: Array, p2: Array) -> None:
-    """Refuse projection matrices of a pair that is not rectified, or swapped.
-
-    Raises
-    ------
-    InputError
-        Saying which entry tells so.
-    """
+    """Refuse projection matrices of a pair that is not rectified, or swapped."""
     if p2[0, 3] > 0.0 or p1[0, 3] < 0.0:
         raise InputError(
             f"P[0, 3] is {p1[0, 3]:g} for the left and {p2[0, 3]:g} for the right camera, where 0 "
@@ -266,19 +208,8 @@ def _window(info: CameraInfo) -> tuple[int, int, int, int]:
 
 
 def matrix_of(info: CameraInfo, name: str) -> Array:
-    """Return D, K, R or P of a CameraInfo of ROS 2, or of ROS 1, which has capitals.
-
-    Parameters
-    ----------
-    info : object
-        CameraInfo.
-    name : str
-        ``"d"``, ``"k"``, ``"r"`` or ``"p"``.
-
-    Returns
-    -------
-    (n,) float64 ndarray
-        Row by row.
+    """Return ``d``, ``k``, ``r`` or ``p`` of a CameraInfo of ROS 2, or of ROS 1 (capitals), row by
+    row.
     """
     values = getattr(info, name) if hasattr(info, name) else getattr(info, name.upper())
     return np.array(values, np.float64).ravel()

@@ -1,9 +1,9 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Noise that JPEG left at low frequencies, from the difference of the views where they match.
+"""Low-frequency noise that JPEG left, from the difference of the views where they match.
 
 JPEG takes the fine part of noise, by which it is measured elsewhere, and leaves the coarse one,
-which smoothing does not take: what is matched then are gradients of noise. In means of two by
+which smoothing does not take: noise gradients are matched then. In means of two by
 two pixels it is seen, but so is texture. Both views show the texture, and each its own noise.
 """
 
@@ -37,15 +37,7 @@ _VARIANCE = 20.0
 
 
 def with_codec_noise(views: StereoViews, points: Points) -> StereoViews:
-    """Return the views with their noise at low frequencies, where they show JPEG's blocks.
-
-    Parameters
-    ----------
-    views : StereoViews
-        The pair.
-    points : ndarray
-        ``(N, 3)`` float32: column, row and disparity of matches, px.
-    """
+    """Return the views with their noise at low frequencies, where they show JPEG's blocks."""
     blocks = max(blocking(view.pixels) for view in views)
     if blocks <= BLOCKS:
         return views
@@ -65,17 +57,8 @@ def with_codec_noise(views: StereoViews, points: Points) -> StereoViews:
 def low_frequency_noise(left: Image, right: Image, points: Points) -> float:
     """Standard deviation of white noise that has as much power at low frequencies.
 
-    Parameters
-    ----------
-    left, right : ndarray
-        ``(H, W, 3)`` or ``(H, W)``, uint8 or uint16.
-    points : ndarray
-        ``(N, 3)`` float32: column, row and disparity of matches, px.
-
-    Returns
-    -------
-    float
-        Of the mean of the channels, code values; 0 where too few matches tell it.
+    Of the mean of the channels, in code values, from matches (N, 3): column, row and disparity, px;
+    0 where too few matches tell it.
     """
     height, width = left.shape[:2]
     x, y, d = np.rint(points).astype(np.int64).T

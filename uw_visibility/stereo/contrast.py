@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import Array, Image, RangeMap
@@ -54,10 +55,10 @@ class ContrastNormalizer:
 
     Attributes
     ----------
-    grey : ndarray
-        ``(H, W)`` uint16, 256 times the 8-bit level.
-    gain : ndarray
-        ``(H, W)`` float32, 8-bit levels of even contrast per unit of `grey`.
+    grey : (H, W) uint16 ndarray
+        256 times the 8-bit level.
+    gain : (H, W) float32 ndarray
+        8-bit levels of even contrast per unit of `grey`.
     noise : float
         Noise of the median pixel after restoration, before `grey` was smoothed, in
         8-bit levels of even contrast.
@@ -74,15 +75,8 @@ class ContrastNormalizer:
     def stretch(self, image: Image, workers: Workers, noise: Array | None = None) -> None:
         """Take the luma, and one gain that stretches its contrast; for the raw image.
 
-        Parameters
-        ----------
-        image : ndarray
-            ``(H, W, 3)`` RGB or ``(H, W)`` grey; uint8 or uint16.
-        workers : Workers
-            Threads.
-        noise : ndarray, optional
-            Standard deviation of each channel's noise, in code values; measured here by
-            default. The image is smoothed as far as its restored noise asks for.
+        `noise` is the standard deviation of each channel's noise, in code values; measured here by
+        default. The image, RGB or grey, is smoothed as far as its restored noise asks for.
         """
         self._mix(image, LUMA, workers)
         self.gain[:] = self._raw_gain(image)
@@ -106,18 +100,13 @@ class ContrastNormalizer:
 
         Parameters
         ----------
-        image : ndarray
-            ``(H, W, 3)`` RGB, uint8 or uint16.
-        range_map : ndarray
-            ``(h, w)`` float32, m, of the image's size or of a fraction or multiple of it by a
-            whole number; not finite where unknown, which takes the gain of the farthest.
-        attenuation, ambient_light : ndarray
-            ``(3,)`` float64, 1/m and as irradiance 0..1; channels with NaN are left
-            out. At least one is known.
-        workers : Workers
-            Threads.
-        noise : ndarray, optional
-            See `stretch`.
+        image, workers, noise
+            See `stretch`; RGB.
+        range_map : (h, w) float32 ndarray
+            m, of the image's size or of a fraction or multiple of it by a whole number; not finite
+            where unknown, which takes the gain of the farthest.
+        attenuation, ambient_light : (3,) float64 ndarray
+            1/m and as irradiance 0..1; channels with NaN are left out. At least one is known.
         """
         attenuation, ambient_light = _known(attenuation, ambient_light)
         typical, farthest = _typical_and_farthest(range_map)
@@ -141,15 +130,9 @@ class ContrastNormalizer:
     ) -> None:
         """Take the mix of channels with least noise, and the gain that undoes lamps' falloff.
 
-        Parameters
-        ----------
-        image, range_map, workers, noise
-            See `restore`.
-        ranges : ndarray
-            ``(R,)`` float64, m.
-        direct : ndarray
-            ``(3, R)`` float64, light on a surface as far away that reaches the camera; its
-            scale is free: at a typical range contrast is stretched as that of a raw image.
+        `direct` (3, R) is the light of surfaces at `ranges` (R,), m, that reaches the camera;
+        its scale is free: at a typical range contrast is stretched as that of a raw image. See
+        `restore`.
         """
         typical, farthest = _typical_and_farthest(range_map)
         weights = np.array([np.interp(typical, ranges, channel) for channel in direct])
@@ -173,8 +156,7 @@ class ContrastNormalizer:
         return float(min(255.0 / max(high - low, 1.0), self._max_gain(image) / _FINE))
 
     def _set_gain(
-        self, table: Array, farthest: float, range_map: RangeMap,
-        workers: Workers,
+        self, table: Array, farthest: float, range_map: RangeMap, workers: Workers
     ) -> None:
         """Look up the gain of each pixel in a table over ranges of equal steps, from 0 on."""
         gain = table / _FINE
@@ -188,21 +170,14 @@ class ContrastNormalizer:
         )
 
     def _smooth(
-        self,
-        image: Image,
-        weights: Sequence[float] | Array,
-        workers: Workers,
-        noise: Array | None,
+        self, image: Image, weights: Sequence[float] | Array, workers: Workers, noise: Array | None
     ) -> None:
         """Smooth the mix of channels as far as its restored noise asks for."""
         self._noise_of_grey = self._known_noise(image, weights, noise)
         self.noise = self._smoother.smooth(self.grey, self.gain, self._noise_of_grey, workers)
 
     def _known_noise(
-        self,
-        image: Image,
-        weights: Sequence[float] | Array,
-        noise: Array | None,
+        self, image: Image, weights: Sequence[float] | Array, noise: Array | None
     ) -> float:
         """Noise of the mix of channels, in units of `grey`; 0 where it is rounding alone."""
         if noise is None:
@@ -216,7 +191,7 @@ class ContrastNormalizer:
     def noise_gradient(self, step: int) -> Array:
         """Standard deviation of the Sobel responses that noise makes, at every so many pixels.
 
-        It is 0 where the image was not smoothed, since it has hardly any.
+        0 where the image was not smoothed, since it has hardly any noise.
         """
         gain = self.gain[step // 2 :: step, step // 2 :: step]
         if not self._smoother.smoothed:
@@ -233,13 +208,7 @@ class ContrastNormalizer:
 
 
 def least_noise_weights(range_map: RangeMap, attenuation: Array, ambient_light: Array) -> Array:
-    """Return the weights of the channels ``(3,)`` float64 that `ContrastNormalizer.restore` uses.
-
-    Parameters
-    ----------
-    range_map, attenuation, ambient_light
-        As there.
-    """
+    """Weights of the channels that `ContrastNormalizer.restore` uses, of sum 1."""
     typical, _ = _typical_and_farthest(range_map)
     return _weights_at(typical, *_known(attenuation, ambient_light))
 
@@ -294,7 +263,7 @@ def _look_up(
             # Also true where the range is not a number.
             if not at < last:
                 at = last
-            value = table[np.int32(at)]
+            value = table[index_of(at, 0, table.size - 1)]
             for x in range(column * factor, (column + 1) * factor):
                 gain[y, x] = value
         # What fills no whole square takes its neighbour's.

@@ -3,8 +3,8 @@
 """Gaussian smoothing at a scale that follows the noise of the restored image.
 
 Restoration multiplies gradients, and noise with them: most where the water has taken
-most contrast. So each pixel is smoothed as much as its own restored noise asks for,
-before gradients are taken: near texture stays as fine as it is, and far texture, of which
+most contrast. So each pixel is smoothed as its own restored noise asks for,
+before gradients are taken: near texture stays fine, and far texture, of which
 noise leaves the coarse part only, is matched by that.
 """
 
@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import Array
@@ -41,15 +42,7 @@ _TABLE = 1024
 class NoiseAdaptiveSmoother:
     """Smoothing of one view, in memory that is allocated when it is first needed.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the image, px.
-
-    Attributes
-    ----------
-    smoothed : bool
-        Whether the last image was smoothed.
+    `smoothed` tells whether the last image was smoothed.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
@@ -58,30 +51,13 @@ class NoiseAdaptiveSmoother:
         self._scales: NDArray[np.float32] | None = None
 
     def smooth(
-        self,
-        grey: NDArray[np.uint16],
-        gain: NDArray[np.float32],
-        noise: float,
-        workers: Workers,
+        self, grey: NDArray[np.uint16], gain: NDArray[np.float32], noise: float, workers: Workers
     ) -> float:
-        """Smooth an image in place.
+        """Smooth a grey image in place; return its restored noise before that.
 
-        Parameters
-        ----------
-        grey : (H, W) uint16 ndarray
-            Image; overwritten.
-        gain : (H, W) float32 ndarray
-            8-bit levels of even contrast per unit of `grey`.
-        noise : float
-            Standard deviation of the image's noise, in units of `grey`.
-        workers : Workers
-            Threads.
-
-        Returns
-        -------
-        float
-            Restored noise before smoothing: that of the median gain, in 8-bit levels of
-            even contrast.
+        `gain` is 8-bit levels of even contrast per unit of `grey`, `noise` the standard
+        deviation of the image's noise in units of `grey`. The restored noise is that at the
+        median gain, in levels.
         """
         sample = gain[::8, ::8]
         restored = noise * float(np.median(sample))
@@ -108,11 +84,11 @@ class NoiseAdaptiveSmoother:
     def _blurred(
         self, grey: NDArray[np.uint16], finest: int, coarsest: NDArray[np.intp]
     ) -> NDArray[np.float32]:
-        """The image at the scales from the finest to the coarsest that each row needs.
+        """Images at the scales from the finest to the coarsest that each row needs.
 
-        Each is made from the one before, in floating point, which OpenCV blurs in half the
-        time of 16-bit numbers, and where it is needed alone: the far part of a scene, which
-        needs the coarse ones, is seldom seen in all rows.
+        Each is made from the one before, in floating point, which OpenCV blurs in half the time
+        of 16-bit numbers, and only in the rows that need it: coarse scales are seldom needed in
+        all rows.
         """
         if self._scales is None:
             self._scales = np.empty((_LEVELS + 1, *self._shape), np.float32)
@@ -140,17 +116,8 @@ def _sigma(level: int) -> float:
 
 
 def noise_gradient(noise: NDArray[np.floating]) -> Array:
-    """Standard deviation of a Sobel response to restored noise that was smoothed.
-
-    Parameters
-    ----------
-    noise : ndarray of float
-        Restored noise before it is smoothed, in 8-bit levels of even contrast.
-
-    Returns
-    -------
-    float64 ndarray
-        Of the same shape, in the same levels.
+    """Standard deviation of a Sobel response to restored noise that was smoothed; both in 8-bit
+    levels.
     """
     scales, responses = _responses()
     return np.asarray(noise * np.interp(_scale_of(noise), scales, responses))
@@ -180,15 +147,15 @@ def _position_of(scale: Array) -> Array:
 
 @njit(nogil=True, error_model="numpy")
 def _interpolate(
-    start: int, stop: int, scales: Any, gain: Any, low: Any, per_gain: Any, position: Any,
-    grey: Any,
+    start: int, stop: int, scales: Any, gain: Any, low: Any, per_gain: Any, position: Any, grey: Any
 ) -> None:
     most = np.int32(scales.shape[0] - 2)
     for y in range(start, stop):
         for x in range(grey.shape[1]):
             # Unsigned, since numba looks whether other indices are below zero.
-            at = position[np.uint32((gain[y, x] - low) * per_gain + np.float32(0.5))]
-            level = min(np.int32(at), most)
+            step = (gain[y, x] - low) * per_gain + np.float32(0.5)
+            at = position[np.uint32(index_of(step, 0, position.size - 1))]
+            level = index_of(at, 0, most)
             share = at - np.float32(level)
             here = np.uint32(level)
             fine, coarse = scales[here, y, x], scales[here + np.uint32(1), y, x]

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 from uw_visibility.compute.threads import Workers
@@ -52,21 +53,11 @@ class StereoMatcher(Protocol):
         """Match every pixel."""
 
 
-class MatcherFactory(Protocol):
-    """Maker of matchers for a size of image (height, width) and limits of disparity, px."""
-
-    def __call__(
-        self,
-        shape: tuple[int, int],
-        disparities: tuple[int, int],
-        config: StereoConfig,
-        workers: Workers,
-        /,
-    ) -> StereoMatcher: ...
-
-
-MATCHERS: dict[str, MatcherFactory] = {"elas": Matcher}
-"""Another one is a file and an entry here."""
+MATCHERS: dict[
+    str, Callable[[tuple[int, int], tuple[int, int], StereoConfig, Workers], StereoMatcher]
+] = {"elas": Matcher}
+"""Makers of matchers, of height and width, limits of disparity, px, parameters and threads:
+another one is an entry here."""
 
 MATCHER = "elas"
 """The one that is used; a parameter once there are several."""

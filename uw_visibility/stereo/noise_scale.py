@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scale selection: the finest scale at which a noisy image shows most of its scene.
 
-Of gradients that hold less signal than noise hardly one is matched, whatever smooths them
-afterwards, and many are matched by chance over a wide search. Means over squares of pixels take
-noise and leave what is coarser. How much signal there is, is seen in the image itself, so that
-neither ranges nor water have to be known for it.
+Gradients that hold less signal than noise are hardly ever matched, and many are matched by
+chance over a wide search. Means over squares of pixels take noise and leave what is coarser. How
+much signal there is, is seen in the image itself, without ranges or water.
 """
 
 from __future__ import annotations
@@ -35,28 +34,21 @@ _MOST = 0.9
 
 
 def matching_scale(
-    image: Image,
-    noise: Array,
-    weights: Sequence[float] | Array,
-    scales: Sequence[int],
+    image: Image, noise: Array, weights: Sequence[float] | Array, scales: Sequence[int]
 ) -> int:
-    """Choose the side of the squares of pixels that are averaged before matching.
+    """Choose the side of the squares of pixels that are averaged before matching, px.
 
     Parameters
     ----------
-    image : ndarray
-        ``(H, W, 3)`` RGB or ``(H, W)`` grey; uint8 or uint16.
-    noise : ndarray
-        ``(3,)`` or ``(1,)`` float64, standard deviation of each channel's noise, code values.
-    weights : array_like
-        ``(3,)`` weights of the channels that are matched, of sum 1.
+    image : (H, W, 3) or (H, W) ndarray of uint8 or uint16
+        RGB or grey.
+    noise : (3,) or (1,) float64 ndarray
+        Standard deviation of each channel's noise, code values.
+    weights : (3,) array_like
+        Weights of the channels that are matched, of sum 1.
     scales : sequence of int
-        Sides to choose from, px, ascending.
-
-    Returns
-    -------
-    int
-        px; the first of them where there is no noise, and where none shows a scene.
+        Sides to choose from, px, ascending; the first where there is no noise, and where none
+        shows a scene.
     """
     deviation = _deviation(image, noise, weights)
     if len(scales) == 1 or deviation <= ROUNDING * code_value(image):
@@ -75,23 +67,11 @@ def matching_scale(
 
 
 def shown(
-    image: Image,
-    noise: Array,
-    weights: Sequence[float] | Array,
-    scale: int,
+    image: Image, noise: Array, weights: Sequence[float] | Array, scale: int
 ) -> NDArray[np.bool_]:
-    """Parts of an image that show more than noise at a coarse scale.
+    """Mask (H, W) of the parts of an image that show more than noise at a coarse scale.
 
-    Parameters
-    ----------
-    image, noise, weights
-        See `matching_scale`.
-    scale : int
-        Side of the squares of pixels that are averaged, px.
-
-    Returns
-    -------
-    (H, W) bool ndarray
+    See `matching_scale`; `scale` is the side of the squares of pixels that are averaged, px.
     """
     mixed, deviation = _mixed(image, _deviation(image, noise, weights), weights)
     cells = _energy(mixed, scale) >= _least_energy(scale, _SURELY_SHOWN * deviation**2)
@@ -118,9 +98,7 @@ def _mixed(
 
 
 def _share_shown(image: NDArray[np.float32], scale: int, variance: float) -> float:
-    """Part of the cells whose gradients along rows have more energy than those of white noise.
-
-    `variance` is that of the noise before the image is brought to the scale.
+    """Part of the cells whose gradients along rows have more energy than white noise of a variance.
     """
     return float(np.mean(_energy(image, scale) >= _least_energy(scale, variance)))
 

@@ -22,16 +22,8 @@ MOST_COVERAGE = 0.5
 def dominant_plane(points: NDArray[np.floating]) -> Array | None:
     """RANSAC fit of the plane that most points lie on; the same points give the same plane.
 
-    Parameters
-    ----------
-    points : (N, 3) ndarray
-        x, y and disparity, px.
-
-    Returns
-    -------
-    (3,) float64 ndarray or None
-        Slopes along x and y and offset: disparity = a x + b y + c, px. None if fewer than
-        three points, or all on one line.
+    Returns slopes along x and y and offset: disparity = a x + b y + c, px, for points (N, 3) of
+    x, y and disparity; None for fewer than three points, or all on one line.
     """
     finite = np.asarray(points, dtype=np.float64)
     finite = finite[np.isfinite(finite).all(axis=1)]
@@ -52,20 +44,10 @@ def dominant_plane(points: NDArray[np.floating]) -> Array | None:
 
 
 def fill_plane(disparity: DisparityMap, points: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Dominant plane in place of what a thin mesh leaves open (section II-E).
+    """Dominant plane of the support points in place of what a thin mesh leaves open (section II-E).
 
-    Parameters
-    ----------
-    disparity : (H, W) float32 ndarray
-        The mesh's disparity, px; NaN = not covered.
-    points : (N, 3) ndarray
-        The support points: x, y, disparity.
-
-    Returns
-    -------
-    (H, W) float32 ndarray
-        A new map. Covered pixels keep their disparity; NaN stays where the plane's
-        is not positive (above the horizon), and everywhere without a plane.
+    Returns a new map. Covered pixels keep their disparity; NaN stays where the plane's
+    is not positive (above the horizon), and everywhere without a plane.
     """
     filled = disparity.copy()
     open_pixels = np.isnan(disparity)

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
@@ -27,16 +28,9 @@ _CODE_16_BIT = 257
 class Pyramid:
     """Two-level image pyramid: a pair at a fraction of its size, and its disparities back.
 
-    A pixel of the small images is the mean of a square of pixels. What does not fill
-    a square at the right and lower border is left out of them, and its disparity is
-    that of its neighbours.
-
-    Parameters
-    ----------
-    factor : int
-        Side of the squares, px; 1 leaves everything as it is.
-    workers : Workers
-        Threads.
+    A pixel of the small images is the mean of a square of `factor` by `factor` pixels. Pixels
+    at the right and lower border that fill no square are left out, and take their neighbours'
+    disparity.
     """
 
     def __init__(self, factor: int, workers: Workers) -> None:
@@ -67,7 +61,7 @@ class Pyramid:
 
         In noise it has 16 bits, since a mean of noisy pixels tells more than 8 of them do, and
         far away in turbid water all contrast is a code or two.
-        Its noise is what it shows itself, and at most what a mean of so many pixels leaves of
+        Its noise is what it shows itself, and at most what the mean leaves of
         the large one's: detail that is a pixel wide in the small view looks like noise.
         """
         factor = self.factor(view.shape)
@@ -118,30 +112,19 @@ class Pyramid:
         )
 
     def downsample_points(self, points: Points, shape: tuple[int, ...]) -> NDArray[np.float32]:
-        """Return points ``(N, 3)`` of a size, column, row and disparity, px of the small one."""
+        """Return points (N, 3), column, row and disparity, px, of a size as those of the small one.
+        """
         return _scaled(points, 1.0 / self.factor(shape))
 
     def upsample_points(self, points: Points, shape: tuple[int, ...]) -> NDArray[np.float32]:
-        """Return points ``(N, 3)`` of the small images, column, row and disparity, px of a size."""
+        """Return points (N, 3) of the small images, column, row and disparity, as px of a size."""
         return _scaled(points, self.factor(shape))
 
     def upsample_disparity(self, small: DisparityMap, shape: tuple[int, ...]) -> DisparityMap:
-        """Bring a disparity map to full size, in pixels of the full size.
+        """Bring a disparity map (h, w) to full size, px; NaN where unmatched.
 
         On a surface it is interpolated; across edges and beside unmatched pixels each
         pixel takes its square's.
-
-        Parameters
-        ----------
-        small : ndarray
-            ``(h, w)`` float32, px of the small images; NaN where unmatched.
-        shape : tuple of int
-            Height and width of the full images, px.
-
-        Returns
-        -------
-        ndarray
-            ``(H, W)`` float32, px; NaN where unmatched.
         """
         factor = self.factor(shape)
         if factor == 1:
@@ -185,11 +168,11 @@ def _enlarge(start: int, stop: int, small: Any, factor: int, full: Any) -> None:
         )
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", inline="always")
 def _between(at: int, factor: int, size: int) -> Any:
     """Return the small pixels on both sides of a pixel's centre, and the part of the way."""
     place = (np.float32(at) + np.float32(0.5)) / np.float32(factor) - np.float32(0.5)
-    before = min(max(int(np.floor(place)), 0), size - 1)
+    before = index_of(np.floor(place), 0, size - 1)
     part = min(max(place - np.float32(before), np.float32(0)), np.float32(1))
     return before, min(before + 1, size - 1), part
 

@@ -28,18 +28,18 @@ def right_gain(left: Image, right: Image, points: Points, transfer: str) -> Arra
 
     Parameters
     ----------
-    left, right : ndarray
-        ``(H, W, 3)`` or ``(H, W)``; uint8 or uint16.
-    points : ndarray
-        ``(N, 3)`` float32: column and row in the left image, and disparity, px.
+    left, right : (H, W, 3) or (H, W) ndarray of uint8 or uint16
+        The pair.
+    points : (N, 3) float32 ndarray
+        Column and row in the left image, and disparity, px.
     transfer : str
         ``"linear"`` or ``"srgb"``.
 
     Returns
     -------
-    ndarray
-        ``(3,)`` or ``(1,)`` float64, median over the points of the ratio of
-        irradiances; 1 for a channel in which too few points can be compared.
+    (3,) or (1,) float64 ndarray
+        Median over the points of the ratio of irradiances; 1 for a channel in which too few
+        points can be compared.
     """
     stride = -(-len(points) // _MOST_POINTS) or 1
     chosen = points[::stride]

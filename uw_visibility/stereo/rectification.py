@@ -12,38 +12,21 @@ from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Image
-from uw_visibility.stereo.calibration import (
-    EQUIDISTANT,
-    CameraCalibration,
-    read_pair,
-)
+from uw_visibility.stereo.calibration import EQUIDISTANT, CameraCalibration, read_pair
 from uw_visibility.stereo.rig import StereoRig
 
 
 class Rectifier:
-    """Rectification of raw image pairs.
-
-    Parameters
-    ----------
-    left, right : object
-        CameraInfo messages with K, D, R and P; see `StereoRig.from_camera_info`.
+    """Rectification of raw image pairs, by the CameraInfo (K, D, R and P) of both cameras.
 
     Attributes
     ----------
     rig : StereoRig
         Geometry of the rectified images.
-    size : tuple of int
-        Width and height of the images, px.
-    valid : ndarray, (H, W) bool
+    valid : (H, W) bool ndarray
         Where the rectified left image shows the raw one.
     valid_window : tuple of int
         (x, y, width, height) of the smallest window that holds all of `valid`.
-
-    Raises
-    ------
-    InputError
-        If the cameras are not calibrated, their sizes differ, the distortion
-        model is not known, or R and P leave nothing of the image.
     """
 
     def __init__(self, left: Any, right: Any) -> None:
@@ -71,23 +54,7 @@ class Rectifier:
         )
 
     def rectify(self, left: Image, right: Image) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Rectify a pair of raw images.
-
-        Parameters
-        ----------
-        left, right : ndarray, (H, W) or (H, W, 3), uint8 or uint16
-            Raw images; their channels are not mixed.
-
-        Returns
-        -------
-        left, right : ndarray
-            Like the input; 0 where the raw image does not reach.
-
-        Raises
-        ------
-        InputError
-            If an image has another size than its CameraInfo.
-        """
+        """Rectify a pair of raw images; 0 where the raw image does not reach."""
         width, height = self.size
         rectified = []
         for image, maps, side in zip((left, right), self._maps, ("left", "right"), strict=True):
@@ -100,19 +67,7 @@ class Rectifier:
         return rectified[0], rectified[1]
 
     def rectify_reduced(self, left: Image, factor: int) -> NDArray[Any]:
-        """Rectify a reduced left image, whose pixels are means of squares of the raw one's.
-
-        Parameters
-        ----------
-        left : ndarray, (H // factor, W // factor) or (H // factor, W // factor, 3)
-            uint8 or uint16.
-        factor : int
-            Side of the squares, px.
-
-        Returns
-        -------
-        ndarray
-            Like the input, at the same fraction of the rectified image's size.
+        """Rectify a left image whose pixels are means of ``factor`` by ``factor`` of the raw one's.
         """
         if factor not in self._reduced:
             height, width = left.shape[:2]

@@ -7,6 +7,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -15,16 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 from uw_visibility.compute.jit import njit
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, DisparityMap, RangeMap
-from uw_visibility.stereo.calibration import (
-    CameraInfo,
-    check_rectified,
-    read_pair,
-    read_projection,
-)
+from uw_visibility.stereo.calibration import CameraInfo, check_rectified, read_pair, read_projection
 
 # No camera's lengths, px or m, are beyond this, nor below its inverse. Messages hold them in
 # 32 bit, and products of them must be finite.
 LARGEST = 1e6
+
+# Cameras of one vehicle are nearer to one another than this, m. A number beyond it is mm.
+LARGEST_BASELINE = 10.0
 
 DISPARITY_STDDEV = 0.3
 """Standard deviation of a matched disparity, px."""
@@ -50,7 +49,7 @@ class StereoRig:
     Raises
     ------
     InputError
-        If a length is not positive, or a number is beyond what any camera has.
+        If a length is not a positive number, or a number is beyond what any camera has.
     """
 
     focal_length: float
@@ -62,6 +61,11 @@ class StereoRig:
     def __post_init__(self) -> None:
         _check_positive("focal length", self.focal_length, "px")
         _check_positive("baseline", self.baseline, "m")
+        if self.baseline > LARGEST_BASELINE:
+            raise InputError(
+                f"baseline is {self.baseline:g} m, as of {self.baseline / 1000.0:g} m in mm: give "
+                f"it in m, up to {LARGEST_BASELINE:g}"
+            )
         if self.focal_length_y is not None:
             _check_positive("vertical focal length", self.focal_length_y, "px")
         _set_point(self, "principal_point", "principal point")
@@ -78,10 +82,6 @@ class StereoRig:
             CameraInfo of rclpy or rosbags, of ROS 1 or ROS 2. Region of
             interest and binning are taken into account.
 
-        Returns
-        -------
-        StereoRig
-
         Raises
         ------
         InputError
@@ -97,13 +97,8 @@ class StereoRig:
 
         Parameters
         ----------
-        left, right : array_like, (3, 4)
-            Projection matrices; that of the right camera holds -f T in its
-            fourth column.
-
-        Returns
-        -------
-        StereoRig
+        left, right : (3, 4) array_like
+            Projection matrices; that of the right camera holds -f T in its fourth column.
 
         Raises
         ------
@@ -128,98 +123,52 @@ class StereoRig:
         return self.principal_point[0] - right[0]
 
     def ray_lengths(self, shape: tuple[int, ...]) -> NDArray[np.float32]:
-        """Length of each left pixel's ray up to unit depth.
-
-        Parameters
-        ----------
-        shape : tuple of int
-            Height and width of the image.
-
-        Returns
-        -------
-        ndarray, (H, W) float32
-            Read-only, and the same array for the same shape.
-        """
+        """Length of each left pixel's ray up to unit depth, (H, W) float32, read-only."""
         return _ray_lengths(self, (shape[0], shape[1]))
 
     def ray_directions(self, shape: tuple[int, ...]) -> Array:
-        """Unit direction of each left pixel's ray: right, down, forward.
-
-        Parameters
-        ----------
-        shape : tuple of int
-            Height and width of the image.
-
-        Returns
-        -------
-        ndarray, (H, W, 3) float64
-        """
+        """Unit direction of each left pixel's ray, (H, W, 3): right, down, forward."""
         return self.rays_at(np.arange(shape[1]), np.arange(shape[0]))
 
     def rays_at(self, columns: NDArray[Any], rows: NDArray[Any], *, right: bool = False) -> Array:
-        """Unit direction of the rays through a grid of points: right, down, forward.
-
-        Parameters
-        ----------
-        columns, rows : ndarray, (X,), (Y,)
-            Points of the image, px.
-        right : bool
-            Whether of the right image.
-
-        Returns
-        -------
-        ndarray, (Y, X, 3) float64
-        """
-        centre = self.principal_point_right if right else None
-        cx, cy = centre or self.principal_point
-        x = (columns - cx) / self.focal_length
-        y = ((rows - cy) / (self.focal_length_y or self.focal_length))[:, np.newaxis]
+        """Unit direction (Y, X, 3) of the rays through a grid of columns (X,) and rows (Y,), px."""
+        x, y = self._at_unit_depth(columns, rows, right)
         rays = np.stack(np.broadcast_arrays(x, y, 1.0), axis=2)
         return np.asarray(rays / np.sqrt(1.0 + x**2 + y**2)[..., np.newaxis])
 
-    def _pinhole(self, shape: tuple[int, ...]) -> tuple[Array, Array]:
-        """X of each column, (W,), and Y of each row, (H, 1), at unit depth."""
-        x = (np.arange(shape[1], dtype=np.float64) - self.principal_point[0]) / self.focal_length
-        focal_length_y = self.focal_length_y or self.focal_length
-        y = (np.arange(shape[0], dtype=np.float64) - self.principal_point[1]) / focal_length_y
-        return x, y[:, np.newaxis]
+    def _at_unit_depth(
+        self, columns: NDArray[Any], rows: NDArray[Any], right: bool
+    ) -> tuple[Array, Array]:
+        """X of columns, (X,), and Y of rows, (Y, 1), at unit depth."""
+        centre = self.principal_point_right if right else None
+        cx, cy = centre or self.principal_point
+        y = (rows - cy) / (self.focal_length_y or self.focal_length)
+        return (columns - cx) / self.focal_length, y[:, np.newaxis]
 
     def range_from_disparity(self, disparity: DisparityMap) -> DisparityMap:
         """Range along the line of sight, from x_left - x_right.
 
         Parameters
         ----------
-        disparity : ndarray, (H, W) float32
+        disparity : (H, W) float32 ndarray
             Disparity in the left image, px; NaN where unknown.
 
         Returns
         -------
-        ndarray, (H, W) float32
+        (H, W) float32 ndarray
             Range, m; NaN where the disparity is NaN, or not positive once
             the principal points' difference is taken off.
         """
         return self._range(disparity, math.nan)
 
     def range_of_filled(self, disparity: DisparityMap) -> RangeMap:
-        """Range along the line of sight, from a disparity map without gaps.
-
-        Parameters
-        ----------
-        disparity : ndarray, (H, W) float32
-            Disparity in the left image, px.
-
-        Returns
-        -------
-        ndarray, (H, W) float32
-            Range, m; infinite where the disparity lies at or beyond infinity.
-        """
+        """Range, m, of a disparity map without gaps; infinite at or beyond infinity's disparity."""
         return self._range(disparity, math.inf)
 
     def _range(self, disparity: DisparityMap, beyond: float) -> NDArray[np.float32]:
         """Range, m; `beyond` where the disparity lies at or beyond infinity."""
         # A new array of one kind, whatever was given: each kind would compile the kernel anew.
-        range_map = np.subtract(
-            disparity, np.float32(self.offset), dtype=np.float32, order="C")
+        range_map = np.subtract(disparity, np.float32(self.offset), dtype=np.float32, order="C")
         _to_range(
             range_map, self.ray_lengths(range_map.shape),
             np.float32(self.focal_length * self.baseline), np.float32(beyond))
@@ -234,12 +183,12 @@ class StereoRig:
 
         Parameters
         ----------
-        range_map : ndarray, (H, W) float32
+        range_map : (H, W) float32 ndarray
             Range, m; NaN where unknown, inf for open water.
 
         Returns
         -------
-        ndarray, (H, W) float32
+        (H, W) float32 ndarray
             Disparity, px; NaN where the range is NaN or not positive.
         """
         known = np.array(range_map, np.float32)
@@ -260,26 +209,39 @@ def _to_range(values: Any, ray_lengths: Any, scale: Any, beyond: Any) -> None:
 
 
 def _check_positive(name: str, value: float, unit: str) -> None:
-    if not 1.0 / LARGEST <= value <= LARGEST:
+    if not _is_number(value) or not 1.0 / LARGEST <= value <= LARGEST:
         raise InputError(
-            f"{name} is {value:g} {unit}: give a positive number, up to {LARGEST:g}"
+            f"{name} is {_shown(value)} {unit}: give a positive number, up to {LARGEST:g}"
         )
 
 
 def _set_point(rig: StereoRig, field: str, name: str) -> None:
-    point = tuple(float(v) for v in getattr(rig, field))
-    if len(point) != 2 or not all(abs(v) <= LARGEST for v in point):
+    given = getattr(rig, field)
+    try:
+        point = tuple(given)
+    except TypeError:
+        point = ()
+    if len(point) != 2 or not all(_is_number(v) and abs(v) <= LARGEST for v in point):
         raise InputError(
-            f"{name} is {point}: give two numbers of up to {LARGEST:g}, cx and cy in px"
+            f"{name} is {_shown(given)}: give two numbers of up to {LARGEST:g}, cx and cy in px"
         )
-    object.__setattr__(rig, field, point)
+    object.__setattr__(rig, field, tuple(float(v) for v in point))
+
+
+def _is_number(value: object) -> bool:
+    """Whether a value is one number: no text, no truth value, no array."""
+    return isinstance(value, Real) and not isinstance(value, (bool, np.bool_))
+
+
+def _shown(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else repr(value)
 
 
 # Full size, and those that the two steps match. An array of each calibration that was ever
 # seen would be held for ever.
 @functools.lru_cache(maxsize=3)
 def _ray_lengths(rig: StereoRig, shape: tuple[int, int]) -> NDArray[np.float32]:
-    x, y = rig._pinhole(shape)
+    x, y = rig._at_unit_depth(np.arange(shape[1]), np.arange(shape[0]), False)
     lengths = np.sqrt(1.0 + x**2 + y**2).astype(np.float32)
     lengths.flags.writeable = False
     return lengths

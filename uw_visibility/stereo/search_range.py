@@ -9,20 +9,7 @@ from uw_visibility.errors import InputError
 
 
 def disparity_limits(config: StereoConfig, width: int) -> tuple[int, int]:
-    """Return the smallest and the largest disparity searched, px.
-
-    Parameters
-    ----------
-    config : StereoConfig
-        `min_disparity` and `max_disparity`; 0 stands for a quarter of the width.
-    width : int
-        Of the images, px.
-
-    Raises
-    ------
-    InputError
-        If they leave nothing to search.
-    """
+    """Smallest and largest disparity searched in images of a width, px, 0 for a quarter of it."""
     low = config.min_disparity
     high = config.max_disparity or width // 4
     high = min(high, width - 16)

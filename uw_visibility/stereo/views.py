@@ -9,29 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import DisparityMap
 
 
 def in_right_view(disparity: DisparityMap, workers: Workers | None = None) -> NDArray[np.float32]:
-    """Warp a disparity map without holes to the right view.
+    """Warp a disparity map (H, W) without holes to the right view.
 
     Of two surfaces at one pixel the nearer is seen. What only the right camera
-    sees lies behind, and takes the farther of its two neighbours in the row.
-
-    Parameters
-    ----------
-    disparity : ndarray
-        ``(H, W)`` float32, left-referenced, px; NaN is passed over.
-    workers : Workers, optional
-        Threads; one by default.
-
-    Returns
-    -------
-    ndarray
-        ``(H, W)`` float32, disparity at the right view's pixels, px; NaN in rows
-        that nothing falls into.
+    sees lies behind, and takes the farther of its two neighbours in the row. NaN is passed over;
+    rows that nothing falls into are NaN.
     """
     warped = np.empty_like(disparity)
     (workers or Workers(1)).rows(_warp, disparity.shape[0], disparity, warped)
@@ -64,7 +53,7 @@ def _columns(row: Any, column: Any) -> None:
     for x in range(row.size):
         other = x - row[x]
         inside = (other > -0.5) & (other < row.size - 0.5)
-        column[x] = np.int32(other + 1.5) if inside else np.int32(0)
+        column[x] = index_of(other + 1.5, 0, row.size) if inside else np.int32(0)
 
 
 @njit(nogil=True, error_model="numpy")

@@ -1,3 +1,3 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Water: estimation, priors, validation, assessment, and filter over frames."""
+"""Water: estimation by daylight and under lamps, series of frames, meaning of the estimates."""

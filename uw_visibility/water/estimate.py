@@ -5,15 +5,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.status import Status
-from uw_visibility.water.fit import Fit
-from uw_visibility.water.lamp_cells import Cells
-from uw_visibility.water.lamp_tracks import GroundView
+from uw_visibility.water.daylight.fit import Fit, blank
+from uw_visibility.water.lamps.cells import Cells
+from uw_visibility.water.lamps.tracks import GroundView
 from uw_visibility.water.observations import Envelopes
 
 
@@ -37,11 +38,11 @@ class LampLight:
         The frame, for a survey to find the ground of others in it.
     """
 
-    attenuation: NDArray[np.float64]
-    power: NDArray[np.float64]
-    scattering: NDArray[np.float64]
-    daylight: NDArray[np.float64]
-    veil: NDArray[np.float64]
+    attenuation: Array
+    power: Array
+    scattering: Array
+    daylight: Array
+    veil: Array
     cells: Cells | None = None
     ground: GroundView | None = None
 
@@ -53,7 +54,8 @@ class WaterEstimate:
     Attributes
     ----------
     status : Status
-        OK when all three channels are assessable, else the first reason why not.
+        That of all channels together, see `overall_status`: a channel without light counts
+        only where no channel has any.
     attenuation : (3,) float64 ndarray
         β for R, G, B, 1/m; NaN where not assessable.
     ambient_light : (3,) float64 ndarray
@@ -95,18 +97,17 @@ class WaterEstimate:
     """
 
     status: Status
-    attenuation: NDArray[np.float64]
-    ambient_light: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    attenuation: Array
+    ambient_light: Array
+    covariance: Array
     iterations: int
     bins: int
     channel_status: tuple[Status, Status, Status]
     envelope: Envelopes | None = None
-    joint_covariance: NDArray[np.float64] | None = None
-    light: NDArray[np.float64] | None = None
-    light_stddev: NDArray[np.float64] | None = None
-    cues: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(
-        default_factory=dict)
+    joint_covariance: Array | None = None
+    light: Array | None = None
+    light_stddev: Array | None = None
+    cues: dict[str, tuple[Array, Array]] = field(default_factory=dict)
     open_water: float = 0.0
     lamps: LampLight | None = None
     grey_on_average: bool = False
@@ -114,32 +115,32 @@ class WaterEstimate:
     transfer_log_odds: float = math.nan
 
     @property
-    def veil(self) -> NDArray[np.float64]:
+    def veil(self) -> Array:
         """(3,) float64: veil B, what the water adds at infinity; the same as `ambient_light`."""
         return self.ambient_light
 
     @property
-    def scene_light(self) -> NDArray[np.float64]:
+    def scene_light(self) -> Array:
         """(3,) float64: light W on the scene, the irradiance of white with no water between."""
         return self.ambient_light if self.light is None else self.light
 
     @property
-    def scene_light_stddev(self) -> NDArray[np.float64]:
+    def scene_light_stddev(self) -> Array:
         """(3,) float64: standard deviation of the light on the scene."""
         return self.ambient_light_stddev if self.light_stddev is None else self.light_stddev
 
     @property
-    def attenuation_stddev(self) -> NDArray[np.float64]:
+    def attenuation_stddev(self) -> Array:
         """(3,) float64: standard deviation of the attenuation, 1/m."""
         return np.sqrt(self.covariance[:, 0, 0])
 
     @property
-    def ambient_light_stddev(self) -> NDArray[np.float64]:
+    def ambient_light_stddev(self) -> Array:
         """(3,) float64: standard deviation of the ambient light."""
         return np.sqrt(self.covariance[:, 1, 1])
 
     @property
-    def refused_in_light(self) -> NDArray[np.bool_]:
+    def refused_in_light(self) -> Mask:
         """(3,) bool: channels not assessable, and not because they are too dark.
 
         They still show the scene.
@@ -151,15 +152,43 @@ class WaterEstimate:
     def not_assessable(cls, reason: Status, envelope: Envelopes | None = None) -> WaterEstimate:
         """Return an estimate that says only why there is none."""
         return cls(
-            status=reason,
-            attenuation=np.full(3, np.nan),
-            ambient_light=np.full(3, np.nan),
-            covariance=np.full((3, 2, 2), np.nan),
-            iterations=0,
+            status=reason, attenuation=np.full(3, np.nan), ambient_light=np.full(3, np.nan),
+            covariance=np.full((3, 2, 2), np.nan), iterations=0,
             bins=0 if envelope is None else len(envelope.range),
-            channel_status=(reason, reason, reason),
-            envelope=envelope,
-        )
+            channel_status=(reason, reason, reason), envelope=envelope)
+
+
+def overall_status(channels: Sequence[Status]) -> Status:
+    """Status of an estimate from those of its channels.
+
+    Water takes the light of a channel, such as red below some 10 m: what the others say stands.
+
+    Returns
+    -------
+    Status
+        TOO_DARK where all channels are, else OK where all that are lit are, else the first
+        reason why one of these is not.
+    """
+    lit = [status for status in channels if status is not Status.TOO_DARK]
+    if not lit:
+        return Status.TOO_DARK
+    return next((status for status in lit if status is not Status.OK), Status.OK)
+
+
+def joint_covariance(estimate: WaterEstimate) -> Array:
+    """(6, 6) covariance of β_R, I∞_R, β_G, I∞_G, β_B, I∞_B; of independent channels by default."""
+    if estimate.joint_covariance is not None:
+        return estimate.joint_covariance
+    joint = np.zeros((6, 6))
+    for channel, covariance in enumerate(estimate.covariance):
+        block = slice(2 * channel, 2 * channel + 2)
+        joint[block, block] = covariance
+    return joint
+
+
+def of_each_channel(joint: Array) -> Array:
+    """(3, 2, 2): blocks of a joint covariance."""
+    return np.stack([joint[2 * c:2 * c + 2, 2 * c:2 * c + 2] for c in range(3)])
 
 
 def refuse(status: list[Status], reason: Status) -> list[Status]:
@@ -171,17 +200,14 @@ def assemble(fit: Fit, envelope: Envelopes, status: list[Status]) -> WaterEstima
     """Return the estimate that a fit is, NaN for the channels that are refused."""
     refused = np.array([reason is not Status.OK for reason in status])
     parameters = np.where(refused[:, np.newaxis], np.nan, fit.parameters)
-    joint = fit.covariance.copy()
-    joint[np.repeat(refused, 2), :] = np.nan
-    joint[:, np.repeat(refused, 2)] = np.nan
+    joint = blank(fit.covariance, ~refused)
     return WaterEstimate(
-        status=next((reason for reason in status if reason is not Status.OK), Status.OK),
+        status=overall_status(status),
         attenuation=parameters[:, 0],
         ambient_light=parameters[:, 1],
-        covariance=np.stack([joint[2 * c:2 * c + 2, 2 * c:2 * c + 2] for c in range(3)]),
+        covariance=of_each_channel(joint),
         iterations=fit.iterations,
         bins=len(envelope.range),
         channel_status=(status[0], status[1], status[2]),
         envelope=envelope,
-        joint_covariance=joint,
-    )
+        joint_covariance=joint)

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.images.arrays import Mask
 from uw_visibility.optics.transfer import linear_table
 
 # The search looks at cells of this side, px.
@@ -37,33 +38,17 @@ _REDDER = 0.06
 _LEAST_AREA = 0.003
 
 
-def foreground_mask(
-    image: NDArray[Any], points: NDArray[np.float32], transfer: str
-) -> NDArray[np.bool_] | None:
-    """Find unmatched close objects that would bias the envelopes.
+def foreground_mask(image: NDArray[Any], points: NDArray[np.float32], transfer: str) -> Mask | None:
+    """Mask of unmatched close objects that would bias the envelopes, (H, W); None without any.
 
-    Those are large areas without matches that are darker or brighter than the scene.
-
-    Parameters
-    ----------
-    image : ndarray
-        ``(H, W, 3)``, uint8 or uint16.
-    points : ndarray
-        ``(N, 3)`` float32: column, row and disparity of the support points, px.
-    transfer : str
-        ``"linear"`` or ``"srgb"``.
-
-    Returns
-    -------
-    ndarray or None
-        ``(H, W)`` bool, such areas with what their outline may reach; None where
-        there are none.
+    Those are large areas without matches that are darker or brighter than the scene; the mask
+    includes their blurred outlines. `points` are the support points, (N, 3) float32: column, row,
+    disparity, px.
     """
     height, width = image.shape[:2]
     rows, columns = height // _CELL, width // _CELL
     codes = cv2.resize(
-        image[:rows * _CELL, :columns * _CELL], (columns, rows), interpolation=cv2.INTER_AREA
-    )
+        image[:rows * _CELL, :columns * _CELL], (columns, rows), interpolation=cv2.INTER_AREA)
     irradiance = linear_table(transfer, image.dtype)
     at = points[:, [1, 0]].astype(np.int64) // _CELL
     inside = (at[:, 0] < rows) & (at[:, 1] < columns)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -13,11 +14,243 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
+from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.images.pair import read_only
 from uw_visibility.images.view import ColourSamples
-from uw_visibility.water.histogram import CELL_BITS, CELLS, accumulate, take_quantiles
-from uw_visibility.water.levels import LEVELS_16_BIT, LEVELS_OF_MEANS, levels
+from uw_visibility.optics.transfer import linear_table
+
+# 16-bit codes are counted in groups of 16: a group spans a sixteenth of an
+# 8-bit step, and the histogram still fits into the cache.
+LEVELS_16_BIT = 4096
+# Means of 8-bit codes: theirs tell no finer.
+LEVELS_OF_MEANS = 1024
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Groups of code values that the histogram counts as one level.
+
+    Attributes
+    ----------
+    of_code : (256,) or (65536,) uint16 ndarray
+        Level of each code value.
+    edges : (L + 1,) float64 ndarray
+        Irradiance at the levels' edges, half a code beyond their codes.
+    step : (L,) float64 ndarray
+        Irradiance of one code value.
+    """
+
+    of_code: NDArray[np.uint16]
+    edges: Array
+    step: Array
+
+
+@lru_cache(maxsize=8)
+def levels(transfer: str, dtype: Any, number: int = LEVELS_16_BIT) -> Levels:
+    """Levels, at most `number`, of images of a type and transfer."""
+    irradiance = linear_table(transfer, dtype).astype(np.float64)
+    group = len(irradiance) // min(len(irradiance), number)
+    of_code = (np.arange(len(irradiance)) // group).astype(np.uint16)
+    middles = 0.5 * (irradiance[1:] + irradiance[:-1])
+    # The first and the last code span as much on their outer side.
+    ends = 2 * irradiance[[0, -1]] - middles[[0, -1]]
+    code_edges = np.concatenate((ends[:1], middles, ends[1:]))
+    edges = code_edges[::group].copy()
+    return Levels(of_code, edges, np.diff(edges) / group)
+
+
+# Fineness at which ranges are told apart before they are gathered in bins.
+CELLS = 2048
+# An entry of the histogram holds the number of pixels above these bits, and in
+# them the sum of the pixels' cells of range: one addition counts a pixel.
+CELL_BITS = 36
+# Larger images are read in every second row, every third ...: the darkest of so
+# many pixels do not gain much from more.
+PIXELS_READ_WHOLE = 130_000
+# Range that changes by more than this fraction between the two outer neighbours
+# of a pixel is too steep to be sure of: a slope seen at a grazing angle, or a
+# mesh that was spanned over a jump.
+MAX_SLOPE = np.float32(0.2)
+
+
+@njit(nogil=True)
+def accumulate(
+    image: Any, range_map: Any, inverse: Any, mask: Any, masked: bool, level_of: Any, low: float,
+    cells_per_metre: float, bin_of_cell: Any, tolerance: float, noise: float,
+    margins: tuple[int, int], histogram: Any,
+) -> bool:
+    """Count levels by range bin and channel, in one pass; return whether any pixel has colour.
+
+    Parameters
+    ----------
+    image : (H, W, 3) ndarray
+        Code values.
+    range_map, inverse : (H, W) float32 ndarray
+        m, NaN where unknown, and its inverse.
+    mask : (H, W) bool ndarray
+        Pixels that count, where `masked`.
+    level_of : (L,) uint16 ndarray
+        Level of each code value.
+    low, cells_per_metre, bin_of_cell
+        Least range, m, fineness of the cells of range, and the bin of each, (CELLS,) int32.
+    tolerance, noise : float
+        A departure of inverse range (1/m) from a plane by more than `tolerance` times it plus
+        `noise` is an edge. An infinite tolerance keeps all pixels.
+    margins : tuple of int
+        Distances, px, at which edges and unknown ranges exclude a pixel: near and far.
+    histogram : (bins, 3, L) int64 ndarray
+        Filled; see `CELL_BITS`.
+    """
+    height, width = range_map.shape
+    # Margins have no cell.
+    place, smooth = np.full(width, -1, np.int32), np.empty(width, np.int32)
+    limit = np.empty(width, np.float32)
+    coloured = False
+    margin = margins[1]
+    stride = max(1, round(np.sqrt(height * width / PIXELS_READ_WHOLE)))
+    for y in range(margin + (stride - 1) // 2, height - margin, stride):
+        if np.isinf(tolerance):
+            _place_row(range_map[y], low, cells_per_metre, place)
+        else:
+            _mark_smooth(inverse, y, tolerance, noise, margins, limit, smooth)
+            inner = slice(margin, width - margin)
+            _place_row(range_map[y][inner], low, cells_per_metre, place[inner])
+            _keep(smooth, place[inner])
+        for x in range(width):
+            cell = place[x]
+            if cell < 0 or (masked and not mask[y, x]):
+                continue
+            red, green, blue = image[y, x, 0], image[y, x, 1], image[y, x, 2]
+            if (red | green | blue) == 0:
+                continue
+            coloured |= (red != green) | (green != blue)
+            counts = histogram[bin_of_cell[cell]]
+            entry = (np.int64(1) << CELL_BITS) + cell
+            counts[0, level_of[red]] += entry
+            counts[1, level_of[green]] += entry
+            counts[2, level_of[blue]] += entry
+    return coloured
+
+
+@njit(nogil=True)
+def _place_row(here: Any, low: float, cells_per_metre: float, place: Any) -> None:
+    """Write the cell of range of each pixel of a row, or -1."""
+    zero, cells, nothing = np.float32(0), np.float32(CELLS), np.int32(-1)
+    for x in range(place.size):
+        cell = (here[x] - low) * cells_per_metre
+        inside = (cell >= zero) & (cell < cells)
+        place[x] = index_of(cell, 0, CELLS - 1) if inside else nothing
+
+
+@njit(nogil=True)
+def _mark_smooth(
+    inverse: Any, y: int, tolerance: float, noise: float, margins: tuple[int, int], limit: Any,
+    smooth: Any,
+) -> None:
+    """Mark the pixels of a row, without its margins, that lie on a smooth surface.
+
+    The inverse of range is linear over a plane; at a jump its second difference is as large as the
+    jump. Beside unknown pixels, comparisons are false.
+    """
+    near, far = margins
+    row, top, bottom = inverse[y], inverse[y - far], inverse[y + far]
+    inner = slice(far, row.size - far)
+    middle = row[inner]
+    _start(middle, tolerance, noise, limit, smooth)
+    for reach in (near, far):
+        up, down = inverse[y - reach], inverse[y + reach]
+        before, after = far - reach, far + reach
+        _keep_straight(row[before:], row[after:], up[inner], down[inner], middle, limit, smooth)
+        _keep_straight(up[before:], down[after:], up[after:], down[before:], middle, limit, smooth)
+    _keep_flat(row, row[2 * far:], top[inner], bottom[inner], middle, smooth)
+
+
+@njit(nogil=True)
+def _start(middle: Any, tolerance: float, noise: float, limit: Any, smooth: Any) -> None:
+    for x in range(middle.size):
+        limit[x] = tolerance * middle[x] + noise
+        smooth[x] = 1
+
+
+@njit(nogil=True)
+def _keep_straight(a: Any, b: Any, c: Any, d: Any, middle: Any, limit: Any, smooth: Any) -> None:
+    """Keep pixels midway between a and b, and c and d; few arrays make vector code."""
+    for x in range(middle.size):
+        twice = middle[x] + middle[x]
+        straight = (abs(a[x] + b[x] - twice) <= limit[x]) & (abs(c[x] + d[x] - twice) <= limit[x])
+        smooth[x] = smooth[x] if straight else np.int32(0)
+
+
+@njit(nogil=True)
+def _keep_flat(a: Any, b: Any, c: Any, d: Any, middle: Any, smooth: Any) -> None:
+    for x in range(middle.size):
+        steep = MAX_SLOPE * middle[x]
+        flat = (abs(b[x] - a[x]) <= steep) & (abs(c[x] - d[x]) <= steep)
+        smooth[x] = smooth[x] if flat else np.int32(0)
+
+
+@njit(nogil=True)
+def _keep(smooth: Any, place: Any) -> None:
+    for x in range(place.size):
+        place[x] = place[x] if smooth[x] != 0 else np.int32(-1)
+
+
+@njit(nogil=True)
+def take_quantiles(
+    histogram: Any, edges: Any, code_step: Any, min_pixels: int, ranks: Any,
+    bright_quantile: float, dark: Any, dark_cell: Any, steep: Any, bright: Any, step: Any,
+) -> None:
+    """Take the quantiles of each histogram, leaving out its saturated level.
+
+    `edges` and `code_step` are those of `Levels`; `ranks` (2, 3, bins) are the numbers of pixels
+    below the dark envelope and below its second point, which shows its steepness. Fills (3, bins)
+    each: dark envelope, mean cell of the pixels below it, the second point, bright envelope, and a
+    code's step at the dark one; NaN where a bin has fewer than `min_pixels`.
+    """
+    bins, channels, number = histogram.shape
+    column = np.empty(number, np.int64)
+    for at in range(bins):
+        for channel in range(channels):
+            column[:] = histogram[at, channel] >> CELL_BITS
+            total = column[:number - 1].sum()
+            if total < min_pixels:
+                dark[channel, at] = np.nan
+                dark_cell[channel, at] = np.nan
+                steep[channel, at] = np.nan
+                bright[channel, at] = np.nan
+                step[channel, at] = np.nan
+                continue
+            level, inside = _find(column, ranks[0, channel, at])
+            # Counts that fall smoothly towards darkness place the quantile
+            # inside its level. At a sharp end the true darkest value may lie
+            # anywhere in the level: its middle is right on average.
+            before = column[level - 1] if level > 0 else 0
+            smooth = min(1.0, 2.0 * before / column[level])
+            inside = smooth * inside + (1.0 - smooth) * 0.5
+            dark[channel, at] = edges[level] + inside * (edges[level + 1] - edges[level])
+            step[channel, at] = code_step[level]
+            # The darkest pixels lie at the near end of their bin.
+            entries = histogram[at, channel, :level + 1] & ((np.int64(1) << CELL_BITS) - 1)
+            dark_cell[channel, at] = entries.sum() / column[:level + 1].sum()
+            level, inside = _find(column, ranks[1, channel, at])
+            steep[channel, at] = edges[level] + inside * (edges[level + 1] - edges[level])
+            level, inside = _find(column, bright_quantile * total)
+            # What is reached at least, since it bounds the ambient light.
+            bright[channel, at] = edges[level]
+
+
+@njit(nogil=True)
+def _find(column: Any, rank: float) -> tuple[int, float]:
+    """Level at which the running count reaches a rank, and the place inside it."""
+    running = 0
+    level = 0
+    while level < column.size - 1 and running + column[level] < rank:
+        running += column[level]
+        level += 1
+    return level, (rank - running) / column[level]
+
 
 # Noise beyond the first of these, in 8-bit code values, would make up the dark
 # envelope: the image is then filtered by a median, which also takes the flakes of
@@ -81,23 +314,23 @@ class Envelopes:
         Standard deviation of range over its square, 1/m; 0 for exact ranges.
     """
 
-    range: NDArray[np.float64]
+    range: Array
     count: NDArray[np.int64]
-    dark: NDArray[np.float64]
-    dark_range: NDArray[np.float64]
-    bright: NDArray[np.float64]
-    step: NDArray[np.float64]
-    deviation: NDArray[np.float64]
-    noise: NDArray[np.float64]
+    dark: Array
+    dark_range: Array
+    bright: Array
+    step: Array
+    deviation: Array
+    noise: Array
     pixels: int
-    saturated: NDArray[np.float64]
-    zero: NDArray[np.float64]
+    saturated: Array
+    zero: Array
     grey: bool
     limits: tuple[float, float] = (0.0, 0.0)
     range_error: float = 0.0
 
 
-def quantile_of_known(values: NDArray[np.float64], quantile: float) -> NDArray[np.float64]:
+def quantile_of_known(values: Array, quantile: float) -> Array:
     """Quantile over the bins that are known, (C, N) to (C,); NaN where none is."""
     result = np.full(len(values), np.nan)
     _quantiles_of_known(np.ascontiguousarray(values), quantile, result)
@@ -110,31 +343,23 @@ def _quantiles_of_known(values: Any, quantile: float, result: Any) -> None:
         known = np.sort(values[c][np.isfinite(values[c])])
         if len(known) > 0:
             place = quantile * (len(known) - 1)
-            below = int(place)
+            below = index_of(place, 0, len(known) - 1)
             above = min(below + 1, len(known) - 1)
             result[c] = known[below] + (place - below) * (known[above] - known[below])
 
 
 def observe(
-    samples: ColourSamples,
-    range_map: NDArray[np.float32],
-    valid: NDArray[np.bool_] | None,
-    *,
-    bins: int,
-    min_pixels: int,
-    edge_tolerance: float,
-    dark_quantile: float,
-    fewest_dark: float,
-    bright_quantile: float,
-    range_error: float = 0.0,
-    plain: bool = False,
+    samples: ColourSamples, range_map: NDArray[np.float32], valid: Mask | None, *, bins: int,
+    min_pixels: int, edge_tolerance: float, dark_quantile: float, fewest_dark: float,
+    bright_quantile: float, range_error: float = 0.0, plain: bool = False,
 ) -> Envelopes:
     """Bin pixels by range and take the quantiles of each bin and channel (eq. 4-5).
+
+    Padded pixels (0 in all channels) and saturated channels do not count.
 
     Parameters
     ----------
     samples : ColourSamples
-        The pixels, their transfer and noise.
     range_map : (H, W) float32 ndarray
         Range, m; NaN (or anything not above 0) where unknown.
     valid : (H, W) bool ndarray or None
@@ -145,7 +370,7 @@ def observe(
         Pixels that a bin needs.
     edge_tolerance : float
         Pixels are left out where the range beside them departs from a plane by
-        more than this fraction, or is not known; see `accumulate`.
+        more than this fraction, or is unknown.
     dark_quantile, bright_quantile : float
         Quantiles of the envelopes, 0..1.
     fewest_dark : float
@@ -153,14 +378,12 @@ def observe(
     range_error : float
         Standard deviation of range over its square, 1/m; 0 for exact ranges.
     plain : bool
-        Whether to do as the paper does: equally wide bins of all pixels,
-        without regard to edges and noise.
+        As the paper: bins of equal width of all pixels, whatever edges and noise.
 
     Returns
     -------
     Envelopes
-        Perhaps without any bin. Padded pixels (0 in all channels) do not
-        count, nor do saturated channels.
+        Perhaps without any bin.
     """
     image, noise, means = samples.pixels, samples.noise, samples.scale > 1
     table = levels(samples.transfer, image.dtype, LEVELS_OF_MEANS if means else LEVELS_16_BIT)
@@ -184,8 +407,7 @@ def observe(
         image, range_map, _inverse(range_map), mask, valid is not None, table.of_code,
         np.float32(low), np.float32(1 / metres_per_cell), _bins_of_cells(low, high, bins, plain),
         np.float32(np.inf if plain else edge_tolerance), np.float32(range_error),
-        (0, 0) if plain else _margins(range_error, filtered, samples), histogram,
-    )
+        (0, 0) if plain else _margins(range_error, filtered, samples), histogram)
     counts = histogram >> CELL_BITS
     count = counts[:, 0].sum(axis=1)
     pixels = int(count.sum())
@@ -195,8 +417,7 @@ def observe(
     take_quantiles(
         histogram, table.edges, table.step, min_pixels,
         quantiles * np.maximum(counts[:, :, :-1].sum(axis=2).T, 1), bright_quantile,
-        dark, dark_cell, steep, bright, step,
-    )
+        dark, dark_cell, steep, bright, step)
     shift = _noise_shift(left * step, steep - dark, quantiles)
     deviation = np.sqrt(
         step**2 * (1 / 12 + (FIXED_PATTERN * code_8_bit) ** 2 + left**2)
@@ -219,14 +440,11 @@ def observe(
         zero=counts[:, :, 0].sum(axis=0) * share,
         grey=pixels > 0 and not coloured,
         limits=(low, high),
-        range_error=range_error,
-    )
+        range_error=range_error)
 
 
-def _quantiles(
-    counts: NDArray[np.int64], dark_quantile: float, fewest: float
-) -> NDArray[np.float64]:
-    """(2, 3, bins): quantile of the dark envelope and of its steepness's second point."""
+def _quantiles(counts: NDArray[np.int64], dark_quantile: float, fewest: float) -> Array:
+    """(2, 3, bins): quantile of the dark envelope and of its second point."""
     total = np.maximum(counts[:, :, :-1].sum(axis=2).T, 1)
     dark = np.minimum(np.maximum(dark_quantile, fewest / total), 0.5)
     steep = np.minimum(
@@ -235,14 +453,11 @@ def _quantiles(
     return np.stack((dark, np.maximum(steep, dark)))
 
 
-def _noise_shift(
-    noise: NDArray[np.float64], rise: NDArray[np.float64], quantiles: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Bias of the dark envelope by noise: how far it lies below the darkest light.
+def _noise_shift(noise: Array, rise: Array, quantiles: Array) -> Array:
+    """Bias of the dark envelope by noise.
 
-    Where the dark end is as steep as noise alone makes it, the envelope lies
-    at the noise's own quantile; where the scene itself makes a long tail, the
-    noise moves it by less, in proportion to the steepness.
+    Where noise alone makes the dark end, the envelope lies at the noise's own quantile; where the
+    scene itself has a long tail, the bias is smaller in proportion to the steepness.
     """
     outer, inner = -ndtri(quantiles)
     steepness = np.minimum((outer - inner) * noise / np.maximum(rise, 1e-9), 1.0)
@@ -268,10 +483,8 @@ def _bins_of_cells(low: float, high: float, bins: int, plain: bool) -> NDArray[n
     return (np.minimum(place, 1 - 1e-9) * bins).astype(np.int32)
 
 
-def _range_limits(
-    range_map: NDArray[np.float32], mask: NDArray[np.bool_], masked: bool
-) -> tuple[float, float]:
-    """Return where the bins begin and end, m; twice 0 without ranges."""
+def _range_limits(range_map: NDArray[np.float32], mask: Mask, masked: bool) -> tuple[float, float]:
+    """Where the bins begin and end, m; (0, 0) without ranges."""
     stride = max(1, math.isqrt(range_map.size // RANGE_SAMPLES))
     ranges = range_map[::stride, ::stride]
     known = (ranges > MIN_RANGE) & (ranges < MAX_RANGE)

@@ -14,6 +14,7 @@ from bag_copies import FRAMES, Message, copy_bag, copy_bag_ros1, run, shortened
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from uw_visibility.errors import InputError
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import FAILED
 
@@ -33,20 +34,14 @@ def frames(rows: list[dict[str, str]]) -> int:
     return sum(row["status"] != FAILED for row in rows)
 
 
-@pytest.mark.parametrize("form", ["mcap", "mcap, packed chunks", "sqlite", "ROS 1", "ROS 1, bz2"])
+@pytest.mark.parametrize("form", ["mcap", "mcap, packed chunks", "sqlite"])
 def test_a_truncated_recording_is_read_up_to_its_end(
     form: str, transect: Path, replayed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bag = tmp_path / "bag"
-    if form.startswith("ROS 1"):
-        source = copy_bag(transect, tmp_path / "long", edit=again)
-        bag = copy_bag_ros1(source, tmp_path / "bag.bag", "BZ2" if "bz2" in form else "")
-        shortened(bag, 0.7)
-    else:
-        storage = StoragePlugin.SQLITE3 if form == "sqlite" else StoragePlugin.MCAP
-        mode = CompressionMode.STORAGE if "packed" in form else CompressionMode.NONE
-        copy_bag(transect, bag, edit=again, storage=storage, mode=mode)
-        shortened(next(f for f in bag.iterdir() if f.suffix != ".yaml"), 0.7)
+    storage = StoragePlugin.SQLITE3 if form == "sqlite" else StoragePlugin.MCAP
+    mode = CompressionMode.STORAGE if "packed" in form else CompressionMode.NONE
+    bag = copy_bag(transect, tmp_path / "bag", edit=again, storage=storage, mode=mode)
+    shortened(next(f for f in bag.iterdir() if f.suffix != ".yaml"), 0.7)
     done = run(bag, tmp_path / "out", capsys=capsys)
     assert done.code == 0
     assert FRAMES <= frames(done.rows) == len(done.rows) < 4 * FRAMES
@@ -56,11 +51,44 @@ def test_a_truncated_recording_is_read_up_to_its_end(
     assert "damaged" in done.err
     # Of a cut file Python says that it cannot fit 'int' into something.
     assert "'int'" not in done.err
-    if not form.startswith("ROS 1"):
-        # What the bag should hold is known from beside it.
-        lost = int(re.search(r"(\d+) of \d+ messages on /left/image_rect are", done.err)[1])
-        assert 4 * FRAMES - lost - len(done.rows) in (0, 1)
+    # What the bag should hold is known from beside it.
+    lost = int(re.search(r"(\d+) of \d+ messages on /left/image_rect are", done.err)[1])
+    assert 4 * FRAMES - lost - len(done.rows) in (0, 1)
+    assert (".recover | sqlite3" in done.err) == (form == "sqlite")
     assert "damaged" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_truncated_bag_of_ros1_is_refused_with_what_mends_it(
+    transect: Path, tmp_path: Path
+) -> None:
+    bag = shortened(copy_bag_ros1(transect, tmp_path / "bag.bag"), 0.7)
+    with pytest.raises(InputError, match=r"is damaged .* run rosbag reindex bag\.bag"):
+        BagReader(bag)
+
+
+def test_a_database_without_its_head_is_refused_with_what_mends_it(
+    transect: Path, tmp_path: Path
+) -> None:
+    bag = copy_bag(transect, tmp_path / "bag", storage=StoragePlugin.SQLITE3)
+    (file,) = bag.glob("*.db3")
+    file.write_bytes(bytes(100) + file.read_bytes()[100:])
+    with pytest.raises(InputError, match=r"run sqlite3 bag\.db3 \.recover \| sqlite3 mended\.db3"):
+        BagReader(bag)
+
+
+def test_a_damaged_chunk_of_ros1_ends_the_messages_and_is_told(
+    transect: Path, tmp_path: Path
+) -> None:
+    bag = copy_bag_ros1(
+        copy_bag(transect, tmp_path / "long", edit=again), tmp_path / "bag.bag", "BZ2")
+    content = bag.read_bytes()
+    middle = content.index(b"BZh", len(content) // 2)
+    bag.write_bytes(content[:middle] + bytes(100) + content[middle + 100:])
+    with BagReader(bag) as reader:
+        read = len(list(reader.messages(["/left/image_rect"])))
+        (note,) = reader.damage
+    assert 0 < read < 4 * FRAMES
+    assert "rosbag reindex" in note and "what comes before is read" in note
 
 
 def test_a_damaged_chunk_in_the_middle_costs_what_it_holds(
@@ -109,8 +137,9 @@ def test_messages_whose_topic_is_lost_are_counted(transect: Path, tmp_path: Path
     database.close()
     with BagReader(bag) as reader:
         assert "/right/image_rect" not in reader.channels
-        (note,) = reader.damage
-    assert f"{FRAMES} messages are of topics that it does not name" in note
+        notes = "; ".join(reader.damage)
+    assert f"{FRAMES} messages are of topics that it does not name" in notes
+    assert f"{FRAMES} messages on /right/image_rect are missing" in notes
 
 
 def test_messages_whose_topic_an_index_has_lost_are_read(transect: Path, tmp_path: Path) -> None:

@@ -20,21 +20,21 @@ from numpy.typing import NDArray
 
 from uw_visibility.replay import progress
 from uw_visibility.replay.bags.reader import BagReader
-from uw_visibility.replay.inputs.scalars import ScalarTopic
+from uw_visibility.replay.inputs.sensors import ScalarTopic
 from uw_visibility.replay.report.figures import MOST_POINTS, NEEDED, draw_series
-from uw_visibility.replay.report.joins import fit_joins
 from uw_visibility.replay.report.meaning import MEANINGS, REMEDIES, meaning
+from uw_visibility.replay.report.report import fit_joins
 from uw_visibility.replay.report.track import (
     TRACK_COLUMNS,
     draw_tracks,
     round_length,
 )
 from uw_visibility.replay.table import read_rows
-from uw_visibility.simulation.bag import write_transect
-from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.simulation.transect import Transect
 from uw_visibility.status import Status
-from uw_visibility.water import assessment
+from uw_visibility.water.meaning import assessment
+from uw_visibility_lab.simulation.bag import write_transect
+from uw_visibility_lab.simulation.camera import StereoCamera
+from uw_visibility_lab.simulation.transect import Transect
 
 
 class Page(HTMLParser):

@@ -15,17 +15,17 @@ from frame_records import frame_estimate, frame_record
 
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.records import JoinedFrame
-from uw_visibility.replay.report.overview import OVERVIEW_COLUMNS, overview
+from uw_visibility.replay.report.report import OVERVIEW_COLUMNS, overview
 from uw_visibility.replay.report.sentences import definition, number, rounded, verdict
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.results.synopsis import Findings, Synopsis
 from uw_visibility.status import Status
-from uw_visibility.water.assessment import Visibility
-from uw_visibility.water.filter import FilteredWater
+from uw_visibility.water.meaning.assessment import Visibility
 from uw_visibility.water.observations import Envelopes
-from uw_visibility.water.survey import SurveyEstimate
-from uw_visibility.water.tracking import TrackingEvent
+from uw_visibility.water.series.filter import FilteredWater
+from uw_visibility.water.series.survey import SurveyEstimate
+from uw_visibility.water.series.tracking import TrackingEvent
 
 BASE = 1_700_000_000.0
 

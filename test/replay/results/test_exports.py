@@ -24,7 +24,7 @@ from uw_visibility.messages.stamps import nanoseconds, seconds
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import COLUMNS, FAILED
 from uw_visibility.replay.line_fit import LineFit
-from uw_visibility.replay.results.netcdf import write_netcdf
+from uw_visibility.replay.results.exports import write_netcdf
 from uw_visibility.replay.table import SUFFIX, TableWriter, read_rows
 from uw_visibility.status import Status
 
@@ -307,6 +307,27 @@ def test_what_cannot_be_joined_is_one_sentence(
     assert done.code == 2
     assert said in done.err
     assert done.err.count("\n") == 1
+
+
+def test_values_beyond_single_precision_are_told_and_not_joined(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Such as the largest double, which some drivers send for want of a value."""
+    types = get_typestore(Stores.ROS2_JAZZY).types
+
+    def with_huge(messages: Iterator[Message]) -> Iterator[Message]:
+        for number, message in enumerate(messages):
+            yield message
+            for k in range(2):
+                value = (-1.0) ** k * (1.7e308 if number % 3 else 3e38)
+                yield "/c", "std_msgs/msg/Float64", types["std_msgs/msg/Float64"](
+                    data=value), message[3] + k
+
+    bag = copy_bag(transect, tmp_path / "bag", edit=with_huge)
+    done = run(bag, tmp_path / "out", "--join", "/c", capsys=capsys)
+    assert done.code == 0
+    assert "/c is 1.7e+308: only finite numbers are joined, of up to 3.4e+38" in done.err
+    assert all(abs(float(row["joined_c"] or 0)) < 3.1e38 for row in done.rows)
 
 
 def test_an_odometry_needs_an_origin(

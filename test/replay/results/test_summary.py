@@ -9,9 +9,9 @@ from frame_records import frame_estimate, frame_record
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.summary import Summary
-from uw_visibility.water.filter import FilteredWater
-from uw_visibility.water.survey import SurveyEstimate
-from uw_visibility.water.tracking import TrackingEvent
+from uw_visibility.water.series.filter import FilteredWater
+from uw_visibility.water.series.survey import SurveyEstimate
+from uw_visibility.water.series.tracking import TrackingEvent
 
 ORIGIN = Origin("bag", "of its files", "1.0", {})
 

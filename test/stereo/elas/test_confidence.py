@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.evaluation.degrade import load_scene
-from uw_visibility.evaluation.scenes import render_scene, search_limit
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.pipeline.pipeline import Pipeline
-from uw_visibility.simulation.camera import Sensor
+from uw_visibility_lab.evaluation.degrade import load_scene
+from uw_visibility_lab.evaluation.scenes import render_scene, search_limit
+from uw_visibility_lab.simulation.camera import Sensor
 
 PARTS = 5
 

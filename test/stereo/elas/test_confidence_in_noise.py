@@ -7,8 +7,8 @@ import pytest
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.contrast import ContrastNormalizer
-from uw_visibility.stereo.elas.absolute_difference import BYTES
 from uw_visibility.stereo.elas.confidence_in_noise import drop_doubtful, rate_in_noise
+from uw_visibility.stereo.elas.descriptors import BYTES
 
 HEIGHT, WIDTH = 60, 120
 # A bright surface right of the edge, and how far it grew over the dark one left of it.

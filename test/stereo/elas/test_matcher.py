@@ -8,11 +8,11 @@ from scenes import ReefView
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
-from uw_visibility.evaluation.baselines import semi_global_matching
-from uw_visibility.evaluation.degrade import load_scene
-from uw_visibility.simulation.camera import StereoCamera
-from uw_visibility.simulation.water import Water
 from uw_visibility.stereo.elas import Matcher
+from uw_visibility_lab.evaluation.baselines import semi_global_matching
+from uw_visibility_lab.evaluation.degrade import load_scene
+from uw_visibility_lab.simulation.camera import StereoCamera
+from uw_visibility_lab.simulation.water import Water
 
 
 def match(pair, contrast_of, disparities=(0, 40), threads=1):

@@ -6,13 +6,13 @@ import numpy as np
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.elas.postprocess import (
+    AdaptiveMean,
     SegmentFilter,
     check_and_refine,
     fill_small_gaps,
     meeting_of_lines,
     remove_occluded,
 )
-from uw_visibility.stereo.elas.smoothing import AdaptiveMean
 
 NAN = np.float32(np.nan)
 

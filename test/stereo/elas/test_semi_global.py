@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import StereoConfig
 from uw_visibility.stereo.contrast import ContrastNormalizer
-from uw_visibility.stereo.elas.absolute_difference import BYTES
-from uw_visibility.stereo.elas.dense import DenseSettings
-from uw_visibility.stereo.elas.descriptors import Descriptors
+from uw_visibility.stereo.elas.descriptors import BYTES, Descriptors
 from uw_visibility.stereo.elas.semi_global import SemiGlobalSearch, compare_tones
 
-SETTINGS = DenseSettings(plane_radius=2, plane_deviation=1.0, outlier=0.05, airlight=0.0)
+SETTINGS = StereoConfig(plane_radius=2, plane_deviation=1.0, prior_outlier=0.05)
 DISPARITIES = 0, 40
 NOISE = 15.0
 

@@ -1,13 +1,13 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files of recordings: whole ones through rosbags, damaged ones as far as they can be read."""
+"""Reading and writing of recordings, with rosbags."""
 
 from uw_visibility.errors import InputError
 
 try:
     import rosbags as _  # noqa: F401
 except ModuleNotFoundError as error:
-    # apt has none, so that it may be missing where all else comes from there.
+    # rosbags is not in apt, so it may be the only missing package.
     raise InputError(
         "recordings need rosbags, which is not installed: pip install rosbags; beside a ROS from "
         "apt, pip install --user --break-system-packages rosbags, which adds to ~/.local and "

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Decoder of a recording's messages, by the definitions that it holds."""
+"""Decoder of a recording's messages, by the message definitions in the recording."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ IDL_SEPARATOR = "=" * 80 + "\n"
 
 
 class Decoder:
-    """Decoder of messages; each type by its own definition, so that a bad one spoils no other.
+    """Decoder of messages. Each type has its own type store: a bad definition spoils no other.
 
     Parameters
     ----------
@@ -35,10 +35,7 @@ class Decoder:
     def decode(self, message: Recorded) -> Any:
         """Return a message as an object.
 
-        Raises
-        ------
-        InputError
-            If its type is not known, or its data does not fit the type.
+        Raises `InputError` if its type is not known, or its data does not fit the type.
         """
         store = self._stores.get(message.type)
         if store is None:
@@ -56,7 +53,7 @@ class Decoder:
 
     def _store(self, kind: str) -> Any:
         channel = self._channels.get(kind)
-        # The common types never changed. What a recording says of them may be damaged, or
+        # The common types never changed. Their definition in a recording may be damaged, or
         # another thing under their name.
         known = common_types(self._ros1)
         if kind in known.types:

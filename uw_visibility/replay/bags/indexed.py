@@ -1,13 +1,14 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files that rosbags reads; where one turns out to be damaged, the rest is salvaged."""
+"""Opening of a recording's file; a damaged MCAP file is read without its index."""
 
 from __future__ import annotations
 
+import sqlite3
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ from rosbags.rosbag2 import Reader as Reader2
 
 from uw_visibility.errors import InputError, printable, refusing
 from uw_visibility.replay.bags.salvage_mcap import MAGIC, McapSalvage
-from uw_visibility.replay.bags.salvage_rosbag1 import Rosbag1Salvage
 from uw_visibility.replay.bags.source import RecordingPath, Source, open_regular
 from uw_visibility.replay.bags.sqlite import SqliteFile
 from uw_visibility.replay.bags.storage import Channel, Part, Recorded, Storage
@@ -28,11 +28,12 @@ FORMATS = {
     MessageDefinitionFormat.NONE: "",
 }
 
-SALVAGE: dict[str, Callable[[Path], Storage]] = {
-    ".mcap": McapSalvage,
-    ".db3": SqliteFile,
-    ".bag": Rosbag1Salvage,
+# What mends a damaged file that is not salvaged here.
+MENDED_BY = {
+    ".bag": "run rosbag reindex {name}, and replay the mended bag",
+    ".db3": "run sqlite3 {name} .recover | sqlite3 mended.db3, and replay mended.db3",
 }
+SUFFIXES = (".mcap", *MENDED_BY)
 # The end of an MCAP file: a footer of three numbers, and the magic bytes.
 FOOTER, FOOTER_SIZE = struct.Struct("<QQI8s"), 28
 
@@ -44,29 +45,29 @@ def open_file(path: Path) -> Storage:
     ----------
     path : Path
         A .mcap, .db3 or .bag file.
-
-    Raises
-    ------
-    InputError
-        If it is none of these, or nothing of it can be read.
     """
-    if path.suffix not in SALVAGE:
+    if path.suffix not in SUFFIXES:
         raise InputError(
             f"{path} is no recording: give a .mcap, .db3 or .bag file, or the folder of a bag"
         )
     with refusing(f"cannot read bag {path}"):
         open_regular(path).close()
         if path.suffix == ".db3":
-            return _checked(SqliteFile(path), path, "it holds no topics")
+            try:
+                return SqliteFile(path)
+            except sqlite3.Error as error:
+                raise _broken(path, error) from error
     try:
         return IndexedFile(path)
     except Exception as error:
-        # A damaged file fails in whatever way its bytes lead to.
-        return _salvage(path, error)
+        # rosbags checks little: damage shows as any kind of error.
+        if path.suffix == ".mcap":
+            return _salvage(path, error)
+        raise _broken(path, error) from error
 
 
 class IndexedFile:
-    """A file with an index, as rosbags reads it; a `Storage`."""
+    """MCAP or ROS 1 file, read by rosbags through its index; a `Storage`."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -87,7 +88,7 @@ class IndexedFile:
         self.span = (begin, end - 1) if end > begin else None
 
     def messages(self, part: Part) -> Iterator[Recorded]:
-        """Yield messages; where the index leads astray, scan the rest."""
+        """Yield messages; after damage in an MCAP file, those that are salvaged."""
         topics, start, stop = part
         chosen = [c for c in self._reader.connections if topics is None or c.topic in topics]
         if not chosen:
@@ -103,7 +104,9 @@ class IndexedFile:
         except GeneratorExit:
             raise
         except Exception as error:
-            # As above: nobody can list what damaged bytes raise.
+            if self._path.suffix != ".mcap":
+                self.damage.append(f"{_broken(self._path, error)}; what comes before is read")
+                return
             try:
                 rest = _salvage(self._path, error)
             except InputError as hopeless:
@@ -119,7 +122,7 @@ class IndexedFile:
 
 
 def _after(read: Counter[str], rest: Storage, part: Part) -> Iterator[Recorded]:
-    """Yield what a scan finds beyond the messages read already, counted by topic."""
+    """Yield salvaged messages, without the first `read[topic]` of each topic."""
     for message in rest.messages(part):
         if read[message.topic] > 0:
             read[message.topic] -= 1
@@ -128,13 +131,7 @@ def _after(read: Counter[str], rest: Storage, part: Part) -> Iterator[Recorded]:
 
 
 def _check_index(path: Path) -> None:
-    """Refuse an index that is not what its checksum says, where it has one.
-
-    Raises
-    ------
-    ValueError
-        If they differ, or there is no end to find it by.
-    """
+    """Raise ValueError for an MCAP index that is missing or differs from its checksum."""
     with Source.of(path) as source:
         end = source.read(source.size - FOOTER_SIZE, FOOTER_SIZE)
         begin, _, checksum, magic = FOOTER.unpack(end)
@@ -148,21 +145,18 @@ def _check_index(path: Path) -> None:
 
 
 def _salvage(path: Path, error: Exception) -> Storage:
-    reason = printable(" ".join(str(error).split()) or type(error).__name__)
-    storage = _checked(SALVAGE[path.suffix](path), path, reason)
+    storage = McapSalvage(path)
+    reason = _reason(error)
+    if not storage.channels:
+        raise InputError(f"cannot read bag {path}: {'; '.join(storage.damage) or reason}")
     storage.damage.insert(0, f"{path.name} is damaged ({reason}): read as far as it goes")
     return storage
 
 
-def _checked(storage: Storage, path: Path, reason: str) -> Storage:
-    """Refuse a file of which no topic can be read.
+def _broken(path: Path, error: Exception) -> InputError:
+    mend = MENDED_BY[path.suffix].format(name=path.name)
+    return InputError(f"cannot read bag {path}: it is damaged ({_reason(error)}): {mend}")
 
-    Raises
-    ------
-    InputError
-        With the reason, or what is damaged.
-    """
-    if not storage.channels:
-        storage.close()
-        raise InputError(f"cannot read bag {path}: {'; '.join(storage.damage) or reason}")
-    return storage
+
+def _reason(error: Exception) -> str:
+    return printable(" ".join(str(error).split()) or type(error).__name__)

@@ -14,14 +14,14 @@ import lz4.frame
 import rosbags.rosbag1.reader
 import rosbags.rosbag2.storage_mcap
 
-# What rosbags itself unpacks with, so that nothing else need be installed.
+# The library that rosbags uses, so nothing else needs to be installed.
 from rosbags.rosbag2.reader import zstd
 
 from uw_visibility.replay.bags.source import MOST_AT_ONCE
 
 BLOCK = 1 << 16
-# A file that unpacks to more than this is no recording but made to fill a disk: images, even
-# black ones with some noise, are packed to a tenth.
+# Larger ratios are attacks that fill the disk: even black images with some noise compress
+# by ten only.
 LARGEST_RATIO, LEAST_FREE = 200, 1 << 30
 
 DECOMPRESSORS: dict[str, Callable[[], Any]] = {
@@ -30,7 +30,7 @@ DECOMPRESSORS: dict[str, Callable[[], Any]] = {
     "bz2": bz2.BZ2Decompressor,
 }
 
-# How data begin that are packed.
+# First bytes of compressed data.
 ZSTD = b"\x28\xb5\x2f\xfd"
 MAGIC = {"zstd": ZSTD, "lz4": b"\x04\x22\x4d\x18", "bz2": b"BZh"}
 
@@ -44,7 +44,6 @@ class Unpacked(NamedTuple):
 
     Attributes
     ----------
-    data : bytes
     problem : str
         Why they end early; empty where they are whole.
     """
@@ -81,7 +80,7 @@ def unpack_part(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> Unpa
     if compression in ("", "none"):
         return Unpacked(data, "" if len(data) <= most else f"more than {most} bytes")
     if compression not in DECOMPRESSORS:
-        # A wrong bit in the name: the data have one too.
+        # The name is damaged; the data begin with a magic number too.
         named = [name for name, magic in MAGIC.items() if data.startswith(magic)]
         if not named:
             return Unpacked(b"", "it is not known")
@@ -144,10 +143,10 @@ def unpack_file(source: Path, target: Path) -> str:
 
 
 def _limit_rosbags() -> None:
-    """Limit of size for rosbags, which has none of itself."""
+    """Limit the size that rosbags decompresses, which is unlimited by default."""
     ros2, ros1 = rosbags.rosbag2.storage_mcap.DECOMPRESSORS, rosbags.rosbag1.reader.decompressors
     for name in ("zstd", "lz4"):
-        # The size is stated beside the data, by the same hand.
+        # The stated size cannot be trusted.
         ros2[name] = lambda data, size, name=name: unpack(data, name, min(size, MOST_AT_ONCE))
     for name in ("bz2", "lz4"):
         ros1[name] = lambda data, name=name: unpack(data, name)

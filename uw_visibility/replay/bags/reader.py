@@ -13,16 +13,14 @@ from typing import Any
 
 from uw_visibility.config.files import check_regular
 from uw_visibility.errors import InputError, printable, refusing
-from uw_visibility.replay.bags.decoder import Decoder, common_types
-from uw_visibility.replay.bags.indexed import SALVAGE, open_file
-from uw_visibility.replay.bags.layout import PACKED, Named, UnreadableError, find_files, suffix
+from uw_visibility.replay.bags.decoder import Decoder
+from uw_visibility.replay.bags.indexed import SUFFIXES, open_file
+from uw_visibility.replay.bags.layout import PACKED, UnreadableError, find_files, suffix
 from uw_visibility.replay.bags.packing import ZSTD, PackingError, unpack, unpack_file
 from uw_visibility.replay.bags.storage import Channel, Part, Recorded, Storage
 
-# Times are nanoseconds of 63 bit.
+# Times are signed 64 bit, ns.
 LATEST = 1 << 63
-
-__all__ = ["BagReader", "Recorded", "UnreadableError"]
 
 
 class BagReader:
@@ -66,12 +64,15 @@ class BagReader:
             self.close()
             raise
         self.ros1 = self.files[0].suffix == ".bag"
-        self._corrections: dict[str, Named] = {}
-        merged = self._merge_channels()
-        if layout.types:
-            found = {topic: channel.type for topic, channel in merged.items()}
-            self._corrections = layout.corrections(found, common_types(self.ros1).types)
-        self.channels = {c.topic: c for c in map(self._correct, merged.values())}
+        self.channels = {
+            topic: replace(channel, count=self._expected.get(topic, channel.count))
+            for topic, channel in self._merge_channels().items()
+        }
+        # A topic whose name is damaged must not vanish silently.
+        self._notes += [
+            f"{count} messages on {printable(topic)} are missing: no file names that topic"
+            for topic, count in self._expected.items() if count and topic not in self.channels
+        ]
         self.decoder = Decoder({c.type: c for c in self.channels.values()}, self.ros1)
 
     @property
@@ -94,7 +95,7 @@ class BagReader:
             *self._notes, *(note for s in self._storages for note in s.damage),
             *(f"{reason} ({count})" for reason, count in self._unusable.items()),
         ]
-        # Each reading finds the same damage again.
+        # Repeated reading finds the same damage.
         return list(dict.fromkeys(notes))
 
     def messages(
@@ -113,18 +114,13 @@ class BagReader:
             Times of reception in ns: from start up to, but without, stop.
         """
         self._unusable.clear()
-        damaged = {named.topic: topic for topic, named in self._corrections.items()}
-        wanted = None if topics is None else {damaged.get(topic, topic) for topic in topics}
         for storage in self._storages:
-            for message in storage.messages(Part(wanted, start, stop)):
-                named = self._corrections.get(message.topic)
-                if named is not None:
-                    message = message._replace(topic=named.topic, type=named.type)
+            for message in storage.messages(Part(topics, start, stop)):
                 topic = printable(message.topic)
                 if not 0 <= message.time < LATEST:
                     self._unusable[f"messages on {topic} have no time"] += 1
                     continue
-                # Of one file by itself, and with damaged metadata, only the message tells.
+                # Without metadata, only the data shows that a message is compressed.
                 if self._packed_messages or (not self.ros1 and message.data.startswith(ZSTD)):
                     try:
                         message = message._replace(data=unpack(message.data, "zstd"))
@@ -158,7 +154,7 @@ class BagReader:
             except InputError as error:
                 errors.append(error)
         if not self._storages:
-            kind = UnreadableError if suffix(self.files[0]) in SALVAGE else InputError
+            kind = UnreadableError if suffix(self.files[0]) in SUFFIXES else InputError
             raise kind(*errors[0].args) from errors[0]
         self._notes += [str(error) for error in errors]
 
@@ -191,14 +187,3 @@ class BagReader:
                     f"{printable(channel.topic)} has a second type, {printable(channel.type)}"
                 )
         return merged
-
-    def _correct(self, channel: Channel) -> Channel:
-        """Return a channel as the metadata has it: damage must not hide what is missing."""
-        named = self._corrections.get(channel.topic)
-        if named is not None:
-            self._notes.append(
-                f"{printable(channel.topic)} ({printable(channel.type)}) is taken for "
-                f"{printable(named.topic)} ({printable(named.type)}), as metadata.yaml has it"
-            )
-            channel = Channel(*named, "", "", channel.count)
-        return replace(channel, count=self._expected.get(channel.topic, channel.count))

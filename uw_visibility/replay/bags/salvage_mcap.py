@@ -1,9 +1,9 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Salvage of MCAP files without a usable index: their records in turn, over what is damaged.
+"""Salvage of damaged MCAP files: all records are read in turn, without the index.
 
-The format is that of https://mcap.dev/spec: records of an opcode, a length and
-a content; chunks hold records again.
+Format: https://mcap.dev/spec. A record has an opcode, a length and a content; the content of a
+chunk is records again.
 """
 
 from __future__ import annotations
@@ -11,13 +11,18 @@ from __future__ import annotations
 import re
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 
 from uw_visibility.replay.bags.packing import unpack_part
 from uw_visibility.replay.bags.source import MOST_AT_ONCE, LimitError, Source
-from uw_visibility.replay.bags.storage import DIFFER, LOST, SKIPPED, Channel, Recorded, Salvage
+from uw_visibility.replay.bags.storage import Channel, Part, Recorded
+
+LOST = "chunks of messages could not be unpacked to their end"
+DIFFER = "chunks differ from their checksums, and were used all the same"
+SKIPPED = "damaged records were skipped"
 
 MAGIC = b"\x89MCAP0\r\n"
 SCHEMA, CHANNEL, MESSAGE, CHUNK = 3, 4, 5, 6
@@ -32,12 +37,43 @@ RECORD = re.compile(
 )
 
 
-class McapSalvage(Salvage):
-    """Scans an MCAP file from its start."""
+class McapSalvage:
+    """Reads an MCAP file record by record from its start; a `Storage`.
+
+    Parameters
+    ----------
+    path : Path
+        File, which may be damaged anywhere.
+    """
+
+    span = None
 
     def __init__(self, path: Path) -> None:
+        self._path = path
         self._schemas: dict[int, tuple[str, str, str]] = {}
-        super().__init__(path, len(MAGIC))
+        self._by_id: dict[int, Channel] = {}
+        self.damage: list[str] = []
+        self._losses: Counter[str] = Counter()
+        for _ in self._scan(messages=False):
+            pass
+        self.channels = list(self._by_id.values())
+
+    def messages(self, part: Part) -> Iterator[Recorded]:
+        """Yield messages in the order of the file."""
+        self._losses.clear()
+        yield from filter(part.holds, self._scan(messages=True))
+        self.damage += [
+            f"{self._path.name}: {self._losses[what]} {what}"
+            for what in (LOST, DIFFER, SKIPPED) if self._losses[what]
+        ]
+
+    def close(self) -> None:
+        """Nothing is open between two scans."""
+
+    def _scan(self, messages: bool) -> Iterator[Recorded]:
+        with Source.of(self._path) as source:
+            # The first bytes may be damaged like any others.
+            yield from self._records(source, len(MAGIC), messages, chunks=True)
 
     def _records(
         self, source: Source, at: int, messages: bool, chunks: bool
@@ -47,11 +83,11 @@ class McapSalvage(Salvage):
             if chunks and kind == DATA_END:
                 if messages:
                     return
-                # After it come the channels once more.
+                # The summary section repeats the channels.
                 chunks = False
             end = self._end(source, at, kind, length, chunks)
             if end is None:
-                # Of the last chunk or message of a file that is cut off, what is there is used.
+                # A truncated last chunk is used as far as it goes.
                 after = self._next(source, at + 1, chunks)
                 end = source.size if after is None else after
                 if kind != CHUNK or not chunks:
@@ -64,7 +100,11 @@ class McapSalvage(Salvage):
                     yield from self._chunk(content, messages)
                 elif kind == MESSAGE and messages:
                     channel, _, time, _ = struct.unpack_from("<HIQQ", content)
-                    yield from self._message(channel, time, content[MESSAGE_FIELDS:])
+                    if channel in self._by_id:
+                        about = self._by_id[channel]
+                        yield Recorded(about.topic, about.type, time, content[MESSAGE_FIELDS:])
+                    else:
+                        self._losses[SKIPPED] += 1
                 elif kind in (SCHEMA, CHANNEL):
                     self._describe(kind, BytesIO(content))
             except (struct.error, LimitError):
@@ -74,7 +114,7 @@ class McapSalvage(Salvage):
     def _end(
         self, source: Source, at: int, kind: int, length: int, chunks: bool
     ) -> int | None:
-        """Return where a record ends, or None where nothing that says so fits."""
+        """Return where a record ends, or None where its length is implausible."""
         if kind == CHUNK and not chunks:
             return None
         for candidate in (length, _chunk_length(source, at) if kind == CHUNK else None):
@@ -96,7 +136,7 @@ class McapSalvage(Salvage):
         return kind != 0 and length <= max(source.size - at - HEAD, MOST_AT_ONCE)
 
     def _next(self, source: Source, at: int, chunks: bool) -> int | None:
-        """Find where a record begins that is one by all that it says."""
+        """Return the place of the next plausible record."""
         for place in source.find(RECORD, at):
             kind, length = struct.unpack("<BQ", source.read(place, HEAD))
             if kind == CHUNK and chunks:
@@ -135,7 +175,7 @@ class McapSalvage(Salvage):
 
 
 def _chunk_length(source: Source, at: int) -> int | None:
-    """Return the length of a chunk's content by what is in it, or None where it is cut off."""
+    """Return the length of a chunk's content by its fields, or None where it is truncated."""
     head = source.read(at + HEAD, CHUNK_FIELDS + 16)
     if len(head) < CHUNK_FIELDS + 12:
         return None

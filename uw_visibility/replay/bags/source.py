@@ -14,9 +14,9 @@ from typing import Any, BinaryIO
 from uw_visibility.config.files import check_regular
 
 MOST_AT_ONCE = 256 << 20
-"""Bytes that are held of a recording at once: more than any message or usual chunk has."""
+"""Largest read, bytes: more than any message or usual chunk has."""
 BLOCK = 1 << 20
-# Longer than any pattern that is looked for.
+# Longer than any pattern.
 OVERLAP = 256
 
 
@@ -44,7 +44,7 @@ class Source:
 
     @classmethod
     def of(cls, content: Path | bytes) -> Source:
-        """Return the bytes of a file, or such that are held."""
+        """Open a file, or bytes in memory."""
         return cls(open_regular(content) if isinstance(content, Path) else io.BytesIO(content))
 
     def read(self, at: int, length: int) -> bytes:
@@ -82,7 +82,7 @@ class Source:
 
 
 class _LimitedFile(io.BufferedReader):
-    """A file of which no more is read at once than is held."""
+    """A file that refuses to read more than `MOST_AT_ONCE` bytes at once."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         if size is None or size < 0:
@@ -93,12 +93,9 @@ class _LimitedFile(io.BufferedReader):
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a regular file, of which no more is read at once than is held.
+    """Open a regular file; it refuses to read more than `MOST_AT_ONCE` bytes at once.
 
-    Raises
-    ------
-    InputError
-        If it is none.
+    Raises `InputError` if it is none.
     """
     check_regular(path, "bag")
     return _LimitedFile(io.FileIO(path))

@@ -1,20 +1,12 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Interface of one file of a recording, whatever its format, and scan of a damaged one."""
+"""Messages and topics of a recording, and what a reader of one of its files provides."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple, Protocol
-
-from uw_visibility.replay.bags.source import Source
-
-LOST = "chunks of messages could not be unpacked to their end"
-DIFFER = "chunks are not what their checksums say, and used all the same"
-SKIPPED = "damaged records were skipped"
 
 
 class Recorded(NamedTuple):
@@ -62,7 +54,7 @@ class Channel:
 
 
 class Part(NamedTuple):
-    """Part of a recording that is asked for.
+    """Topics and times that are asked for.
 
     Attributes
     ----------
@@ -86,7 +78,7 @@ class Part(NamedTuple):
 
 
 class Storage(Protocol):
-    """Protocol of one file of a recording.
+    """Reader of one file of a recording.
 
     Attributes
     ----------
@@ -111,57 +103,3 @@ class Storage(Protocol):
     def close(self) -> None:
         """Close the file."""
         ...
-
-
-class Salvage:
-    """Scans a file from its start, record by record; a `Storage` without an index.
-
-    Parameters
-    ----------
-    path : Path
-        File, which may be damaged anywhere.
-    start : int
-        Where the first record begins.
-    """
-
-    span = None
-
-    def __init__(self, path: Path, start: int) -> None:
-        self._path, self._start = path, start
-        self._by_id: dict[int, Channel] = {}
-        self.damage: list[str] = []
-        self._losses: Counter[str] = Counter()
-        for _ in self._scan(messages=False):
-            pass
-        self.channels = list(self._by_id.values())
-
-    def messages(self, part: Part) -> Iterator[Recorded]:
-        """Yield messages in the order of the file."""
-        self._losses.clear()
-        yield from filter(part.holds, self._scan(messages=True))
-        self.damage += [
-            f"{self._path.name}: {self._losses[what]} {what}"
-            for what in (LOST, DIFFER, SKIPPED) if self._losses[what]
-        ]
-
-    def close(self) -> None:
-        """Nothing is open between two scans."""
-
-    def _scan(self, messages: bool) -> Iterator[Recorded]:
-        with Source.of(self._path) as source:
-            # Its first bytes may be damaged like any others.
-            yield from self._records(source, self._start, messages, chunks=True)
-
-    def _records(
-        self, source: Source, at: int, messages: bool, chunks: bool
-    ) -> Iterator[Recorded]:
-        """Yield the messages from a place on, and note the channels."""
-        raise NotImplementedError
-
-    def _message(self, number: int, time: int, data: bytes) -> Iterator[Recorded]:
-        """Yield a message of a channel's number, if the file has told of it."""
-        if number in self._by_id:
-            about = self._by_id[number]
-            yield Recorded(about.topic, about.type, time, data)
-        else:
-            self._losses[SKIPPED] += 1

@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping
 from contextlib import ExitStack
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,41 @@ from rosbags.rosbag2 import (
     WriterError,
 )
 
-from uw_visibility.config.files import aside_of, sole_writer
+from uw_visibility.config.files import (
+    Products,
+    aside_of,
+    check_replaced,
+    identity,
+    in_work,
+    replace_folder,
+    sole_writer,
+    work_folder,
+)
 from uw_visibility.errors import InputError, refusing
 from uw_visibility.replay.bags.decoder import jazzy_types
+
+# Custom metadata of the bags that this program wrote; recordings of vehicles do not have it.
+WRITER = "uw_visibility.bag_writer"
+# Older simulated bags have this topic instead.
+TRUTH = "/ground_truth/mean_attenuation"
+
+
+def products_of(bag: Path) -> Products:
+    """Return the files of a bag that this program wrote."""
+    return Products(
+        "metadata.yaml", (f"{escape(bag.name)}.mcap", "lighting.yaml"),
+        "not a bag that this program wrote", keys=(WRITER, TRUTH))
+
+
+def check_bag(path: Path, overwrite: bool) -> None:
+    """Refuse to replace an older bag, unless that is allowed and this program wrote it."""
+    if not path.exists() and not path.is_symlink():
+        return
+    if not overwrite:
+        raise InputError(f"{path} exists already: give another name, or --force to replace it")
+    if identity(path) is None:
+        raise InputError(f"{path} exists already and is not a bag: give another name")
+    products_of(path).check(path)
 
 
 class BagWriter:
@@ -59,26 +91,31 @@ class BagWriter:
         in_place: bool = False, compress: bool = False,
     ) -> None:
         self._target = Path(path)
-        _check_room(self._target, overwrite)
+        check_bag(self._target, overwrite)
+        self._before = identity(self._target)
         self._types, self.make = jazzy_types()
         self._open = ExitStack()
         self._aside: Path | None = None
+        self._products = products_of(self._target)
+        work = in_work(self._products, self._target.name)
         if not in_place:
-            self._open.enter_context(sole_writer(self._target))
-            self._aside = aside_of(self._target)
-        # Its files are named after its folder.
-        self.path = self._target if self._aside is None else self._aside / self._target.name
-        self._writer = Writer(
-            self.path, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP
-        )
-        if compress:
-            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+            self._open.enter_context(sole_writer(self._target, work, self._products))
         try:
+            if not in_place:
+                self._aside = self._open.enter_context(work_folder(aside_of(self._target), work))
+            # Its files are named after its folder.
+            self.path = self._target if self._aside is None else self._aside / self._target.name
+            self._writer = Writer(
+                self.path, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP
+            )
+            if compress:
+                self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
         except (WriterError, OSError) as error:
             self._open.close()
             reason = getattr(error, "strerror", None) or error
             raise InputError(f"cannot make bag {self._target}: {reason}") from error
+        self._writer.set_custom_data(WRITER, "")
         self._connections: dict[str, Connection] = {
             topic: self._writer.add_connection(topic, name, typestore=self._types)
             for topic, name in topics.items()
@@ -92,10 +129,7 @@ class BagWriter:
     def write_serialised(self, topic: str, data: bytes, time: int) -> None:
         """Write a message that is serialised already (CDR).
 
-        Raises
-        ------
-        InputError
-            If it cannot be written, as on a full disk.
+        Raises `InputError` if it cannot be written, as on a full disk.
         """
         with refusing(f"cannot write bag {self._target}"):
             self._writer.write(self._connections[topic], time, data)
@@ -107,20 +141,15 @@ class BagWriter:
     def close(self) -> None:
         """Complete the bag.
 
-        Raises
-        ------
-        InputError
-            If it cannot be written, as on a full disk.
+        Raises `InputError` if it cannot be written, as on a full disk.
         """
         try:
             with refusing(f"cannot write bag {self._target}"):
                 self._writer.close()
                 if self._aside is not None:
-                    if self._target.is_dir():
-                        shutil.rmtree(self._target)
-                    self.path.rename(self._target)
+                    self._take_place()
         finally:
-            self._clean_up()
+            self._open.close()
 
     def __enter__(self) -> BagWriter:
         return self
@@ -132,23 +161,17 @@ class BagWriter:
         try:
             self._writer.abort()
         except OSError:
-            # What could not be written is not needed any more.
+            # The unfinished bag is removed anyway.
             pass
         finally:
-            shutil.rmtree(self.path, ignore_errors=True)
-            self._clean_up()
+            self._open.close()
 
-    def _clean_up(self) -> None:
-        if self._aside is not None:
-            shutil.rmtree(self._aside, ignore_errors=True)
-        self._open.close()
+    def _take_place(self) -> None:
+        try:
+            check_replaced(self._target, self._products, self._before)
+        except InputError as error:
+            aside = aside_of(self._target)
+            kept = self.path.rename(aside.with_name(aside.name.removeprefix(".")))
+            raise InputError(f"{error}; the bag is in {kept}") from error
+        replace_folder(self.path, self._target, self._products, self._before)
 
-
-def _check_room(path: Path, overwrite: bool) -> None:
-    """Refuse to replace an older bag, unless that is allowed and it is one."""
-    if not path.exists() and not path.is_symlink():
-        return
-    if not overwrite:
-        raise InputError(f"{path} exists already: give another name, or --force to replace it")
-    if not (path / "metadata.yaml").is_file() or path.is_symlink():
-        raise InputError(f"{path} exists already and is not a bag: give another name")

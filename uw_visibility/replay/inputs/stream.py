@@ -21,8 +21,13 @@ from uw_visibility.messages.synchronizer import SynchronizedFrame, Synchronizer
 from uw_visibility.plausibility.comparison import DepthSample
 from uw_visibility.replay.bags.reader import BagReader, Recorded
 from uw_visibility.replay.inputs.options import ReplayOptions
-from uw_visibility.replay.inputs.positions import Position, read_position
-from uw_visibility.replay.inputs.scalars import ScalarTopic, ScalarValue, check_join
+from uw_visibility.replay.inputs.sensors import (
+    Position,
+    ScalarTopic,
+    ScalarValue,
+    check_join,
+    read_position,
+)
 from uw_visibility.replay.inputs.topics import ODOMETRY, Selection, find_topics, is_raw
 from uw_visibility.replay.records import count_reason
 from uw_visibility.stereo.calibration import CameraCalibration
@@ -92,12 +97,6 @@ class InputStream:
         Messages that could not be used, by reason.
     frames : int
         Frames so far, those left out too.
-
-    Raises
-    ------
-    InputError
-        If the recording has no pair of images or no calibration, or ends before
-        the part that is wanted.
     """
 
     def __init__(self, reader: BagReader, options: ReplayOptions) -> None:
@@ -165,11 +164,11 @@ class InputStream:
                 yield read_depth(
                     self._reader.deserialize(message), self.plausibility, message.time)
             except InputError:
-                # Told when the frames are worked on.
+                # Counted when the frames are processed.
                 continue
 
     def missing(self) -> list[str]:
-        """Return how many messages of each image topic the index names but nobody could read."""
+        """Say how many messages of each image topic are in the index but could not be read."""
         if self._options.start > 0.0 or self._options.duration < np.inf:
             return []
         notes = []
@@ -180,13 +179,7 @@ class InputStream:
         return notes
 
     def _check_start(self) -> None:
-        """Refuse a part of the recording that lies behind its end.
-
-        Raises
-        ------
-        InputError
-            Naming the length of the recording.
-        """
+        """Refuse a part of the recording that lies behind its end."""
         span = self._reader.span
         if span is not None and self._options.start > (span[1] - span[0]) / 1e9:
             raise InputError(
@@ -195,16 +188,10 @@ class InputStream:
             )
 
     def _check_topics(self) -> None:
-        """Refuse joined topics that are not there, and positions that are nowhere on a map.
-
-        Raises
-        ------
-        InputError
-            Naming the topic.
-        """
+        """Refuse joined topics that are missing, and an Odometry without --origin."""
         channels, position = self._reader.channels, self.selection.position
         for join in self._options.joins:
-            # Before hours of work rather than after them.
+            # Checked before hours of work.
             check_join(self._reader, join)
         if position is None or not self._options.geo or self._options.origin is not None:
             return
@@ -242,13 +229,7 @@ class InputStream:
             list(self._add(self.synchronizer.add_info, infos[message.topic], message))
 
     def _check_rectified(self, message: Recorded, side: str) -> None:
-        """Refuse raw images, by their name, that would have to be rectified.
-
-        Raises
-        ------
-        InputError
-            Naming the option that is missing.
-        """
+        """Refuse raw images, by their name, that would have to be rectified."""
         if side in self._checked:
             return
         self._checked.add(side)

@@ -18,7 +18,7 @@ INFO = "sensor_msgs/msg/CameraInfo"
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSITION_TYPES = ("sensor_msgs/msg/NavSatFix", ODOMETRY)
 
-# Parts of names under which something else than a camera's images or a sensor is.
+# Parts of names of topics that are no camera image or depth sensor.
 OTHER_IMAGES = re.compile(r"enhanced|disparity|ground_truth|depth|mask|compressedDepth|theora")
 OTHER_DEPTHS = re.compile(r"ground_truth|visibility|plausibility|image|camera")
 DEPTH_NAMES = re.compile(r"depth|pressure")
@@ -112,12 +112,6 @@ def find_topics(
         Whether the calibration is known, so that no CameraInfo is needed.
     sensor_type : str, optional
         Type of the depth sensor, as ``plausibility.sensor_type`` has it; None finds one.
-
-    Raises
-    ------
-    InputError
-        If there is no pair of images or no calibration for it, or if a topic
-        that is given is missing or of another type.
     """
     notes: list[str] = []
     left, right = _find_pair(channels, wanted, rectify, notes)
@@ -241,13 +235,7 @@ def depth_types(kind: str | None) -> dict[str, str]:
 def check_topic(
     channels: Mapping[str, Channel], topic: str, types: Collection[str] = ()
 ) -> None:
-    """Refuse a topic that is missing, or of another type than those given.
-
-    Raises
-    ------
-    InputError
-        Naming it.
-    """
+    """Refuse a topic that is missing, or of another type than those given."""
     if topic not in channels:
         raise InputError(f"there is no topic {topic} in the recording: --list shows what there is")
     if types and channels[topic].type not in types:

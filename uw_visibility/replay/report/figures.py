@@ -21,16 +21,16 @@ from uw_visibility.replay.report.svg import ESTIMATE, FILTERED, RULE, SENSOR, Sp
 Columns = Mapping[str, Array]
 
 HEIGHT = 2.3
-# Of more frames, so many neighbours are drawn as one that there are no more points.
+# Neighbouring frames are drawn as one point where there are more.
 MOST_POINTS = 600
 # Room around the axes, in: left, right, below and above. The same for all, so that their
 # times stand above one another.
 MARGINS = (0.68, 0.1, 0.5, 0.28)
-# What lies below is drawn here: how small a difference is says nothing.
+# Smaller values are drawn here.
 LEAST_NIS = 1e-3
-# Gaps in the estimates that are no longer than this times the usual step are none.
+# Lines break at gaps longer than this many median steps.
 LONGEST_STEP = 3.0
-# Of ticks that are years, months, days, hours, minutes and seconds apart.
+# Formats for ticks by year, month, day, hour, minute, second.
 CLOCK = ["%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M", "%H:%M:%S.%f"]
 DAY = ["", "", "%Y", "%Y-%m-%d", "%Y-%m-%d", "%Y-%m-%d"]
 
@@ -61,8 +61,6 @@ class Series(NamedTuple):
 
     Attributes
     ----------
-    title : str
-    drawing : Markup
     start, end : float
         Ends of its axis, s since 1970 (UTC); the same for all.
     together : int
@@ -118,12 +116,12 @@ def draw_series(columns: Columns, recordings: Sequence[str] = ()) -> list[Series
 
 
 def neighbours(count: int, most: int) -> int:
-    """Return how many neighbours of so many frames are one point, of which there are most."""
+    """Return how many neighbouring frames make one point."""
     return max(-(-count // most), 1)
 
 
 def thin(columns: Columns, most: int) -> dict[str, Array]:
-    """Take neighbouring frames together where there are more than so many: medians."""
+    """Reduce columns to at most so many rows: medians of neighbouring frames."""
     count = len(columns["stamp"])
     together = neighbours(count, most)
     if together == 1:
@@ -232,7 +230,7 @@ def _paint_nis(figure: Figure, time: Array, nis: Array) -> list[Spot]:
                   label="ν²/S")
     axes.axhline(3.841, color=FILTERED, linewidth=1.2, linestyle="--", label="95 % of χ²")
     axes.set_ylim(LEAST_NIS / 2.0, max(20.0, 2.0 * float(np.nanmax(nis))))
-    # Plain numbers: to set powers as formulas took a fifth of the time of all figures.
+    # Plain numbers: formulas take a fifth of the drawing time.
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.yaxis.set_minor_locator(matplotlib.ticker.NullLocator())
     _finish(axes, time, figure.get_figwidth() < 6.0, "ν²/S")
@@ -291,13 +289,13 @@ def _described(columns: Columns, quantity: Quantity) -> str:
 
 
 def _limits(bands: Sequence[tuple[Array, Array]], *lines: Array | None) -> tuple[float, float]:
-    """Return limits for an axis that a few wild values do not set: of bands ± σ and of lines."""
+    """Return axis limits that ignore outliers, from bands ± σ and lines."""
     lows, highs, least = [], [], []
     for value, stddev in bands:
         known = np.isfinite(value)
         if known.any():
             spread = np.nan_to_num(stddev[known])
-            # The band of a value that is hardly known at all is cut off.
+            # Very wide bands are cut off.
             spread = np.minimum(spread, 3.0 * float(np.median(spread)))
             lows.append(float(np.percentile(value[known] - spread, 2.0)))
             highs.append(float(np.percentile(value[known] + spread, 98.0)))
@@ -311,5 +309,5 @@ def _limits(bands: Sequence[tuple[Array, Array]], *lines: Array | None) -> tuple
     low, high = min(lows), max(highs)
     margin = 0.08 * (high - low) + 1e-3
     low, high = low - margin, high + margin
-    # No water is clearer than clear, and no camera above the surface: a band may reach there.
+    # Quantities are not negative, but their bands may be.
     return (max(low, 0.0) if min(least, default=low) >= 0.0 else low), high

@@ -26,9 +26,9 @@ from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.results.mcap import NAME
 from uw_visibility.replay.table import read_columns, read_rows
 
-# Frames that the colours of all are chosen from.
+# Frames from which the colour scale is chosen.
 SCALE_FRAMES = 16
-# Enough pixels of a frame for that; one in so many rows and columns.
+# Rows and columns per sampled pixel.
 STEP = 4
 LARGEST_VIDEO_WIDTH = 1920
 LEFT_TOPIC, DISPARITY_TOPIC = "/left/enhanced/image", "/disparity"
@@ -86,7 +86,6 @@ class Picture(NamedTuple):
 
     Attributes
     ----------
-    row : dict of str to str
     raw, enhanced, disparity : (H, W, 3) uint8 ndarray
     """
 
@@ -169,10 +168,7 @@ class Gallery:
     def write(self, options: ReplayOptions) -> None:
         """Write ``images/`` and ``video.mp4``, where they are wanted.
 
-        Raises
-        ------
-        InputError
-            If the video cannot be written.
+        Raises `InputError` if the video cannot be written.
         """
         folder = self._folder
         if options.images:

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Explanations of statuses for who was in the water."""
+"""Explanations of statuses for users in the field."""
 
 from __future__ import annotations
 
@@ -35,6 +35,8 @@ MEANINGS = {
     "veil would make them: a layer, vignetting, or a veil that changes over the image.",
     Status.STEPS_DISAGREE: "The coarse mesh of step 1 and the dense disparities of step 2 give "
     "different attenuations, so that one of them has wrong ranges.",
+    Status.RANGES_OF_ANOTHER_SCENE: "Edges of the image and steps of the ranges lie at other "
+    "places, as those of two scenes do.",
     Status.NO_WATER_TYPE: "No Jerlov type attenuates the three channels in these proportions.",
     Status.WATER_TYPE_UNCERTAIN: "Several Jerlov types fit the attenuation about equally well.",
     Status.LIT_BY_LAMPS: "The light falls off with its distance to the camera, as the light of "
@@ -73,6 +75,8 @@ REMEDIES = {
     "some open water be in view, which shows how the veil changes.",
     Status.STEPS_DISAGREE: "Check the calibration and stereo.max_disparity; look at the "
     "disparity for repeated patterns.",
+    Status.RANGES_OF_ANOTHER_SCENE: "Give the ranges of this very image: the same stamp, size and "
+    "side, neither mirrored nor cropped.",
     Status.NO_WATER_TYPE: "Take the attenuation itself; check camera.response.",
     Status.WATER_TYPE_UNCERTAIN: "Take the attenuation itself, or more frames together.",
     Status.LIT_BY_LAMPS: "Set lighting.model to lamps, or to both beside daylight, and "

@@ -1,42 +1,60 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Report of a replay: one page of HTML without anything from elsewhere."""
+"""Report of a replay: one HTML page that loads nothing from elsewhere."""
 
 from __future__ import annotations
 
 import base64
 import csv
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import jinja2
 import numpy as np
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
 from uw_visibility.config.parameters import flatten
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
-from uw_visibility.images.arrays import Image8
-from uw_visibility.replay.report.figures import NEEDED, draw_series
+from uw_visibility.errors import LONGEST_MESSAGE, printable
+from uw_visibility.images.arrays import Array, Image8
+from uw_visibility.messages.stamps import nanoseconds
+from uw_visibility.replay.columns import CHANNELS, COLUMNS
+from uw_visibility.replay.inputs.sensors import ScalarTopic
+from uw_visibility.replay.line_fit import FEWEST, LineFit, fit_line
+from uw_visibility.replay.report import figures
+from uw_visibility.replay.report.figures import NEEDED, Columns, draw_series
 from uw_visibility.replay.report.gallery import ColourScale, Gallery, gradient, preview
 from uw_visibility.replay.report.meaning import meaning
-from uw_visibility.replay.report.overview import (
-    OVERVIEW_COLUMNS,
-    caption,
-    contrast_of,
-    derived_quantities,
-    overview,
+from uw_visibility.replay.report.sentences import (
+    Frames,
+    amount,
+    clock,
+    definition,
+    formula,
+    number,
+    rounded,
+    verdict,
 )
-from uw_visibility.replay.report.page import write_page
-from uw_visibility.replay.report.sentences import Frames, formula, verdict
+from uw_visibility.replay.report.svg import (
+    ESTIMATE,
+    FILTERED,
+    RULE,
+    Spot,
+    draw,
+    fit_layout,
+    variables,
+)
 from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_tracks
 from uw_visibility.replay.results.refusals import OTHER_CHANNELS, STATUS_COLUMNS, WHOLE_FRAME
+from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.table import read_columns, read_rows
-
-if TYPE_CHECKING:
-    from uw_visibility.replay.results.summary import Summary
+from uw_visibility.water.meaning.derived import QUANTITIES
 
 EVENLY_SPACED = 5
-# Of each of a frame's three images, px.
+# Width of each image, px.
 VIEW_WIDTH = 400
 TOPIC_TITLES = {"depth": "depth sensor", "left_info": "left camera_info",
                 "right_info": "right camera_info"}
@@ -181,3 +199,290 @@ def _parameters(summary: Summary) -> list[dict[str, Any]]:
         {"name": name, "value": value, "changed": name in plain and plain[name] != value}
         for name, value in summary.provenance["parameters"].items()
     ]
+
+
+MATCHED = ("matched_fraction", "matched_fraction_original")
+OVERVIEW_COLUMNS = (
+    "mean_attenuation", "mean_attenuation_stddev", "depth", "depth_stddev", *MATCHED)
+
+
+def overview(
+    columns: Mapping[str, Array], summary: Summary, shown: Collection[str]
+) -> dict[str, Any]:
+    """Return the opening section of a page.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray, (n,) float64
+        Those of `OVERVIEW_COLUMNS`.
+    shown : collection of str
+        Numbers of the frames with a picture on the page, which the sentences link to.
+
+    Returns
+    -------
+    dict
+        ``sentences``, each a list of parts with ``text`` and ``href`` (empty without a
+        picture); ``definition``; ``formula``; ``numbers``, pairs of value and name.
+    """
+    contrast = contrast_of(summary)
+    return {
+        "sentences": [[_part(part, shown) for part in parts] for parts in verdict(summary)],
+        "definition": definition(contrast),
+        "formula": formula(contrast),
+        "numbers": _numbers(columns, summary, formula(contrast)),
+    }
+
+
+def contrast_of(summary: Summary) -> float:
+    """Return the contrast that a result's visibility distance is for."""
+    return float(summary.provenance["parameters"]["assessment.contrast"])
+
+
+def _part(part: str | Frames, shown: Collection[str]) -> dict[str, str]:
+    frame = str(part.frame) if isinstance(part, Frames) else ""
+    return {"text": str(part), "href": f"#frame-{frame}" if frame in shown else ""}
+
+
+def _numbers(columns: Mapping[str, Array], summary: Summary, short: str) -> list[tuple[str, str]]:
+    numbers: list[tuple[str, str]] = []
+    synopsis = summary.synopsis
+    if synopsis is not None and synopsis.frames:
+        count = amount(synopsis.frames, "frame")
+        numbers.append((percent(synopsis.share), f"of {count} show visibility by themselves"))
+    if synopsis is not None and synopsis.told:
+        numbers.append((
+            f"{rounded(synopsis.median, synopsis.relative_stddev * synopsis.median)} m",
+            f"visibility distance, {short} of the clearest channel; "
+            f"{_extent(synopsis.told, synopsis.frames, synopsis.low, synopsis.high, 'm')}",
+        ))
+    for name, unit, title in (
+        ("mean_attenuation", "1/m", "mean attenuation α, beyond that of clear water"),
+        ("depth", "m", "depth by colour"),
+    ):
+        known = columns[name][np.isfinite(columns[name])]
+        if known.size:
+            low, middle, high = (float(v) for v in np.percentile(known, [5.0, 50.0, 95.0]))
+            spread = float(np.nanmedian(columns[f"{name}_stddev"]))
+            numbers.append((
+                f"{rounded(middle, spread)} {unit}",
+                f"{title}; {_extent(known.size, len(columns[name]), low, high, unit)}",
+            ))
+    enhanced, original = (columns[name][np.isfinite(columns[name])] for name in MATCHED)
+    if original.size:
+        numbers.append((
+            percent(float(np.median(enhanced))),
+            f"matched, median; {percent(float(np.median(original)))} of the pairs as recorded",
+        ))
+    return numbers
+
+
+def _extent(known: int, frames: int, low: float, high: float, unit: str) -> str:
+    """Say in how many frames a quantity is known, and its 90 % range."""
+    if known == 1 < frames:
+        return f"in 1 of {frames} frames"
+    median = "median" if known == frames else f"median of {known} of {frames} frames"
+    of_them = "the frames" if known == frames else "them"
+    return f"{median}, {number(low)} to {number(high)} {unit} in 90 % of {of_them}"
+
+
+def percent(share: float) -> str:
+    """Return a share as a percentage; 100 % means all, 0 % means none."""
+    if 0.0 < share < 1.0:
+        share = min(max(share, 0.01), 0.99)
+    return f"{100.0 * share:.0f} %"
+
+
+def derived_quantities(table: Path) -> list[dict[str, str]]:
+    """Return the field's quantities, derived from the filtered water where there is one."""
+    columns = read_columns(
+        table, [f"{prefix}{name}{end}" for prefix in ("", "filtered_") for name in QUANTITIES
+                for end in ("", "_stddev")])
+    rows = []
+    for name, quantity in QUANTITIES.items():
+        prefix = "filtered_" if np.isfinite(columns[f"filtered_{name}"]).any() else ""
+        values, stddev = columns[f"{prefix}{name}"], columns[f"{prefix}{name}_stddev"]
+        known = np.isfinite(values)
+        if known.any():
+            low, middle, high = np.percentile(values[known], [5.0, 50.0, 95.0])
+            spread = float(np.median(stddev[known]))
+            unit = quantity.unit.replace("m-1", "1/m")
+            rows.append({
+                "title": quantity.title, "median": f"{rounded(middle, spread)} {unit}",
+                "span": f"{number(low)} to {number(high)} {unit}",
+                "definition": quantity.definition, "caveat": quantity.caveat,
+                "source": quantity.source,
+            })
+    return rows + _water_type(table)
+
+
+def _water_type(table: Path) -> list[dict[str, str]]:
+    """Return the Jerlov type that most frames are nearest to, with its likelihood in those."""
+    likelihoods: dict[str, dict[str, list[float]]] = {"": {}, "filtered_": {}}
+    for row in read_rows(table):
+        for prefix, by_type in likelihoods.items():
+            name, share = row[f"{prefix}water_type"], row[f"{prefix}water_type_likelihood"]
+            if name:
+                by_type.setdefault(name, []).append(float(share))
+    by_type = likelihoods["filtered_"] or likelihoods[""]
+    if not by_type:
+        return []
+    most = max(by_type, key=lambda name: len(by_type[name]))
+    others = [f"{name} ({len(found)})" for name, found in sorted(by_type.items())]
+    return [{
+        "title": "nearest Jerlov type",
+        "median": f"{most}, likelihood {np.median(by_type[most]):.2f}",
+        "span": f"frames: {', '.join(others)}",
+        "definition": "Water type whose beam attenuation, as this camera sees it, is the likeliest",
+        "caveat": "Types are defined by Kd; particles shift them by a type or more.",
+        "source": "Williamson and Hollins 2022, doi:10.1364/AO.470464; Solonenko and Mobley 2015, "
+        "doi:10.1364/AO.54.005392",
+    }]
+
+
+def caption(row: Mapping[str, str], formula: str) -> str:
+    """Return the caption of a frame by its row of the table."""
+    parts = [
+        f"Frame {row['frame']} at {clock(nanoseconds(row['stamp']))}",
+        f"water: {_said(row, 'status')}"]
+    for name, title, unit, column in (
+        ("visibility_distance", "visibility", "m", "visibility_status"),
+        ("mean_attenuation", "α", "1/m", "status"), ("depth", "depth", "m", "depth_status"),
+    ):
+        if row[name]:
+            text = f"{title} {_value(row, name)} {unit}"
+            if name == "visibility_distance":
+                text += f" ({formula} of {_clearest(row)}"
+                filtered = f"filtered_{name}"
+                text += f"; filtered {_value(row, filtered)} m)" if row[filtered] else ")"
+            parts.append(text)
+        elif row[column] != row["status"]:
+            parts.append(f"{title}: {_said(row, column)}")
+    if row["sensor_depth"]:
+        parts.append(f"sensor {float(row['sensor_depth']):.2f} m")
+    matched = f"{percent(float(row['matched_fraction']))} matched"
+    if row["matched_fraction_original"]:
+        matched += f" ({percent(float(row['matched_fraction_original']))} of the pair as recorded)"
+    parts.append(matched)
+    return ", ".join(parts)
+
+
+def _said(row: Mapping[str, str], column: str) -> str:
+    return COLUMNS[column].meaning(row[column])
+
+
+def _value(row: Mapping[str, str], name: str) -> str:
+    spread = row[f"{name}_stddev"]
+    return rounded(float(row[name]), float(spread)) if spread else number(float(row[name]))
+
+
+def _clearest(row: Mapping[str, str]) -> str:
+    """Return the clearest channel, which decides visibility."""
+    known = [(float(row[f"attenuation_{c}"]), c) for c in CHANNELS if row[f"attenuation_{c}"]]
+    return min(known)[1]
+
+
+def write_page(path: Path, template: str, **values: Any) -> None:
+    """Write a page by its template; text is escaped, and freed of control characters."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("uw_visibility.replay.report"), autoescape=True,
+        trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined, finalize=_shown,
+    )
+    text = environment.get_template(template).render(
+        **values, colours_light=Markup(variables(dark=False)),
+        colours_dark=Markup(variables(dark=True)),
+    )
+    path.write_text(text, encoding="utf-8")
+
+
+def _shown(value: Any) -> Any:
+    """Value as it is shown: text from outside without control characters."""
+    own = isinstance(value, Markup) or not isinstance(value, str)
+    return value if own else printable(value, LONGEST_MESSAGE)
+
+
+AGAINST = "beam_attenuation"
+"""Column that joined topics are held against."""
+
+
+def fit_joins(folder: Path, joins: Sequence[ScalarTopic]) -> list[dict[str, Any]]:
+    """Fit each joined topic over the beam attenuation; writes ``fit_TOPIC.json``."""
+    sections = []
+    for join in joins:
+        columns = read_columns(
+            folder / "frames.csv", ["stamp", AGAINST, f"{AGAINST}_stddev", join.column])
+        x, x_stddev, y = columns[AGAINST], columns[f"{AGAINST}_stddev"], columns[join.column]
+        fit = fit_line(x, x_stddev, y, str(join), AGAINST)
+        both = int(np.count_nonzero(np.isfinite(x) & np.isfinite(y)))
+        if fit is not None:
+            fit.write(folder / f"fit_{join.column.removeprefix('joined_')}.json")
+        sections.append({
+            "title": str(join), "text": _sentence(fit, both, columns[join.column]),
+            "figure": _draw(columns, join.column, fit, str(join)) if both else "",
+        })
+    return sections
+
+
+def _sentence(fit: LineFit | None, both: int, values: Array) -> str:
+    known = int(np.count_nonzero(np.isfinite(values)))
+    if fit is None:
+        return (
+            f"{known} of {len(values)} frames have a value, {both} of them beside an estimate: "
+            f"too few or too much alike for a fit, which needs {FEWEST} different ones."
+        )
+    return (
+        f"{fit.source} = ({fit.intercept:.3g} ± {fit.intercept_stddev:.2g}) + "
+        f"({fit.slope:.3g} ± {fit.slope_stddev:.2g}) m · beam attenuation, over {fit.frames} "
+        f"frames from {fit.low:.3g} to {fit.high:.3g} 1/m; correlation {fit.correlation:.2f}. What "
+        f"is left of the values is {_left(fit)}."
+    )
+
+
+def _left(fit: LineFit) -> str:
+    if not fit.residual_stddev:
+        return "within the standard deviations of the estimates"
+    return f"{fit.residual_stddev:.2g} beyond the standard deviations of the estimates"
+
+
+def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Markup:
+    both = np.isfinite(columns[AGAINST]) & np.isfinite(columns[name])
+    known = {key: values[both] for key, values in columns.items()}
+    chosen = figures.thin(known, figures.MOST_POINTS)
+    x, x_stddev, y = chosen[AGAINST], chosen[f"{AGAINST}_stddev"], chosen[name]
+
+    def paint(figure: Figure, narrow: bool) -> list[Spot]:
+        fit_layout(figure)
+        scatter, residuals = figure.subplots(*((2, 1) if narrow else (1, 2)))
+        scatter.errorbar(
+            x, y, xerr=x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6,
+            label="frames")
+        scatter.set(xlabel="beam attenuation, green [1/m]", ylabel=title)
+        residuals.set_ylabel(f"{title} less the fit")
+        if fit is None:
+            residuals.text(0.5, 0.5, "no fit", transform=residuals.transAxes, ha="center")
+        else:
+            _draw_fit(scatter, fit)
+            residuals.errorbar(
+                figures.clock_time(chosen["stamp"]), y - fit.intercept - fit.slope * x,
+                abs(fit.slope) * x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6)
+            residuals.axhline(0.0, color=FILTERED, linewidth=1.0)
+        figures.clock_axis(residuals, narrow=True)
+        scatter.legend(fontsize="small", frameon=False)
+        for axes in (scatter, residuals):
+            axes.yaxis.label.set_parse_math(False)
+            axes.grid(color=RULE, linewidth=0.6)
+        return []
+
+    return draw(
+        f"join-{re.sub('[^a-z0-9]+', '-', name.lower())}", f"{title} against beam attenuation",
+        "No fit." if fit is None else f"Slope {fit.slope:.3g}, intercept {fit.intercept:.3g}.",
+        3.4, paint, 6.0,
+    )
+
+
+def _draw_fit(axes: Any, fit: LineFit) -> None:
+    line = np.linspace(fit.low, fit.high, 50)
+    value, stddev = np.transpose([fit.predict(each, 0.0) for each in line])
+    axes.plot(line, value, color=FILTERED, linewidth=1.4, label="fit")
+    axes.fill_between(
+        line, value - stddev, value + stddev, color=FILTERED, alpha=0.2, linewidth=0.0,
+        label="± 1 σ")

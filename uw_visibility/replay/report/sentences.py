@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sentences that a result opens with: what was seen, how well, and why not better."""
+"""Opening sentences of a report: visibility, its uncertainty, and what limits it."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from uw_visibility.replay.report.meaning import MEANINGS
 from uw_visibility.replay.results.refusals import DISTANCE, WHOLE_FRAME, Refusal
 from uw_visibility.replay.results.summary import TAKEN, Summary
 from uw_visibility.replay.results.synopsis import Extreme, Synopsis
-from uw_visibility.water.tracking import TrackingEvent
+from uw_visibility.water.series.tracking import TrackingEvent
 
-# Of 1990: clocks that nobody set begin at 1970, and some at 1980.
+# 1990, ns: unset clocks start in 1970 or 1980.
 FIRST_DATE = 631_152_000 * 10**9
-# Reasons that are said in words; the table of refusals has all of them.
+# Reasons in the sentences; the table of refusals has all.
 MOST_REASONS = 3
 CLOCK_NOT_SET = (
     "The recording's clock was not set: times are from when it began, not those of the day.")
@@ -46,7 +46,7 @@ Sentence = list[str | Frames]
 
 
 def verdict(summary: Summary) -> list[Sentence]:
-    """Say in sentences what a replay found, how far it may be trusted, and why not more.
+    """Return the opening sentences: visibility, its uncertainty, and what limits it.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def _reason(refusal: Refusal) -> str:
     meant = {str(status): text for status, text in MEANINGS.items()}.get(refusal.why, "")
     why = printable(refusal.why)
     if meant:
-        # What is to be checked is said in the table.
+        # The remedy is in the table.
         why = why.partition(" (")[0]
     text = f"{why} ({refusal.count})"
     return f"{text}, that is: {meant[0].lower()}{meant[1:].rstrip('.')}" if meant else text
@@ -254,7 +254,7 @@ def rounded(value: float, stddev: float) -> str:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Return a number with so many digits that count, and without an exponent."""
+    """Return a number with so many significant digits, without exponent."""
     if value == 0.0 or not math.isfinite(value):
         return f"{value:g}"
     decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0)
@@ -262,7 +262,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def share(part: int, whole: int) -> str:
-    """Return a part in words; one that is not all is not told as 100 %."""
+    """Return a share in words; 100 % means all."""
     if part == whole:
         return f"all {whole} frames" if whole > 1 else "the only frame"
     percent = min(max(100.0 * part / whole, 1.0), 99.0)

@@ -38,7 +38,7 @@ DATA = {
     "filtered": Shade("#d55e00", "#e69f00"),
     "sensor": Shade("#009e73", "#009e73"),
 }
-"""Colours that lines and points are told apart by."""
+"""Colours of lines and points."""
 
 SURFACES = {
     "paper": Shade("#ffffff", "#0d1117"),
@@ -53,7 +53,7 @@ SURFACES = {
 }
 """Colours of the page."""
 
-# What figures are drawn in, to be put in place of by the page's own.
+# Colours in figures, replaced by CSS variables of the page.
 ESTIMATE, FILTERED, SENSOR = (DATA[name].light for name in ("estimate", "filtered", "sensor"))
 INK, RULE, HOLLOW = SURFACES["ink"].light, SURFACES["rule"].light, SURFACES["muted"].light
 _VARIABLES = {shade.light: name for name, shade in (DATA | SURFACES).items()}
@@ -89,10 +89,8 @@ class Spot(NamedTuple):
 
     Attributes
     ----------
-    axes : Axes
     left, right : float
         In units of the axes; it is as high as they are.
-    text : str
     """
 
     axes: Any
@@ -145,12 +143,12 @@ def _draw(
         spots = list(paint(figure, narrow))
         stream = StringIO()
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-        # Where one touches, nothing is pointed at.
+        # Touch screens have no hovering.
         over = "" if narrow else _over(figure, spots)
     text = stream.getvalue()
     start = text.index(">", text.index("<svg")) + 1
     body = re.sub(r"<metadata>.*?</metadata>", "", text[start:], flags=re.DOTALL)
-    # Several drawings on a page: a name belongs to one thing.
+    # Ids must be unique on a page with several drawings.
     body = re.sub(r'\bid="', f'id="{name}-', body)
     body = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", body).replace("xlink:href", "href")
     body = body.replace("</svg>", f"{over}</svg>")

@@ -15,7 +15,7 @@ from matplotlib.ticker import ScalarFormatter
 
 from uw_visibility.errors import printable
 from uw_visibility.images.arrays import Array
-from uw_visibility.replay.inputs.positions import EARTH_RADIUS, wrap_longitude
+from uw_visibility.replay.inputs.sensors import EARTH_RADIUS, wrap_longitude
 from uw_visibility.replay.report.figures import MOST_POINTS, Columns, thin
 from uw_visibility.replay.report.sentences import amount, number
 from uw_visibility.replay.report.svg import HOLLOW, INK, NARROW, RULE, WIDE, Spot, draw, fit_layout
@@ -26,13 +26,13 @@ COLOURED = {
 }
 TRACK_COLUMNS = ("stamp", "longitude", "latitude", "x", "y", *COLOURED)
 LARGEST_HEIGHT = 6.0
-# More tracks than this have no room for their names.
+# Beyond so many tracks there is no room for names.
 MOST_NAMES = 12
-# That of 89.4 degrees of latitude.
+# Cosine of 89.4 degrees of latitude.
 LEAST_COSINE = 0.01
-# Ends nearer to their start than this part of the map have no label, which would lie on that one.
+# Ends nearer to the start than this share of the map have no label.
 LABELLED = 0.08
-# Of tracks that begin at one place, as many are named.
+# Named tracks of several that start at one place.
 NAMED = 3
 METRES_PER_DEGREE = math.radians(EARTH_RADIUS)
 
@@ -93,7 +93,7 @@ def _track(name: str, columns: Columns, names: tuple[str, str], quantity: str) -
 
 
 def _unwrap(tracks: list[_Track]) -> list[_Track]:
-    """Let longitudes go on beyond the date line, so that no track goes round the Earth."""
+    """Unwrap longitudes across the date line."""
     first = float(tracks[0].x[0])
     return [
         track._replace(x=first + (track.x - first + 180.0) % 360.0 - 180.0) for track in tracks
@@ -104,7 +104,7 @@ def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
     if geographic:
         tracks = _unwrap(tracks)
     x, y = (np.concatenate([getattr(track, axis) for track in tracks]) for axis in "xy")
-    # At a pole degrees of longitude have no length, and a map no shape.
+    # Avoids a zero length at the poles.
     along = max(math.cos(math.radians(float(np.mean(y)))), LEAST_COSINE)
     metres = (METRES_PER_DEGREE * along, METRES_PER_DEGREE) if geographic else (1.0, 1.0)
     extent = float(np.ptp(x)) * metres[0], float(np.ptp(y)) * metres[1]
@@ -188,7 +188,7 @@ def _paint_track(
         axes.plot(track.x[place], track.y[place], marker=marker, markersize=9, zorder=4,
                   markerfacecolor="none", markeredgecolor=INK, linewidth=0.0)
         if label:
-            # A folder may be called anything: a dollar begins no formula.
+            # Folder names may hold a dollar sign.
             axes.annotate(
                 printable(label), (track.x[place], track.y[place]), xytext=(7, 5),
                 textcoords="offset points", fontsize="small", zorder=5, parse_math=False)

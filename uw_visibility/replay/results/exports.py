@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Table of a replay in the formats that were asked for: GeoJSON, and Parquet with units."""
+"""Table of a replay as GeoJSON, Parquet with units, and NetCDF (Climate and Forecast, CF)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import needing
+from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, Column
 from uw_visibility.replay.inputs.options import ReplayOptions
-from uw_visibility.replay.results.netcdf import import_netcdf, write_netcdf
-from uw_visibility.replay.table import read_rows, slices
-from uw_visibility.water.derived import DerivedModel
+from uw_visibility.replay.table import ROWS, read_rows, slices
+from uw_visibility.water.meaning.derived import DerivedModel
 
 QUANTITIES = (
     *(f"attenuation_{channel}" for channel in CHANNELS), "mean_attenuation",
@@ -30,17 +30,11 @@ PROPERTIES = (
       for end in ("", "_stddev")),
     "water_type", "filtered_water_type", "filtering", "sensor_depth", "plausibility",
 )
-"""Columns that points have: estimates of the frame alone and filtered, with their deviations."""
+"""Properties of points: estimates, filtered or not, with standard deviations."""
 
 
 def check_exports(options: ReplayOptions) -> None:
-    """Import what the formats need, before the work rather than after it.
-
-    Raises
-    ------
-    InputError
-        Saying how to install what is missing.
-    """
+    """Import the libraries of the formats, before the work."""
     if options.netcdf:
         import_netcdf()
     if options.parquet:
@@ -184,3 +178,186 @@ def _metadata(column: Column) -> dict[str, str]:
         if column.choices else "",
     }
     return {key: value for key, value in found.items() if value}
+
+
+CONVENTIONS = "CF-1.11"
+DIMENSION = "obs"
+# Differs from the variable's name: CF coordinate variables must be numeric.
+INSTANCES = "transects"
+COORDINATES = ("datetime", "longitude", "latitude", "sensor_depth")
+"""Columns that say when and where."""
+_UNKNOWN = np.int8(-1)
+
+_EPOCH = "seconds since 1970-01-01 00:00:00"
+_NAMES = {"datetime": "time", "longitude": "lon", "latitude": "lat", "time": "time_received"}
+"""Names of columns that differ in NetCDF."""
+
+
+def write_netcdf(
+    path: Path,
+    table: Path,
+    columns: Mapping[str, Column],
+    attributes: Mapping[str, Any],
+    wavelengths: Array,
+    transects: Sequence[str] = (),
+) -> None:
+    """Write a table as a CF trajectory, in slices.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    table : Path
+        The table.
+    columns : mapping of str to Column
+        Its columns.
+    attributes : mapping of str to object
+        Global attributes; what is no text is written as JSON.
+    wavelengths : (3,) float64 ndarray
+        Effective wavelengths of the channels, nm.
+    transects : sequence of str
+        Names in the column `TRANSECT`, of a table of several recordings: an indexed ragged
+        array (chapter H.4.4).
+
+    References
+    ----------
+    NetCDF Climate and Forecast (CF) Metadata Conventions, version 1.11, chapter 9,
+    https://cfconventions.org
+    """
+    xarray, netcdf = import_netcdf()
+    written = 0
+    for number, part in enumerate(slices(table, columns)):
+        values = {_name(name): _values(part[name], column) for name, column in columns.items()}
+        if transects:
+            place = {name: number for number, name in enumerate(transects)}
+            values[TRANSECT] = np.array([place[name] for name in part[TRANSECT]], np.int32)
+        if number == 0:
+            # xarray creates the file with an unlimited dimension; netCDF4 appends.
+            xarray.Dataset(
+                {
+                    _name(name): (DIMENSION, values[_name(name)], _attributes(name, columns))
+                    for name in columns
+                } | _scalars(wavelengths, transects or str(attributes["bag"])),
+                attrs=_global(attributes),
+            ).to_netcdf(
+                path, engine="netcdf4", format="NETCDF4", unlimited_dims=[DIMENSION],
+                encoding={
+                    _name(name): _encoding(column) for name, column in columns.items()
+                    if name != TRANSECT
+                }
+                | {f"wavelength_{channel}": {"_FillValue": None} for channel in CHANNELS},
+            )
+        else:
+            with netcdf.Dataset(path, "a") as file:
+                for name, array in values.items():
+                    file[name][written:written + len(array)] = array
+        written += len(part["frame"])
+
+
+def import_netcdf() -> tuple[Any, Any]:
+    """Return xarray and netCDF4; InputError if they are missing."""
+    with needing("netcdf", "--netcdf"):
+        return importlib.import_module("xarray"), importlib.import_module("netCDF4")
+
+
+def _name(column: str) -> str:
+    return _NAMES.get(column, column)
+
+
+def _values(values: NDArray, column: Column) -> NDArray:
+    if column.kind == "datetime":
+        stamps = [np.datetime64(text[:-1], "ns").astype(np.int64) for text in values]
+        return np.array(stamps, np.int64) / 1e9
+    if column.kind == "choice":
+        place = {text: number for number, text in enumerate(column.choices)}
+        return np.array([place.get(text, _UNKNOWN) for text in values], np.int8)
+    # Text columns of an empty table stay text.
+    return values if len(values) or values.dtype != object else values.astype(str)
+
+
+def _attributes(name: str, columns: Mapping[str, Column]) -> dict[str, Any]:
+    column = columns[name]
+    found: dict[str, Any] = {"long_name": column.title}
+    if name == TRANSECT:
+        return found | {"instance_dimension": INSTANCES}
+    if column.standard_name:
+        found["standard_name"] = column.standard_name
+    if column.description:
+        found["comment"] = column.description
+    if column.kind == "datetime":
+        return found | {
+            "standard_name": "time", "units": _EPOCH, "calendar": "standard", "axis": "T",
+            # Computer clocks have no leap seconds.
+            "units_metadata": "leap_seconds: none",
+        }
+    if name not in COORDINATES:
+        channel = [f"wavelength_{c}" for c in CHANNELS if f"attenuation_{c}" in name]
+        places = [_name(place) for place in COORDINATES if place in columns]
+        found["coordinates"] = " ".join(places + channel)
+    if column.kind == "choice":
+        told = [
+            f"{choice}: {meaning}"
+            for choice, meaning in zip(column.choices, column.meanings, strict=True)
+            if meaning != choice.replace("_", " ")]
+        if told:
+            found["comment"] = ". ".join([column.description] * bool(column.description) + told)
+        return found | {
+            "flag_values": np.arange(len(column.choices), dtype=np.int8),
+            "flag_meanings": " ".join(column.choices),
+        }
+    if column.unit:
+        found["units"] = column.unit
+    if column.standard_name == "depth":
+        found["positive"] = "down"
+    if name in ("longitude", "latitude"):
+        found["axis"] = "X" if name == "longitude" else "Y"
+    beside = [f"{name}_stddev"] * (f"{name}_stddev" in columns) + [column.status] * bool(
+        column.status)
+    if beside:
+        found["ancillary_variables"] = " ".join(beside)
+    return found
+
+
+def _encoding(column: Column) -> dict[str, Any]:
+    found: dict[str, Any] = {"chunksizes": (ROWS,)}
+    if column.kind == "datetime":
+        return found | {"_FillValue": None}
+    if column.kind == "choice":
+        return found | {"_FillValue": _UNKNOWN, "dtype": np.int8, "zlib": True}
+    if column.kind in ("integer", "number"):
+        return found | {"_FillValue": np.nan, "zlib": True}
+    return found | {"dtype": str}
+
+
+def _scalars(wavelengths: Array, identity: str | Sequence[str]) -> dict[str, Any]:
+    """Variables beside the observations: name of each trajectory, wavelengths of the channels."""
+    several = not isinstance(identity, str)
+    found: dict[str, Any] = {
+        "trajectory": (
+            INSTANCES if several else (), identity,
+            {"cf_role": "trajectory_id", "long_name": "recording"}),
+    }
+    for channel, wavelength in zip(CHANNELS, wavelengths, strict=True):
+        found[f"wavelength_{channel}"] = ((), float(wavelength), {
+            "standard_name": "radiation_wavelength", "units": "nm",
+            "long_name": f"effective wavelength of the {channel} channel in daylight",
+        })
+    return found
+
+
+def _global(attributes: Mapping[str, Any]) -> dict[str, str]:
+    texts = {
+        name: value if isinstance(value, str) else json.dumps(value)
+        for name, value in attributes.items()
+    }
+    return {
+        "Conventions": CONVENTIONS, "featureType": "trajectory",
+        "title": "Water attenuation, visibility and depth from a stereo camera",
+        "source": "images of a stereo camera under water",
+        "history": f"uw_visibility {texts['version']}, replay of {texts['bag']}",
+        "references": "Roser, Dunbabin and Geiger, Simultaneous Underwater Visibility "
+        "Assessment, Enhancement and Improved Stereo, ICRA 2014",
+        "comment": "A value is missing where it could not be assessed; the status beside it "
+        "says why. Positions are missing where none was recorded.",
+        **{f"uw_visibility_{name}": text for name, text in texts.items()},
+    }

@@ -5,23 +5,36 @@
 from __future__ import annotations
 
 import json
-import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from uw_visibility.config.documents import read_document
+from uw_visibility.config.files import Products, check_replaced, identity, replace_folder
 from uw_visibility.errors import InputError, refusing
 
-# Every result has this file; a folder without it is none of ours.
+# Mark of a result folder.
 MARK = "replay.json"
+DAY_MARK = "transects.json"
+"""Mark of a folder of several results."""
 PARTIAL = ".partial"
 OLD = ".old"
-# What is opened before the state is written, and that before the first frame. The recording of
-# results is in a folder of its own until it is complete.
+# Files that exist before the first frame. Messages are recorded in a folder of
+# their own until they are complete.
 FIRST = {
     "frames.csv", "frames.csv-metadata.json", "frames.jsonl", "results", "results.mcap",
-    MARK + ".new",
+    MARK, MARK + ".new",
 }
+TABLES = ("frames.csv", "frames.csv-metadata.json", "frames.geojson", "frames.nc", "frames.parquet")
+RESULT = Products(
+    MARK, (
+        *TABLES, *FIRST, "timings.csv", "report.html", "video.mp4", "fit_*.json",
+        "images/", "images/frame_[0-9]*.png",
+        "results/", "results/results.mcap", "results/metadata.yaml"),
+    "no replay")
+"""Files of a result, and of a partial one."""
+DAY = Products(DAY_MARK, ("index.html", *TABLES), "no replay of several recordings", folders=RESULT)
+"""Files of the results of several recordings, with a folder for each."""
 
 
 def partial_of(target: Path) -> Path:
@@ -29,43 +42,55 @@ def partial_of(target: Path) -> Path:
     return target.with_name(target.name + PARTIAL)
 
 
+def places_of(target: Path) -> list[Path]:
+    """Return all folders that a run with this target may replace."""
+    partial = partial_of(target)
+    return [target, partial, partial.with_name(partial.name + OLD)]
+
+
 def check_target(target: Path, force: bool) -> None:
-    """Refuse a folder that must not be overwritten.
-
-    Parameters
-    ----------
-    target : Path
-        Folder of a result to be.
-    force : bool
-        Whether a result there may be replaced.
-
-    Raises
-    ------
-    InputError
-        If there is another result, or something else.
-    """
+    """Refuse a folder that must not be overwritten."""
     if not target.exists() and not target.is_symlink():
         return
     if target.is_dir() and not target.is_symlink() and not any(target.iterdir()):
         return
-    refuse_to_replace(target, (target / MARK).is_file() and not target.is_symlink(), force)
+    products = products_of(target)
+    refuse_to_replace(target, products, products.marks(target), force)
+    products.check(target)
 
 
-def refuse_to_replace(target: Path | str, result: bool, force: bool) -> None:
+def products_of(folder: Path) -> Products:
+    """Return what a folder of results holds: one, or those of several recordings."""
+    return DAY if (folder / DAY_MARK).is_file() else RESULT
+
+
+def refuse_to_replace(target: Path | str, products: Products, marked: bool, force: bool) -> None:
     """Refuse to replace what is no result, or a result without force."""
-    if not result:
-        raise InputError(f"{target} exists already and is no replay: give another name")
+    if not marked:
+        raise InputError(f"{target} exists already and is {products.what}: give another name")
     if not force:
-        raise InputError(f"{target} exists already: give another name, or --force to replace")
+        several = " and is of several recordings" if products is DAY else ""
+        raise InputError(
+            f"{target} exists already{several}: give another name, or --force to replace")
+
+
+def check_names(names: Sequence[str]) -> None:
+    """Refuse names of recordings whose results would be in one another's place."""
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"two bags are named {twice[0]}: replay them one by one")
+    taken = {name + end for name in names for end in (PARTIAL, PARTIAL + OLD)}
+    for name in names:
+        if name in taken or name == MARK or DAY.includes(name):
+            raise InputError(
+                f"a bag is named {name}, as what is written beside its results: rename it, or "
+                "replay it by itself")
 
 
 def read_state(folder: Path) -> dict[str, Any]:
     """Read the state of a result: origin and completeness.
 
-    Raises
-    ------
-    InputError
-        If that cannot be read.
+    Raises `InputError` if that cannot be read.
     """
     state = read_document(folder / MARK, "state")
     if not isinstance(state, dict):
@@ -87,36 +112,28 @@ class ResultFolder:
 
     Attributes
     ----------
-    target : Path
     work : Path
         Folder to write to, beside the target.
     earlier : Path or None
         Folder of the partial result to go on from.
-
-    Raises
-    ------
-    InputError
-        If there is something that must not be overwritten, or the folder
-        cannot be made.
     """
 
     def __init__(self, target: Path, *, force: bool = False, resume: bool = False) -> None:
         self.target = target
-        self.work = partial_of(target)
-        self._old = target.with_name(target.name + PARTIAL + OLD)
+        _, self.work, self._old = places_of(target)
         self.earlier: Path | None = None
         check_target(target, force)
+        self._before = identity(target)
         with refusing(f"cannot make folder {self.work}"):
             self._make_room(force, resume)
             self.work.mkdir(parents=True)
+            # At once: the folder of a killed run must be recognised and removable.
+            (self.work / MARK).touch()
 
     def state(self) -> dict[str, Any]:
         """State of the partial result.
 
-        Raises
-        ------
-        InputError
-            If that cannot be read.
+        Raises `InputError` if that cannot be read.
         """
         if self.earlier is None:
             return {}
@@ -136,7 +153,7 @@ class ResultFolder:
 
     def refuse_earlier(self) -> None:
         """Put a partial result that cannot be gone on from back under its name."""
-        shutil.rmtree(self.work)
+        RESULT.remove(self.work)
         if self.earlier is not None:
             self.earlier.rename(self.work)
             self.earlier = None
@@ -144,30 +161,41 @@ class ResultFolder:
     def forget_earlier(self) -> None:
         """Remove the partial result, all of which has been taken over."""
         if self.earlier is not None:
-            shutil.rmtree(self.earlier)
+            RESULT.remove(self.earlier)
             self.earlier = None
+
+    def check_complete(self) -> None:
+        """Refuse to rename the result where something else has come to its target meanwhile."""
+        try:
+            check_replaced(self.target, products_of(self.target), self._before)
+        except InputError as error:
+            raise InputError(
+                f"{error}; the result is in {self.work}, and --resume takes it from there"
+            ) from error
 
     def complete(self) -> None:
         """Rename the complete result to its target."""
-        if self.target.is_dir():
-            shutil.rmtree(self.target)
-        self.work.rename(self.target)
+        replace_folder(self.work, self.target, products_of(self.target), self._before)
 
     def _make_room(self, force: bool, resume: bool) -> None:
-        # An older part that is still there was not taken over whole.
-        if self._old.exists() and (resume or force):
-            if self.work.exists():
-                shutil.rmtree(self.work)
+        touched = (self.work, self._old) if resume or force else (self.work,)
+        there = [folder for folder in touched if folder.exists() or folder.is_symlink()]
+        for folder in there:
+            RESULT.check(folder)
+        # An older part that still exists was not taken over completely.
+        if self._old in there:
+            if self.work in there:
+                RESULT.remove(self.work)
             self._old.rename(self.work)
         if not self.work.exists():
             return
         if resume and _never_begun(self.work):
-            shutil.rmtree(self.work)
+            RESULT.remove(self.work)
         elif resume:
             self.work.rename(self._old)
             self.earlier = self._old
         elif force:
-            shutil.rmtree(self.work)
+            RESULT.remove(self.work)
         else:
             raise InputError(
                 f"{self.work} is a partial result: --resume goes on from it, --force begins anew"
@@ -175,8 +203,9 @@ class ResultFolder:
 
 
 def _never_begun(folder: Path) -> bool:
-    """Whether a run was ended by force before it answered a frame."""
-    return folder.is_dir() and all(
-        # A file that it was about to write whole has a name of its own (`aside_of`).
+    """Return whether a run was killed before its first frame."""
+    mark = folder / MARK
+    return not (mark.is_file() and mark.stat().st_size) and all(
+        # Temporary files have names by `aside_of`.
         entry.name in FIRST or (entry.name.startswith(".") and entry.suffix == PARTIAL)
         for entry in folder.iterdir())

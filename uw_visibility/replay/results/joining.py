@@ -17,13 +17,19 @@ from uw_visibility.plausibility.monitor import (
     DepthMonitor,
     Report,
 )
-from uw_visibility.replay.inputs.positions import Position, PositionTrack, geographic
-from uw_visibility.replay.inputs.scalars import ScalarTopic, ScalarTrack, ScalarValue
+from uw_visibility.replay.inputs.sensors import (
+    Position,
+    PositionTrack,
+    ScalarTopic,
+    ScalarTrack,
+    ScalarValue,
+    geographic,
+)
 from uw_visibility.replay.inputs.stream import Restart, SensorValue
 from uw_visibility.replay.records import FrameRecord, JoinedFrame
-from uw_visibility.water.filter import FilteredWater
+from uw_visibility.water.series.filter import FilteredWater
 
-# Numbers of a report that are sums over the whole recording.
+# Counters of a report, summed over the recording.
 COUNTS = ("compared", "failed", "inconclusive", "unmatched")
 
 
@@ -68,12 +74,12 @@ class Joiner:
         self._track = PositionTrack() if position else None
         self._origin = origin
         self._scalars = {join: ScalarTrack(tolerance) for join in joins}
-        # What is joined may come later than its frame by so much.
+        # Longest wait for values to join, s.
         self._patience = max([config.timeout, *([tolerance] if joins else [])])
         self._waiting: deque[JoinedFrame] = deque()
         self._comparisons: dict[int, Comparison] = {}
         self._now = 0.0
-        # Of the parts of the recording before its stamps jumped back.
+        # Counts from before the stamps jumped back.
         self._counts: Counter[str] = Counter()
         self.verdicts: Counter[str] = Counter()
         self.unplaced: Counter[str] = Counter()
@@ -83,7 +89,7 @@ class Joiner:
     ) -> Iterator[JoinedFrame]:
         """Take a frame; yields the frames that are complete."""
         self._now = record.time / 1e9
-        # As in the node, a frame without result says nothing of the ones around it.
+        # As in the node, a frame without result does not affect its neighbours.
         if self._monitor is not None and record.estimate is not None:
             depth = record.estimate.depth(record.stamp)
             status = record.estimate.visibility.depth_status

@@ -1,11 +1,10 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Output bag of a replay, results.mcap: what it has beside estimates, and of an earlier part."""
+"""Output bag of a replay, results.mcap: writing, and taking over an earlier part."""
 
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -80,12 +79,14 @@ class ResultWriter:
             text = value if isinstance(value, str) else json.dumps(value)
             self._bag.annotate(f"uw_visibility.{key}", text)
         self._bag.close()
-        (self._folder / "results" / NAME).rename(self._folder / NAME)
-        shutil.rmtree(self._folder / "results")
+        made = self._folder / "results"
+        (made / NAME).rename(self._folder / NAME)
+        (made / "metadata.yaml").unlink()
+        made.rmdir()
 
 
 def _timings(path: Path) -> dict[str, dict[str, str]]:
-    """Return the rows by frame; none where they are damaged, since nothing rests on them."""
+    """Return the rows by frame; none where the file is damaged."""
     try:
         rows = list(read_rows(path))
         for row in rows:
@@ -97,7 +98,7 @@ def _timings(path: Path) -> dict[str, dict[str, str]]:
 
 
 class EarlierPart:
-    """Frames that an interrupted replay left, to be taken over.
+    """Frames of an interrupted replay, to be reused.
 
     Parameters
     ----------
@@ -165,23 +166,7 @@ class EarlierPart:
 def copied_topics(
     selection: Selection, channels: Mapping[str, Channel], *, rectify: bool
 ) -> dict[str, tuple[str, str]]:
-    """Return the inputs that are copied to the results.
-
-    Parameters
-    ----------
-    selection : Selection
-        Topics used.
-    channels : mapping of str to Channel
-        What the recording has.
-    rectify : bool
-        Whether the images are raw; they keep their names then, since the layout's are of
-        rectified ones.
-
-    Returns
-    -------
-    dict of str to tuple
-        By the recorded topic: its name in the results, and its type.
-    """
+    """Return the inputs that are copied to the results."""
     names = {selection.left: "/left/image_rect", selection.left_info: "/left/camera_info"}
     if channels[selection.left].type == COMPRESSED:
         names[selection.left] += "/compressed"
@@ -195,13 +180,7 @@ def copied_topics(
 
 
 def diagnostics(make: MessageFactory, joined: JoinedFrame) -> Any:
-    """Make a DiagnosticArray of a frame: what was assessed, or why not.
-
-    Returns
-    -------
-    object
-        At the stamp of the frame.
-    """
+    """Make a DiagnosticArray of a frame: what was assessed, or why not."""
     estimate, reason = joined.record.estimate, joined.record.reason
     states = {"pipeline": reason or "ok"}
     if estimate is not None:

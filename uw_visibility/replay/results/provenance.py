@@ -36,7 +36,7 @@ def fingerprint(files: Sequence[Path]) -> str:
 
 
 def _samples(size: int) -> list[tuple[int, int]]:
-    """Return positions and lengths of what stands for a file of a size, in bytes."""
+    """Return offsets and lengths of the samples of a file of so many bytes."""
     if size <= 2 * BLOCK + SAMPLES * SAMPLE:
         return [(0, size)]
     step = (size - 2 * BLOCK) // SAMPLES
@@ -71,7 +71,7 @@ class Origin:
         return cls(bag.name, fingerprint(files), __version__, parameters)
 
     def difference(self, state: Mapping[str, Any]) -> str:
-        """Return in what the state of another result differs from this; "" if in nothing."""
+        """Say how the state of another result differs from this; "" if it does not."""
         if state.get("fingerprint") != self.fingerprint:
             return f"is not of {self.bag} as it is now"
         if state.get("version") != self.version:
@@ -80,7 +80,7 @@ class Origin:
         if not isinstance(before, Mapping):
             return "does not say with which parameters it was made"
         names = sorted({*before, *self.parameters})
-        # A parameter without a value is another thing than one that is missing.
+        # None is a value, and differs from a missing parameter.
         changed = [
             k for k in names
             if k not in before or k not in self.parameters or before[k] != self.parameters[k]
@@ -89,7 +89,7 @@ class Origin:
 
 
 class FileHash:
-    """SHA-256 of files, computed beside other work.
+    """SHA-256 of files, computed in a background thread.
 
     Parameters
     ----------

@@ -21,9 +21,9 @@ from uw_visibility.replay.records import FrameEstimate, JoinedFrame
 from uw_visibility.replay.results.mcap import ResultWriter
 from uw_visibility.replay.table import TableWriter, write_dictionary
 from uw_visibility.replay.work import FrameAnswer
-from uw_visibility.water.derived import DerivedModel
 from uw_visibility.water.estimate import LampLight
-from uw_visibility.water.filter import FilteredWater, WaterFilter
+from uw_visibility.water.meaning.derived import DerivedModel
+from uw_visibility.water.series.filter import FilteredWater, WaterFilter
 
 Row = dict[str, str]
 
@@ -40,23 +40,7 @@ def row_of(
     columns: Mapping[str, Column], joined: JoinedFrame, model: DerivedModel,
     turbidity: LineFit | None = None,
 ) -> dict[str, str]:
-    """Write a frame as a row of the table; what it lacks stays empty.
-
-    Parameters
-    ----------
-    columns : mapping of str to Column
-        Of the table.
-    joined : JoinedFrame
-    model : DerivedModel
-        Derives the field's quantities.
-    turbidity : LineFit or None
-        Of turbidity over attenuation.
-
-    Returns
-    -------
-    dict of str to str
-        Text by column.
-    """
+    """Write a frame as a row of the table; what it lacks stays empty."""
     estimate = joined.record.estimate
     sources = {**vars(joined), "estimate": estimate}
     for prefix, found in (("", estimate), ("filtered_", joined.filtered)):
@@ -119,7 +103,7 @@ class FrameRecorder:
         self._results = ResultWriter(folder, options, copied)
         self._node = options.node
         self._types, self._make = jazzy_types()
-        # The only part of a frame's way that needs the frames before it, whichever process
+        # The filter needs the frames in order, whichever process
         # answered them.
         self._filter = WaterFilter(options.pipeline)
         self._log = FrameLog(folder)

@@ -18,10 +18,10 @@ from uw_visibility.status import Status
 WHOLE_FRAME = "the whole frame"
 DISTANCE, OTHER_CHANNELS = "visibility distance", "visibility distance of all channels"
 PLAUSIBILITY = "plausibility of the depth sensor"
-# Of a frame with a result: what the columns of the table say yes or no to.
+# Status column of each quantity.
 STATUS_COLUMNS = {"water": "status", DISTANCE: "visibility_status",
                   "depth by colour": "depth_status"}
-# Verdicts that say something of the sensor, good or bad.
+# Verdicts that judge the sensor.
 JUDGED = {Verdict.OK, Verdict.WARN, Verdict.ERROR}
 MOST_RUNS = 8
 
@@ -51,7 +51,7 @@ class Refusal:
     mark: int = 0
 
     def add(self, row: int, frame: str) -> None:
-        """Count a frame, which is so many rows into the table."""
+        """Count a frame in this row of the table."""
         follows = self.last_row == row - 1 and self.shown == self.count
         self.count += 1
         self.last_row = row
@@ -94,7 +94,7 @@ class Refusals:
         return any(quantity == what for quantity, _ in self._refusals)
 
     def together(self) -> list[Refusal]:
-        """Return the refusals; of quantities that always fail together one for all."""
+        """Return the refusals; quantities with the same frames and reason are merged."""
         groups: dict[tuple[str, int, int], list[Refusal]] = {}
         for refusal in self._refusals.values():
             key = (refusal.why, refusal.count, refusal.mark)

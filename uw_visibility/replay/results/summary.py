@@ -17,11 +17,11 @@ from uw_visibility.replay.records import JoinedFrame, count_reason
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.refusals import Refusals
 from uw_visibility.replay.results.synopsis import Synopsis
-from uw_visibility.water.survey import SurveyEstimate
-from uw_visibility.water.tracking import TrackingEvent
+from uw_visibility.water.series.survey import SurveyEstimate
+from uw_visibility.water.series.tracking import TrackingEvent
 
 TAKEN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTARTED)
-"""What frames do to the filtered water that they have a part in."""
+"""Events of frames that updated the filter."""
 
 
 @dataclass
@@ -123,7 +123,7 @@ class Summary:
         )
 
     def surveyed(self) -> str:
-        """Say what the filtered water rests on where no frame shows it alone."""
+        """Describe the surveys that the filtered water comes from."""
         if not self.survey:
             return ""
         return (
@@ -178,7 +178,7 @@ class Summary:
 
     @classmethod
     def of_finished(cls, bag: str, output: str, state: Mapping[str, Any]) -> Summary:
-        """Return that of a result that was there already."""
+        """Return the summary of an existing result."""
         return cls(
             bag, output, complete=True, frames=state["frames"], resumed=state["frames"],
             status=Counter(state["status"]),

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Synopsis of a replay: when and over which ranges the water was seen, and what it let see."""
+"""Synopsis of a replay: times, ranges, and visibility."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import CHANNELS
 from uw_visibility.replay.records import FrameEstimate, JoinedFrame
-from uw_visibility.water.tracking import TrackingEvent
+from uw_visibility.water.series.tracking import TrackingEvent
 
 # Distances that differ by more than this many standard deviations are told apart.
 SIGNIFICANT = 2.0
-# Runs of frames that are named; what is worst in more places is so nearly everywhere.
+# Runs of frames that are named at most.
 MOST_RUNS = 3
 
 
@@ -130,7 +130,7 @@ class Synopsis:
 
 
 class Findings:
-    """Collector of what a synopsis needs of each frame, 56 bytes a frame.
+    """Collects the values of each frame that a synopsis needs, 56 bytes a frame.
 
     Parameters
     ----------
@@ -217,9 +217,9 @@ def _extreme(frames: NDArray[np.int64], distance: Array, stddev: Array, sign: fl
 
 
 def _runs(chosen: NDArray[np.bool_], place: int) -> Sequence[tuple[int, int]]:
-    """Return first and last of the longest runs, in order; the one with a place among them."""
+    """Return first and last frame of the longest runs, and of the run that holds `place`."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], chosen.astype(np.int8), [0]))))
     runs = [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]
-    # That of the place first, then by length.
+    # The run with the place first, then by length.
     runs.sort(key=lambda run: (not run[0] <= place <= run[1], run[0] - run[1]))
     return sorted(runs[:MOST_RUNS])

@@ -45,10 +45,7 @@ REMEMBERED = 20
 def publish_on(node: Node, kind: type, topic: str) -> Any:
     """Create a reliable publisher.
 
-    Raises
-    ------
-    InputError
-        If a parameter under ``qos_overrides`` cannot be used.
+    Raises `InputError` if a parameter under ``qos_overrides`` cannot be used.
     """
     qos = QoSProfile(depth=OUTPUT_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
     return _with_overrides(node.create_publisher, kind, topic, qos)
@@ -76,11 +73,6 @@ def subscribe_to(
         ``qos_overrides`` asks for one; without it, best effort is.
     depth : int
         How many messages wait to be taken, unless ``qos_overrides`` says otherwise.
-
-    Raises
-    ------
-    InputError
-        If a parameter under ``qos_overrides`` cannot be used.
     """
     # Overrides are written into the profile.
     qos = QoSProfile(
@@ -109,15 +101,7 @@ def reliability_is_open(node: Node, subscription: Any) -> bool:
 
 
 def describe_publishers(node: Node, subscription: Any) -> str:
-    """Describe the publishers of a subscription's topic, and any mismatch of QoS.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Owner of the subscription.
-    subscription : rclpy.subscription.Subscription
-        Whose topic is silent.
-    """
+    """Describe the publishers of a subscription's topic, and any mismatch of QoS."""
     name = subscription.topic_name
     publishers = node.get_publishers_info_by_topic(name)
     if not publishers:
@@ -167,11 +151,6 @@ class AdaptiveReliabilitySubscription:
         Takes each message.
     depth : int
         How many messages wait to be taken.
-
-    Raises
-    ------
-    InputError
-        If a parameter under ``qos_overrides`` cannot be used.
     """
 
     def __init__(

@@ -6,8 +6,8 @@ A logistic regression on what is at hand where a match is made: how much its des
 differ over their texture, the range of disparities around it (a depth edge), how much of its
 neighbourhood is unmatched, and how much of it, and of the whole image, the right view denies,
 which is more the more noise there is. Fitted to four Middlebury scenes and four rendered ones
-in water, with 0 to 4 codes of noise; `docs/stereo-noise.md` has its reliability on scenes that
-a fit left out.
+in water, with 0 to 4 codes of noise; `lab/studies/stereo-noise.md` has its reliability on
+scenes that a fit left out.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import DisparityMap
-from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
-from uw_visibility.stereo.elas.descriptors import MIDDLE
+from uw_visibility.stereo.elas.descriptors import BYTES, MIDDLE, absolute_difference
 from uw_visibility.stereo.elas.edges import MARGIN, STRIDE, VOTERS, range_around
 from uw_visibility.stereo.elas.postprocess import columns_in_right
 
@@ -77,20 +77,17 @@ def rate(
 
     Parameters
     ----------
-    disparity : ndarray
-        ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
-    best_right : ndarray
-        ``(H, W)`` int16, what the search found in the right view, -1 for nothing.
-    descriptors : tuple of ndarray
-        Of the left and of the right view, ``(H * W * 16,)`` uint8.
-    workers : Workers
-        Threads.
+    disparity : (H, W) float32 ndarray
+        Left-referenced, px; NaN where unmatched.
+    best_right : (H, W) int16 ndarray
+        What the search found in the right view, px; -1 for nothing.
+    descriptors : tuple of (H * W * 16,) uint8 ndarray
+        Of the left and of the right view.
 
     Returns
     -------
-    ndarray
-        ``(H, W)`` float32, probability that the disparity is within 1 px of the
-        truth; 0 where unmatched.
+    (H, W) float32 ndarray
+        Probability that the disparity is within 1 px of the truth; 0 where unmatched.
     """
     confidence = np.empty(disparity.shape, np.float32)
     marks, share = mark(disparity, best_right, workers)
@@ -106,20 +103,7 @@ def rate(
 def mark(
     disparity: DisparityMap, best_right: NDArray[np.int16], workers: Workers
 ) -> tuple[NDArray[np.uint16], float]:
-    """Mark what is matched, and whether the right view denies it.
-
-    Parameters
-    ----------
-    disparity, best_right, workers
-        See `rate`.
-
-    Returns
-    -------
-    marks : ndarray
-        ``(H, W)`` uint16; see `is_denied`.
-    share : float
-        Of the matched pixels, the part that is denied.
-    """
+    """Marks (H, W) of what is matched and what the right view denies; the share that it denies."""
     marks = np.empty(disparity.shape, np.uint16)
     counts = np.empty((disparity.shape[0], 2), np.int64)
     workers.rows(_mark, disparity.shape[0], disparity, best_right, marks, counts)
@@ -127,7 +111,7 @@ def mark(
     return marks, denied / max(matched, 1)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", inline="always")
 def is_denied(marked: Any) -> bool:
     """Whether a mark says that the right view denies the match."""
     return marked >> _MATCHED_BITS != 0
@@ -135,38 +119,25 @@ def is_denied(marked: Any) -> bool:
 
 @njit(nogil=True, error_model="numpy")
 def difference_over_texture(left: Any, right: Any, blank: Any, row: int, x: Any, d: Any) -> Any:
-    """Difference of a match's descriptors over their texture.
-
-    Parameters
-    ----------
-    left, right : ndarray
-        ``(H * W * 16,)`` uint8, descriptors.
-    blank : ndarray
-        ``(16,)`` uint8, that of a surface without texture.
-    row : int
-        Index of the row's first pixel.
-    x, d
-        Column and disparity, px.
-    """
+    """Difference of a match's descriptors over their texture; `row` is the row's first pixel."""
     at = (row + x) * BYTES
-    other = (row + max(x - np.int32(d + np.float32(0.5)), 0)) * BYTES
+    other = (row + x - index_of(d + np.float32(0.5), 0, x)) * BYTES
     difference = np.float32(absolute_difference(left, at, right, other))
     texture = np.float32(absolute_difference(left, at, blank, x & 0)) + _LEAST_TEXTURE
     return min(difference / texture, _MOST_DIFFERENCE)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", inline="always")
 def look_up(table: Any, per_unit: int, odds: Any) -> Any:
     """Confidence for log odds of a wrong match, from a `confidence_table`."""
     entry = (odds - np.float32(_LEAST_ODDS)) * np.float32(per_unit) + np.float32(0.5)
-    return table[np.int32(min(max(entry, np.float32(0)), np.float32(table.size - 1)))]
+    return table[index_of(entry, 0, table.size - 1)]
 
 
 @njit(nogil=True, error_model="numpy")
 def _mark(
     start: int, stop: int, disparity: Any, best_right: Any, marks: Any, counts: Any
 ) -> None:
-    """Mark what is matched, and whether the right view denies it; count both in each row."""
     width = disparity.shape[1]
     column = np.empty(width, np.int32)
     there = np.empty(width, np.int16)

@@ -10,8 +10,8 @@ view. So each pixel asks those around it, weighted by how much they look alike, 
 mode filter (Min, Lu and Do, doi:10.1109/TIP.2011.2163164).
 
 Fitted to four Middlebury scenes and rendered ones in water with 1 to 4 codes of noise, some
-through JPEG, at full size and at coarser scales; `docs/stereo-noise.md` has its reliability on
-scenes that a fit left out.
+through JPEG, at full size and at coarser scales; `lab/studies/stereo-noise.md` has its
+reliability on scenes that a fit left out.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import DisparityMap
 from uw_visibility.stereo.contrast import ContrastNormalizer
-from uw_visibility.stereo.elas.absolute_difference import BYTES
 from uw_visibility.stereo.elas.confidence import (
     confidence_table,
     difference_over_texture,
@@ -33,7 +32,7 @@ from uw_visibility.stereo.elas.confidence import (
     look_up,
     mark,
 )
-from uw_visibility.stereo.elas.descriptors import MIDDLE
+from uw_visibility.stereo.elas.descriptors import BYTES, MIDDLE
 from uw_visibility.stereo.elas.edges import alike
 from uw_visibility.stereo.elas.postprocess import fill_small_gaps, remove_occluded
 
@@ -64,47 +63,22 @@ def rate_in_noise(
     image: ContrastNormalizer,
     workers: Workers,
 ) -> NDArray[np.float32]:
-    """Confidence of each disparity of a pair that is noisy; see `confidence.rate`.
-
-    Parameters
-    ----------
-    disparity, best_right, descriptors, workers
-        As there.
-    image : ContrastNormalizer
-        The left view, whose tones tell which pixels look alike.
-
-    Returns
-    -------
-    ndarray
-        ``(H, W)`` float32, probability that the disparity is within 1 px of the
-        truth; 0 where unmatched.
-    """
+    """Confidence of each disparity of a noisy pair, from the left `image` too; see `rate`."""
     height = disparity.shape[0]
     confidence = np.empty(disparity.shape, np.float32)
     marks, _ = mark(disparity, best_right, workers)
     base = np.float32(_BASE + _PER_LEVEL * min(image.noise, _MOST_NOISE))
-    workers.rows(
-        ask_look_alikes, height, disparity, marks, image.grey, image.gain, confidence)
+    workers.rows(ask_look_alikes, height, disparity, marks, image.grey, image.gain, confidence)
     workers.rows(_rate, height, disparity, *descriptors, base, _CONFIDENCE, confidence)
     return confidence
 
 
 def drop_doubtful(
-    disparity: DisparityMap, confidence: NDArray[np.float32], least: float,
-    workers: Workers,
+    disparity: DisparityMap, confidence: NDArray[np.float32], least: float, workers: Workers
 ) -> None:
-    """Set matches of too little confidence to NaN, in place, but for a few among sure ones.
+    """Set matches of less than the least confidence to NaN, in place.
 
-    Parameters
-    ----------
-    disparity : ndarray
-        ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
-    confidence : ndarray
-        ``(H, W)`` float32, of `rate_in_noise`.
-    least : float
-        Confidence from which a match stays.
-    workers : Workers
-        Threads.
+    One or two doubtful pixels in a row between sure ones on one surface stay.
     """
     unmatched = np.isnan(disparity)
     disparity[confidence < least] = np.nan

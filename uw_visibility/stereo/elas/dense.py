@@ -3,25 +3,23 @@
 """Dense matching: the best disparity near the mesh's plane or a support point's.
 
 Section 2.2 of Geiger, Roser and Urtasun, "Efficient Large-Scale Stereo Matching",
-ACCV 2010, doi:10.1007/978-3-642-19315-6_3: maximum a posteriori over the disparities
-that the prior deems likely.
+ACCV 2010, doi:10.1007/978-3-642-19315-6_3: maximum a posteriori over the likely disparities.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.arrays import Points
 from uw_visibility.stereo.airlight import AirlightPrior
-from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
-from uw_visibility.stereo.elas.candidates import CELL, CellCandidates
-from uw_visibility.stereo.elas.descriptors import MIDDLE
+from uw_visibility.stereo.elas.descriptors import BYTES, MIDDLE, absolute_difference
 
 # Descriptors reach two pixels to each side, and the border's repeats prove nothing.
 BORDER = 2
@@ -36,34 +34,20 @@ _TEXTURED = np.float32(400.0)
 # thickness of which more within it costs no more.
 _BEYOND = np.float32(5.0)
 _MOST_THICKNESS = np.float32(30.0)
+# Energies are whole numbers above the bits of the disparity in a key of 32 bits.
+_MOST_ENERGY = 1 << 16
 
 
-@dataclass(frozen=True)
-class DenseSettings:
-    """Weights of likelihood and prior; see `StereoConfig` for their meaning."""
+def plane_prior(config: StereoConfig, likelihood: float) -> NDArray[np.int32]:
+    """Energy by distance from the plane, px, in units of descriptor difference; at most 0.
 
-    plane_radius: int
-    plane_deviation: float
-    outlier: float
-    airlight: float
-
-    def prior(self, likelihood: float) -> NDArray[np.int32]:
-        """Energy by distance from the plane, in units of descriptor difference.
-
-        Parameters
-        ----------
-        likelihood : float
-            Weight of such a unit.
-
-        Returns
-        -------
-        ndarray
-            ``(plane_radius + 1,)`` int32, at most 0.
-        """
-        distance = np.arange(self.plane_radius + 1)
-        probability = self.outlier + np.exp(-(distance**2) / (2 * self.plane_deviation**2))
-        energy = -(np.log(probability) - np.log(self.outlier)) / likelihood
-        return np.round(energy).astype(np.int32)
+    `likelihood` is the weight of such a unit against the prior.
+    """
+    distance = np.arange(config.plane_radius + 1)
+    outlier = config.prior_outlier
+    probability = outlier + np.exp(-(distance**2) / (2 * config.plane_deviation**2))
+    energy = -(np.log(probability) - np.log(outlier)) / likelihood
+    return np.round(energy).astype(np.int32)
 
 
 class DenseSearch:
@@ -73,33 +57,21 @@ class DenseSearch:
     comes after both. A pixel of the right view takes the best of the pairs that were
     tried for the left view: its own search would try nearly the same ones again.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the images, px.
-    disparities : tuple of int
-        Smallest and largest disparity, inclusive, px.
-    settings : DenseSettings
-        Weights.
-    workers : Workers
-        Threads.
-
     Attributes
     ----------
-    best : ndarray
-        ``(2, H, W)`` int16: disparity at the pixels of the left and of the right
-        view, -1 where nothing was tried.
+    best : (2, H, W) int16 ndarray
+        Disparity at the pixels of the left and of the right view, px; -1 where nothing was tried.
     """
 
     def __init__(
         self,
         shape: tuple[int, int],
         disparities: tuple[int, int],
-        settings: DenseSettings,
+        config: StereoConfig,
         workers: Workers,
     ) -> None:
         self._disparities = disparities
-        self._settings = settings
+        self._config = config
         self._workers = workers
         self._candidates = CellCandidates(shape, disparities[1] + 2)
         self._keys = np.empty((2, *shape), np.int32)
@@ -111,17 +83,7 @@ class DenseSearch:
         points: Points,
         airlight: AirlightPrior | None = None,
     ) -> None:
-        """Try the candidate disparities of the support points.
-
-        Parameters
-        ----------
-        descriptors : tuple of ndarray
-            Of the left and of the right view, ``(H * W * 16,)`` uint8.
-        points : ndarray
-            ``(N, 3)`` float32, column, row and disparity of the support points, px.
-        airlight : AirlightPrior, optional
-            What decides where texture does not.
-        """
+        """Try the disparities of the support points `points` (N, 3) at the pixels around them."""
         self._candidates.fill(points)
         self._workers.rows(
             _try_candidates, self.best.shape[1], *descriptors, self._candidates.count,
@@ -136,30 +98,22 @@ class DenseSearch:
         likelihood: float,
         airlight: AirlightPrior | None = None,
     ) -> None:
-        """Try the disparities about the mesh's plane, and write the best of all.
+        """Try the disparities about the mesh's plane, and write the best of all to `best`.
 
-        Parameters
-        ----------
-        descriptors, airlight
-            As for `try_candidates`.
-        plane : ndarray
-            ``(H, W)`` float32, the mesh's disparity in the left view, NaN outside.
-        steep : ndarray
-            ``(H, W)`` bool, where the mesh bridges a step of depth. Its disparities are
-            tried there, but no likelier than others.
-        likelihood : float
-            Weight of a unit of descriptor difference against the prior.
+        `plane` is the mesh's disparity (H, W) in the left view, NaN outside. Where `steep`, the
+        mesh bridges a step of depth: its disparities are tried there, but no likelier than
+        others.
         """
         self._workers.rows(
             _try_planes, plane.shape[0], *descriptors, plane, steep, *self._disparities,
-            self._settings.prior(likelihood), *self._bound(airlight), *self._keys, *self.best,
+            plane_prior(self._config, likelihood), *self._bound(airlight), *self._keys, *self.best,
         )
 
     def _bound(self, airlight: AirlightPrior | None) -> tuple[Any, Any, Any]:
         """Farthest thickness of each pixel, thickness of each disparity, and their weight."""
-        if airlight is None or not self._settings.airlight > 0:
+        if airlight is None or not self._config.airlight_prior > 0:
             return np.empty((0, 0), np.float32), np.empty(0, np.float32), np.float32(0)
-        strength = np.float32(self._settings.airlight * airlight.trust)
+        strength = np.float32(self._config.airlight_prior * airlight.trust)
         return airlight.farthest, airlight.thickness, strength
 
 
@@ -215,7 +169,8 @@ def _try_planes(
             at = y * width * BYTES
             for x in range(width):
                 mean = plane[y, x]
-                middle[x] = np.int32(mean + np.float32(0.5)) if mean == mean else np.int32(-1 << 20)
+                # Unknown is far below every disparity.
+                middle[x] = index_of(mean + np.float32(0.5), -1 << 20, 1 << 20)
                 surface[x] = np.int32(0) if steep[y, x] else np.int32(1)
             if thickness.size > 0:
                 _weigh_need(left, at, strength, need)
@@ -230,7 +185,7 @@ def _try_planes(
             best_right[y, x] = _disparity_of(there[x])
 
 
-@njit(nogil=True)
+@njit(nogil=True, inline="always")
 def _disparity_of(key: Any) -> Any:
     return np.int16(-1) if key == _NOTHING else np.int16(key & _DISPARITY_MASK)
 
@@ -263,12 +218,12 @@ def _mark_needy(need: Any, needy: Any) -> None:
         needy[column] = most > 0
 
 
-@njit(nogil=True)
+@njit(nogil=True, inline="always")
 def _thickness_cost(need: Any, farthest: Any, thickness: Any) -> Any:
     """Energy of an optical thickness: a brighter surface is less likely, a negative one barred."""
     excess = farthest - thickness
     excess = excess if excess > 0 else -_BEYOND * excess
-    return np.int32(need * min(excess, _MOST_THICKNESS))
+    return index_of(need * min(excess, _MOST_THICKNESS), 0, _MOST_ENERGY)
 
 
 @njit(nogil=True)
@@ -334,3 +289,64 @@ def _try_plane(
         key = np.int32((energy << _DISPARITY_BITS) + d)
         here[x] = min(here[x], key)
         there[x - d] = min(there[x - d], key)
+
+
+# Side of the cells that collect the support points' disparities, px.
+CELL = 20
+
+
+class CellCandidates:
+    """Candidate disparities of each cell, from the support points around it.
+
+    Neighbouring cells share most of their candidates, so that those of a row of cells
+    are kept as runs: a disparity and the columns that it is tried at.
+
+    Attributes
+    ----------
+    count : (rows,) int32 ndarray
+        Number of runs of each row of cells.
+    runs : (rows, N, 3) int32 ndarray
+        Disparity, first column and the one after the last, px.
+    """
+
+    def __init__(self, shape: tuple[int, int], disparities: int) -> None:
+        self._width = shape[1]
+        rows, columns = -(-shape[0] // CELL), -(-shape[1] // CELL)
+        self._seen = np.empty((rows, disparities, columns), np.bool_)
+        self.count: NDArray[np.int32] = np.empty(rows, np.int32)
+        self.runs: NDArray[np.int32] = np.empty((rows, disparities * -(-columns // 2), 3), np.int32)
+
+    def fill(self, points: Points) -> None:
+        """Collect the candidates from points (N, 3): u, v, disparity."""
+        _collect_candidates(points, self._seen, self._width, self.count, self.runs)
+
+
+@njit(nogil=True)
+def _collect_candidates(points: Any, seen: Any, width: int, count: Any, runs: Any) -> None:
+    """Mark each point's disparity, and those beside it, in its cell and the next; collect runs."""
+    rows, disparities, columns = seen.shape
+    seen[:] = False
+    for i in range(points.shape[0]):
+        column = index_of(points[i, 0], 0, columns * CELL - 1) // CELL
+        row = index_of(points[i, 1], 0, rows * CELL - 1) // CELL
+        d = index_of(points[i, 2] + 0.5, 0, disparities - 1)
+        for near in range(max(d - 1, 0), min(d + 2, disparities)):
+            for y in range(max(row - 1, 0), min(row + 2, rows)):
+                seen[y, near, column] = True
+            for x in range(max(column - 1, 0), min(column + 2, columns)):
+                seen[row, near, x] = True
+    for y in range(rows):
+        n = 0
+        for d in range(disparities):
+            x = 0
+            while x < columns:
+                first = x
+                while x < columns and seen[y, d, x]:
+                    x += 1
+                if x > first:
+                    runs[y, n, 0] = d
+                    runs[y, n, 1] = first * CELL
+                    runs[y, n, 2] = min(x * CELL, width)
+                    n += 1
+                x += 1
+        count[y] = n

@@ -1,6 +1,12 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Descriptors of 16 Sobel responses a pixel (Geiger, Roser and Urtasun, ACCV 2010)."""
+"""Descriptors of 16 Sobel responses a pixel (Geiger, Roser and Urtasun, ACCV 2010).
+
+Numba leaves LLVM's superword vectoriser off, so that a loop over a descriptor's 16 bytes compiles
+to 16 scalar steps. Their difference is emitted as generic vector IR instead, which LLVM lowers to
+what the machine has (PSADBW on x86-64, UABAL and ADDV on AArch64, scalars elsewhere): the sum
+is the same integer anywhere.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +16,52 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.compute.numba_import import intrinsic, ir, types
 from uw_visibility.compute.threads import Workers
-from uw_visibility.stereo.elas.absolute_difference import BYTES
+
+BYTES = 16
+
+
+def sum_of_differences(builder: Any, left: Any, right: Any) -> Any:
+    """Emit the sum of absolute differences of 16 bytes at each of two pointers, as i32."""
+    bytes_ = ir.VectorType(ir.IntType(8), BYTES)
+    wide = ir.VectorType(ir.IntType(32), BYTES)
+    first, second = (
+        builder.zext(builder.load(builder.bitcast(pointer, bytes_.as_pointer()), align=1), wide)
+        for pointer in (left, right)
+    )
+    absolute = builder.module.declare_intrinsic(
+        f"llvm.abs.v{BYTES}i32", (), ir.FunctionType(wide, [wide, ir.IntType(1)])
+    )
+    magnitude = builder.call(absolute, [builder.sub(first, second), ir.Constant(ir.IntType(1), 0)])
+    reduce_add = builder.module.declare_intrinsic(
+        f"llvm.vector.reduce.add.v{BYTES}i32", (), ir.FunctionType(ir.IntType(32), [wide])
+    )
+    return builder.call(reduce_add, [magnitude])
+
+
+@intrinsic
+def absolute_difference(typingctx: Any, a: Any, i: Any, b: Any, j: Any) -> Any:
+    """Return ``sum(abs(a[i:i+16] - b[j:j+16]))`` of 1-D uint8 arrays, int32; bounds unchecked."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        left, right = (
+            builder.gep(
+                context.make_array(signature.args[at])(context, builder, arguments[at]).data,
+                [arguments[at + 1]],
+            )
+            for at in (0, 2)
+        )
+        return sum_of_differences(builder, left, right)
+
+    return types.int32(a, types.intp, b, types.intp), codegen
+
+
+@njit(nogil=True)
+def descriptor_distance(a: Any, i: int, b: Any, j: int) -> int:
+    """Call the intrinsic from Python; for tests."""
+    return absolute_difference(a, i, b, j)
+
 
 # Half the side of the window that a descriptor samples.
 MARGIN = 2
@@ -24,16 +74,10 @@ MIDDLE = 128
 class Descriptors:
     """Descriptor image of one view, in memory that is allocated once.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the images, px.
-
     Attributes
     ----------
-    values : ndarray
-        ``(H * W * 16,)`` uint8, the descriptor of pixel (u, v) from
-        ``16 * (v * W + u)`` on; 128 stands for a response of zero.
+    values : (H * W * 16,) uint8 ndarray
+        The descriptor of pixel (u, v) from ``16 * (v * W + u)`` on; 128 stands for a response of 0.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
@@ -46,26 +90,14 @@ class Descriptors:
     def compute(
         self, grey: NDArray[np.uint16], gain: NDArray[np.float32], workers: Workers
     ) -> None:
-        """Fill `values` from a grey image.
-
-        Parameters
-        ----------
-        grey : ndarray
-            ``(H, W)`` uint16.
-        gain : ndarray
-            ``(H, W)`` float32, factor of the gradients at each pixel; see
-            `uw_visibility.stereo.contrast.ContrastNormalizer`.
-        workers : Workers
-            Threads.
+        """Fill `values` from a grey image and the gain of its gradients; see `ContrastNormalizer`.
         """
         height = grey.shape[0]
-        workers.rows(
-            _sobel, height + 2 * MARGIN, grey, gain, self._horizontal, self._vertical
-        )
+        workers.rows(_sobel, height + 2 * MARGIN, grey, gain, self._horizontal, self._vertical)
         workers.rows(_gather, height, self._horizontal, self._vertical, self.values)
 
 
-@njit(nogil=True)
+@njit(nogil=True, inline="always")
 def _byte(response: Any) -> np.uint8:
     shifted = response + np.float32(MIDDLE + 0.5)
     return np.uint8(min(max(shifted, np.float32(0)), np.float32(255)))
@@ -99,7 +131,7 @@ def _sobel(
 
 @njit(nogil=True)
 def _gather(start: int, stop: int, horizontal: Any, vertical: Any, values: Any) -> None:
-    """Eleven horizontal responses on a rhombus and five vertical ones on a cross.
+    """Write eleven horizontal responses on a rhombus and five vertical ones on a cross.
 
     Horizontal responses decide along an epipolar line, so they are the majority.
     """

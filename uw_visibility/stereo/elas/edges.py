@@ -32,13 +32,7 @@ _ALIKE = 17.0
 
 
 class EdgeVote:
-    """Edge-aware filter of depth edges by those of the image; memory is allocated once.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width, px.
-    """
+    """Edge-aware filter of depth edges by those of the image; memory is allocated once."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self._before = np.empty(shape, np.float32)
@@ -52,11 +46,7 @@ class EdgeVote:
         self._filter(disparity, image, False, workers)
 
     def _filter(
-        self,
-        disparity: DisparityMap,
-        image: ContrastNormalizer,
-        replace: bool,
-        workers: Workers,
+        self, disparity: DisparityMap, image: ContrastNormalizer, replace: bool, workers: Workers
     ) -> None:
         np.copyto(self._before, disparity)
         workers.rows(
@@ -118,7 +108,7 @@ def _add_votes(
         balance[at] += vote if d == d else zero
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", inline="always")
 def alike(difference: Any) -> Any:
     square = difference * difference
     return np.float32(1) / (np.float32(1) + square * square)

@@ -1,12 +1,12 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Noise test of regions of matches: open water has none that say more than noise.
+"""Noise test of matches: remove regions whose matches are no better than noise.
 
-In water without texture the descriptors hold noise alone, and how brightness falls from
-above: along a row all of them are alike. The prior still makes both views agree on a
-disparity there, and an obstacle appears where is nothing. Two places of a row beyond each
-other's texture differ there no more than the two views do, however, while on a textured
-surface the views differ less: the sum of differences over the sum of textures, which are
+In water without texture the descriptors hold noise alone, and the vertical gradient of the
+veil: along a row all of them are alike. The prior still makes both views agree on a disparity
+there, and an obstacle appears in open water. But two places of a row beyond each
+other's texture differ there no more than the two views do, while on a textured
+surface the views differ less. The sum of differences over the sum of textures, which are
 differences along the row, tells them apart over a neighbourhood. Flat patches of a surface
 pass by the texture around them.
 """
@@ -20,10 +20,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import Array, DisparityMap
-from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
+from uw_visibility.stereo.elas.descriptors import BYTES, absolute_difference
 
 # Side of the cells that sums are taken over, px, and cells to a neighbourhood's side.
 CELL = 8
@@ -43,13 +44,8 @@ MEAN_OF_NORMAL = math.sqrt(2.0 / math.pi)
 class NoiseFilter:
     """Filter of matches that noise explains, in memory that is allocated once.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the images, px.
-    most : float
-        Largest sum of differences over sum of textures that a match may have
-        around it; about 1.1 is noise, a clear surface has 0.2 to 0.6.
+    `most` is the largest sum of differences over sum of textures that a match may have
+    around it; about 1.1 is noise, a clear surface has 0.2 to 0.6.
     """
 
     def __init__(self, shape: tuple[int, int], most: float) -> None:
@@ -68,17 +64,8 @@ class NoiseFilter:
     ) -> None:
         """Set matches that noise explains to NaN, in place.
 
-        Parameters
-        ----------
-        descriptors : tuple of ndarray
-            Of the left and of the right view, ``(H * W * 16,)`` uint8.
-        disparity : ndarray
-            ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
-        noise : ndarray
-            ``(ceil(H / CELL), ceil(W / CELL))`` float64, standard deviation of the
-            gradient responses that noise makes in each cell; 0 where it is not known.
-        workers : Workers
-            Threads.
+        `noise` is the standard deviation of the gradient responses that noise makes in each cell,
+        0 where it is not known.
         """
         rows = self._difference.shape[0]
         workers.rows(
@@ -114,7 +101,7 @@ def _sum_up(
                 d = disparity[y, x]
                 if d != d:
                     continue
-                other = max(x - np.int32(d + np.float32(0.5)), 0)
+                other = x - index_of(d + np.float32(0.5), 0, x)
                 i, j = (y * width + x) * BYTES, (y * width + other) * BYTES
                 column = x // CELL
                 count[row, column] += 1
@@ -125,7 +112,7 @@ def _sum_up(
                 )
 
 
-@njit(nogil=True)
+@njit(nogil=True, inline="always")
 def _step(x: Any, width: int, apart: int) -> int:
     """Bytes to the descriptor so many pixels to the right, or to the left at the border."""
     return BYTES * (apart if x + apart < width else -min(apart, x))

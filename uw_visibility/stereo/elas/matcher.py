@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,19 +19,67 @@ from uw_visibility.stereo.denoising import LEAST_NOISE
 from uw_visibility.stereo.elas import dense, mesh, postprocess
 from uw_visibility.stereo.elas.confidence import rate
 from uw_visibility.stereo.elas.confidence_in_noise import drop_doubtful, rate_in_noise
-from uw_visibility.stereo.elas.dense import DenseSearch, DenseSettings
+from uw_visibility.stereo.elas.dense import DenseSearch
 from uw_visibility.stereo.elas.descriptors import SCALE, Descriptors
 from uw_visibility.stereo.elas.edges import EdgeVote
 from uw_visibility.stereo.elas.evidence import CELL, NoiseFilter
-from uw_visibility.stereo.elas.noise_settings import (
-    CONFIDENCE_FOR_COLOUR,
-    NOISE_RADIUS,
-    least_confidence,
-    settings_in_noise,
-)
+from uw_visibility.stereo.elas.postprocess import AdaptiveMean
 from uw_visibility.stereo.elas.semi_global import SemiGlobalSearch, compare_tones
-from uw_visibility.stereo.elas.smoothing import AdaptiveMean
-from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints, SupportSettings
+from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints
+
+NOISE_RADIUS = 2
+"""Neighbours to each side of a first mean in noise, px, which makes surfaces smooth and not
+what is matched by chance."""
+
+# Restored noise, in 8-bit levels of even contrast, from which on the settings are wholly
+# those of noisy images.
+_FULL_NOISE = 6.0
+# Neighbours to each side that the disparity map is averaged over besides: noise moves
+# disparities by a pixel or two, and neighbours on a surface tell where between.
+_MORE_RADIUS = 5
+# A hole is a mismatch rather than an occlusion, and may be wider by so many px.
+_MORE_GAP = 15
+# After that mean the steps of a surface are so much smaller, and those of chance are not. Somewhat
+# smaller segments are enough then.
+_SEGMENT_DIFFERENCE, _SEGMENT_SIZE = 0.5, 0.5
+# Views that agree by chance mostly do so by two pixels.
+_TOLERANCE = 1
+CONFIDENCE_FOR_COLOUR = 0.4
+"""Least confidence of what colour and water are told of: matches that are less likely would tell
+of another water."""
+
+# Least confidence of what is published, where it is more likely right than wrong; less where
+# noise begins, so that nothing jumps.
+_CONFIDENCE, _CONFIDENCE_RISE = 0.51, 0.14
+
+
+def settings_in_noise(config: StereoConfig, noise: float) -> StereoConfig:
+    """Adapt the matcher's settings to noise; below `LEAST_NOISE` they are the configured ones.
+
+    `noise` is the restored noise of the median pixel, in 8-bit levels of even contrast; see
+    `uw_visibility.stereo.contrast`.
+    """
+    share = min(max((noise - LEAST_NOISE) / (_FULL_NOISE - LEAST_NOISE), 0.0), 1.0)
+    if share == 0.0:
+        return config
+    return replace(
+        config,
+        smoothing_radius=config.smoothing_radius and (
+            config.smoothing_radius + round(share * _MORE_RADIUS)
+        ),
+        gap_width=config.gap_width and config.gap_width + round(share * _MORE_GAP),
+        segment_difference=config.segment_difference * (1.0 - share * (1.0 - _SEGMENT_DIFFERENCE)),
+        segment_size=round(config.segment_size * (1.0 - share * (1.0 - _SEGMENT_SIZE))),
+        left_right_tolerance=min(config.left_right_tolerance, _TOLERANCE)
+        if share > 0.5 else config.left_right_tolerance,
+    )
+
+
+def least_confidence(noise: float) -> float:
+    """Least confidence of a match that is worth publishing; 0 below `LEAST_NOISE`."""
+    if noise <= LEAST_NOISE:
+        return 0.0
+    return min(_CONFIDENCE_RISE * noise, _CONFIDENCE)
 
 
 @dataclass(frozen=True)
@@ -40,19 +88,17 @@ class DenseMatch:
 
     Attributes
     ----------
-    disparity : ndarray
-        ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
-    right : ndarray
-        ``(H, W)`` float32, what each pixel of the right view matches best, whole
-        px, before the views are compared; NaN where nothing was tried. It tells
-        occlusions from mismatches.
-    confidence : ndarray or None
-        ``(H, W)`` float32, probability that `disparity` is within 1 px of the truth;
-        0 where unmatched; None where not asked for.
-    with_occlusions : ndarray or None
-        ``(H, W)`` float32, `disparity` and that of what something nearer hides from the
-        right view, which is taken from its surroundings: no match, but good for colour;
-        None for the same as `disparity`.
+    disparity : (H, W) float32 ndarray
+        Left-referenced, px; NaN where unmatched.
+    right : (H, W) float32 ndarray
+        What each pixel of the right view matches best, whole px, before the views are compared;
+        NaN where nothing was tried. It tells occlusions from mismatches.
+    confidence : (H, W) float32 ndarray or None
+        Probability that `disparity` is within 1 px of the truth; 0 where unmatched; None where
+        not asked for.
+    with_occlusions : (H, W) float32 ndarray or None
+        `disparity` and that of what something nearer hides from the right view, which is taken
+        from its surroundings: no match, but good for colour; None for the same as `disparity`.
     """
 
     disparity: DisparityMap
@@ -91,33 +137,17 @@ class Matcher:
         self._config = config
         self._workers = workers
         self._views = (Descriptors(shape), Descriptors(shape))
-        self._support = SupportGrid(
-            shape,
-            SupportSettings(
-                step=config.support_step,
-                texture=config.support_texture,
-                uniqueness=config.support_uniqueness,
-                consistency_cells=config.consistency_cells,
-                consistency_disparity=config.consistency_disparity,
-                consistency_count=config.consistency_count,
-            ),
-        )
-        settings = DenseSettings(
-            plane_radius=config.plane_radius,
-            plane_deviation=config.plane_deviation,
-            outlier=config.prior_outlier,
-            airlight=config.airlight_prior,
-        )
+        self._support = SupportGrid(shape, config)
         self._plane = np.empty(shape, np.float32)
         self._steep = np.empty(shape, np.bool_)
-        self._search = DenseSearch(shape, disparities, settings, workers)
-        self._search_in_noise = SemiGlobalSearch(shape, disparities, settings, workers)
+        self._search = DenseSearch(shape, disparities, config, workers)
+        self._search_in_noise = SemiGlobalSearch(shape, disparities, config, workers)
         self._noise = NoiseFilter(shape, config.noise_ratio)
         self._segments = postprocess.SegmentFilter(shape)
         self._edges = EdgeVote(shape)
-        self._left: ContrastNormalizer | None = None
-        self._right: ContrastNormalizer | None = None
         self._mean = AdaptiveMean(shape, config.smoothing_difference)
+        # The described pair.
+        self._images: dict[int, ContrastNormalizer] = {}
 
     def describe(self, left: ContrastNormalizer, right: ContrastNormalizer) -> None:
         """Compute the descriptors of a pair, which is not changed until it is matched."""
@@ -127,10 +157,7 @@ class Matcher:
 
     def describe_view(self, side: int, image: ContrastNormalizer) -> None:
         """Compute the descriptors of one view of a pair: 0 is the left one, 1 the right."""
-        if side == 0:
-            self._left = image
-        else:
-            self._right = image
+        self._images[side] = image
         self._views[side].compute(image.grey, image.gain, self._workers)
 
     def describe_raw(
@@ -138,13 +165,8 @@ class Matcher:
     ) -> None:
         """Compute the descriptors of a pair as it is, its contrast stretched.
 
-        Parameters
-        ----------
-        contrast : tuple of ContrastNormalizer
-            Of the left and of the right view; overwritten, and used until the pair is
-            matched.
-        left, right : View
-            The pair.
+        `contrast`, of the left and of the right view, is overwritten, and used until the pair is
+        matched.
         """
 
         def describe(side: int, view: View) -> None:
@@ -154,9 +176,7 @@ class Matcher:
         self._workers.together(lambda: describe(0, left), lambda: describe(1, right))
 
     def support_points(
-        self,
-        airlight: AirlightPrior | None = None,
-        earlier: NDArray[np.float32] | None = None,
+        self, airlight: AirlightPrior | None = None, earlier: NDArray[np.float32] | None = None
     ) -> SupportPoints:
         """Find the support points of the described pair; see `SupportGrid.search`."""
         return self._support.search(
@@ -171,18 +191,7 @@ class Matcher:
         )
 
     def coarse_disparity(self, support: SupportPoints) -> DisparityMap:
-        """Return the mesh of the support points as an image.
-
-        Parameters
-        ----------
-        support : SupportPoints
-            From `support_points`.
-
-        Returns
-        -------
-        ndarray
-            ``(H, W)`` float32, left-referenced, px; NaN outside the mesh.
-        """
+        """Return the mesh of the support points as an image, px; NaN outside the mesh."""
         coarse = np.empty(self._shape, np.float32)
         vertices = support.points[support.vertices]
         mesh.rasterize(mesh.triangulate(vertices, self._shape), coarse, self._workers)
@@ -203,23 +212,19 @@ class Matcher:
         support : SupportPoints
             From `support_points`.
         airlight : AirlightPrior, optional
-            What decides where texture does not.
+            Decides where texture does not.
         confidence : bool
             Whether to rate the matches.
         least_for_colour : float
             Least confidence of what stays in `DenseMatch.with_occlusions`, where matches are
             rated. What noise makes doubtful is no match, but still a guess for colour.
-
-        Returns
-        -------
-        DenseMatch
         """
         disparity = np.full(self._shape, np.nan, np.float32)
         if len(support) == 0:
             nowhere = np.zeros(self._shape, np.float32) if confidence else None
             return DenseMatch(disparity, disparity.copy(), nowhere)
         descriptors = (self._views[0].values, self._views[1].values)
-        config = self._settings()
+        config = settings_in_noise(self._config, self._left.noise)
         self._find_best(config, descriptors, support, airlight, disparity)
         self._postprocess(config, descriptors, disparity)
         with_occlusions = disparity.copy()
@@ -228,7 +233,7 @@ class Matcher:
         right = np.empty(self._shape, np.float32)
         self._workers.rows(dense.as_disparity, self._shape[0], best_right, right)
         asked = self._config.min_confidence
-        least = 0.0 if self._left is None else least_confidence(self._left.noise)
+        least = least_confidence(self._left.noise)
         rated = None
         if confidence or asked > 0 or least > 0:
             rated = self._rate(disparity, best_right, descriptors)
@@ -252,10 +257,10 @@ class Matcher:
     ) -> None:
         """Write the disparities that both views agree on, at sub-pixel resolution."""
         best, tolerance = self._search.best, config.left_right_tolerance
-        if self._left is not None and self._right is not None and self._is_noisy():
+        if self._is_noisy():
             self._draw_mesh(support)
             self._search_in_noise.search(
-                descriptors, compare_tones(self._left, self._right, support.points),
+                descriptors, compare_tones(self._left, self._images[1], support.points),
                 support.points, self._left.noise, self._plane, self._steep,
                 config.likelihood_weight, best, disparity)
             postprocess.check(best, tolerance, disparity, self._workers)
@@ -269,8 +274,12 @@ class Matcher:
         )
         postprocess.check_and_refine(best, descriptors, tolerance, disparity, self._workers)
 
+    @property
+    def _left(self) -> ContrastNormalizer:
+        return self._images[0]
+
     def _is_noisy(self) -> bool:
-        return self._left is not None and self._left.noise > LEAST_NOISE
+        return self._left.noise > LEAST_NOISE
 
     def _rate(
         self,
@@ -278,32 +287,24 @@ class Matcher:
         best_right: NDArray[np.int16],
         descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
     ) -> NDArray[np.float32]:
-        if self._left is None or self._left.noise <= LEAST_NOISE:
+        if not self._is_noisy():
             return rate(disparity, best_right, descriptors, self._workers)
         return rate_in_noise(disparity, best_right, descriptors, self._left, self._workers)
 
     def _noise_of_grid(self) -> Array | None:
         """Noise of the descriptors' bytes at the grid of support points; None without."""
-        if self._left is None or self._left.noise <= LEAST_NOISE:
+        if not self._is_noisy():
             return None
         return SCALE * self._left.noise_gradient(self._config.support_step)
 
     def _noise_gradient(self) -> Array:
         """Noise of the descriptors' bytes in each of the noise filter's cells."""
-        if self._left is None:
-            return np.zeros((-(-self._shape[0] // CELL), -(-self._shape[1] // CELL)))
         cells = SCALE * self._left.noise_gradient(CELL)
         # A cell at the border may end before its middle: it is as the one before.
         rows, columns = (
             np.minimum(np.arange(-(-n // CELL)), m - 1)
             for n, m in zip(self._shape, cells.shape, strict=True))
         return cells[np.ix_(rows, columns)]
-
-    def _settings(self) -> StereoConfig:
-        """Settings for the noise of the described pair."""
-        return self._config if self._left is None else settings_in_noise(
-            self._config, self._left.noise
-        )
 
     def _draw_mesh(self, support: SupportPoints) -> None:
         corners = mesh.with_corners(support.points[support.vertices], self._shape)
@@ -322,11 +323,9 @@ class Matcher:
         self._segments.remove(
             disparity, config.segment_size, config.segment_difference, self._workers
         )
-        if self._left is not None:
-            self._edges.drop(disparity, self._left, self._workers)
+        self._edges.drop(disparity, self._left, self._workers)
         postprocess.fill_small_gaps(
             disparity, config.gap_width, config.gap_difference, self._workers
         )
         self._mean.smooth(disparity, config.smoothing_radius, self._workers)
-        if self._left is not None:
-            self._edges.move(disparity, self._left, self._workers)
+        self._edges.move(disparity, self._left, self._workers)

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import DisparityMap, Points
@@ -27,20 +28,7 @@ _NEAR = 4
 
 
 def with_corners(points: Points, shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Add the image's four corners, each with the disparity of the nearest point.
-
-    Parameters
-    ----------
-    points : ndarray
-        ``(N, 3)`` float32, N at least 1.
-    shape : tuple of int
-        Height and width, px.
-
-    Returns
-    -------
-    ndarray
-        ``(N + 4, 3)`` float32.
-    """
+    """Add the image's four corners, each with the disparity of the nearest of the points (N, 3)."""
     height, width = shape
     corners = np.array(
         [[0, 0], [width - 1, 0], [0, height - 1], [width - 1, height - 1]], np.float32
@@ -51,20 +39,9 @@ def with_corners(points: Points, shape: tuple[int, int]) -> NDArray[np.float32]:
 
 
 def triangulate(points: Points, shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Delaunay triangulation of points at whole pixels.
+    """Delaunay triangulation of points (N, 3) at whole pixels, each once: u, v, disparity.
 
-    Parameters
-    ----------
-    points : ndarray
-        ``(N, 3)`` float32: u, v (whole numbers, each pair once) and disparity.
-    shape : tuple of int
-        Height and width, px.
-
-    Returns
-    -------
-    ndarray
-        ``(M, 3, 3)`` float32: triangles, their corners, (u, v, disparity);
-        without any where fewer than three points are given.
+    Returns triangles ``(M, 3, 3)`` float32 of their corners; none for fewer than three points.
     """
     height, width = shape
     if len(points) < 3:
@@ -116,18 +93,9 @@ def rasterize(
     workers: Workers,
     steep: NDArray[np.bool_] | None = None,
 ) -> None:
-    """Write the disparity of the mesh at every pixel that it covers.
+    """Write the disparity of the mesh at every pixel that it covers, and NaN elsewhere.
 
-    Parameters
-    ----------
-    triangles : ndarray
-        ``(M, 3, 3)`` float32, as `triangulate` returns them.
-    disparity : ndarray
-        ``(H, W)`` float32, overwritten; NaN where no triangle lies.
-    workers : Workers
-        Threads.
-    steep : ndarray, optional
-        ``(H, W)`` bool, overwritten: where the mesh bridges a step of depth.
+    `steep` (H, W) tells where the mesh bridges a step of depth.
     """
     marks = np.empty((0, 0), np.bool_) if steep is None else steep
     workers.rows(_rasterize, disparity.shape[0], triangles, disparity, marks)
@@ -152,8 +120,8 @@ def _rasterize(start: int, stop: int, triangles: Any, disparity: Any, steep: Any
         slope_x = ((d1 - d0) * (y2 - y0) - (d2 - d0) * (y1 - y0)) / area
         slope_y = ((d2 - d0) * (x1 - x0) - (d1 - d0) * (x2 - x0)) / area
         step = marked and (abs(slope_x) > _STEEP_ROW or abs(slope_y) > _STEEP_COLUMN)
-        first = max(int(min(y0, y1, y2)), start)
-        last = min(int(max(y0, y1, y2)), stop - 1)
+        first = index_of(min(y0, y1, y2), start, stop)
+        last = index_of(max(y0, y1, y2), start - 1, stop - 1)
         for y in range(first, last + 1):
             low = np.float32(width)
             high = np.float32(-1.0)
@@ -169,7 +137,7 @@ def _rasterize(start: int, stop: int, triangles: Any, disparity: Any, steep: Any
                     x_edge = ax + (y - ay) * (bx - ax) / (by - ay)
                     low = min(low, x_edge)
                     high = max(high, x_edge)
-            for x in range(int(np.ceil(low)), int(high) + 1):
+            for x in range(index_of(np.ceil(low), 0, width), index_of(high, -1, width - 1) + 1):
                 disparity[y, x] = d0 + slope_x * (x - x0) + slope_y * (y - y0)
                 if step:
                     steep[y, x] = True

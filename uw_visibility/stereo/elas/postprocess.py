@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import DisparityMap
-from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
 from uw_visibility.stereo.elas.dense import BORDER
+from uw_visibility.stereo.elas.descriptors import BYTES, absolute_difference
 
 # Sides of a gap that differ by no more, px, are of one surface, and the gap between them may
 # be so many times as wide as another that is bridged.
@@ -31,21 +32,9 @@ def check_and_refine(
     disparity: DisparityMap,
     workers: Workers,
 ) -> None:
-    """Left/right check and sub-pixel refinement.
+    """Left/right check and sub-pixel refinement of the disparities found, `best` (2, H, W).
 
-    Parameters
-    ----------
-    best : ndarray
-        ``(2, H, W)`` int16, disparities of the left and of the right view, -1
-        where there is none.
-    descriptors : tuple of ndarray
-        Of the left and of the right view, ``(H * W * 16,)`` uint8.
-    tolerance : int
-        Largest difference of the two views' disparities, px.
-    disparity : ndarray
-        ``(H, W)`` float32, overwritten; NaN where the views disagree.
-    workers : Workers
-        Threads.
+    `disparity` is overwritten; NaN where the views differ by more than `tolerance`, px.
     """
     workers.rows(
         _check_and_refine, disparity.shape[0], best[0], best[1], descriptors[0], descriptors[1],
@@ -65,11 +54,6 @@ class SegmentFilter:
 
     A segment is a set of pixels that are joined by neighbours (above, below,
     left or right) whose disparities differ by at most a threshold.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the images, px.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
@@ -86,8 +70,7 @@ class SegmentFilter:
         """Set segments of fewer than ``size`` pixels to NaN, in place."""
         _join_runs(disparity, np.float32(difference), self._run, self._parent, self._size)
         workers.rows(
-            _remove_small, disparity.shape[0], self._run, self._parent, self._size, size,
-            disparity,
+            _remove_small, disparity.shape[0], self._run, self._parent, self._size, size, disparity
         )
 
 
@@ -109,16 +92,8 @@ def remove_occluded(disparity: DisparityMap, workers: Workers) -> None:
     """Z-buffer test: set what something nearer hides from the right view to NaN, in place.
 
     Gaps at the farther side of a depth edge are filled from there, and edges move over
-    what was matched: so it is asked of the finished map which of its pixels the right view
-    can show. All that fall on one of its pixels are of one surface, but for those that the
-    nearest of them hides.
-
-    Parameters
-    ----------
-    disparity : ndarray
-        ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
-    workers : Workers
-        Threads.
+    what was matched: so the test is made on the finished map. All that fall on one pixel of the
+    right view are of one surface, but for those that the nearest of them hides.
     """
     workers.rows(_remove_occluded, disparity.shape[0], disparity)
 
@@ -157,13 +132,13 @@ def _check_and_refine(
             disparity[y, x] = max(d + offset, 0.0)
 
 
-@njit(nogil=True)
+@njit(nogil=True, inline="always")
 def _agree(d: Any, best_right: Any, x: int, tolerance: int) -> bool:
     """Whether a column of the left view is matched, and the right view's row agrees."""
     return d >= 0 and abs(best_right[x - d] - d) <= tolerance
 
 
-@njit(nogil=True)
+@njit(nogil=True, inline="always")
 def meeting_of_lines(before: Any, at: Any, after: Any) -> float:
     """Offset of the minimum between three equidistant costs, within 0.5.
 
@@ -280,7 +255,7 @@ def columns_in_right(row: Any, column: Any) -> None:
     """Write the column of the right view that each pixel matches, below 0 for none."""
     for x in range(row.size):
         d = row[x] if row[x] == row[x] else np.float32(x + 1)
-        column[x] = np.int32(x) - np.int32(d + np.float32(0.5))
+        column[x] = np.int32(x) - index_of(d + np.float32(0.5), 0, x + 1)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -288,3 +263,88 @@ def _clear_hidden(nearest: Any, column: Any, row: Any) -> None:
     for x in range(row.size):
         hidden = (nearest[x] > row[x] + _HIDES) | (column[x] < 0)
         row[x] = np.float32(np.nan) if hidden else row[x]
+
+
+class AdaptiveMean:
+    """Mean over neighbours of the same surface: the last step of ELAS.
+
+    A neighbour's weight falls linearly with the difference of the disparities
+    and is zero from `difference`, px, on, so that depth edges stay. Rows first, then columns.
+    """
+
+    def __init__(self, shape: tuple[int, int], difference: float) -> None:
+        self._difference = np.float32(difference)
+        self._between = np.empty(shape, np.float32)
+
+    def smooth(self, disparity: DisparityMap, radius: int, workers: Workers) -> None:
+        """Smooth a map (H, W) in place over `radius` neighbours to each side; NaN stays NaN."""
+        if radius == 0:
+            return
+        height = disparity.shape[0]
+        for kernel, source, target in (
+            (_along_rows, disparity, self._between),
+            (_along_columns, self._between, disparity),
+        ):
+            workers.rows(kernel, height, source, radius, self._difference, target)
+
+
+@njit(nogil=True, error_model="numpy")
+def _add_both(
+    first: int, last: int, shift: int, here: Any, before: Any, after: Any, difference: Any,
+    weights: Any, sums: Any,
+) -> None:
+    """Add the neighbours on both sides of each pixel of a row; what is NaN adds nothing."""
+    for x in range(first, last):
+        # Unsigned, since numba looks whether other indices are below zero.
+        at = np.uint64(x)
+        d = here[at]
+        step = before[np.uint64(x - shift)] - d
+        weight = _weight(step, difference)
+        total = weights[at] + weight
+        weighted = sums[at] + (weight * step if weight > 0 else np.float32(0))
+        step = after[np.uint64(x + shift)] - d
+        weight = _weight(step, difference)
+        weights[at] = total + weight
+        sums[at] = weighted + (weight * step if weight > 0 else np.float32(0))
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def _weight(step: Any, difference: Any) -> Any:
+    weight = difference - abs(step)
+    return weight if weight > 0 else np.float32(0)
+
+
+@njit(nogil=True, error_model="numpy")
+def _along_rows(
+    start: int, stop: int, source: Any, radius: int, difference: Any, target: Any
+) -> None:
+    width = source.shape[1]
+    weights = np.empty(width, np.float32)
+    sums = np.empty(width, np.float32)
+    for y in range(start, stop):
+        weights[:] = 0
+        sums[:] = 0
+        row = source[y]
+        # At the image's border neighbours of one side would draw a slope's mean to it.
+        for k in range(1, min(radius, (width - 1) // 2) + 1):
+            _add_both(k, width - k, k, row, row, row, difference, weights, sums)
+        # The pixel itself adds to the weights only.
+        for x in range(width):
+            target[y, x] = row[x] + sums[x] / (weights[x] + difference)
+
+
+@njit(nogil=True, error_model="numpy")
+def _along_columns(
+    start: int, stop: int, source: Any, radius: int, difference: Any, target: Any
+) -> None:
+    height, width = source.shape
+    weights = np.empty(width, np.float32)
+    sums = np.empty(width, np.float32)
+    for y in range(start, stop):
+        weights[:] = 0
+        sums[:] = 0
+        row = source[y]
+        for k in range(1, min(radius, y, height - 1 - y) + 1):
+            _add_both(0, width, 0, row, source[y - k], source[y + k], difference, weights, sums)
+        for x in range(width):
+            target[y, x] = row[x] + sums[x] / (weights[x] + difference)

@@ -10,18 +10,19 @@ gradients do not hold, and the prior of the mesh's plane as in `dense`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.arrays import Points
 from uw_visibility.stereo.contrast import ContrastNormalizer
-from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
-from uw_visibility.stereo.elas.dense import BORDER, DenseSettings
+from uw_visibility.stereo.elas.dense import BORDER, plane_prior
+from uw_visibility.stereo.elas.descriptors import BYTES, absolute_difference
 from uw_visibility.stereo.elas.postprocess import meeting_of_lines
 
 # Rows that one thread takes from top to bottom, and rows above them that its path from above
@@ -57,18 +58,10 @@ _MASK = (1 << _BITS) - 1
 _NOTHING = np.int32((1 << 30) - 1)
 
 
-@dataclass(frozen=True)
-class Tones:
+class Tones(NamedTuple):
     """Grey images of a pair, for the difference of their tones.
 
-    Attributes
-    ----------
-    left, right : ndarray
-        ``(H, W)`` uint16, see `ContrastNormalizer.grey`.
-    gain : ndarray
-        ``(H, W)`` float32, of the left one, see `ContrastNormalizer.gain`.
-    offset : float
-        How much brighter the left view is where the pair matches, in units of the images.
+    `offset` is how much brighter the left view is where the pair matches.
     """
 
     left: NDArray[np.uint16]
@@ -87,27 +80,15 @@ def compare_tones(left: ContrastNormalizer, right: ContrastNormalizer, points: P
 
 
 class SemiGlobalSearch:
-    """Semi-global search, with memory for the rows at work alone.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the images, px.
-    disparities : tuple of int
-        Smallest and largest disparity, inclusive, px.
-    settings : DenseSettings
-        Prior of the mesh's plane.
-    workers : Workers
-        Threads.
-    """
+    """Semi-global search, with memory for the rows at work alone."""
 
     def __init__(
-        self, shape: tuple[int, int], disparities: tuple[int, int], settings: DenseSettings,
+        self, shape: tuple[int, int], disparities: tuple[int, int], config: StereoConfig,
         workers: Workers,
     ) -> None:
         self._shape = shape
         self._disparities = disparities
-        self._settings = settings
+        self._config = config
         self._workers = workers
 
     def search(
@@ -122,26 +103,13 @@ class SemiGlobalSearch:
         best: NDArray[np.int16],
         refined: NDArray[np.float32],
     ) -> None:
-        """Write the best disparities of both views.
+        """Write the best disparities of both views, `best` (2, H, W), as `DenseSearch.best`.
 
-        Parameters
-        ----------
-        descriptors, plane, steep, likelihood
-            As for `DenseSearch.try_plane`.
-        tones : Tones
-            Of the same pair.
-        points : ndarray
-            ``(N, 3)`` float32, column, row and disparity of the support points, px. Disparities
-            are tried that lie among those of the rows around.
-        noise : float
-            Restored noise of the median pixel, in 8-bit levels of even contrast.
-        best : ndarray
-            ``(2, H, W)`` int16, as `DenseSearch.best`; overwritten.
-        refined : ndarray
-            ``(H, W)`` float32, overwritten: the left view's disparities at sub-pixel
-            resolution, px.
+        Disparities are tried that lie among those of the support points `points` of the rows
+        around. `noise` is the restored noise of the median pixel, in 8-bit levels of even
+        contrast. `refined` (H, W) gets the left view's disparities at sub-pixel resolution, px.
         """
-        reward = np.round(_PRIOR * self._settings.prior(likelihood)).astype(np.int16)
+        reward = np.round(_PRIOR * plane_prior(self._config, likelihood)).astype(np.int16)
         level = min(noise, _MOST_NOISE)
         ranges = self._ranges(points)
         self._workers.rows(
@@ -221,11 +189,10 @@ def _search_strips(
                 continue
             _add_path(cost, count, width, 1, step, jump, path, total)
             _add_path(cost, count, width, -1, step, jump, path, total)
-            _select(
-                total, count, low, tried, keys, best_left[y], best_right[y], refined[y])
+            _select(total, count, low, tried, keys, best_left[y], best_right[y], refined[y])
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", inline="always")
 def _whole_vectors(count: int) -> int:
     """Round up to whole vectors: what is left over takes as long as all of them."""
     return -(-count // _VECTOR) * _VECTOR
@@ -258,7 +225,7 @@ def _reward_plane(
     if steep or mean != mean:
         return
     radius = len(reward) - 1
-    middle = int(mean + np.float32(0.5)) - low
+    middle = index_of(mean + np.float32(0.5), -1 << 20, 1 << 20) - low
     for k in range(max(middle - radius, 0), min(middle + radius + 1, count)):
         cost[at + k] += reward[abs(k - middle)]
 

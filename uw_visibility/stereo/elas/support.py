@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.arrays import Array, Image8, Points
 from uw_visibility.stereo.airlight import AirlightPrior
-from uw_visibility.stereo.elas.absolute_difference import BYTES, absolute_difference
-from uw_visibility.stereo.elas.descriptors import MIDDLE
+from uw_visibility.stereo.elas.descriptors import BYTES, MIDDLE, absolute_difference
 from uw_visibility.stereo.elas.evidence import MEAN_OF_NORMAL
-from uw_visibility.stereo.elas.support_filter import keep_consistent, mark_vertices, smooth
 
 FEWEST_SUPPORT_POINTS = 10
 """Fewer of them make no mesh worth a plane."""
@@ -56,12 +56,11 @@ class SupportPoints:
 
     Attributes
     ----------
-    points : ndarray
-        ``(N, 3)`` float32: column u, row v in the left image and disparity, px,
-        row by row.
-    vertices : ndarray
-        ``(N,)`` bool: the points that the mesh needs. Within flat regions a
-        lattice of them is enough, and the triangulation costs a fraction.
+    points : (N, 3) float32 ndarray
+        Column u, row v in the left image and disparity, px, row by row.
+    vertices : (N,) bool ndarray
+        Points that the mesh needs. Within flat regions a lattice of them is enough, and the
+        triangulation costs a fraction.
     """
 
     points: Points
@@ -71,34 +70,14 @@ class SupportPoints:
         return len(self.points)
 
 
-@dataclass(frozen=True)
-class SupportSettings:
-    """Thresholds of the support points; see `StereoConfig` for their meaning."""
-
-    step: int
-    texture: int
-    uniqueness: float
-    consistency_cells: int
-    consistency_disparity: float
-    consistency_count: int
-
-
 class SupportGrid:
-    """Grid search for support points, in memory that is allocated once.
+    """Grid search for support points, in memory that is allocated once."""
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the images, px.
-    settings : SupportSettings
-        Thresholds.
-    """
-
-    def __init__(self, shape: tuple[int, int], settings: SupportSettings) -> None:
+    def __init__(self, shape: tuple[int, int], config: StereoConfig) -> None:
         height, width = shape
         self._shape = shape
-        self._settings = settings
-        step = settings.step
+        self._config = config
+        step = config.support_step
         rows, columns = max(height // step, 1), max(width // step, 1)
         self._found = np.empty((rows, columns), np.float32)
         self._kept = np.empty((rows, columns), np.float32)
@@ -106,40 +85,26 @@ class SupportGrid:
         self._smoothed = np.empty((rows, columns), np.float32)
         self._vertices = np.empty((rows, columns), np.bool_)
         self._agreed = np.empty((rows, columns), np.float32)
-        self._texture = np.full((rows, columns), settings.texture, np.int32)
+        self._texture = np.full((rows, columns), config.support_texture, np.int32)
 
     def swapped_ratio(
-        self,
-        left: Image8,
-        right: Image8,
-        disparities: tuple[int, int],
-        workers: Workers,
+        self, left: Image8, right: Image8, disparities: tuple[int, int], workers: Workers
     ) -> float:
-        """Compare how often the pair matches with its images exchanged.
+        """Matches of the pair of the last `search` with its images exchanged, over those in order.
 
-        Only every eighth row of the grid is searched, but all where few points match, since
-        a sample of those says little.
-
-        Parameters
-        ----------
-        left, right, disparities, workers
-            As in `search`, which was called for the same pair before.
-
-        Returns
-        -------
-        float
-            Matches of the exchanged pair over those of the pair, ten added to both
-            so that a few chance matches say nothing.
+        Ten are added to both, so that a few chance matches say nothing. Only every eighth row
+        of the grid is searched, but all where few points match, since a sample of those says
+        little.
         """
-        settings = self._settings
+        config = self._config
         height, width = self._shape
         few = np.count_nonzero(self._found >= 0) < _FEW * self._found.size
         stride = 1 if few else _ORDER_STRIDE
         rows = -(-self._found.shape[0] // stride)
         exchanged = np.empty((2, rows, self._found.shape[1]), np.float32)
         workers.rows(
-            _search, rows, stride, right, left, width, height, settings.step,
-            disparities[0], disparities[1], self._texture, np.float32(settings.uniqueness),
+            _search, rows, stride, right, left, width, height, config.support_step,
+            disparities[0], disparities[1], self._texture, np.float32(config.support_uniqueness),
             *_NO_BOUND, _NOWHERE, exchanged[0], exchanged[1],
         )
         in_order = np.count_nonzero(self._found[::stride] >= 0)
@@ -159,50 +124,47 @@ class SupportGrid:
 
         Parameters
         ----------
-        left, right : ndarray
-            Descriptors of the two views, ``(H * W * 16,)`` uint8.
+        left, right : (H * W * 16,) uint8 ndarray
+            Descriptors of the two views.
         disparities : tuple of int
             Smallest and largest disparity, inclusive, px.
-        workers : Workers
-            Threads.
         airlight : AirlightPrior, optional
-            Leaves out disparities of ranges that the airlight excludes.
-        earlier : ndarray, optional
-            ``(N, 3)`` float32, column, row and disparity, px, of matches of the same
-            scene in other images of it. Beside one the search is limited to disparities
-            around it, and where the best match is the same, it needs no uniqueness of
-            its own.
-        noise : ndarray, optional
-            float64, standard deviation of the gradient responses that noise makes at each
-            point of the grid. Texture that is much less than noise alone would be is none.
+            Excludes disparities of ranges that are too far for a pixel's brightness.
+        earlier : (N, 3) float32 ndarray, optional
+            Column, row and disparity, px, of matches in other images of the scene. Beside one the
+            search is limited to disparities around it, and where the best match is the same, it
+            needs no uniqueness of its own.
+        noise : float64 ndarray, optional
+            Standard deviation of the gradient responses that noise makes at each point of the grid.
+            Texture that is much less than noise alone would be is none.
         """
-        settings = self._settings
+        config = self._config
         height, width = self._shape
         rows = self._found.shape[0]
         agreed = _NOWHERE
         if earlier is not None:
             agreed = self._agreed
-            _spread(earlier, settings.step, agreed)
-        self._texture[:] = settings.texture
+            _spread(earlier, config.support_step, agreed)
+        self._texture[:] = config.support_texture
         if noise is not None:
-            least = _SIGNAL * MEAN_OF_NORMAL * BYTES * noise[:rows, : width // settings.step]
+            least = _SIGNAL * MEAN_OF_NORMAL * BYTES * noise[:rows, : width // config.support_step]
             np.maximum(self._texture, least.astype(np.int32), out=self._texture)
         bound = _NO_BOUND if airlight is None else (airlight.farthest, airlight.thickness)
         workers.rows(
-            _search, rows, 1, left, right, width, height, settings.step, disparities[0],
-            disparities[1], self._texture, np.float32(settings.uniqueness), bound[0], bound[1],
+            _search, rows, 1, left, right, width, height, config.support_step, disparities[0],
+            disparities[1], self._texture, np.float32(config.support_uniqueness), *bound,
             agreed, self._found, self._deviation,
         )
         workers.rows(
-            keep_consistent, rows, self._found, settings.consistency_cells,
-            np.float32(settings.consistency_disparity), settings.consistency_count, self._kept,
+            keep_consistent, rows, self._found, config.consistency_cells,
+            np.float32(config.consistency_disparity), config.consistency_count, self._kept,
         )
         workers.rows(smooth, rows, self._kept, self._deviation, self._smoothed)
         workers.rows(mark_vertices, rows, self._smoothed, self._vertices)
         v, u = np.nonzero(self._smoothed >= disparities[0])
         points = np.empty((len(u), 3), np.float32)
-        points[:, 0] = u * settings.step + settings.step // 2
-        points[:, 1] = v * settings.step + settings.step // 2
+        points[:, 0] = u * config.support_step + config.support_step // 2
+        points[:, 1] = v * config.support_step + config.support_step // 2
         points[:, 2] = np.minimum(self._smoothed[v, u], points[:, 0])
         return SupportPoints(points, self._vertices[v, u])
 
@@ -213,7 +175,8 @@ def _spread(points: Any, step: int, agreed: Any) -> None:
     rows, columns = agreed.shape
     agreed[:] = -_HUGE
     for i in range(points.shape[0]):
-        row, column = int(points[i, 1]) // step, int(points[i, 0]) // step
+        row = index_of(points[i, 1], 0, rows * step - 1) // step
+        column = index_of(points[i, 0], 0, columns * step - 1) // step
         for y in range(max(row - 1, 0), min(row + 2, rows)):
             for x in range(max(column - 1, 0), min(column + 2, columns)):
                 if agreed[y, x] < 0 or (y == row and x == column):
@@ -232,11 +195,10 @@ def _texture(descriptors: Any, at: int) -> np.int32:
 def _scan(
     here: Any, there: Any, u: int, v: int, width: int, sign: int, low: int, high: int, cost: Any
 ) -> int:
-    """Costs of pixel (u, v) of one view against (u - sign * d, v) of the other, d from low on.
+    """Write costs of pixel (u, v) against (u - sign * d, v) of the other view, d from low on.
 
-    The costs are stored, not reduced on the fly: the store keeps LLVM from
-    moving half of the absolute difference out of the loop, which would break
-    its vector form.
+    They are stored, not reduced on the fly: the store keeps LLVM from
+    moving half of the absolute difference out of the loop, which would break its vector form.
     """
     a = ((v - REACH) * width + u - REACH) * BYTES
     b = a + 2 * REACH * BYTES
@@ -285,13 +247,11 @@ def _is_unique(cost: Any, count: int, at: int, uniqueness: Any, floor: Any) -> b
         # The bottom of the V that a shifted edge makes around a minimum.
         depth = np.int32(abs(after - before) >> 1)
         floor[k] = here - (depth if here <= before and here <= after else np.int32(0))
-    rival = min(
-        _least(floor, 0, at - SAME_MINIMUM), _least(floor, at + SAME_MINIMUM + 1, count)
-    )
+    rival = min(_least(floor, 0, at - SAME_MINIMUM), _least(floor, at + SAME_MINIMUM + 1, count))
     return np.float32(cost[at]) < uniqueness * np.float32(rival)
 
 
-@njit(nogil=True)
+@njit(nogil=True, inline="always")
 def vertex_of_parabola(before: Any, at: Any, after: Any) -> float:
     """Offset of the minimum of a parabola through three equidistant costs, within 0.5."""
     curvature = before - 2.0 * at + after
@@ -331,8 +291,9 @@ def _search(
             if thickness.size > 0:
                 low = _least_disparity(farthest[v, u], thickness, lowest, last)
             if agreed.size > 0 and agreed[row, column] >= 0:
-                low = max(low, int(agreed[row, column]) - _AROUND)
-                top = min(top, int(agreed[row, column]) + _AROUND)
+                near = index_of(agreed[row, column], 0, width)
+                low = max(low, near - _AROUND)
+                top = min(top, near + _AROUND)
                 last = min(last, top)
             if last - low < 2 * SAME_MINIMUM + 2:
                 continue
@@ -344,14 +305,190 @@ def _search(
                 continue
             before, here, after = cost[max(at - 1, 0)], cost[at], cost[min(at + 1, count - 1)]
             x = u - low - at
-            count = _scan(
-                right, left, x, v, width, -1, low, min(top, width - REACH - 1 - x), cost)
+            count = _scan(right, left, x, v, width, -1, low, min(top, width - REACH - 1 - x), cost)
             if abs(_position(cost, _least(cost, 0, count)) - at) > 1:
                 continue
             offset = 0.0
             if 0 < at < last - low:
-                offset = vertex_of_parabola(
-                    np.float64(before), np.float64(here), np.float64(after)
-                )
+                offset = vertex_of_parabola(np.float64(before), np.float64(here), np.float64(after))
             found[row, column] = low + at + offset
             deviation[row, column] = _COST_NOISE / np.float32(max(before + after - 2 * here, 1))
+
+
+# The mesh keeps every eighth grid point at least, so that planes drift nowhere.
+_LATTICE = 8
+# A neighbour on the grid is looked for this many steps away.
+_NEIGHBOUR_STEPS = 2
+# Points that differ less than this from their neighbours add nothing to the mesh, px.
+_FLAT = np.float32(1.0)
+# Smoothing takes neighbours this many grid points away,
+_SMOOTHING_STEPS = 8
+# every second of them, which loses nothing that is measurable,
+_SMOOTHING_STRIDE = 2
+# whose disparity differs by at most this, px,
+_SAME_SURFACE = np.float32(3.0)
+# and trusts them less by this much for each grid point of distance, px.
+_ROUGHNESS = 0.2
+# Squared deviation of the best of matches, px^2, and weight against steep planes.
+_LEAST_VARIANCE = 0.01
+_SLOPE_RIDGE = 0.5
+
+
+@njit(nogil=True, error_model="numpy")
+def keep_consistent(
+    start: int, stop: int, found: Any, cells: int, disparity: Any, count: int, kept: Any
+) -> None:
+    """Consistency filter: drop points that too few neighbours agree with."""
+    rows, columns = found.shape
+    agreeing = np.empty(columns, np.int32)
+    for row in range(start, stop):
+        # A point agrees with itself.
+        agreeing[:] = -1
+        here = found[row]
+        for y in range(max(row - cells, 0), min(row + cells + 1, rows)):
+            there = found[y]
+            for shift in range(-cells, cells + 1):
+                first, last = max(0, -shift), min(columns, columns - shift)
+                if first < last:
+                    _count_agreeing(first, last, shift, here, there, disparity, agreeing)
+        for column in range(columns):
+            d = found[row, column]
+            kept[row, column] = d if d >= 0 and agreeing[column] >= count else -1.0
+
+
+@njit(nogil=True, error_model="numpy")
+def _count_agreeing(
+    first: int, last: int, shift: int, here: Any, there: Any, disparity: Any, agreeing: Any
+) -> None:
+    """Count one neighbour of each point of a row; all at once, since that makes vector code.
+
+    Rows come whole, and places as unsigned numbers: for slices numba counts references, which
+    takes as long as the count, and places below zero would be looked at.
+    """
+    for x in range(first, last):
+        i, j = np.uint64(x), np.uint64(x + shift)
+        near = abs(there[j] - here[i]) <= disparity
+        agreeing[i] += np.int32(1) if near and there[j] >= 0 else np.int32(0)
+
+
+@njit(nogil=True, error_model="numpy")
+def smooth(start: int, stop: int, kept: Any, deviation: Any, smoothed: Any) -> None:
+    """Replace each disparity by that of a plane through the neighbours on its surface.
+
+    Neighbours count by how well their own match fixed them and by distance, so
+    that a well textured point stays and a vague one follows its neighbours.
+    """
+    rows, columns = kept.shape
+    steps = _SMOOTHING_STEPS
+    # A row of neighbours and their variances; beyond the grid there is none.
+    there = np.full(columns + 2 * steps, -1.0, np.float32)
+    variance = np.ones(there.size, np.float32)
+    # Sums over the neighbours of one row: of weights, of weights times the step across
+    # and its square, of weighted differences, and of those times the step across.
+    sums = np.empty((5, columns), np.float32)
+    # The same over all rows, with the step down besides.
+    moments = np.empty((9, columns), np.float32)
+    for row in range(start, stop):
+        moments[:] = 0
+        here = kept[row]
+        for y in range(row - steps, row + steps + 1, _SMOOTHING_STRIDE):
+            if not 0 <= y < rows:
+                continue
+            there[steps : steps + columns] = kept[y]
+            for x in range(columns):
+                variance[steps + x] = deviation[y, x] * deviation[y, x]
+            sums[:] = 0
+            for shift in range(-steps, steps + 1, _SMOOTHING_STRIDE):
+                rough = _LEAST_VARIANCE + _ROUGHNESS**2 * (shift**2 + (y - row) ** 2)
+                _add_neighbours(
+                    here, there, variance, np.uint64(steps + shift), np.float32(rough),
+                    np.float32(shift), sums)
+            _add_row(sums, np.float32(y - row), moments)
+        for column in range(columns):
+            d = kept[row, column]
+            smoothed[row, column] = -1.0
+            if d >= 0:
+                smoothed[row, column] = max(d + _plane_at_origin(moments[:, column]), 0.0)
+
+
+@njit(nogil=True, error_model="numpy")
+def _add_neighbours(
+    here: Any, there: Any, variance: Any, first: Any, rough: Any, across: Any, sums: Any
+) -> None:
+    """Add one neighbour of each point of a row to the sums of `smooth`."""
+    for x in range(here.size):
+        at = np.uint64(x) + first
+        difference = there[at] - here[x]
+        same = (abs(difference) <= _SAME_SURFACE) & (there[at] >= 0)
+        weight = np.float32(1) / (variance[at] + rough)
+        weight = weight if same else np.float32(0)
+        product = weight * difference
+        sums[0, x] += weight
+        sums[1, x] += weight * across
+        sums[2, x] += weight * across * across
+        sums[3, x] += product
+        sums[4, x] += product * across
+
+
+@njit(nogil=True, error_model="numpy")
+def _add_row(sums: Any, down: Any, moments: Any) -> None:
+    """Add the sums over one row of neighbours to the moments: 1, x, y, xx, xy, yy, d, dx, dy."""
+    for x in range(sums.shape[1]):
+        weight, across, difference = sums[0, x], sums[1, x], sums[3, x]
+        moments[0, x] += weight
+        moments[1, x] += across
+        moments[2, x] += weight * down
+        moments[3, x] += sums[2, x]
+        moments[4, x] += across * down
+        moments[5, x] += weight * down * down
+        moments[6, x] += difference
+        moments[7, x] += sums[4, x]
+        moments[8, x] += difference * down
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def _plane_at_origin(moments: Any) -> Any:
+    """Value at the point itself of the plane through its neighbours, by Cramer's rule."""
+    s, sx, sy = np.float64(moments[0]), np.float64(moments[1]), np.float64(moments[2])
+    sxx, sxy = moments[3] + _SLOPE_RIDGE * s, np.float64(moments[4])
+    syy = moments[5] + _SLOPE_RIDGE * s
+    b, bx, by = np.float64(moments[6]), np.float64(moments[7]), np.float64(moments[8])
+    minor, minor_x, minor_y = sxx * syy - sxy**2, sx * syy - sxy * sy, sx * sxy - sxx * sy
+    determinant = s * minor - sx * minor_x + sy * minor_y
+    return (b * minor - sx * (bx * syy - sxy * by) + sy * (bx * sxy - sxx * by)) / determinant
+
+
+@njit(nogil=True)
+def mark_vertices(start: int, stop: int, kept: Any, vertices: Any) -> None:
+    """Mark a lattice of points, and those that are not flat between their neighbours."""
+    for row in range(start, stop):
+        for column in range(kept.shape[1]):
+            if kept[row, column] < 0:
+                vertices[row, column] = False
+            elif row % _LATTICE == 0 and column % _LATTICE == 0:
+                vertices[row, column] = True
+            else:
+                vertices[row, column] = _stands_out(kept, row, column)
+
+
+@njit(nogil=True)
+def _stands_out(kept: Any, row: int, column: int) -> bool:
+    """Tell whether a neighbour differs, or more than one is missing as at a region's border."""
+    missing = 0
+    for down, across in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+        difference = _step_to(kept, row, column, down, across)
+        if difference > _FLAT:
+            return True
+        if difference < 0:
+            missing += 1
+    return missing > 1
+
+
+@njit(nogil=True)
+def _step_to(kept: Any, row: int, column: int, down: int, across: int) -> float:
+    """Difference to the nearest point in a direction; -1 where none is near."""
+    for steps in range(1, _NEIGHBOUR_STEPS + 1):
+        y, x = row + steps * down, column + steps * across
+        if 0 <= y < kept.shape[0] and 0 <= x < kept.shape[1] and kept[y, x] >= 0:
+            return float(abs(kept[y, x] - kept[row, column]))
+    return -1.0

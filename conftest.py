@@ -1,0 +1,139 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the tests share, and how two processes share the tests.
+
+Much of the suite waits, for nodes and processes that start, or has one thread. So
+pytest-xdist runs the whole of it (`python -m pytest`) in two processes, a file of tests
+in one of them. Tests that are named, as by `python -m pytest test/test_pair.py`, run in
+pytest's own process, and so does everything with `-n 0` or without pytest-xdist.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import signal
+import tempfile
+from collections.abc import Generator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+from uw_visibility_lab.demonstration.node_process import reserved_domain
+
+WORKERS = 2
+NODE_FIXTURES = {"start_node", "make_client"}
+# What renders whole studies, or damages much: `make quick` leaves them out.
+LONG = {
+    "lab/test/evaluation/adverse/test_cases.py", "lab/test/evaluation/adverse/test_study.py",
+    "lab/test/evaluation/lamps/test_ground.py", "lab/test/evaluation/lamps/test_study.py",
+    "lab/test/evaluation/test_experiments.py", "test/enhancement/test_lamp_radiance.py",
+    "test/faults/test_bits.py", "test/faults/test_fuzz.py", "test/faults/test_results.py",
+    "test/pipeline/test_lamp_survey.py", "test/pipeline/test_lamps.py",
+    "test/pipeline/test_real_cameras.py", "test/pipeline/test_tracking.py",
+    "test/plausibility/test_transect.py", "test/replay/test_calibrate.py",
+    "test/replay/test_calibrate_lighting.py", "test/water/lamps/test_survey.py",
+}
+
+# The first example of a compiled kernel includes its compilation, and how long the making of
+# examples takes is a matter of how busy the machine is. The same examples in every run; with
+# `--hypothesis-profile=explore` others, and more.
+UNTIMED: dict[str, Any] = {
+    "deadline": None, "suppress_health_check": [HealthCheck.too_slow], "print_blob": True}
+settings.register_profile("project", derandomize=True, **UNTIMED)
+settings.register_profile("explore", max_examples=500, **UNTIMED)
+settings.load_profile("project")
+
+HERE = Path(__file__).resolve().parent
+DATA = HERE.parent / "shared" / "data"
+TURNS = pytest.StashKey[tempfile.TemporaryDirectory[str]]()
+
+
+# Before ROS is started, here and in the processes that tests start; until this process ends.
+RESERVED = ExitStack()
+os.environ["ROS_DOMAIN_ID"] = str(RESERVED.enter_context(reserved_domain()))
+# Warnings of NumPy are errors in the processes that tests start, too; see pyproject.toml.
+os.environ["PYTHONWARNINGS"] = "error::RuntimeWarning"
+# What a shell starts in the background ignores interruptions, and so would those processes.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """Share the whole suite among processes, unless the command line says otherwise."""
+    option = config.option
+    if (
+        config.args_source is pytest.Config.ArgsSource.TESTPATHS
+        # Else each worker would start workers.
+        and not hasattr(config, "workerinput")
+        and config.pluginmanager.hasplugin("xdist")
+        and (option.numprocesses, option.dist) == (None, "no")
+        and not (option.usepdb or option.trace or option.collectonly or option.capture == "no")
+        and (os.cpu_count() or 1) >= WORKERS
+    ):
+        option.numprocesses = WORKERS
+        # Tests of a file share nodes and scenes, and the order of files keeps the long ones
+        # from coming last.
+        option.dist = "loadfile"
+        option.loadscopereorder = False
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Tell a worker of pytest-xdist where the locks are by which the workers take turns."""
+    stash = node.config.stash
+    if TURNS not in stash:
+        stash[TURNS] = tempfile.TemporaryDirectory(prefix="uw_visibility_test_")
+        node.config.add_cleanup(stash[TURNS].cleanup)
+    node.workerinput["turns"] = stash[TURNS].name
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark as `node` what starts nodes through the fixtures that do, and what takes long."""
+    for item in items:
+        if str(item.path.relative_to(HERE)) in LONG:
+            item.add_marker(pytest.mark.long)
+        if NODE_FIXTURES & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.node)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Run a test that is marked `alone` while no other worker runs one."""
+    turns = getattr(item.config, "workerinput", {}).get("turns")
+    if turns is None:
+        return (yield)
+    kind = fcntl.LOCK_EX if item.get_closest_marker("alone") else fcntl.LOCK_SH
+    with Path(turns, "room").open("a") as room:
+        with Path(turns, "door").open("a") as door:
+            # Who waits for the room keeps the door, so that none who comes later overtakes.
+            fcntl.flock(door, fcntl.LOCK_EX)
+            fcntl.flock(room, kind)
+        try:
+            return (yield)
+        finally:
+            # Closing would not do: processes that the test has forked may have the file too.
+            fcntl.flock(room, fcntl.LOCK_UN)
+
+
+@pytest.fixture
+def hostile_folder(tmp_path: Path) -> Path:
+    """Folder of modules named like those that are imported first; any makes the file `ran`."""
+    folder = tmp_path / "hostile"
+    folder.mkdir()
+    mark = f"open({str(folder / 'ran')!r}, 'a').write(__name__ + chr(10))\n"
+    for name in ("concurrent", "logging", "multiprocessing", "numpy", "pickle", "uw_visibility"):
+        (folder / f"{name}.py").write_text(mark, encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Folder of recorded test data beside the checkout; skips where it is absent."""
+    if not DATA.is_dir():
+        pytest.skip(f"no recorded test data: {DATA.parent.name}/{DATA.name} is not beside the tree")
+    return DATA

@@ -1,0 +1,117 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""`uw_visibility evaluate`: what it refuses, in one sentence, before any work."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from uw_visibility.cli import main
+from uw_visibility.replay import progress as progress_of_replay
+from uw_visibility.replay.progress import progress_bar, progress_log
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    folder = tmp_path / "dataset" / "scene"
+    folder.mkdir(parents=True)
+    for name in ("view1", "view5", "disp1"):
+        cv2.imwrite(str(folder / f"{name}.png"), np.full((60, 80, 3), 40, np.uint8))
+    return folder
+
+
+def refuse(capsys, *words: object) -> str:
+    """Run the command, expect exit code 2, and return the one sentence."""
+    assert main(["evaluate", *map(str, words)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    return str(captured.err)
+
+
+def test_a_missing_folder(tmp_path, capsys):
+    assert "nowhere" in refuse(capsys, tmp_path / "nowhere", "-o", tmp_path / "out")
+
+
+def test_a_folder_without_scenes(tmp_path, capsys):
+    (tmp_path / "empty" / "nothing").mkdir(parents=True)
+    assert "holds no scene" in refuse(capsys, tmp_path / "empty", "-o", tmp_path / "out")
+
+
+@pytest.mark.parametrize("name", ["view1.png", "view5.png", "disp1.png"])
+def test_an_unreadable_image(scene, tmp_path, capsys, name):
+    (scene / name).write_bytes(b"no image")
+    words = (scene.parent, "-o", tmp_path / "out", "--quick", "--frames", "0")
+    assert name in refuse(capsys, *words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_scenes_of_one_name(scene, capsys, tmp_path):
+    assert "two scenes" in refuse(capsys, scene, scene.parent, "-o", tmp_path / "out")
+
+
+def test_a_folder_in_use(scene, tmp_path, capsys):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "notes.txt").write_text("precious")
+    assert "not empty" in refuse(capsys, scene, "-o", out)
+    # --force replaces earlier results only.
+    assert "not left by an evaluation" in refuse(capsys, scene, "-o", out, "--force")
+    assert (out / "notes.txt").read_text() == "precious"
+
+
+@pytest.mark.parametrize(("words", "named"), [
+    (["--jobs", "0"], "--jobs"),
+    (["--attenuation", "-0.1"], "attenuations"),
+    (["--depth", "2", "nan"], "depths"),
+    (["--frames", "-3"], "frames"),
+    (["--marine-snow", "2"], "marine snow"),
+    (["--caustics", "-1"], "caustics"),
+])
+def test_options_out_of_range(scene, tmp_path, capsys, words, named):
+    assert named in refuse(capsys, scene, "-o", tmp_path / "out", *words)
+
+
+def test_parameters_that_simulated_water_does_not_have(scene, tmp_path, capsys):
+    path = tmp_path / "parameters.yaml"
+    path.write_text("/**:\n  ros__parameters:\n    camera.transfer: srgb\n")
+    words = (scene, "-o", tmp_path / "out", "--params-file", path)
+    assert "camera.transfer" in refuse(capsys, *words)
+
+
+def test_progress_goes_to_a_log_too(scene, tmp_path, capsys, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(progress_of_replay.time, "monotonic", lambda: now[0])
+    path = tmp_path / "evaluate.log"
+
+    def work():
+        for _ in range(4):
+            now[0] += 8.0
+            yield None
+
+    with progress_log(path, "evaluate") as log:
+        assert len(list(progress_bar(work(), "evaluate", 4, log))) == 4
+    lines = path.read_text().splitlines()
+    assert [line.partition(" ")[2] for line in lines] == [
+        "evaluate: begins", "evaluate: 3 of 4 frames, 0.1 frames/s, 0:08 min left",
+        "evaluate: done"]
+    assert all(re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d[+-]\d{4} ", line) for line in lines)
+    # Standard error is no terminal here: the same line is there, as of a replay.
+    assert capsys.readouterr().err == f"{lines[1].partition(' ')[2]}\n"
+
+
+def test_a_log_tells_what_ended_the_work(scene, tmp_path, capsys):
+    path = tmp_path / "evaluate.log"
+    (scene / "view1.png").write_bytes(b"no image")
+    words = (scene.parent, "-o", tmp_path / "out", "--quick", "--frames", "0", "--log", path)
+    told = refuse(capsys, *words)
+    begun, ended = path.read_text().splitlines()
+    assert begun.endswith(f"evaluate -o {tmp_path / 'out'}: begins")
+    assert told.removeprefix("uw_visibility: ").strip() in ended
+    assert "nolog" in refuse(
+        capsys, scene, "-o", tmp_path / "out", "--log", tmp_path / "nolog" / "file")

@@ -1,0 +1,73 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""`uw_visibility demo`: simulate, run the node, play the bag into it, report."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from uw_visibility.commands.options import add_described
+from uw_visibility.errors import needing, refusing
+
+HELP = "simulate, run the node, play the bag into it, report"
+DESCRIPTION = """\
+Simulate a short transect, start the node in a process of its own, play the recording
+into it over DDS at the recorded rate, and hold what it publishes against the truth."""
+
+EPILOG = """\
+written to DIR:
+  frame_NNN.png   raw and enhanced image, disparity before, after and true
+  series.png      mean attenuation, visibility distance and depth over the truth
+  frames.csv      a row for each frame
+  transect/       the recording
+  node.log        what the node printed
+  fastdds.xml     settings of the middleware, so that no image is lost
+
+The node runs with its default parameters, in a ROS domain of its own that stays on
+this machine. Images are stamped as they are sent; the latency is from there to the
+arrival of the last message of their result."""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the sub-command."""
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, default=Path("demo"),
+        help="folder for the results (%(default)s)",
+    )
+    parser.add_argument(
+        "--force", action="store_true", help="replace the results of an earlier demonstration")
+    add_described(parser, {
+        "--frames N": (20, "stereo frames"), "--rate HZ": (2.0, "frames per second"),
+        "--seed N": (0, "seed of the simulation"),
+    })
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the sub-command; exit with code 1 if the node ends before its time."""
+    from uw_visibility_lab.simulation.transect import Transect
+
+    transect = Transect(frames=arguments.frames, rate=arguments.rate, seed=arguments.seed)
+    demonstrate, node_died = _load()
+    with refusing(f"cannot make folder {arguments.output}"):
+        arguments.output.mkdir(parents=True, exist_ok=True)
+    try:
+        summary = demonstrate(arguments.output, transect, force=arguments.force)
+    except node_died as error:
+        print(f"uw_visibility: {error}", file=sys.stderr)
+        raise SystemExit(1) from error
+    width = max(map(len, summary))
+    for name, value in summary.items():
+        print(f"{name:{width}s}  {value}")
+    print(f"pictures and tables: {arguments.output}")
+
+
+def _load() -> tuple[Any, Any]:
+    """Import what needs ROS, recordings and figures."""
+    with needing("ros,report", "the demo"):
+        from uw_visibility.ros import client  # noqa: F401
+        from uw_visibility_lab.demonstration.node_process import NodeDied
+        from uw_visibility_lab.demonstration.run import demonstrate
+    return demonstrate, NodeDied

@@ -1,0 +1,343 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""`uw_visibility evaluate`: the paper's simulation experiments, beside peers and oracle."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from uw_visibility.commands.options import Options, add_described
+from uw_visibility.config.files import Products, gathered, refuse_inputs, sole_writer
+from uw_visibility.errors import InputError, check_range, needing
+from uw_visibility.replay.progress import progress_bar, progress_log, say
+
+if TYPE_CHECKING:
+    from uw_visibility.config.schema import PipelineConfig
+    from uw_visibility_lab.evaluation.experiments import Plan
+    from uw_visibility_lab.evaluation.lamps.report import LampPlan
+    from uw_visibility_lab.evaluation.parallel import Progress
+
+# Each takes up to 1 GB.
+MOST_JOBS = 256
+RESULT = "evaluation.json"
+TABLES = ("cases", "conditions", "noisy_cases", "noise", "edges", "reliability", "transect",
+          "table1", "adverse_cases", "adverse", "lamp_cases", "survey")
+FIGURES = ("fig3_*", "fig5", "fig6", "fig7", "fig7_pictures", "fig9", "fig10", "reliability",
+           "lamps", "survey")
+PRODUCTS = Products(
+    RESULT, (
+        *(f"{name}.csv" for name in TABLES),
+        *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf", "svg"))),
+    "not left by an evaluation")
+
+HELP = "the paper's simulation experiments, beside peers and oracle"
+DESCRIPTION = """\
+Rerun section III of the paper: put stereo scenes with known disparity under water,
+for each mean attenuation and depth of a grid, and compare what the pipeline makes of
+them with the truth, with OpenCV's matcher and histogram methods, and with the oracle,
+which knows the water and the ranges. A rendered transect stands for section IV.
+
+The water there is lit as the scene is, and parameter water.veil is paper unless it is set.
+
+With --adverse, it shows instead what the estimates of the water say where water and
+camera are not the model's: each effect, at some levels, is put on every scene, and
+counted is what was refused, and why, and what was published more than 3 σ wrong, beside
+the paper's plain fit and Sea-thru's.
+
+With --lamps, it renders reefs by night, lit by the vehicle's own lamps, and a survey that
+looks down at the floor, and shows what the pipeline says when it is told of the lamps, when it
+is told of lamps that are off by 5 cm and 5°, and when it is told of daylight.
+
+A DATASET is a scene or a folder of scenes of the Middlebury 2005 or 2006 form: view1
+and view5 (images), disp1.png and, where there is one, disp5.png. Without a DATASET,
+scenes of our own are rendered."""
+
+EPILOG = """\
+written to DIR:
+  cases.csv         a row for each scene and water: every estimate and its truth,
+                    disparities and colours of all methods
+  conditions.csv    means over the scenes for each water
+  noisy_cases.csv   the same with noise of the sensor
+  noise.csv         means over the scenes for each noise of the sensor and α, at one depth
+  edges.csv         errors beside depth edges and elsewhere, by the way to a dense map
+  transect.csv      a row for each frame of the transect
+  evaluation.json   all of these, the settings, and the summary
+  fig3_SCENE.png    pixels over range, envelopes and fitted curves (Fig. 3)
+  table1.csv        computation times of the steps, ours and the paper's (Table I)
+  fig5.png          disparities of the pair under water and improved ones (Fig. 5)
+  fig6.png          attenuation, unmatched and correct disparities over turbidity (Fig. 6),
+                    and these with noise
+  fig7.png          attenuation and colour difference over depth (Fig. 7), and
+                    fig7_pictures.png the images
+  fig9.png          histogram equalisation, CLAHE, ours, oracle (Fig. 9)
+  fig10.png         attenuation, visibility distance and depth of the transect (Fig. 10)
+
+with --adverse:
+  adverse_cases.csv each effect, level, scene and water: every estimate and its truth
+  adverse.csv       the same by effect, level and method: error, σ, refused, beyond 3 σ
+  evaluation.json   all of these, the settings, and the summary
+
+with --lamps:
+  lamp_cases.csv    each reef, rig, surface and water: every estimate and its truth
+  survey.csv        each frame of the survey: its estimate, and that with the frames before
+  lamps.png         visibility over its truth; frames right and refused
+  survey.png        frames by method, and attenuation over the frames
+  evaluation.json   all of these, the settings, and the summary
+  Surfaces are Lambertian, or face every lamp, as the light model has them.
+
+An empty field, or null, is not assessable; the status beside it says why. A disparity
+is correct within 1 px (2 px for images wider than 1000 px), of all pixels whose truth
+is known. In water with a spectrum, a layer or a plume the true β is the effective one,
+whose e^(−βd) fits the transmission over the ranges in view best. All matchers search
+the same disparities: up to the scene's largest, unless stereo.max_disparity is set.
+The result does not depend on --jobs.
+
+exit code: 0 done, 2 unusable input or options, 1 a failure inside"""
+
+QUICK_ATTENUATIONS, QUICK_DEPTHS, QUICK_FRAMES = (0.0, 0.2), (2.0,), 3
+QUICK_SIZE = (320, 240)
+QUICK_SURVEY = 12
+NOISES, QUICK_NOISES = ("1", "2", "4", "camera"), ("2",)
+FRAMES = 20
+
+
+OPTIONS: dict[str, Options] = {
+    "": {
+        "--attenuation A ...": (None, "mean attenuations α, 1/m (0 0.1 0.2 0.3)"),
+        "--depth Z ...": (None, "depths z, m (1 2 5)"),
+        "--noise N ...": (
+            None, "noises of the sensor beside none, at one depth: Gaussian of N codes of 255, or "
+            f"camera for shot and read noise; 0 for no other ({' '.join(NOISES)})", str),
+        "--frames N": (
+            None, f"frames of the transect, 0 for none ({FRAMES}); with --lamps of the survey "
+            "(100)", int),
+        "--marine-snow SHARE": (
+            0.0, "share of the transect's pixels that particles cover, 0 .. 0.5"),
+        "--caustics SHARE": (0.0, "change of the transect's light by waves, 0 .. 1"),
+        "--paper": (
+            False, "the grid of section III: α 0 to 0.3 1/m by 0.05, z 0 to 5 m; four times the "
+            "waters"),
+        "--format {png,pdf,svg}": ("png", "of the figures: png, or pdf or svg for print"),
+        "--quick": (
+            False, "a small grid (α 0 and 0.2 1/m, z 2 m, noise of 2 codes) and a short, small "
+            "transect"),
+        "--jobs N": (1, "processes that share the work; each takes up to 1 GB"),
+        "--log FILE": (None, "add progress to a file, with times", Path),
+        "--params-file YAML": (
+            None, "parameters of the pipeline, in the form of config/uw_visibility.yaml", Path),
+    },
+    "adverse study": {
+        "--adverse": (False, "water and cameras that are not the model's"),
+        "--effects NAME ...": ([], "these effects only; an unknown name lists them", str),
+    },
+    "study under lamps": {"--lamps": (False, "reefs and a survey by night")},
+    "both studies": {
+        "--seeds N": (None, "draws of noise (1); with --lamps also of reefs and poses (3)", int),
+        "--ranges {true,matched}": (
+            None, "disparities: the true ones, which is quick, or those of the pipeline (true; "
+            "with --lamps matched, and in a survey always)", str),
+    },
+}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the sub-command."""
+    add = parser.add_argument
+    add(
+        "datasets", metavar="DATASET", type=Path, nargs="*",
+        help="a scene or a folder of scenes; none for rendered ones",
+    )
+    add(
+        "-o", "--output", metavar="DIR", type=Path, required=True,
+        help="new folder for tables and figures",
+    )
+    add("--force", action="store_true", help="replace what an evaluation left there")
+    for title, options in OPTIONS.items():
+        add_described(parser.add_argument_group(title) if title else parser, options)
+
+
+Written = tuple[Callable[[Path], object], str]
+"""What writes a study's results to a folder, and its summary as text."""
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the sub-command."""
+    check_range("--jobs", arguments.jobs, 1, MOST_JOBS)
+    _refuse_folder(arguments)
+    if arguments.adverse and arguments.lamps:
+        raise InputError("--adverse and --lamps are two studies: give one of them")
+    study = _run_lamps if arguments.lamps else (
+        _run_adverse if arguments.adverse else _run_experiments)
+    with (
+        sole_writer(arguments.output),
+        progress_log(arguments.log, f"evaluate -o {arguments.output}") as log,
+    ):
+        write, text = study(arguments, lambda done, total: progress_bar(
+            done, "evaluate", total, log))
+        with gathered(arguments.output, PRODUCTS, force=arguments.force) as folder:
+            write(folder)
+    print(text)
+    say("")
+    say(f"tables and figures: {arguments.output}")
+
+
+def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Written:
+    # Compiled modules load slowly; what is refused before needs none of them.
+    plan = _plan(arguments)
+    _check_figures()
+    from uw_visibility_lab.evaluation.experiments import evaluate
+    from uw_visibility_lab.evaluation.figures.write import write_figures
+    from uw_visibility_lab.evaluation.report import summary_text, write_evaluation
+    from uw_visibility_lab.evaluation.summary import summarise
+
+    evaluation = evaluate(plan, arguments.jobs, progress)
+    summary = summarise(evaluation)
+
+    def write(folder: Path) -> None:
+        write_evaluation(folder, evaluation, summary)
+        write_figures(folder, evaluation, arguments.format)
+
+    return write, summary_text(summary)
+
+
+def _run_adverse(arguments: argparse.Namespace, progress: Progress) -> Written:
+    from uw_visibility_lab.evaluation.adverse import cases, report, scenes
+    from uw_visibility_lab.evaluation.parallel import run_cases
+
+    plan = cases.AdversePlan(
+        scenes=scenes.find_adverse_scenes(arguments.datasets),
+        effects=tuple(arguments.effects),
+        attenuations=tuple(arguments.attenuation or cases.ATTENUATIONS),
+        depths=tuple(arguments.depth or cases.DEPTHS),
+        seeds=1 if arguments.seeds is None else arguments.seeds,
+        matched=arguments.ranges == "matched",
+        config=_read_config(arguments.params_file, {}),
+    )
+    results = run_cases(
+        cases.evaluate_adverse_case, plan.cases(), plan.config, arguments.jobs, progress)
+    summary = report.summarise_adverse(results)
+    return (
+        lambda folder: report.write_adverse(folder, plan, results, summary),
+        report.adverse_text(summary))
+
+
+def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> Written:
+    if arguments.datasets:
+        raise InputError("--lamps renders its own scenes: leave out the DATASET")
+    plan = _lamp_plan(arguments)
+    _check_figures()
+    from uw_visibility_lab.evaluation.lamps import cases, figures, report
+    from uw_visibility_lab.evaluation.lamps.survey import run_survey
+    from uw_visibility_lab.evaluation.parallel import run_cases
+
+    results = run_cases(
+        cases.evaluate_lamp_case, plan.cases(), plan.config, arguments.jobs, progress)
+    survey = None if plan.survey is None else run_survey(plan.survey, arguments.jobs, progress)
+    summary = report.summarise_lamps(results, survey)
+
+    def write(folder: Path) -> None:
+        report.write_lamps(folder, plan, results, survey, summary)
+        figures.draw_visibility(folder / "lamps.png", results, summary)
+        if survey is not None:
+            figures.draw_survey(folder / "survey.png", survey)
+
+    return write, report.lamps_text(summary)
+
+
+def _lamp_plan(arguments: argparse.Namespace) -> LampPlan:
+    from uw_visibility_lab.evaluation.lamps import cases, report
+    from uw_visibility_lab.evaluation.lamps.survey import SurveyPlan
+
+    quick = arguments.quick
+    config = _read_config(arguments.params_file, {})
+    frames = arguments.frames
+    if frames is None:
+        frames = QUICK_SURVEY if quick else report.FRAMES
+    seeds = arguments.seeds
+    if seeds is None:
+        seeds = 1 if quick else report.SEEDS
+    return report.LampPlan(
+        attenuations=tuple(
+            arguments.attenuation or (QUICK_ATTENUATIONS[1:] if quick else report.ATTENUATIONS)),
+        surfaces=cases.SURFACES[:1] if quick else cases.SURFACES,
+        seeds=seeds,
+        matched=arguments.ranges != "true",
+        survey=None if frames == 0 else SurveyPlan(frames, config=config),
+        config=config,
+    )
+
+
+def _plan(arguments: argparse.Namespace) -> Plan:
+    from uw_visibility_lab.evaluation import experiments
+    from uw_visibility_lab.evaluation.scenes import find_scenes
+    from uw_visibility_lab.simulation.camera import StereoCamera
+    from uw_visibility_lab.simulation.frame import Effects
+    from uw_visibility_lab.simulation.transect import Transect
+
+    quick = arguments.quick
+    frames = arguments.frames
+    if frames is None:
+        frames = QUICK_FRAMES if quick else FRAMES
+    transect = None
+    if frames != 0:
+        width, height = QUICK_SIZE if quick else (640, 480)
+        transect = Transect(
+            frames, camera=StereoCamera(width, height, width * 15 / 16),
+            effects=Effects(arguments.marine_snow, arguments.caustics))
+    if quick and arguments.paper:
+        raise InputError("--paper and --quick are two grids: give one of them")
+    attenuations, depths = (
+        (experiments.PAPER_ATTENUATIONS, experiments.PAPER_DEPTHS) if arguments.paper
+        else (experiments.ATTENUATIONS, experiments.DEPTHS))
+    return experiments.Plan(
+        scenes=find_scenes(arguments.datasets),
+        attenuations=tuple(
+            arguments.attenuation or (QUICK_ATTENUATIONS if quick else attenuations)),
+        depths=tuple(arguments.depth or (QUICK_DEPTHS if quick else depths)),
+        transect=transect,
+        # Veil and light are one in the paper's experiments.
+        config=_read_config(arguments.params_file, {"water.veil": "paper"}),
+        noises=tuple(arguments.noise or (QUICK_NOISES if quick else NOISES)),
+    )
+
+
+def _read_config(path: Path | None, defaults: dict[str, Any]) -> PipelineConfig:
+    """Read the parameters, with other defaults for some."""
+    from uw_visibility.commands.options import read_params_file
+    from uw_visibility.config.schema import PipelineConfig
+
+    config = PipelineConfig.from_parameters({**defaults, **read_params_file(path)})
+    if config.camera.transfer != "linear":
+        raise InputError(
+            f"{path}: camera.transfer is {config.camera.transfer}: "
+            "simulated water is linear, leave it out"
+        )
+    return config
+
+
+def _refuse_folder(arguments: argparse.Namespace) -> None:
+    """Refuse, before the work, a folder that holds something already."""
+    folder, force = arguments.output, arguments.force
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file: give a folder with -o")
+    if not folder.is_dir() or not any(folder.iterdir()):
+        return
+    if not force:
+        raise InputError(f"folder {folder} is not empty: give another one with -o, or --force")
+    if not (folder / RESULT).is_file():
+        raise InputError(
+            f"folder {folder} was not left by an evaluation: --force replaces no other, "
+            "give another one with -o"
+        )
+    PRODUCTS.check_room(folder, force=force)
+    refuse_inputs(
+        [*arguments.datasets, arguments.params_file, arguments.log], PRODUCTS.present(folder))
+
+
+def _check_figures() -> None:
+    with needing("report", "evaluate"):
+        import matplotlib  # noqa: F401
+        import tqdm  # noqa: F401

@@ -1,0 +1,268 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""`uw_visibility simulate`: an underwater stereo transect as a bag, with its truth."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from uw_visibility.commands.options import Options, add_described, of_arguments
+from uw_visibility.errors import InputError, check_range
+from uw_visibility.replay.progress import say
+
+if TYPE_CHECKING:
+    from uw_visibility_lab.simulation.camera import Sensor
+    from uw_visibility_lab.simulation.lamps import Lighting
+    from uw_visibility_lab.simulation.water import WaterEffects
+
+MOST_THREADS = 64
+
+HELP = "an underwater stereo transect with its ground truth"
+DESCRIPTION = """\
+Render a stereo camera that swims over a reef while depth and turbidity change, and
+record it as a rosbag2 (mcap): images, calibration and a depth sensor as a vehicle
+has them, a transmissometer (/transmissometer, beam attenuation of the green channel, 1/m,
+with a noise of 2 %), and the truth about water, depth and disparity under /ground_truth.
+The same options give the same recording.
+
+The water is the paper's: clear water and grey particles, one light on the scene and in
+the water. Options under "water", "disturbances" and "camera" depart from it, each by
+itself or together, so that every way in which an estimate fails can be made.
+
+With --lamps or --lamp-positions the vehicle carries lamps, at night unless --daylight is
+given. Exposure is one for all frames then."""
+
+EPILOG = """\
+truth in the recording:
+  /ground_truth/attenuation       β. With a water type, a layer or a plume the effective
+                                  one: its e^(−βd) fits the transmission over the ranges
+                                  in view best
+  /ground_truth/ambient_light     what open water is seen as: the veil B
+  /ground_truth/scene_light       what lights the scene: W; the same without --veil
+  /ground_truth/mean_attenuation  mean of β less clear water's
+  /ground_truth/visibility        where contrast falls to 0.05 in the clearest channel, m
+  /ground_truth/depth, /ground_truth/disparity
+Light is given as the left image shows it, with its white balance, before its curve.
+--range-scale falsifies the recorded CameraInfo alone.
+
+with lamps also:
+  /ground_truth/lamps             a row for each lamp that fired: position (m, left camera:
+                                  x right, y down, z forward), axis, beam (degrees), power
+                                  (irradiance of white 1 m in front of it, in the image)
+  /ground_truth/reflectance       of the surfaces, without light and shade; open water is 0
+  BAG/lighting.yaml               the lamps as parameters, for --params-file
+Ambient and scene light are daylight's alone: 0 at night."""
+
+
+OPTIONS: dict[str, Options] = {
+    "": {
+        "--frames N": (60, "stereo frames"),
+        "--rate HZ": (2.0, "frames per second"),
+        "--width PX": (640, "width of an image"),
+        "--height PX": (480, "height of an image"),
+        "--focal-length PX": (None, "focal length (default: 15/16 of the width)"),
+        "--baseline M": (0.12, "distance of the cameras"),
+        "--seed N": (0, "seed of reef and noise"),
+        "--depth A B": ((2.0, 6.0), "depth at start and end, m"),
+        "--attenuation A B": ((0.05, 0.3), "mean attenuation at start and end, 1/m"),
+        "--altitude M ...": (
+            [1.5], "height over the floor, or two between which the camera rises and sinks, m"),
+        "--downward": (False, "look straight down, as in a survey of the floor"),
+        "--speed M/S": (0.4, "over ground"),
+        "--exposure GAIN": (
+            None, "fixed exposure, where white at the surface comes to GAIN (default: automatic)"),
+        "--depth-stddev M": (0.05, "noise of the depth sensor"),
+        "--position LAT LON": (None, "record positions too, /gps/fix: from here on to the east"),
+        "--threads N": (0, "threads; 0 takes one per processor"),
+    },
+    "lamps": {
+        "--lamps N": (None, "1, 2 or 4 lamps where vehicles carry them", int),
+        "--lamp-positions M ...": (
+            None, "x y z of each lamp instead, from the left camera: right, down, forward"),
+        "--lamp-directions X ...": (
+            None, "x y z of each lamp's axis (default: ahead, or the rig's)"),
+        "--lamp-beam DEG": (
+            None, "full angle of the beams at half power; 0 for all directions (90)"),
+        "--lamp-power X ...": (
+            [1.0], "irradiance of white 1 m in front of a lamp, where daylight's is 1 at the "
+            "surface; one, or R G B"),
+        "--night": (False, "lamps alone, the default with lamps"),
+        "--daylight": (False, "daylight beside the lamps"),
+        "--strobe {steady,alternate}": (
+            "steady", "alternate: lamps fire with every second frame"),
+        "--lamp-jitter SHARE": (
+            0.0, "change of each lamp's power from frame to frame, standard deviation"),
+        "--scattering-albedo R G B": (
+            (0.6, 0.75, 0.8), "share of scattering in attenuation"),
+        "--phase-function NAME": (
+            "henyey-greenstein", "henyey-greenstein or fournier-forand"),
+        "--no-shading": (
+            False, "every surface faces every lamp, as in the paper's model (default: Lambertian)"),
+    },
+    "water": {
+        "--veil RATIO ...": ([1.0], "veil B over light W on the scene, one ratio or R G B"),
+        "--water-type TYPE": (
+            None, "integrate over wavelength: clear, or Jerlov's IB, II, III, 1C, 3C, 5C; grey "
+            "particles of --attenuation come on top (default: one β per channel)", str),
+        "--cdom A": (
+            0.0, "dissolved organic matter, absorption at 440 nm, 1/m; with --water-type"),
+        "--particle-slope G": (
+            0.0, "colour of particles: exponent of (550 nm/λ); with --water-type"),
+        "--channel-attenuation R G B": (
+            (0.0, 0.0, 0.0), "attenuation beyond that of grey particles, 1/m"),
+        "--blur PX/M": (
+            0.0, "forward scattering: standard deviation of a point's image per m of range"),
+        "--layer A H": (
+            (0.0, 0.0), "grey particles below height H over the sea floor, m, add A 1/m "
+            "(default: none)"),
+        "--plume A SHARE": (
+            (0.0, 0.5), "grey particles in a share of the view, at the right, add A 1/m "
+            "(default: none)"),
+        "--veil-gradient G": (
+            0.0, "relative change of the veil from bottom to top of the image"),
+        "--light-gradient G": (
+            0.0, "relative change of the light on the scene from left to right"),
+    },
+    "disturbances": {
+        "--marine-snow SHARE": (0.0, "share of the pixels that particles cover, 0 .. 0.5"),
+        "--snow-brightness X": (1.0, "how bright these are, where open water is 1"),
+        "--caustics SHARE": (0.0, "change of light by waves, 0 .. 1"),
+    },
+    "camera": {
+        "--transfer {linear,srgb}": ("linear", "how code values follow light"),
+        "--white-balance R G B": ((1.0, 1.0, 1.0), "gains"),
+        "--automatic-white-balance": (False, "each frame's channels are made equal on average"),
+        "--vignetting SHARE": (0.0, "light that is lost in the corners, 0 .. 1"),
+        "--exposure-difference X": (0.0, "relative difference of the right image's exposure"),
+        "--bayer": (False, "a mosaic of colour filters (RGGB), interpolated"),
+        "--jpeg QUALITY": (0, "compress and decompress, 1 .. 100 (default: not)"),
+        "--range-scale X": (
+            1.0, "wrong calibration: the recorded baseline is X times the true one"),
+    },
+    "noise of the sensor": {
+        "--noiseless": (False, "quantisation only, no noise of the sensor"),
+        "--noise-codes N": (
+            None, "Gaussian noise of N codes of 255 instead of shot and read noise"),
+        "--full-well E": (15000.0, "electrons of a saturated pixel: shot noise"),
+        "--read-noise E": (20.0, "read noise, electrons"),
+    },
+}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the sub-command."""
+    parser.add_argument(
+        "-o", "--output", metavar="BAG", type=Path, required=True, help="folder of the new bag"
+    )
+    parser.add_argument("--force", action="store_true", help="replace a simulated bag of that name")
+    for title, options in OPTIONS.items():
+        add_described(parser.add_argument_group(title) if title else parser, options)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the sub-command."""
+    from uw_visibility.compute.threads import Workers
+    from uw_visibility.replay.progress import progress_bar
+    from uw_visibility_lab.simulation.bag import write_transect
+    from uw_visibility_lab.simulation.camera import CameraEffects, StereoCamera
+    from uw_visibility_lab.simulation.frame import Effects
+    from uw_visibility_lab.simulation.transect import Transect
+
+    check_range("--threads", arguments.threads, 0, MOST_THREADS)
+    focal_length = arguments.focal_length
+    if focal_length is None:
+        focal_length = arguments.width * 15 / 16
+    transect = of_arguments(
+        Transect, arguments,
+        altitude=_altitude(arguments.altitude),
+        tilt=90.0 if arguments.downward else Transect.tilt,
+        camera=of_arguments(StereoCamera, arguments, focal_length=focal_length),
+        sensor=_sensor(arguments),
+        effects=of_arguments(Effects, arguments),
+        camera_effects=of_arguments(CameraEffects, arguments),
+        water_effects=_water_effects(arguments),
+        lighting=_lighting(arguments),
+    )
+    write_transect(
+        arguments.output,
+        transect,
+        depth_stddev=arguments.depth_stddev,
+        range_scale=arguments.range_scale,
+        position=None if arguments.position is None else tuple(arguments.position),
+        overwrite=arguments.force,
+        workers=Workers(arguments.threads),
+        progress=lambda frames: progress_bar(frames, "simulate", transect.frames),
+    )
+    say(f"{arguments.output}: {transect.frames} stereo frames at {transect.rate:g} Hz")
+
+
+def _altitude(heights: list[float]) -> tuple[float, float]:
+    if len(heights) > 2:
+        raise InputError(f"--altitude has {len(heights)} values: give one, or two")
+    return heights[0], heights[-1]
+
+
+def _lighting(arguments: argparse.Namespace) -> Lighting:
+    from uw_visibility_lab.simulation.lamps import BEAM, Lamp, Lighting, default_rig
+
+    power = arguments.lamp_power
+    if len(power) not in (1, 3):
+        raise InputError(f"--lamp-power has {len(power)} values: give one, or three for R, G, B")
+    colour = tuple(power * (3 // len(power)))
+    beam = BEAM if arguments.lamp_beam is None else arguments.lamp_beam
+    positions = _triples("--lamp-positions", arguments.lamp_positions)
+    axes = _triples("--lamp-directions", arguments.lamp_directions)
+    if positions and arguments.lamps is not None:
+        raise InputError("--lamps and --lamp-positions both place lamps: give one of them")
+    lamps: tuple[Lamp, ...] = ()
+    if positions:
+        lamps = tuple(Lamp(place, beam_angle=beam, power=colour) for place in positions)
+    elif arguments.lamps is not None:
+        lamps = default_rig(arguments.lamps, beam, colour)
+    if axes and len(axes) != len(lamps):
+        raise InputError(
+            f"--lamp-directions has {len(axes)} axes for {len(lamps)} lamps: give one each")
+    if axes:
+        lamps = tuple(replace(lamp, direction=axis) for lamp, axis in zip(lamps, axes, strict=True))
+    if arguments.night and arguments.daylight:
+        raise InputError("--night and --daylight are two lights: give one of them")
+    if arguments.night and not lamps:
+        raise InputError("--night has no light without lamps: give --lamps 2, say")
+    return of_arguments(
+        Lighting, arguments, lamps=lamps, daylight=arguments.daylight or not lamps,
+        shaded=not arguments.no_shading, jitter=arguments.lamp_jitter,
+    )
+
+
+def _triples(option: str, values: list[float] | None) -> list[tuple[float, float, float]]:
+    if values is None:
+        return []
+    if len(values) % 3:
+        raise InputError(f"{option} has {len(values)} values: give x y z for each lamp")
+    return [(values[k], values[k + 1], values[k + 2]) for k in range(0, len(values), 3)]
+
+
+def _sensor(arguments: argparse.Namespace) -> Sensor:
+    from uw_visibility_lab.simulation.camera import NOISELESS, Sensor
+
+    if arguments.noiseless:
+        return NOISELESS
+    if arguments.noise_codes is not None:
+        return Sensor.gaussian(arguments.noise_codes)
+    return of_arguments(Sensor, arguments)
+
+
+def _water_effects(arguments: argparse.Namespace) -> WaterEffects:
+    from uw_visibility_lab.simulation.water import WaterEffects
+
+    veil = tuple(arguments.veil)
+    if len(veil) not in (1, 3):
+        raise InputError(f"--veil has {len(veil)} values: give one ratio, or three for R, G, B")
+    (layer, layer_height), (plume, plume_share) = arguments.layer, arguments.plume
+    return of_arguments(
+        WaterEffects, arguments, veil=veil * (3 // len(veil)),
+        layer=layer, layer_height=layer_height, plume=plume, plume_share=plume_share,
+    )

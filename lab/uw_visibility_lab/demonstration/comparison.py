@@ -1,0 +1,185 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Comparison of the node's answers with the truth, frame by frame, and its pictures."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from uw_visibility.config.schema import AssessmentConfig
+from uw_visibility.images.arrays import DisparityMap
+from uw_visibility.messages.images import read_disparity, read_image
+from uw_visibility.optics.light_model import visibility_distance
+from uw_visibility_lab.demonstration.recording import RecordedFrame, read_vector
+from uw_visibility_lab.evaluation.figures.curves import Series, draw_series
+from uw_visibility_lab.evaluation.figures.style import DISPARITY_COLOURS, save
+from uw_visibility_lab.evaluation.metrics import correct_fraction, matched_fraction
+from uw_visibility_lab.evaluation.tables import as_csv
+
+NAN = math.nan
+CORRECT = 1.0
+"""Largest error in px of a correct disparity."""
+
+QUANTITIES = {
+    "mean_attenuation": "mean attenuation α [1/m]",
+    "visibility_distance": "visibility distance [m]",
+    "depth": "depth [m]",
+}
+
+READ: dict[str, tuple[str, Callable[[Any], float]]] = {
+    "mean_attenuation": ("visibility/mean_attenuation", lambda m: m.data),
+    # The three channels' errors are alike: ranges and light are common to them.
+    "mean_attenuation_stddev": (
+        "visibility/attenuation_stddev", lambda m: float(np.mean(read_vector(m)))),
+    "visibility_distance": ("visibility/distance", lambda m: m.range),
+    "visibility_distance_stddev": ("visibility/distance", lambda m: math.sqrt(m.variance)),
+    "depth": ("visibility/depth", lambda m: -m.pose.pose.position.z),
+    "depth_stddev": ("visibility/depth", lambda m: math.sqrt(m.pose.covariance[14])),
+}
+"""Topic of each estimate, and how it is read from the message."""
+
+
+@dataclass(frozen=True)
+class FrameComparison:
+    """One frame's estimates and truth, a row of the table; NaN = not assessed.
+
+    Lengths are in m, attenuations in 1/m, times in s, the latency in ms.
+    Matched and correct are shares of the pixels that have a true disparity.
+    """
+
+    time: float
+    answered: bool
+    latency: float = NAN
+    mean_attenuation: float = NAN
+    mean_attenuation_stddev: float = NAN
+    true_mean_attenuation: float = NAN
+    visibility_distance: float = NAN
+    visibility_distance_stddev: float = NAN
+    true_visibility_distance: float = NAN
+    depth: float = NAN
+    depth_stddev: float = NAN
+    true_depth: float = NAN
+    matched_before: float = NAN
+    correct_before: float = NAN
+    matched_after: float = NAN
+    correct_after: float = NAN
+
+
+def compare(
+    frame: RecordedFrame, time: float, answer: Mapping[str, Any], latency: float,
+    before: DisparityMap,
+) -> FrameComparison:
+    """Compare the node's answer to a frame with the truth.
+
+    time: from the first frame in s.
+    answer: the node's messages by topic; empty where it did not answer.
+    latency: from the images' stamp to the last of these messages in ms.
+    before: (H, W); disparity of the raw pair, px; NaN = unmatched.
+    """
+    found = {name: take(answer[topic]) for name, (topic, take) in READ.items() if topic in answer}
+    found["matched_before"], found["correct_before"] = score(before, frame.disparity)
+    if "disparity" in answer:
+        after = score(read_disparity(answer["disparity"]), frame.disparity)
+        found["matched_after"], found["correct_after"] = after
+    return FrameComparison(
+        time, bool(answer), latency,
+        true_mean_attenuation=frame.mean_attenuation,
+        true_visibility_distance=visibility_distance(
+            float(frame.attenuation.min()), AssessmentConfig().contrast),
+        true_depth=frame.depth, **found,
+    )
+
+
+def score(disparity: DisparityMap, truth: DisparityMap) -> tuple[float, float]:
+    """Return the matched and the correct share of the pixels that have a true disparity."""
+    matched = matched_fraction(disparity[np.isfinite(truth)])
+    return matched, correct_fraction(disparity, truth, CORRECT)
+
+
+def summarize(rows: Sequence[FrameComparison]) -> dict[str, str]:
+    """Return the summary for the terminal: values by name, over the frames that were answered."""
+    answered = [row for row in rows if row.answered]
+
+    def over(
+        value: Callable[[FrameComparison], float], form: str,
+        take: Callable[[Sequence[float]], float] = statistics.fmean,
+    ) -> str:
+        kept = [v for v in map(value, answered) if math.isfinite(v)]
+        return form.format(take(kept)) if kept else "not assessed"
+
+    return {
+        "frames in": str(len(rows)),
+        "frames out": str(len(answered)),
+        "of these assessed": str(sum(math.isfinite(r.mean_attenuation) for r in answered)),
+        "mean absolute error of alpha": over(
+            lambda r: abs(r.mean_attenuation - r.true_mean_attenuation), "{:.3f} 1/m"),
+        "mean absolute error of depth": over(lambda r: abs(r.depth - r.true_depth), "{:.2f} m"),
+        "matched, before enhancement": over(lambda r: r.matched_before, "{:.3f}"),
+        "matched, after": over(lambda r: r.matched_after, "{:.3f}"),
+        "correct (<= 1 px), before": over(lambda r: r.correct_before, "{:.3f}"),
+        "correct (<= 1 px), after": over(lambda r: r.correct_after, "{:.3f}"),
+        "median latency, image to last result": over(
+            lambda r: r.latency, "{:.0f} ms", statistics.median),
+    }
+
+
+def write_results(folder: Path, rows: Sequence[FrameComparison]) -> None:
+    """Write ``frames.csv``, a row for each frame, and ``series.png``, estimates over time."""
+    table = [
+        {name: int(value) if isinstance(value, bool) else float(f"{value:.6g}")
+         for name, value in vars(row).items()}
+        for row in rows
+    ]
+    (folder / "frames.csv").write_text(as_csv(table), encoding="utf-8")
+    draw_series(
+        folder / "series.png", "Estimates of the node over the transect",
+        np.array([row.time for row in rows]), {
+            label: Series(*(
+                np.array([getattr(row, field) for row in rows])
+                for field in (name, f"{name}_stddev", f"true_{name}")))
+            for name, label in QUANTITIES.items()
+        })
+
+
+def draw_frame(
+    path: Path, frame: RecordedFrame, answer: Mapping[str, Any], before: DisparityMap,
+    row: FrameComparison,
+) -> None:
+    """Draw one frame: raw and enhanced image, disparity before, after and true, numbers."""
+    height, width = frame.left.shape[:2]
+    figure = Figure(figsize=(15.0, 9.4 * height / width + 0.8), layout="constrained")
+    upper, lower = figure.subplots(2, 3)
+    enhanced = read_image(answer["left/enhanced/image"])
+    for axes, image, name in zip(upper, (frame.left, enhanced), ("raw", "enhanced"), strict=False):
+        axes.imshow(image)
+        axes.set_title(name)
+    lines = [f"time {row.time:.1f} s, latency {row.latency:.0f} ms", ""]
+    for name, label in QUANTITIES.items():
+        value, stddev, truth = (
+            getattr(row, field) for field in (name, f"{name}_stddev", f"true_{name}"))
+        estimate = f"{value:.3f} ± {stddev:.3f}" if math.isfinite(value) else "not assessed"
+        lines += [label, f"  {estimate}, truth {truth:.3f}"]
+    upper[2].text(
+        0.02, 0.95, "\n".join(lines), va="top", fontsize=12, transform=upper[2].transAxes)
+    largest = float(np.nanmax(frame.disparity, initial=1.0))
+    for axes, disparity, name in (
+        (lower[0], before, f"disparity before: {row.matched_before:.0%} matched, "
+         f"{row.correct_before:.0%} correct"),
+        (lower[1], read_disparity(answer["disparity"]), f"disparity after: "
+         f"{row.matched_after:.0%} matched, {row.correct_after:.0%} correct"),
+        (lower[2], frame.disparity, "true disparity (black: open water)"),
+    ):
+        drawn = axes.imshow(disparity, cmap=DISPARITY_COLOURS, vmin=0.0, vmax=largest)
+        axes.set_title(name)
+    figure.colorbar(drawn, ax=list(lower), label="px", fraction=0.015, pad=0.01)
+    for axes in (*upper, *lower):
+        axes.set_axis_off()
+    save(figure, path)

@@ -1,0 +1,144 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Subprocess of the node, which ends with the demonstration in every case.
+
+Its traffic stays on this machine, apart from other runs, without loss of images.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess  # noqa: TID251
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from uw_visibility.compute.processes import SAFE_PATH
+from uw_visibility.errors import InputError
+from uw_visibility.ros.start import node_environment
+
+COMMAND = (sys.executable, "-m", "uw_visibility.ros.node")
+# Linux ends the node with the demonstration, also where that is killed and ends nothing itself
+# (PR_SET_PDEATHSIG is 1); it stays so when the node takes the place of this script.
+_WITH_PARENT = """\
+import ctypes, os, signal, sys
+getattr(ctypes.CDLL(None), 'prctl', lambda *_: 0)(1, signal.SIGTERM)
+if os.getppid() == int(sys.argv[1]):
+    os.execv(sys.argv[2], sys.argv[2:])
+"""
+LAST_LINES = 15
+PATIENCE = 10.0
+PROFILE_COMMENT = "By default, Fast DDS hands messages over in 512 KiB"
+PROFILE = f"""\
+<?xml version="1.0" encoding="UTF-8"?>
+<!-- {PROFILE_COMMENT} of shared memory, which an image
+     of 640x480 overruns: best-effort subscriptions, as nodes use them for images, then
+     lose most of them. This gives it room for some tens of images, and keeps what goes
+     through the network stack on this machine. -->
+<profiles xmlns="http://www.eprosima.com">
+  <transport_descriptors>
+    <transport_descriptor>
+      <transport_id>shared_memory</transport_id> <type>SHM</type>
+      <segment_size>33554432</segment_size> <maxMessageSize>8388608</maxMessageSize>
+    </transport_descriptor>
+    <transport_descriptor>
+      <transport_id>loopback</transport_id> <type>UDPv4</type>
+      <interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>
+    </transport_descriptor>
+  </transport_descriptors>
+  <participant profile_name="this_machine" is_default_profile="true">
+    <rtps>
+      <userTransports>
+        <transport_id>shared_memory</transport_id> <transport_id>loopback</transport_id>
+      </userTransports>
+      <useBuiltinTransports>false</useBuiltinTransports>
+    </rtps>
+  </participant>
+</profiles>
+"""
+
+
+# Linux leaves the domains 0 to 101 free of ephemeral ports; 0 is everybody's.
+DOMAINS = range(1, 100)
+# Ports of a domain begin here (DDSI-RTPS 2.5, 9.6.2.3): the first participant's, UDP.
+FIRST_PORT, PORTS_PER_DOMAIN = 7410, 250
+
+
+class NodeDied(RuntimeError):
+    """The node's process has ended; the message holds its last lines."""
+
+
+class NodeProcess:
+    """Subprocess of the node, which logs to a file; to be used in a ``with`` statement."""
+
+    def __init__(self, log: Path, domain: int, command: tuple[str, ...] = COMMAND) -> None:
+        self._log, self._domain, self._command = log, domain, command
+
+    def __enter__(self) -> NodeProcess:
+        environment = dict(
+            os.environ, ROS_DOMAIN_ID=str(self._domain), PYTHONUNBUFFERED="1", **SAFE_PATH,
+            **node_environment(os.environ),
+        )
+        with self._log.open("wb") as log:
+            # In a session of its own, Ctrl-C in the terminal does not reach the
+            # node: it is ended here, once, whatever ends the demonstration.
+            self._process = subprocess.Popen(
+                (sys.executable, "-ISc", _WITH_PARENT, str(os.getpid()), *self._command),
+                stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
+                env=environment, start_new_session=True,
+            )
+        return self
+
+    def check(self) -> None:
+        """Raise NodeDied, with the last lines of the log, if the node is no longer there."""
+        code = self._process.poll()
+        if code is None:
+            return
+        lines = self._log.read_text(encoding="utf-8", errors="replace").splitlines()
+        last = "\n".join(f"  {line}" for line in lines[-LAST_LINES:])
+        raise NodeDied(f"the node ended with exit code {code}; its last lines were\n{last}")
+
+    def __exit__(self, *details: object) -> None:
+        process = self._process
+        if process.poll() is not None:
+            return
+        try:
+            process.send_signal(signal.SIGINT)
+            # One that does not listen is killed below.
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(PATIENCE)
+        finally:
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+
+
+@contextmanager
+def reserved_domain() -> Iterator[int]:
+    """Reserve a ROS domain that no other run on this machine is in, until the context ends."""
+    # Not all begin with the same one, since between the look and the start is a moment.
+    first = os.getpid() % len(DOMAINS)
+    for domain in (*DOMAINS[first:], *DOMAINS[:first]):
+        port = FIRST_PORT + PORTS_PER_DOMAIN * domain
+        # ROS has no use for the port of TCP, and the system frees it however this ends.
+        with socket.socket() as mine, socket.socket(type=socket.SOCK_DGRAM) as participant:
+            try:
+                mine.bind(("127.0.0.1", port))
+                participant.bind(("", port))
+            except OSError:
+                continue
+            participant.close()
+            yield domain
+            return
+    raise InputError("no ROS domain is free: all of 1 to 99 are in use on this machine")
+
+
+def isolate(profile: Path) -> None:
+    """Write settings of Fast DDS (XML) and set the environment, before ROS is started."""
+    profile.write_text(PROFILE, encoding="utf-8")
+    os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile.resolve())
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ.pop("ROS_STATIC_PEERS", None)

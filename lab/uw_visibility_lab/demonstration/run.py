@@ -1,0 +1,145 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Demonstration from end to end: simulate, run the node, play, compare, draw."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TypeVar
+
+import numpy as np
+
+from uw_visibility.config.files import Products, gathered
+from uw_visibility.messages.outputs import TOPICS
+from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.replay.bags.writer import check_bag
+from uw_visibility.replay.progress import progress_bar, tell
+from uw_visibility_lab.demonstration import comparison, recording
+from uw_visibility_lab.demonstration.comparison import FrameComparison
+from uw_visibility_lab.demonstration.node_process import (
+    PROFILE_COMMENT,
+    NodeProcess,
+    isolate,
+    reserved_domain,
+)
+from uw_visibility_lab.demonstration.recording import Answer, Check, RecordedFrame
+from uw_visibility_lab.simulation.bag import write_transect
+from uw_visibility_lab.simulation.transect import Transect
+
+Item = TypeVar("Item")
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+PICTURES = 4
+"""Frames that are drawn, evenly spread over the transect."""
+
+NODE_FILES = Products(
+    "fastdds.xml", ("node.log",), "not of a demonstration", keys=(PROFILE_COMMENT,))
+RESULTS = Products(
+    "frames.csv", ("series.png", "frame_[0-9][0-9][0-9].png"), "not of a demonstration",
+    keys=("true_mean_attenuation",))
+
+
+def demonstrate(folder: Path, transect: Transect, *, force: bool = False) -> dict[str, str]:
+    """Run the demonstration; write to the folder, return the summary's values by name.
+
+    With `force` the results of an earlier demonstration are replaced.
+    """
+    bag = folder / "transect"
+    for products in (NODE_FILES, RESULTS):
+        products.check_room(folder, force=force)
+    check_bag(bag, force)
+    isolate(folder / "fastdds.xml")
+    with (
+        reserved_domain() as domain, noted_signals() as interrupted,
+        NodeProcess(folder / "node.log", domain) as node,
+    ):
+
+        def check() -> None:
+            interrupted()
+            node.check()
+
+        # The node compiles its kernels while the transect is being simulated.
+        write_transect(
+            bag, transect, overwrite=True,
+            progress=lambda frames: _checked(frames, "simulate", transect.frames, check),
+        )
+        topics, frames = recording.read_recording(bag)
+        answers = _ask(check, domain, topics, frames)
+    with gathered(folder, RESULTS, force=force) as work:
+        with noted_signals() as interrupted:
+            rows = _compare(work, frames, answers, interrupted)
+        comparison.write_results(work, rows)
+    return comparison.summarize(rows)
+
+
+@contextmanager
+def noted_signals() -> Iterator[Check]:
+    """Note signals that ask for the end; the check that it yields raises KeyboardInterrupt.
+
+    The compiler and the middleware swallow an exception that a signal's handler raises in a
+    callback of theirs. So the work asks between two frames. A second signal does not wait.
+    """
+    asked = False
+
+    def note(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        if asked:
+            raise KeyboardInterrupt
+        asked = True
+
+    def check() -> None:
+        if asked:
+            raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, note) for number in SIGNALS}
+    try:
+        yield check
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _checked(items: Iterable[Item], name: str, total: int, check: Check) -> Iterator[Item]:
+    """Yield items with a progress bar, and check before each."""
+    for item in progress_bar(items, name, total):
+        check()
+        yield item
+
+
+def _ask(
+    check: Check, domain: int, topics: Mapping[str, str], frames: Sequence[RecordedFrame]
+) -> list[Answer]:
+    """Play the frames into the node and return its answer to each."""
+    from uw_visibility.ros.client import open_link
+
+    with open_link(domain, topics, TOPICS) as (player, collector):
+        tell("waiting for the node to be ready")
+        recording.wait_until_ready(check, player, collector, frames[0])
+        shown = progress_bar(frames, "play", len(frames))
+        return recording.play(check, player, collector, frames, shown)
+
+
+def _compare(
+    folder: Path, frames: Sequence[RecordedFrame], answers: Sequence[Answer], check: Check
+) -> list[FrameComparison]:
+    """Compare the answers with the truth, and draw some of them."""
+    # The raw pairs are matched here, by the pipeline's own matcher.
+    pipeline = Pipeline(frames[0].rig)
+    pictured = set(np.linspace(0, len(frames) - 1, PICTURES).round().astype(int).tolist())
+    rows = []
+    pairs = zip(frames, answers, strict=True)
+    for index, (frame, answer) in enumerate(_checked(pairs, "compare", len(frames), check)):
+        before = pipeline.process(frame.left, frame.right, match_original=True).stereo.original
+        assert before is not None
+        seconds = (frame.time - frames[0].time) * 1e-9
+        row = comparison.compare(frame, seconds, answer.messages, answer.latency, before)
+        rows.append(row)
+        if index in pictured and {"left/enhanced/image", "disparity"} <= answer.messages.keys():
+            path = folder / f"frame_{index:03d}.png"
+            comparison.draw_frame(path, frame, answer.messages, before, row)
+    return rows

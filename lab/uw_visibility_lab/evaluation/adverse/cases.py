@@ -1,0 +1,144 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Cases of the adverse study: a scene, an effect, and each method's estimate of the water."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import check_range
+from uw_visibility.images.arrays import Array, Image8
+from uw_visibility_lab.evaluation.adverse.effects import Level, chosen
+from uw_visibility_lab.evaluation.adverse.scenes import AdverseScene, load_adverse_scene
+from uw_visibility_lab.evaluation.backscatter import fit_backscatter
+from uw_visibility_lab.evaluation.readings import Reader, Truth, read_pair
+from uw_visibility_lab.evaluation.scenes import SceneSource
+from uw_visibility_lab.evaluation.studies import StudyResult
+from uw_visibility_lab.simulation.camera import StereoCamera
+from uw_visibility_lab.simulation.formation import effective_attenuation
+from uw_visibility_lab.simulation.frame import Renderer
+from uw_visibility_lab.simulation.view import View
+from uw_visibility_lab.simulation.water import Water
+
+METHODS = {
+    "ours": "ours",
+    "paper": "the paper's plain fit",
+    "sea_thru": "Sea-thru's backscatter fit",
+}
+"""Estimates of the water, by their names in tables."""
+
+ATTENUATIONS = (0.1, 0.3)
+DEPTHS = (3.0,)
+
+SAND = np.array([0.62, 0.55, 0.45], np.float32)
+"""Reflectance that a scene without contrast has."""
+
+
+@dataclass(frozen=True)
+class AdverseCase:
+    """A scene, an effect at one level, and the water."""
+
+    source: SceneSource  # the scene
+    effect: str  # name of the effect
+    level: Level  # the effect
+    mean_attenuation: float  # attenuation by grey particles, 1/m
+    depth: float  # depth of the camera, m
+    seed: int = 0  # seed of noise and marine snow
+    matched: bool = False  # whether the estimators get matched disparities instead of true ones
+
+
+@dataclass(frozen=True)
+class AdversePlan:
+    """Plan of an adverse study."""
+
+    scenes: Sequence[SceneSource]  # the scenes
+    effects: tuple[str, ...] = ()  # names of effects; empty for all
+    # attenuations, depths: attenuation by grey particles, 1/m, and depths of the camera, m
+    attenuations: tuple[float, ...] = ATTENUATIONS
+    depths: tuple[float, ...] = DEPTHS
+    seeds: int = 1  # number of draws of noise and marine snow
+    matched: bool = False  # whether disparities are matched instead of true
+    config: PipelineConfig = field(default_factory=PipelineConfig)  # what the estimators are told
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be simulated."""
+        check_range("number of seeds", self.seeds, 1)
+        check_range("attenuations", self.attenuations, 0.0, 5.0, "1/m")
+        check_range("depths", self.depths, 0.0, 100.0, "m")
+        chosen(self.effects, matched=self.matched)
+
+    def cases(self) -> list[AdverseCase]:
+        """Return the cases, scene by scene."""
+        effects = chosen(self.effects, matched=self.matched)
+        return [
+            AdverseCase(scene, effect, level, attenuation, depth, seed, self.matched)
+            for scene in self.scenes
+            for effect, levels in effects.items()
+            for level in levels
+            for attenuation in level.attenuations or self.attenuations
+            for depth in self.depths
+            for seed in range(self.seeds)
+        ]
+
+
+def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> StudyResult:
+    """Simulate a scene under water with an effect, and estimate the water by each method."""
+    scene, level = load_adverse_scene(case.source), case.level
+    told = PipelineConfig.from_parameters({**config.to_parameters(), **level.parameters})
+    water = Water(case.mean_attenuation, case.depth, None, level.water)
+    left, right, gains = _expose(scene, level, water, case)
+    attenuation = effective_attenuation(scene.left.range, scene.geometry, water)
+    reader = _reader(told)
+    truth = Truth.of_water(
+        attenuation, gains * water.ambient_light(), reader.assessor.clear_water_attenuation,
+        case.depth, told.assessment.contrast,
+    )
+    rig = replace(scene.rig, baseline=scene.rig.baseline * level.range_scale)
+    ours, disparity = read_pair(
+        left, right, rig, scene.disparity, told, matched=case.matched)
+    readings = dict.fromkeys(METHODS, ours)
+    if disparity is not None:
+        # The peers take the disparities that ours has.
+        ranges = rig.range_from_disparity(disparity)
+        readings["paper"] = reader.estimate(left, ranges, "paper")
+        readings["sea_thru"] = reader.read(fit_backscatter(left, ranges, told.camera.transfer))
+    labels = {
+        "effect": case.effect, "level": level.label, "scene": scene.name,
+        "open_water": scene.open_water, "seed": case.seed,
+    }
+    return StudyResult(labels, truth, readings)
+
+
+def _expose(
+    scene: AdverseScene, level: Level, water: Water, case: AdverseCase
+) -> tuple[Image8, Image8, Array]:
+    """Return the pair (the left image twice where one is enough) and gains of white balance."""
+    views = [scene.left, scene.right] if case.matched else [scene.left]
+    height, width = scene.disparity.shape
+    camera = StereoCamera(width, height, scene.rig.focal_length, scene.rig.baseline)
+    renderer = Renderer(camera, level.sensor, level.disturbances, Workers(1), level.camera)
+    light = renderer.daylight(
+        [_fade(view, level.contrast) for view in views], scene.geometry, water, case.seed)
+    images, gains = renderer.record(light, case.seed)
+    return images[0], images[-1], gains
+
+
+def _fade(view: View, contrast: float) -> View:
+    """Return the view with the contrast of its surfaces lessened, towards sand's reflectance."""
+    if contrast == 1.0:
+        return view
+    radiance, edge_radiance = (
+        SAND + np.float32(contrast) * (part - SAND) for part in (view.radiance, view.edge_radiance)
+    )
+    return replace(view, radiance=radiance, edge_radiance=edge_radiance)
+
+
+@lru_cache(maxsize=8)
+def _reader(config: PipelineConfig) -> Reader:
+    return Reader(config)

@@ -1,0 +1,76 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Baselines: OpenCV's matcher and contrast methods."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from uw_visibility.images.arrays import DisparityMap, Image8
+
+# Settings of OpenCV's sample stereo_match, in full mode, but for the range of
+# speckles, which is that of OpenCV's documentation.
+BLOCK_SIZE = 3
+UNIQUENESS_RATIO = 10
+SPECKLE_WINDOW = 100
+SPECKLE_RANGE = 2
+LEFT_RIGHT_DIFFERENCE = 1
+PRE_FILTER_CAP = 63
+# OpenCV's disparities are in sixteenths of a pixel.
+FRACTIONS = 16.0
+# CLAHE as in OpenCV's tutorial.
+CLIP_LIMIT = 2.0
+TILES = (8, 8)
+
+
+def semi_global_matching(left: Image8, right: Image8, max_disparity: int = 128) -> DisparityMap:
+    """Match a rectified pair with OpenCV's StereoSGBM in full mode (eight directions).
+
+    Grey or colour; on Middlebury pairs in turbid water, colour gives 0.01 to 0.03 more correct
+    pixels. Returns (H, W), left disparity, px; NaN = unmatched.
+    """
+    channels = 1 if left.ndim == 2 else left.shape[2]
+    found = sgbm(max_disparity, channels).compute(left, right)
+    disparity = found.astype(np.float32) / np.float32(FRACTIONS)
+    disparity[found < 0] = np.nan
+    return disparity
+
+
+def sgbm(max_disparity: int = 128, channels: int = 3) -> cv2.StereoSGBM:
+    """OpenCV's matcher with the settings of `semi_global_matching`, for timing it alone."""
+    return cv2.StereoSGBM_create(
+        minDisparity=0,
+        numDisparities=-(-max_disparity // 16) * 16,
+        blockSize=BLOCK_SIZE,
+        P1=8 * channels * BLOCK_SIZE**2,
+        P2=32 * channels * BLOCK_SIZE**2,
+        disp12MaxDiff=LEFT_RIGHT_DIFFERENCE,
+        preFilterCap=PRE_FILTER_CAP,
+        uniquenessRatio=UNIQUENESS_RATIO,
+        speckleWindowSize=SPECKLE_WINDOW,
+        speckleRange=SPECKLE_RANGE,
+        mode=cv2.StereoSGBM_MODE_HH,
+    )
+
+
+def equalised_matching(left: Image8, right: Image8, max_disparity: int = 128) -> DisparityMap:
+    """`semi_global_matching` after `equalise_adaptively` of both images."""
+    return semi_global_matching(
+        equalise_adaptively(left), equalise_adaptively(right), max_disparity
+    )
+
+
+def equalise_channels(image: Image8) -> Image8:
+    """Histogram equalisation of each channel of an (H, W, 3) image."""
+    return np.dstack([cv2.equalizeHist(np.ascontiguousarray(image[..., c])) for c in range(3)])
+
+
+def equalise_adaptively(image: Image8) -> Image8:
+    """CLAHE of L* of an (H, W, 3) RGB or of a grey image."""
+    clahe = cv2.createCLAHE(clipLimit=CLIP_LIMIT, tileGridSize=TILES)
+    if image.ndim == 2:
+        return clahe.apply(image)
+    planes = cv2.cvtColor(image, cv2.COLOR_RGB2LAB)
+    planes[..., 0] = clahe.apply(np.ascontiguousarray(planes[..., 0]))
+    return np.asarray(cv2.cvtColor(planes, cv2.COLOR_LAB2RGB), dtype=np.uint8)

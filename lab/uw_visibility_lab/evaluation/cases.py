@@ -1,0 +1,311 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""One case: a scene in one water, by the pipeline, by peers, and by the oracle.
+
+A case is one point of section III of the paper. On the same 8-bit pixels stand side
+by side: the degraded input, OpenCV's peers, the pipeline, and the oracle, which
+restores with the true water and range.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.enhancement.radiance import Restorer, recover_radiance
+from uw_visibility.enhancement.white_balance import RestorationWater
+from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import DisparityMap, Image8, Map
+from uw_visibility.images.view import StereoViews, View
+from uw_visibility.pipeline.first_step import CoarseEstimate
+from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.pipeline.result import FrameResult, StageClock
+from uw_visibility.pipeline.second_step import SecondStep
+from uw_visibility.status import Status
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.observations import Envelopes
+from uw_visibility_lab.evaluation import baselines, metrics
+from uw_visibility_lab.evaluation.degrade import Scene, fill_from_background, sensor_of
+from uw_visibility_lab.evaluation.depth_edges import EdgeErrors, edge_errors
+from uw_visibility_lab.evaluation.methods import of_kind, titles
+from uw_visibility_lab.evaluation.readings import Reader, Reading, Truth
+from uw_visibility_lab.evaluation.reliability import Reliability
+from uw_visibility_lab.evaluation.scenes import SceneSource, search_limit, tolerance
+from uw_visibility_lab.evaluation.tables import flat
+
+READINGS = titles("estimator", {
+    "step1": "ours after step 1, ranges of the pipeline",
+    "pipeline": "ours, ranges of the pipeline",
+    "exact": "ours, exact ranges",
+    "paper_pipeline": "plain method, ranges of the pipeline",
+    "paper_exact": "plain method, exact ranges",
+})
+"""Estimates of the water, by their names in tables; the plain method is the paper's own fit."""
+
+MATCHES = titles("matcher", {
+    "sgbm": "SGBM, raw pair",
+    "clahe_sgbm": "SGBM after CLAHE",
+    "oracle_sgbm": "SGBM after the oracle",
+    "ours_raw": "ours, raw pair",
+    "ours": "ours, enhanced pair",
+    "oracle_ours": "ours, true water and ranges",
+})
+"""Disparity maps, by their names in tables."""
+
+IMAGES = titles("restorer", {
+    "degraded": "degraded input",
+    "histogram": "histogram equalisation",
+    "clahe": "CLAHE",
+    "step1": "ours after step 1",
+    "final": "ours after step 2",
+    "oracle": "oracle",
+})
+"""Images that are held against the scene in air, by their names in tables."""
+
+
+THUMBNAIL_WIDTH = 240
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene and the water to put it in."""
+
+    source: SceneSource  # the scene
+    mean_attenuation: float  # α, 1/m
+    depth: float  # z, m
+    pictures: bool = False  # whether images and observations are wanted too, for figures
+    noise: str = "0"  # noise of the sensor, see `sensor_of`
+    thumbnails: bool = False
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Images and envelopes of a case, for figures 3, 5 and 9."""
+
+    radiance: Image8  # (H, W, 3); the scene in air
+    images: dict[str, Image8]  # those of `IMAGES`; ours are absent where the pair was refused
+    range: Map  # (H, W); true range, m; NaN where unknown
+    envelope: Envelopes | None  # what the estimate of step 2 rests on
+    # ours, of the pair as it is and improved, px; absent where the pair was refused
+    disparities: dict[str, Map]
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """Measurements of a case."""
+
+    scene: str  # name of the scene
+    truth: Truth  # the water
+    tolerance: float  # largest error of a correct disparity, px
+    refusal: str | None  # why the pipeline refused the pair as a whole, if it did
+    readings: dict[str, Reading]  # by the names of `READINGS`
+    # matched, correct: share of all pixels that have a disparity, and of the pixels with known
+    # truth that have a correct one, by the names of `MATCHES`. A refused pair has no disparities: 0
+    matched: dict[str, float]
+    correct: dict[str, float]
+    # share of the matched pixels with known truth that have a wrong disparity, by the names of
+    # `MATCHES`; NaN where nothing is matched
+    wrong: dict[str, float]
+    # mean ΔE*ab over the image, by the names of `IMAGES`; NaN where refused
+    colour_difference: dict[str, float]
+    pictures: Pictures | None = None  # where the case asked for them
+    # errors beside depth edges, where the case asked for pictures and the pair was not refused
+    edges: list[EdgeErrors] = field(default_factory=list)
+    noise: str = "0"  # noise of the sensor
+    reliability: Reliability | None = None  # of our confidence; None where the pair was refused
+    # small images under water and enhanced, where the case asked for them
+    thumbnails: dict[str, Image8] = field(default_factory=dict)
+    # durations of the pipeline's stages; empty where the pair was refused
+    timing_ms: dict[str, float] = field(default_factory=dict)
+
+    def row(self) -> dict[str, Any]:
+        """Return the case as a row of a table."""
+        return flat({
+            "scene": self.scene, "noise": self.noise, "true": self.truth,
+            "tolerance": self.tolerance, "refusal": self.refusal, **self.readings,
+            "matched": self.matched, "correct": self.correct, "wrong": self.wrong,
+            "colour_difference": self.colour_difference,
+        })
+
+
+def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
+    """Simulate a scene under water and measure everything that the experiments need.
+
+    Where `stereo.max_disparity` is 0, all matchers search up to the scene's `search_limit`.
+    """
+    scene = case.source.load()
+    bench = _bench(case.source, config)
+    kappa = bench.reader.assessor.clear_water_attenuation
+    truth = Truth.of_clear_water_and_particles(
+        case.mean_attenuation, case.depth, kappa, config.assessment.contrast
+    )
+    left, right = scene.degraded(
+        case.mean_attenuation, case.depth, kappa, sensor_of(case.noise))
+    oracle_left, oracle_right = (
+        _oracle(image, scene.rig.range_from_disparity(fill_from_background(disparity)), truth)
+        for image, disparity in ((left, scene.disparity_left), (right, scene.disparity_right))
+    )
+    images = {
+        "degraded": left,
+        "histogram": baselines.equalise_channels(left),
+        "clahe": baselines.equalise_adaptively(left),
+        "oracle": oracle_left,
+    }
+    nothing = np.full(left.shape[:2], np.nan, np.float32)
+    count = bench.disparities
+    disparities = {
+        "sgbm": baselines.semi_global_matching(left, right, count),
+        "clahe_sgbm": baselines.equalised_matching(left, right, count),
+        "oracle_sgbm": baselines.semi_global_matching(oracle_left, oracle_right, count),
+        "ours_raw": nothing, "ours": nothing,
+        "oracle_ours": match_with_truth(
+            left, right, fill_from_background(scene.disparity_left), truth, bench.rig,
+            bench.config),
+    }
+    refusal = result = None
+    try:
+        result = bench.pipeline.process(left, right, match_original=True)
+    except InputError as error:
+        # A pair that the pipeline refuses is a result too.
+        refusal = f"pair refused: {error}"
+    if result is not None:
+        images["step1"] = first_enhancement(left, right, bench.pipeline)
+        images["final"] = result.left_enhanced
+        assert result.stereo.original is not None
+        disparities |= {"ours_raw": result.stereo.original, "ours": result.disparity}
+    ranges = nothing if result is None else result.range
+    for name, own in of_kind("restorer").items():
+        images[name] = own.image(left, ranges, dtype=np.uint8)
+    for name, own in of_kind("matcher").items():
+        disparities[name] = own.image(left, right, count - 1, dtype=np.float32)
+    known = scene.disparity_left, tolerance(scene)
+    return CaseResult(
+        scene=scene.name,
+        truth=truth,
+        tolerance=tolerance(scene),
+        refusal=refusal,
+        readings=bench.read(left, result, refusal),
+        matched={name: metrics.matched_fraction(disparities[name]) for name in MATCHES},
+        correct={name: metrics.correct_fraction(disparities[name], *known) for name in MATCHES},
+        wrong={name: metrics.bad_fraction(disparities[name], *known) for name in MATCHES},
+        colour_difference={
+            name: metrics.mean_colour_difference(images[name], scene.left)
+            if name in images else float("nan")
+            for name in IMAGES
+        },
+        pictures=None if not case.pictures else Pictures(
+            scene.left, {name: images[name] for name in IMAGES if name in images},
+            bench.exact_range, None if result is None else result.water.envelope,
+            {} if result is None else {name: disparities[name] for name in ("ours_raw", "ours")},
+        ),
+        thumbnails={} if not case.thumbnails else {
+            name: _thumbnail(images[name]) for name in ("degraded", "final") if name in images},
+        timing_ms={} if result is None else dict(result.timing_ms),
+        edges=[] if result is None or not case.pictures else edge_errors(
+            scene, left, right, result, bench.rig, bench.config),
+        noise=case.noise,
+        reliability=None if result is None or result.stereo.confidence is None else Reliability.of(
+            result.disparity, result.stereo.confidence, *known),
+    )
+
+
+class _Bench:
+    """Rig, pipeline and estimators that serve all cases of a scene."""
+
+    def __init__(self, scene: Scene, config: PipelineConfig) -> None:
+        self.disparities = config.stereo.max_disparity + 1
+        if config.stereo.max_disparity == 0:
+            self.disparities = search_limit(scene)
+        stereo = replace(config.stereo, max_disparity=self.disparities - 1)
+        self.config = replace(config, stereo=stereo)
+        self.rig = scene.rig
+        self.pipeline = Pipeline(self.rig, self.config)
+        self.exact_range = scene.rig.range_from_disparity(scene.disparity_left)
+        self.reader = Reader(config)
+
+    def read(
+        self, left: Image8, result: FrameResult | None, refusal: str | None
+    ) -> dict[str, Reading]:
+        """Estimate the water by both methods, with the pipeline's ranges and with the true ones."""
+        reader = self.reader
+        readings = {
+            "exact": reader.estimate(left, self.exact_range),
+            "paper_exact": reader.estimate(left, self.exact_range, "paper"),
+        }
+        if result is None:
+            refused = Reading.refused(refusal or "")
+            readings |= dict.fromkeys(("step1", "pipeline", "paper_pipeline"), refused)
+        else:
+            found = self.rig.range_from_disparity(result.disparity)
+            readings["step1"] = reader.read(result.coarse_water)
+            readings["pipeline"] = Reading.of_result(result)
+            readings["paper_pipeline"] = reader.estimate(left, found, "paper")
+        for name, own in of_kind("estimator").items():
+            found = self.exact_range if result is None else result.range
+            readings[name] = reader.read(own.run(left, found, self.config.camera.transfer))
+        return {name: readings[name] for name in READINGS}
+
+
+@lru_cache(maxsize=1)
+def _bench(source: SceneSource, config: PipelineConfig) -> _Bench:
+    return _Bench(source.load(), config)
+
+
+def _thumbnail(image: Image8) -> Image8:
+    height, width = image.shape[:2]
+    size = (THUMBNAIL_WIDTH, round(THUMBNAIL_WIDTH * height / width))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+
+def first_enhancement(
+    left: NDArray[Any],
+    right: NDArray[Any],
+    pipeline: Pipeline,
+) -> NDArray[Any]:
+    """Restore the left image with the coarse map of step 1 and its estimate of the water.
+
+    The pipeline itself needs the contrast of step 1 only; Fig. 7 of the paper shows its colours.
+    """
+    config = pipeline.config
+    first = pipeline.coarse_estimate(left, right)
+    dense = first.whole_disparity()
+    restorer = Restorer(config.enhancement, config.camera.transfer, Workers(config.threads))
+    enhanced, _ = restorer.restore(left, pipeline.rig.range_from_disparity(dense), first.water)
+    return np.asarray(enhanced)
+
+
+def match_with_truth(
+    left: Image8,
+    right: Image8,
+    disparity: DisparityMap,
+    truth: Truth,
+    rig: StereoRig,
+    config: PipelineConfig,
+) -> DisparityMap:
+    """Match a pair as step 2 does, with the true water and disparity (without holes, px)."""
+    transfer = config.camera.transfer
+    views = StereoViews(View.of(left, transfer), View.of(right, transfer))
+    step = SecondStep(views.left.shape, rig, config, Workers(config.threads))
+    water = WaterEstimate(
+        Status.OK, np.array(truth.attenuation), np.array(truth.ambient_light),
+        np.zeros((3, 2, 2)), 0, 0, (Status.OK,) * 3,
+    )
+    raw = step.support_points(*views)
+    known = CoarseEstimate(water, raw, disparity, rig, views.left, np.ones(3), 1.0)
+    return step.run(views, known, StageClock()).disparity
+
+
+def _oracle(image: Image8, range_map: Map, truth: Truth) -> Image8:
+    """Restore an image with the true water and range, without limit of the gain (eq. 8)."""
+    light = np.array(truth.ambient_light)
+    water = RestorationWater(np.array(truth.attenuation), light, light)
+    radiance = recover_radiance(image, range_map, water)
+    return np.asarray(np.clip(radiance * 255 + 0.5, 0, 255), dtype=np.uint8)

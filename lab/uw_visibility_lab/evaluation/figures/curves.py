@@ -1,0 +1,227 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Curves: Fig. 6, 7 and 10 of the paper, and the reliability of the matcher's confidence.
+
+Fig. 6 and 7 are attenuation, matches and colour as the water changes, Fig. 10 is attenuation,
+visibility distance and depth along a transect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from uw_visibility.images.arrays import Array
+from uw_visibility_lab.evaluation.cases import CaseResult
+from uw_visibility_lab.evaluation.degrade import title_of
+from uw_visibility_lab.evaluation.experiments import Evaluation, TransectRow
+from uw_visibility_lab.evaluation.figures.style import (
+    ATTENUATION_LABEL,
+    DEPTH_LABEL,
+    IMAGE_STYLES,
+    MATCH_STYLES,
+    OURS,
+    READING_STYLES,
+    TRUTH_STYLE,
+    Style,
+    save,
+)
+from uw_visibility_lab.evaluation.reliability import Reliability
+
+ROW_HEIGHT = 2.7
+FILTERED = "#d55e00"
+QUANTITIES = (
+    ("mean_attenuation", ATTENUATION_LABEL),
+    ("distance", "visibility distance [m]"),
+    ("depth", DEPTH_LABEL),
+)
+# Okabe and Ito's colours.
+COLOURS = ("#000000", "#0072b2", "#009e73", "#e69f00", "#d55e00", "#cc79a7")
+
+
+class Panel(NamedTuple):
+    """A column of a figure: a line for each method, over what changes of the water."""
+
+    label: str
+    cases: Sequence[CaseResult]
+    styles: Mapping[str, Style]
+    value: Callable[[CaseResult, str], float]
+    top: float | None = None  # where the axis, which begins at 0, ends
+
+
+def draw_over_attenuation(path: Path, evaluation: Evaluation) -> None:
+    """Draw Fig. 6: α̂, unmatched and correct fraction over α, at one depth.
+
+    The paper shows the unmatched fraction alone, of a "conventional stereo matching
+    framework" against its own. What is matched may be wrong, so the correct fraction
+    stands beside it, once more for each noise of the sensor that was evaluated.
+    """
+    depth = evaluation.plan.shown[1]
+    cases = [case for case in evaluation.cases if case.truth.depth == depth]
+    correct = [("correct fraction", cases)]
+    correct += [
+        (f"the same, {title_of(noise)}", [c for c in evaluation.noisy if c.noise == noise])
+        for noise in evaluation.plan.noises]
+    _draw_panels(
+        path, f"Decreasing visibility at z = {depth:g} m (as Fig. 6 of the paper)",
+        ATTENUATION_LABEL, lambda case: case.truth.mean_attenuation, cases, [
+            Panel("unmatched fraction", cases, MATCH_STYLES, lambda c, name: 1.0 - c.matched[name]),
+            *(Panel(label, some, MATCH_STYLES, lambda c, name: c.correct[name], 1.0)
+              for label, some in correct),
+        ])
+
+
+def draw_over_depth(path: Path, evaluation: Evaluation) -> None:
+    """Draw Fig. 7: α̂ and ΔE*ab to the scene in air over z, at one α."""
+    alpha = evaluation.plan.shown[0]
+    cases = [
+        case for case in evaluation.cases if np.isclose(case.truth.mean_attenuation, alpha)]
+    _draw_panels(
+        path, f"Increasing depth at α = {alpha:.3g} 1/m (as Fig. 7 of the paper)",
+        DEPTH_LABEL, lambda case: case.truth.depth, cases,
+        [Panel("ΔE*ab", cases, IMAGE_STYLES, lambda c, name: c.colour_difference[name])])
+
+
+def _draw_panels(
+    path: Path, title: str, label: str, abscissa: Callable[[CaseResult], float],
+    cases: Sequence[CaseResult], panels: Sequence[Panel],
+) -> None:
+    """Draw α̂ with its truth and the band of the pipeline's σ, and the panels, a row a scene."""
+    scenes = list(dict.fromkeys(case.scene for case in cases))
+    estimates = Panel(
+        "estimate of α [1/m]", cases, READING_STYLES,
+        lambda c, name: c.readings[name].mean_attenuation)
+    figure = Figure(
+        figsize=(4.4 * len(panels) + 5.0, ROW_HEIGHT * len(scenes) + 1.7), layout="constrained")
+    grid = figure.subplots(
+        len(scenes), 1 + len(panels), sharex=True, sharey="col", squeeze=False)
+    figure.get_layout_engine().set(w_pad=0.12)  # type: ignore[union-attr]
+    for row, scene in zip(grid, scenes, strict=True):
+        for axes, panel in zip(row, (estimates, *panels), strict=True):
+            shown = [case for case in panel.cases if case.scene == scene]
+            x = [abscissa(case) for case in shown]
+            if panel is estimates:
+                axes.plot(x, [case.truth.mean_attenuation for case in shown], **TRUTH_STYLE)
+                ours = [case.readings["pipeline"] for case in shown]
+                value, sigma = (
+                    np.array([getattr(reading, name) for reading in ours])
+                    for name in ("mean_attenuation", "mean_attenuation_stddev"))
+                axes.fill_between(
+                    x, value - sigma, value + sigma, color=OURS, alpha=0.15, linewidth=0.0,
+                    label="± 1 σ of ours")
+            for name, style in panel.styles.items():
+                axes.plot(x, [panel.value(case, name) for case in shown], **style)
+            axes.set_ylabel(panel.label)
+            axes.grid(alpha=0.25)
+        row[0].set_ylabel(f"{scene}\n{estimates.label}")
+    for axes, panel in zip(grid[0, 1:], panels, strict=True):
+        axes.set_ylim(0.0, panel.top)
+    for axes in grid[-1]:
+        axes.set_xlabel(label)
+    figure.suptitle(title)
+    # Below the panels, names hide no data.
+    for axes, place in ((grid[0, 0], "outside lower left"), (grid[0, 1], "outside lower right")):
+        figure.legend(
+            *axes.get_legend_handles_labels(), loc=place, ncols=2, frameon=False, fontsize=8)
+    save(figure, path)
+
+
+def draw_transect(path: Path, rows: Sequence[TransectRow]) -> None:
+    """Draw Fig. 10: estimates along a transect, each frame alone and filtered, and the truth."""
+    def series(name: str) -> Series:
+        def of(records: Iterable[object], field: str = name) -> Array:
+            return np.array([getattr(record, field) for record in records])
+
+        alone = [row.reading for row in rows]
+        return Series(
+            of(alone), of(alone, f"{name}_stddev"), of(row.truth for row in rows),
+            of(row.tracked for row in rows), of(row.exact for row in rows))
+
+    draw_series(
+        path, "Transect (as Fig. 10 of the paper)", np.array([row.time for row in rows]),
+        {label: series(name) for name, label in QUANTITIES})
+
+
+class Series(NamedTuple):
+    """A quantity over time: estimates, their σ and the truth; NaN = not assessed."""
+
+    estimate: Array
+    stddev: Array
+    truth: Array
+    filtered: Array | None = None
+    exact: Array | None = None  # by exact ranges
+
+
+def draw_series(path: Path, title: str, time: Array, panels: Mapping[str, Series]) -> None:
+    """Draw estimates over time (s) with bands of 1 and 2 σ and the truth, a panel for each."""
+    figure = Figure(figsize=(9.0, 8.2), layout="constrained")
+    grid = figure.subplots(len(panels), 1, sharex=True)
+    for axes, (label, series) in zip(grid, panels.items(), strict=True):
+        value, sigma, truth, filtered, exact = series
+        for factor, opacity in ((2, 0.13), (1, 0.25)):
+            axes.fill_between(
+                time, value - factor * sigma, value + factor * sigma, color=OURS, alpha=opacity,
+                linewidth=0.0, label=f"± {factor} σ",
+            )
+        axes.plot(
+            time, value, "o-", color=OURS, markersize=3.5, linewidth=1.2, label="each frame alone")
+        if filtered is not None:
+            axes.plot(time, filtered, "-", color=FILTERED, linewidth=1.6, label="filtered")
+        if exact is not None:
+            axes.plot(
+                time, exact, "x:", color=OURS, markersize=4.0, linewidth=1.0, label="exact ranges")
+        axes.plot(time, truth, **TRUTH_STYLE)
+        axes.set_ylabel(label)
+        axes.set_ylim(*_limits(value, truth))
+        axes.grid(alpha=0.25)
+        missing = time[~np.isfinite(value)]
+        if missing.size:
+            axes.plot(
+                missing, np.zeros(missing.size), "|", color="#cc2020", markersize=9.0,
+                transform=axes.get_xaxis_transform(), clip_on=False, label="not assessed",
+            )
+    grid[-1].set_xlabel("time [s]")
+    handles: dict[str, object] = {}
+    for axes in grid:
+        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    figure.legend(
+        list(handles.values()), list(handles), loc="outside lower center", ncols=6, frameon=False)
+    figure.suptitle(title)
+    save(figure, path)
+
+
+def _limits(value: Array, truth: Array) -> tuple[float, float]:
+    """Return limits that hold the truth and nearly all estimates; a wild one does not set them."""
+    known = value[np.isfinite(value)]
+    low, high = np.percentile(known, [3, 97]) if known.size else (0.0, 0.0)
+    top = max(float(truth.max()), float(high))
+    return min(0.0, 1.15 * float(low)), 1.2 * top
+
+
+def draw_reliability(path: Path, by_noise: Mapping[str, Reliability]) -> None:
+    """Draw the share of right disparities over confidence, and how many have which, by noise."""
+    figure = Figure(figsize=(6.4, 6.0), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    above.plot((0, 1), (0, 1), **{**TRUTH_STYLE, "label": "calibrated"})
+    for k, (noise, reliability) in enumerate(by_noise.items()):
+        rows = reliability.rows()
+        x = [row["confidence"] for row in rows]
+        label = f"{title_of(noise)}: off by {reliability.expected_error:.3f}"
+        colour = COLOURS[k % len(COLOURS)]
+        above.plot(x, [row["right"] for row in rows], color=colour, marker="o", label=label)
+        below.plot(x, [row["part"] for row in rows], color=colour, marker="o")
+    above.set_ylabel("right share of disparities")
+    above.set_ylim(0.0, 1.0)
+    above.legend(frameon=False)
+    below.set_ylabel("part of the matches")
+    below.set_ylim(bottom=0.0)
+    below.set_xlabel("confidence")
+    below.set_xlim(0.0, 1.0)
+    for axes in (above, below):
+        axes.grid(alpha=0.25)
+    figure.suptitle("Reliability of confidence")
+    save(figure, path)

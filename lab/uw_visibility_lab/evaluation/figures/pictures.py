@@ -1,0 +1,238 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of the paper's figures: bins (3), disparities (5), over depth (7), by method (9).
+
+Those of Fig. 3 are pixels over range, their envelopes, and the fitted curves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from uw_visibility.optics.light_model import transmission, veil_of
+from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, CaseResult, Pictures
+from uw_visibility_lab.evaluation.figures.style import CHANNEL_COLOURS, DISPARITY_COLOURS, save
+from uw_visibility_lab.evaluation.readings import Truth
+from uw_visibility_lab.evaluation.tables import CHANNELS
+
+SHOWN = ("degraded", "histogram", "clahe", "final", "oracle")
+WIDTH = 2.9
+# Pixels that are drawn of each channel; more would be one dark area.
+POINTS = 4000
+IN_AIR = "#b0b0b0"
+ENVELOPE: dict[str, Any] = {
+    "markersize": 4.5, "markeredgewidth": 0.7, "color": "white", "markeredgecolor": "black",
+}
+CURVES = "I∞ (upper), I∞(1 − exp(−βd)) (lower)"
+# Ranges beyond these percentiles are single pixels.
+RANGE_PERCENTILES = (0.2, 99.8)
+
+
+def draw_pictures(path: Path, cases: Sequence[CaseResult]) -> None:
+    """Draw the scenes under water, by each method, and in air, with their ΔE*ab.
+
+    Pixels are shown without encoding, as the paper takes those of its scenes.
+    """
+    figure, rows = _grid(cases, len(SHOWN) + 1)
+    for row, case, pictures in rows:
+        for axes, name in zip(row, SHOWN, strict=False):
+            difference = case.colour_difference[name]
+            if np.isfinite(difference):
+                axes.imshow(pictures.images[name])
+                axes.set_title(f"{IMAGES[name]}\nΔE*ab = {difference:.1f}", fontsize=9)
+            else:
+                axes.set_title(f"{IMAGES[name]}\npair refused", fontsize=9)
+        row[-1].imshow(pictures.radiance)
+        row[-1].set_title(f"{case.scene} in air", fontsize=9)
+    truth = cases[0].truth
+    figure.suptitle(
+        f"Enhancement at α = {truth.mean_attenuation:.3g} 1/m, z = {truth.depth:g} m "
+        "(as Fig. 9 of the paper)"
+    )
+    save(figure, path)
+
+
+def draw_disparities(path: Path, cases: Sequence[CaseResult]) -> None:
+    """Draw Fig. 5: under water, disparities of that pair, improved ones, enhanced image."""
+    figure, rows = _grid(cases, 4)
+    for row, case, pictures in rows:
+        row[0].imshow(pictures.images["degraded"])
+        row[0].set_title(f"{case.scene} under water", fontsize=9)
+        found = pictures.disparities
+        known = found["ours"][np.isfinite(found["ours"])] if found else np.empty(0)
+        limits = np.percentile(known, [1.0, 99.0]) if known.size else (0.0, 1.0)
+        for axes, name in zip(row[1:3], ("ours_raw", "ours"), strict=True):
+            if name in found:
+                axes.imshow(found[name], cmap=DISPARITY_COLOURS, vmin=limits[0], vmax=limits[1])
+                axes.set_title(
+                    f"{MATCHES[name]}\n{case.matched[name]:.0%} matched, "
+                    f"{case.correct[name]:.0%} correct", fontsize=9)
+            else:
+                axes.set_title(f"{MATCHES[name]}\npair refused", fontsize=9)
+        if "final" in pictures.images:
+            row[3].imshow(pictures.images["final"])
+        row[3].set_title(IMAGES["final"], fontsize=9)
+    figure.suptitle("Disparities and enhancement (as Fig. 5 of the paper); black is not matched")
+    save(figure, path)
+
+
+def _grid(
+    cases: Sequence[CaseResult], columns: int
+) -> tuple[Figure, list[tuple[Any, CaseResult, Pictures]]]:
+    """Make a figure with a row of axes for each case that has pictures."""
+    shown = [(case, case.pictures) for case in cases if case.pictures is not None]
+    shapes = [pictures.radiance.shape for _, pictures in shown]
+    heights = [WIDTH * shape[0] / shape[1] + 0.3 for shape in shapes]
+    figure = Figure(figsize=(WIDTH * columns, sum(heights) + 0.7), layout="constrained")
+    grid = figure.subplots(
+        len(shown), columns, squeeze=False, gridspec_kw={"height_ratios": heights})
+    for axes in grid.flat:
+        axes.set_axis_off()
+    return figure, [(row, *each) for row, each in zip(grid, shown, strict=True)]
+
+
+def draw_over_depth(path: Path, cases: Sequence[CaseResult]) -> None:
+    """Draw the pictures of Fig. 7: under water and enhanced, over depth."""
+    scenes: dict[str, list[CaseResult]] = {}
+    for case in cases:
+        scenes.setdefault(case.scene, []).append(case)
+    columns = max(len(of_scene) for of_scene in scenes.values())
+    figure = Figure(figsize=(2.5 * columns, 4.2 * len(scenes) + 0.6), layout="constrained")
+    grid = figure.subplots(2 * len(scenes), columns, squeeze=False)
+    for axes in grid.flat:
+        axes.set_axis_off()
+    for number, of_scene in enumerate(scenes.values()):
+        for column, case in enumerate(of_scene):
+            for line, name in enumerate(("degraded", "final")):
+                axes = grid[2 * number + line, column]
+                if name in case.thumbnails:
+                    axes.imshow(case.thumbnails[name])
+                where = f"{case.scene}, z = {case.truth.depth:g} m\n" if line == 0 else ""
+                axes.set_title(
+                    f"{where}{IMAGES[name]}\nΔE*ab = {case.colour_difference[name]:.1f}",
+                    fontsize=8)
+    figure.suptitle(
+        f"Increasing depth at α = {cases[0].truth.mean_attenuation:.3g} 1/m "
+        "(as the pictures of Fig. 7 of the paper)")
+    save(figure, path)
+
+
+def draw_bins(path: Path, case: CaseResult) -> None:
+    """Draw pixels, envelopes and fitted curves of a case.
+
+    The grey points are the scene's radiance in air, the coloured ones what the camera
+    sees under water, over the true range. The lower curve is eq. 6 with the estimated
+    β and I∞, the upper line the estimated I∞ (eq. 7). Envelopes are over the ranges
+    that the pipeline found.
+    """
+    pictures = case.pictures
+    if pictures is None:
+        raise ValueError("the case was evaluated without pictures")
+    truth, reading = case.truth, case.readings["pipeline"]
+    figure = Figure(figsize=(13.0, 5.6), layout="constrained")
+    parts = figure.add_gridspec(2, 4, width_ratios=(0.95, 1.0, 1.0, 1.0))
+    for row, (image, title) in enumerate((
+        (pictures.radiance, "in air"), (pictures.images["degraded"], "under water"),
+    )):
+        axes = figure.add_subplot(parts[row, 0])
+        axes.imshow(image)
+        axes.set_title(title, fontsize=10)
+        axes.set_axis_off()
+    low, high = np.nanpercentile(pictures.range, RANGE_PERCENTILES)
+    panels: list[Any] = []
+    for channel, name in enumerate(CHANNELS):
+        axes = figure.add_subplot(
+            parts[:, channel + 1], sharey=panels[0] if panels else None
+        )
+        panels.append(axes)
+        _draw_points(axes, pictures, channel)
+        _draw_envelopes(axes, pictures, channel)
+        _draw_curves(axes, truth, reading.attenuation, reading.ambient_light, channel, high)
+        axes.set_xlim(0.95 * low, 1.02 * high)
+        axes.set_ylim(0.0, 1.02)
+        axes.set_xlabel("range d [m]")
+        axes.set_title(_title(name, channel, case), fontsize=9)
+        axes.grid(alpha=0.25)
+    panels[0].set_ylabel("irradiance E, radiance ρ")
+    figure.legend(
+        handles=_legend(), loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    figure.suptitle(
+        f"{case.scene}: α = {truth.mean_attenuation:.3g} 1/m, z = {truth.depth:g} m "
+        "(as Fig. 3 of the paper)"
+    )
+    save(figure, path)
+
+
+def _draw_points(axes: Any, pictures: Pictures, channel: int) -> None:
+    known = np.flatnonzero(np.isfinite(pictures.range))
+    chosen = np.random.default_rng(0).permutation(known)[:POINTS]
+    distance = pictures.range.ravel()[chosen]
+    for image, colour in (
+        (pictures.radiance, IN_AIR),
+        (pictures.images["degraded"], CHANNEL_COLOURS[CHANNELS[channel]]),
+    ):
+        values = image[..., channel].ravel()[chosen] / 255
+        axes.plot(
+            distance, values, ".", color=colour, alpha=0.35, markersize=2.5, markeredgewidth=0.0,
+        )
+
+
+def _draw_envelopes(axes: Any, pictures: Pictures, channel: int) -> None:
+    envelope = pictures.envelope
+    if envelope is None:
+        return
+    axes.plot(envelope.range, envelope.bright[channel], "^", **ENVELOPE)
+    # The darkest pixels of a bin lie at a range of their own.
+    axes.plot(envelope.dark_range[channel], envelope.dark[channel], "v", **ENVELOPE)
+
+
+def _draw_curves(
+    axes: Any,
+    truth: Truth,
+    attenuation: tuple[float, ...],
+    ambient_light: tuple[float, ...],
+    channel: int,
+    farthest: float,
+) -> None:
+    distance = np.linspace(0.0, 1.1 * farthest, 200)
+    for beta, ambient, colour, style in (
+        (attenuation[channel], ambient_light[channel], CHANNEL_COLOURS[CHANNELS[channel]], "-"),
+        (truth.attenuation[channel], truth.ambient_light[channel], "black", "--"),
+    ):
+        if not np.isfinite(beta):
+            continue
+        # Irradiance of a black patch (eq. 6).
+        veil = np.asarray(veil_of(ambient, transmission(beta, distance)))
+        axes.plot(distance, veil, style, color=colour, linewidth=1.8)
+        axes.axhline(ambient, linestyle=style, color=colour, linewidth=1.8)
+
+
+def _legend() -> list[Line2D]:
+    """Legend of the panels, whatever their colour."""
+    grey = "#555555"
+    return [
+        Line2D([], [], marker=".", linestyle="", color=IN_AIR, label="ρ, pixels in air"),
+        Line2D(
+            [], [], marker=".", linestyle="", color=CHANNEL_COLOURS["blue"],
+            label="E, pixels under water, in the channel's colour",
+        ),
+        Line2D([], [], marker="^", linestyle="", label="bright envelope", **ENVELOPE),
+        Line2D([], [], marker="v", linestyle="", label="dark envelope", **ENVELOPE),
+        Line2D([], [], color=grey, linewidth=1.8, label=f"estimate: {CURVES}"),
+        Line2D([], [], color="black", linewidth=1.8, linestyle="--", label=f"truth: {CURVES}"),
+    ]
+
+
+def _title(name: str, channel: int, case: CaseResult) -> str:
+    truth, reading = case.truth, case.readings["pipeline"]
+    values = (reading.attenuation[channel], reading.attenuation_stddev[channel])
+    estimate = "β not assessed"
+    if np.isfinite(values[0]):
+        estimate = f"β = {values[0]:.3f} ± {values[1]:.3f}"
+    return f"{name}: {estimate} 1/m\n(truth {truth.attenuation[channel]:.3f} 1/m)"

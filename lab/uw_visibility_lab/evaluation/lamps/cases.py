@@ -1,0 +1,103 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Case of the study under lamps: a reef by night, and what the pipeline is told of its lamps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.images.arrays import Array
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility_lab.evaluation.readings import Truth, read_pair
+from uw_visibility_lab.evaluation.studies import StudyResult
+from uw_visibility_lab.simulation.camera import Pose, StereoCamera
+from uw_visibility_lab.simulation.frame import Renderer
+from uw_visibility_lab.simulation.lamps import (
+    Lighting,
+    default_rig,
+    lighting_parameters,
+    misplaced,
+)
+from uw_visibility_lab.simulation.scene import reef
+from uw_visibility_lab.simulation.water import Water
+
+CAMERA = StereoCamera(480, 360, 450.0, 0.12)
+DEPTH = 40.0
+"""Depth of the camera, m: no daylight is left there, so that none is missing in the frames."""
+
+SHIFT, TURN = 0.05, 5.0
+"""How far misplaced lamps are off: m, degrees."""
+
+TOLD = {
+    "known": "lamps as they are",
+    "misplaced": f"lamps off by {100 * SHIFT:.0f} cm and {TURN:.0f}°",
+    "daylight": "told of daylight",
+}
+"""What the pipeline is told of the lamps, by the names in tables."""
+
+SURFACES = ("lambertian", "facing")
+
+
+@dataclass(frozen=True)
+class LampCase:
+    """A reef by night."""
+
+    seed: int  # seed of reef, pose, noise and misplacement
+    lamps: int  # number of lamps, see `default_rig`
+    mean_attenuation: float  # attenuation by grey particles, 1/m
+    # ``lambertian``, or ``facing``: each surface faces each lamp, as in the light model
+    surfaces: str = "lambertian"
+    matched: bool = True  # whether ranges are matched by the pipeline instead of true
+
+
+def pose_of(seed: int) -> Pose:
+    """Draw a view ahead over a reef, tilted down by 8 to 30 degrees."""
+    random = np.random.default_rng([seed, 5])
+    return Pose(
+        (random.uniform(0.0, 1.0), 0.0, random.uniform(1.2, 1.9)),
+        heading=random.uniform(-0.3, 0.3),
+        tilt=np.radians(random.uniform(8.0, 30.0)),
+        roll=np.radians(random.uniform(-3.0, 3.0)),
+    )
+
+
+def evaluate_lamp_case(case: LampCase, config: PipelineConfig) -> StudyResult:
+    """Render a frame under lamps, and estimate the water by what is told of them."""
+    lamps = default_rig(case.lamps)
+    lighting = Lighting(lamps, daylight=False, shaded=case.surfaces == "lambertian")
+    renderer = Renderer(CAMERA, workers=Workers(config.threads), lighting=lighting)
+    frame = renderer.render(
+        reef(case.seed, length=1.0), pose_of(case.seed), Water(case.mean_attenuation, DEPTH),
+        seed=case.seed,
+    )
+    told = {
+        "known": lighting_parameters(lamps, daylight=False),
+        "misplaced": lighting_parameters(
+            misplaced(lamps, SHIFT, TURN, case.seed), daylight=False),
+        "daylight": {"lighting.model": "daylight"},
+    }
+    truth = Truth.of_water(
+        frame.attenuation, frame.ambient_light, clear_water(config), DEPTH,
+        config.assessment.contrast,
+    )
+    readings = {
+        name: read_pair(
+            frame.left, frame.right, CAMERA.rig, frame.disparity_left,
+            PipelineConfig.from_parameters({**config.to_parameters(), **parameters}),
+            matched=case.matched)[0]
+        for name, parameters in told.items()
+    }
+    labels = {
+        "seed": case.seed, "lamps": case.lamps, "mean_attenuation": case.mean_attenuation,
+        "surfaces": case.surfaces,
+    }
+    return StudyResult(labels, truth, readings)
+
+
+def clear_water(config: PipelineConfig) -> Array:
+    """Clear water's attenuation as the told camera sees it, 1/m, RGB."""
+    return clear_water_attenuation(load_response(config.camera.response))

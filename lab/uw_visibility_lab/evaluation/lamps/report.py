@@ -1,0 +1,214 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Study under lamps: its plan (reefs by night, and a survey), summary and report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import check_range
+from uw_visibility_lab.evaluation.lamps.cases import SURFACES, TOLD, LampCase
+from uw_visibility_lab.evaluation.lamps.survey import PICTURES, SurveyPlan, SurveyResult
+from uw_visibility_lab.evaluation.readings import Reading, Truth
+from uw_visibility_lab.evaluation.studies import (
+    StudyResult,
+    by_estimate,
+    statistics,
+    statistics_text,
+)
+from uw_visibility_lab.evaluation.summary import OK, Summary
+from uw_visibility_lab.evaluation.tables import (
+    CHANNELS,
+    as_text,
+    number,
+    told,
+    write_report,
+)
+
+COLUMNS = {
+    "cases": "frames", "assessed": "assessed", "refused": "refused", "right": "right",
+    "beyond.attenuation": "> 3 σ: β", "beyond.visibility": "visib.", "beyond.depth": "depth",
+    "ratio": "ratio", "visibility_relative_stddev": "σ",
+}
+"""Headings of the tables of frames, by statistic."""
+
+NEAR = 0.2
+"""Relative error of visibility up to which it is right."""
+
+
+ATTENUATIONS = (0.05, 0.1, 0.2, 0.3)
+LAMPS = (2, 4)
+SEEDS = 3
+FRAMES = 100
+
+
+@dataclass(frozen=True)
+class LampPlan:
+    """Plan of a study under lamps."""
+
+    attenuations: tuple[float, ...] = ATTENUATIONS  # attenuation by grey particles, 1/m
+    lamps: tuple[int, ...] = LAMPS  # numbers of lamps, see `default_rig`
+    surfaces: tuple[str, ...] = SURFACES  # of `SURFACES`
+    seeds: int = SEEDS  # number of reefs, each with a pose and noise of its own
+    matched: bool = True  # whether ranges are matched by the pipeline instead of true
+    survey: SurveyPlan | None = None  # the survey; None for none
+    # what the pipeline is told beside the lamps
+    config: PipelineConfig = field(default_factory=PipelineConfig)
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be rendered."""
+        check_range("number of seeds", self.seeds, 1)
+        check_range("attenuations", self.attenuations, 0.0, 5.0, "1/m")
+
+    def cases(self) -> list[LampCase]:
+        """Return the cases, reef by reef."""
+        return [
+            LampCase(seed, lamps, attenuation, surfaces, self.matched)
+            for seed in range(self.seeds)
+            for lamps in self.lamps
+            for surfaces in self.surfaces
+            for attenuation in self.attenuations
+        ]
+
+
+def summarise_lamps(results: Sequence[StudyResult], survey: SurveyResult | None) -> Summary:
+    """Reduce a study to its summary.
+
+    Returns: ``told``: over all frames, by the names of `TOLD`; ``lamps``, ``attenuation`` and
+        ``surfaces``: the same by these; ``survey``: what it found, or None.
+    """
+    return {
+        "frames": len(results),
+        "told": by_estimate(results, of_pairs),
+        "lamps": _split(results, "lamps"),
+        "attenuation": _split(results, "mean_attenuation"),
+        "surfaces": _split(results, "surfaces"),
+        "survey": None if survey is None else _of_survey(survey),
+    }
+
+
+def of_pairs(pairs: Sequence[tuple[Truth, Reading]]) -> Summary:
+    """Return the adverse study's `statistics`, and how many are assessed and right.
+
+    ``assessed`` and ``right`` (visibility within `NEAR`) are shares of all frames,
+    ``right_of_assessed`` of those that are assessed.
+    """
+    found = statistics(pairs)
+    errors = np.array([abs(r.distance / t.distance - 1.0) for t, r in pairs])
+    assessed = np.isfinite(errors)
+    right = errors <= NEAR
+    found["assessed"] = float(assessed.mean())
+    found["right"] = float(right.mean())
+    found["right_of_assessed"] = float(right[assessed].mean()) if assessed.any() else math.nan
+    return found
+
+
+def _split(results: Sequence[StudyResult], label: str) -> dict[str, dict[str, Summary]]:
+    parts: dict[str, list[StudyResult]] = {}
+    for result in results:
+        value = result.labels[label]
+        parts.setdefault(value if isinstance(value, str) else f"{value:g}", []).append(result)
+    return {name: by_estimate(some, of_pairs) for name, some in parts.items()}
+
+
+def _of_survey(survey: SurveyResult) -> Summary:
+    truth = survey.rows[-1].truth
+    last = survey.rows[-1].pooled
+    errors = np.array(last.attenuation) / np.array(truth.attenuation) - 1.0
+    first = next(
+        (k + 1 for k, row in enumerate(survey.rows) if row.pooled.status == OK), None)
+    return {
+        "frames": len(survey.rows),
+        "cells": survey.cells,
+        "views": survey.views,
+        "single": of_pairs([(row.truth, row.single) for row in survey.rows]),
+        "pooled": of_pairs([(row.truth, row.pooled) for row in survey.rows]),
+        "first_assessed": first,
+        "last_status": last.status,
+        "attenuation": dict(zip(CHANNELS, truth.attenuation, strict=True)),
+        "attenuation_error": dict(zip(CHANNELS, errors.tolist(), strict=True)),
+        "variation": {
+            name: dict(zip(CHANNELS, survey.variation[name].tolist(), strict=True))
+            for name in PICTURES
+        },
+        "settled_variation": dict(zip(CHANNELS, survey.settled.tolist(), strict=True)),
+        "colour_difference": {name: survey.difference[name] for name in PICTURES},
+    }
+
+
+def lamps_text(summary: Summary) -> str:
+    """Return the summary as tables for a terminal."""
+    parts = [
+        f"{summary['frames']} frames by night; shares of all frames in %; right: visibility "
+        "within 20 %;\n> 3 σ: published and farther from the truth; ratio: median of published "
+        "over true visibility"
+    ]
+    for name, title in TOLD.items():
+        groups = [("all", summary["told"][name])]
+        for split, words in (
+            ("lamps", "{} lamps"), ("attenuation", "α {} 1/m"), ("surfaces", "{} surfaces"),
+        ):
+            groups += [
+                (words.format(value), found[name])
+                for value, found in summary[split].items() if len(summary[split]) > 1]
+        lines = [statistics_text(title, COLUMNS, groups), *_reasons(summary["told"][name])]
+        parts.append("\n".join(lines))
+    if summary["survey"] is not None:
+        parts.append(_survey_text(summary["survey"]))
+    return "\n\n".join(parts)
+
+
+def write_lamps(
+    folder: Path, plan: LampPlan, results: Sequence[StudyResult], survey: SurveyResult | None,
+    summary: Summary,
+) -> None:
+    """Write ``lamp_cases.csv``, ``survey.csv`` and ``evaluation.json``."""
+    cases = [result.row() for result in results]
+    frames = [] if survey is None else [row.row(k) for k, row in enumerate(survey.rows)]
+    settings = {
+        "attenuations": plan.attenuations,
+        "lamps": plan.lamps,
+        "surfaces": plan.surfaces,
+        "seeds": plan.seeds,
+        "ranges": "matched" if plan.matched else "true",
+        "survey": None if plan.survey is None else {
+            "frames": plan.survey.frames, "lamps": plan.survey.lamps,
+            "mean_attenuation": plan.survey.mean_attenuation, "surfaces": plan.survey.surfaces,
+        },
+        "parameters": told(plan.config),
+    }
+    write_report(
+        folder, {"lamp_cases": cases, "survey": frames},
+        {"settings": settings, "summary": summary, "cases": cases, "survey": frames})
+
+
+def _reasons(found: Summary) -> list[str]:
+    told = "; ".join(f"{reason}: {n}" for reason, n in found["reasons"].items())
+    return [f"  refused: {told}"] if told else []
+
+
+def _survey_text(survey: Summary) -> str:
+    variations = {title: survey["variation"][name] for name, title in PICTURES.items()}
+    differences = {
+        title: survey["colour_difference"][name] for name, title in PICTURES.items()}
+    variations[f"{PICTURES['online']}, light known"] = survey["settled_variation"]
+    errors = ", ".join(
+        f"{name} {100 * error:+.0f} %" for name, error in survey["attenuation_error"].items())
+    return "\n".join([
+        f"survey of {survey['frames']} frames; {survey['cells']} pieces of ground, "
+        f"each in {survey['views']} frames",
+        statistics_text("water", COLUMNS, [
+            ("each frame alone", survey["single"]), ("with those before it", survey["pooled"])]),
+        *_reasons(survey["pooled"]),
+        f"  error of β at the end: {errors} ({survey['last_status']})",
+        as_text(["same ground over frames, σ/mean [%]", "R", "G", "B", "ΔE*ab"], [
+            [title, *(number(100.0 * shares[c], 1) for c in CHANNELS),
+             number(differences[title], 1) if title in differences else ""]
+            for title, shares in variations.items()]),
+    ])

@@ -1,0 +1,116 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Metrics of colours, disparities and estimates against the truth."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uw_visibility.images.arrays import Array, DisparityMap, Mask
+from uw_visibility.optics.transfer import to_linear
+
+# Linear sRGB to CIE XYZ under D65, IEC 61966-2-1.
+XYZ_OF_RGB = np.array(
+    [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+)
+# CIE 15: constants of CIE 1976 L*a*b*.
+LAB_EDGE = 6 / 29
+# Smallest difference of neighbouring disparities that is a jump, px.
+DEPTH_EDGE = 2.0
+
+
+def lab(image: NDArray[np.generic], transfer: str = "srgb") -> Array:
+    """Convert RGB to CIE 1976 L*a*b*; sRGB's primaries, white is D65 and has L* = 100.
+
+    image: (..., 3), code values; float32 is linear, 0..1.
+    transfer: ``srgb``: code values are shown on a display as they are, which is how colour
+        differences of pictures are usually given. ``linear``: they are proportional to light.
+    """
+    light = to_linear(image, transfer).astype(np.float64)
+    ratio = light @ XYZ_OF_RGB.T / XYZ_OF_RGB.sum(axis=1)
+    root = np.where(
+        ratio > LAB_EDGE**3, np.cbrt(ratio), ratio / (3 * LAB_EDGE**2) + 4 / 29
+    )
+    x, y, z = root[..., 0], root[..., 1], root[..., 2]
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
+
+
+def colour_difference(first: NDArray[np.generic], second: NDArray[np.generic]) -> Array:
+    """CIE 1976 colour difference ΔE*ab of each pixel, see `lab`; 2.3 is just noticeable."""
+    return np.asarray(np.linalg.norm(lab(first) - lab(second), axis=-1))
+
+
+def mean_colour_difference(first: NDArray[np.generic], second: NDArray[np.generic]) -> float:
+    """Mean of `colour_difference` over the image."""
+    return float(colour_difference(first, second).mean())
+
+
+def matched_fraction(disparity: DisparityMap) -> float:
+    """Share of all pixels that have a disparity; what is missing to 1 is unmatched."""
+    return float(np.isfinite(disparity).mean())
+
+
+def correct_fraction(disparity: DisparityMap, truth: DisparityMap, tolerance: float = 1.0) -> float:
+    """Share of correct disparities (px; unmatched is not correct), of pixels with known truth."""
+    known = np.isfinite(truth)
+    if not known.any():
+        return float("nan")
+    return float((np.abs(disparity[known] - truth[known]) <= tolerance).mean())
+
+
+def bad_fraction(disparity: DisparityMap, truth: DisparityMap, tolerance: float = 1.0) -> float:
+    """Share of wrong disparities, of the matched pixels whose truth is known; NaN if none is."""
+    both = np.isfinite(truth) & np.isfinite(disparity)
+    if not both.any():
+        return float("nan")
+    return float((np.abs(disparity[both] - truth[both]) > tolerance).mean())
+
+
+class Halo(NamedTuple):
+    """Mean error near depth edges, and that elsewhere; NaN where there is no such pixel."""
+
+    near: float
+    elsewhere: float
+
+
+def depth_edges(disparity: DisparityMap, distance: int = 5) -> Mask:
+    """Mark pixels within a distance, px, of a jump of the true disparity, px; NaN makes none."""
+    jump = np.zeros(disparity.shape, dtype=np.uint8)
+    with np.errstate(invalid="ignore"):
+        across = np.abs(np.diff(disparity, axis=1)) >= DEPTH_EDGE
+        down = np.abs(np.diff(disparity, axis=0)) >= DEPTH_EDGE
+    jump[:, 1:] |= across
+    jump[:, :-1] |= across
+    jump[1:] |= down
+    jump[:-1] |= down
+    size = 2 * distance - 1
+    return cv2.dilate(jump, np.ones((size, size), np.uint8)).astype(bool)
+
+
+def halo(error: NDArray[np.floating], disparity: DisparityMap, distance: int = 5) -> Halo:
+    """Compare an error (NaN is left out) near edges of the true disparity with that elsewhere."""
+    near = depth_edges(disparity, distance)
+    known = np.isfinite(error)
+    parts = (error[known & near], error[known & ~near])
+    return Halo(*(float(part.mean()) if part.size else float("nan") for part in parts))
+
+
+def normalised_errors(estimates: ArrayLike, truth: ArrayLike, deviations: ArrayLike) -> Array:
+    """Errors over the standard deviations claimed for them, where all are finite.
+
+    Honest deviations give about 68 % within 1 and 95 % within 2.
+    """
+    difference = np.asarray(estimates, dtype=np.float64) - np.asarray(truth, dtype=np.float64)
+    sigma = np.broadcast_to(np.asarray(deviations, dtype=np.float64), difference.shape)
+    usable = np.isfinite(difference) & np.isfinite(sigma) & (sigma > 0)
+    return np.asarray(difference[usable] / sigma[usable])
+
+
+def fraction_within(errors: ArrayLike, sigmas: float) -> float:
+    """Share of normalised errors within so many standard deviations; NaN if there are none."""
+    values = np.abs(np.asarray(errors, dtype=np.float64))
+    return float((values <= sigmas).mean()) if values.size else float("nan")

@@ -1,0 +1,62 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Parallel map over pieces of work, in this process or in several."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed
+from dataclasses import replace
+from typing import Any
+
+import cv2
+
+from uw_visibility.compute.processes import process_pool
+from uw_visibility.compute.threads import number_of_threads
+from uw_visibility.config.schema import PipelineConfig
+
+Progress = Callable[[Iterator[Any], int], Iterator[Any]]
+"""Takes an iterator over what is done and its length, and yields from it."""
+
+
+def run_all(
+    function: Callable[..., Any],
+    pieces: Sequence[Any],
+    arguments: tuple[Any, ...],
+    jobs: int,
+    progress: Progress,
+) -> list[Any]:
+    """Apply a function to pieces of work; the result is the same for any number of jobs.
+
+    function: takes a piece and the arguments; of a module, so that processes can find it.
+    """
+    if jobs == 1:
+        one_by_one = ((i, function(piece, *arguments)) for i, piece in enumerate(pieces))
+        results = dict(progress(one_by_one, len(pieces)))
+    else:
+        with process_pool(jobs, cv2.setNumThreads, _threads_each(jobs)) as pool:
+            futures = {
+                pool.submit(function, piece, *arguments): i for i, piece in enumerate(pieces)
+            }
+            done = ((futures[future], future.result()) for future in as_completed(futures))
+            results = dict(progress(done, len(pieces)))
+    return [results[index] for index in range(len(pieces))]
+
+
+def run_cases(
+    function: Callable[..., Any],
+    cases: Sequence[Any],
+    config: PipelineConfig,
+    jobs: int,
+    progress: Progress,
+) -> list[Any]:
+    """Apply a function of a case and the pipeline's parameters; see `run_all`.
+
+    The pipelines of all processes together have the threads that there are.
+    """
+    config = replace(config, threads=_threads_each(jobs))
+    return run_all(function, cases, (config,), jobs, progress)
+
+
+def _threads_each(jobs: int) -> int:
+    return max(1, number_of_threads(0) // jobs)

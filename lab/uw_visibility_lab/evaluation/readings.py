@@ -1,0 +1,173 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Estimated and true state of the water, in one form for tables and figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array, DisparityMap, Image8, Map, RangeMap
+from uw_visibility.optics.light_model import ambient_light_at_depth, visibility_distance
+from uw_visibility.pipeline.parts import WaterResult, estimate_water
+from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.status import Status
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.daylight.estimation import WaterEstimator
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.meaning.assessment import Assessor, Visibility
+from uw_visibility.water.series.filter import FilteredWater
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """True state of the water."""
+
+    mean_attenuation: float  # α, 1/m
+    depth: float  # z, m, positive down
+    attenuation: Triple  # attenuation, ambient_light: β, 1/m, and I∞ for R, G, B
+    ambient_light: Triple
+    distance: float  # visibility distance (eq. 12), m
+
+    @classmethod
+    def of_water(
+        cls,
+        attenuation: ArrayLike,
+        ambient_light: ArrayLike,
+        clear_water_attenuation: ArrayLike,
+        depth: float,
+        contrast: float,
+    ) -> Truth:
+        """Derive everything from β, I∞ and κ, with the visible contrast of eq. 11."""
+        beta = np.asarray(attenuation, dtype=np.float64)
+        return cls(
+            mean_attenuation=float(np.mean(beta - np.asarray(clear_water_attenuation))),
+            depth=depth,
+            attenuation=triple(beta),
+            ambient_light=triple(ambient_light),
+            distance=visibility_distance(float(beta.min()), contrast),
+        )
+
+    @classmethod
+    def of_clear_water_and_particles(
+        cls,
+        mean_attenuation: float,
+        depth: float,
+        clear_water_attenuation: Array,
+        contrast: float,
+    ) -> Truth:
+        """Water as `degrade` makes it: β = κ + α, and T·I0 = 1 (eq. 2 and 3)."""
+        beta = clear_water_attenuation + mean_attenuation
+        ambient = ambient_light_at_depth(beta, depth)
+        return cls.of_water(beta, ambient, clear_water_attenuation, depth, contrast)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Estimated state of the water with σ; NaN = not assessable."""
+
+    # status, distance_status, depth_status: ``ok``, or the reason why the water, the visibility
+    # distance or the depth is not assessable
+    status: str
+    distance_status: str
+    depth_status: str
+    attenuation: Triple  # attenuation, attenuation_stddev: β for R, G, B, 1/m
+    attenuation_stddev: Triple
+    ambient_light: Triple  # ambient_light, ambient_light_stddev: I∞ for R, G, B
+    ambient_light_stddev: Triple
+    mean_attenuation: float  # mean_attenuation, mean_attenuation_stddev: α, 1/m
+    mean_attenuation_stddev: float
+    distance: float  # distance, distance_stddev: visibility distance, m
+    distance_stddev: float
+    depth: float  # depth, depth_stddev: m, positive down
+    depth_stddev: float
+
+    @classmethod
+    def of(cls, estimate: WaterEstimate, visibility: Visibility) -> Reading:
+        """Reading of an estimate and its assessment."""
+        return cls(
+            status=str(estimate.status),
+            distance_status=str(visibility.status),
+            depth_status=str(visibility.depth_status),
+            attenuation=triple(estimate.attenuation),
+            attenuation_stddev=triple(estimate.attenuation_stddev),
+            ambient_light=triple(estimate.ambient_light),
+            ambient_light_stddev=triple(estimate.ambient_light_stddev),
+            mean_attenuation=visibility.mean_attenuation,
+            mean_attenuation_stddev=visibility.mean_attenuation_stddev,
+            distance=visibility.distance,
+            distance_stddev=visibility.distance_stddev,
+            depth=visibility.depth,
+            depth_stddev=visibility.depth_stddev,
+        )
+
+    @classmethod
+    def of_result(cls, result: FrameResult | WaterResult | FilteredWater) -> Reading:
+        """Reading of a result's water and visibility."""
+        return cls.of(result.water, result.visibility)
+
+    @classmethod
+    def refused(cls, reason: str) -> Reading:
+        """Reading in which nothing was assessed, with the reason."""
+        visibility = Visibility(Status.NO_TEXTURE, Status.NO_TEXTURE)
+        reading = cls.of(WaterEstimate.not_assessable(Status.NO_TEXTURE), visibility)
+        statuses = dict.fromkeys(("status", "distance_status", "depth_status"), reason)
+        return cls(**{**vars(reading), **statuses})
+
+
+class Reader:
+    """Reader of estimates of the water, and of what a method makes of an image and its ranges."""
+
+    def __init__(self, config: PipelineConfig) -> None:
+        self._config = config
+        self.assessor = Assessor.from_config(config)
+
+    def read(self, estimate: WaterEstimate) -> Reading:
+        """Return an estimate with its assessment."""
+        return Reading.of(estimate, self.assessor.assess(estimate))
+
+    def estimate(self, image: Image8, ranges: RangeMap, method: str | None = None) -> Reading:
+        """Estimate the water from an image and ranges, m, each of which is taken as exact.
+
+        `method` is that of the configuration where absent, see `WaterConfig`.
+        """
+        config = self._config
+        water = config.water if method is None else replace(config.water, method=method)
+        estimator = WaterEstimator(
+            water, self.assessor.clear_water_attenuation, config.camera.transfer,
+            self.assessor.daylight,
+        )
+        return self.read(estimator.estimate(image, ranges, range_error=0.0))
+
+
+def read_pair(
+    left: Image8, right: Image8, rig: StereoRig, disparity: DisparityMap,
+    config: PipelineConfig, *, matched: bool,
+) -> tuple[Reading, Map | None]:
+    """Estimate the water by the true disparities, px, or by matched ones as far as those go.
+
+    Returns the reading and the disparities; None for a pair that is refused.
+    """
+    if not matched:
+        found = estimate_water(left, disparity, rig, config, disparity_stddev=0.0)
+        return Reading.of_result(found), disparity
+    largest = int(np.nanmax(disparity)) + 8
+    config = replace(config, stereo=replace(config.stereo, max_disparity=largest))
+    try:
+        result = Pipeline(rig, config).process(left, right)
+    except InputError as error:
+        return Reading.refused(f"pair refused: {error}"), None
+    return Reading.of_result(result), result.disparity
+
+
+def triple(values: ArrayLike) -> Triple:
+    """Return the values for R, G, B as plain numbers."""
+    red, green, blue = (float(v) for v in np.asarray(values, dtype=np.float64))
+    return red, green, blue

@@ -1,0 +1,121 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Sources of scenes of an evaluation: folders, or reefs of our own renderer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Image8, Map
+from uw_visibility_lab.evaluation.degrade import IMAGE_SUFFIXES, Scene, load_scene
+from uw_visibility_lab.simulation.camera import NOISELESS, Pose, StereoCamera
+from uw_visibility_lab.simulation.frame import Renderer
+from uw_visibility_lab.simulation.scene import reef
+from uw_visibility_lab.simulation.water import Water
+
+RENDERED_SEEDS = (0, 1, 2)
+"""Reefs that are rendered where no dataset is given."""
+
+FULL_SIZE_WIDTH = 1000
+"""Beyond this width, px, a disparity is correct within 2 px instead of 1."""
+
+# A view down onto the reef, without open water that no recorded scene has either.
+ALTITUDE = 1.6
+TILT = np.radians(30.0)
+
+
+@dataclass(frozen=True)
+class SceneSource:
+    """A scene by where it comes from; small, so that processes can exchange it."""
+
+    folder: Path | None = None  # folder of a Middlebury-like scene
+    seed: int = 0  # seed of the rendered scene, where there is no folder
+    # whether the rendered scene shows open water; of the adverse study's alone
+    open_water: bool = False
+
+    def load(self) -> Scene:
+        """Load or render the scene; the last one is kept."""
+        return _load(self)
+
+
+@lru_cache(maxsize=1)
+def _load(source: SceneSource) -> Scene:
+    return render_scene(source.seed) if source.folder is None else load_scene(source.folder)
+
+
+def find_scenes(datasets: Sequence[Path]) -> list[SceneSource]:
+    """Find the scenes of datasets, each a scene's folder or a folder of such, by name.
+
+    Without any, the scenes are rendered.
+    """
+    if not datasets:
+        return [SceneSource(seed=seed) for seed in RENDERED_SEEDS]
+    folders: list[Path] = []
+    for dataset in datasets:
+        folders += _scene_folders(dataset)
+    names = [folder.resolve().name for folder in folders]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(
+                f"two scenes are named {name}: rename one, tables tell them apart by name"
+            )
+    return [SceneSource(folder.resolve()) for folder in folders]
+
+
+def search_limit(scene: Scene) -> int:
+    """Number of disparities, from 0, that every matcher searches: a multiple of 16 for OpenCV."""
+    largest = float(np.nanmax(scene.disparity_left))
+    return 16 * (int(largest) // 16 + 1)
+
+
+def tolerance(scene: Scene) -> float:
+    """Largest error of a correct disparity, px."""
+    return 2.0 if scene.left.shape[1] > FULL_SIZE_WIDTH else 1.0
+
+
+def _scene_folders(dataset: Path) -> list[Path]:
+    if not dataset.is_dir():
+        raise InputError(f"there is no folder {dataset}: give a scene or a folder of scenes")
+    if _is_scene(dataset):
+        return [dataset]
+    scenes = sorted(folder for folder in dataset.iterdir() if folder.is_dir() and _is_scene(folder))
+    if not scenes:
+        raise InputError(
+            f"{dataset} holds no scene: a scene is a folder with view1, view5 and disp1.png"
+        )
+    return scenes
+
+
+def _is_scene(folder: Path) -> bool:
+    """Tell whether a folder is meant as a scene; what is missing in it is told on loading."""
+    return any((folder / f"view1{suffix}").is_file() for suffix in IMAGE_SUFFIXES)
+
+
+def render_scene(seed: int, camera: StereoCamera | None = None) -> Scene:
+    """Render a reef in air, with its exact disparity; 640 by 480 px without a camera.
+
+    Disparity is NaN in open water, whose radiance is 1: at any range it is seen as ambient light.
+    """
+    camera = camera or StereoCamera()
+    frame = Renderer(camera, sensor=NOISELESS, workers=Workers(1)).render(
+        reef(seed, length=0.0), Pose((0.0, 0.0, ALTITUDE), tilt=TILT), Water(0.0, 0.0), seed=seed
+    )
+    return Scene(
+        name=f"reef{seed}",
+        left=_as_image(frame.radiance_left),
+        right=_as_image(frame.radiance_right),
+        disparity_left=frame.disparity_left,
+        disparity_right=frame.disparity_right,
+        rig=camera.rig,
+    )
+
+
+def _as_image(radiance: Map) -> Image8:
+    return np.asarray(np.clip(radiance * 255 + 0.5, 0, 255), dtype=np.uint8)

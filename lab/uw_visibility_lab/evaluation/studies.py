@@ -1,0 +1,146 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Results and statistics of cases, for the adverse study and for that under lamps."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from uw_visibility_lab.evaluation.readings import Reading, Truth
+from uw_visibility_lab.evaluation.summary import OK, Summary, mean
+from uw_visibility_lab.evaluation.tables import as_text, flat, number, percent
+
+SIGMAS = 3.0
+"""An error beyond that many standard deviations is wrong."""
+TOO_LONG = 1.2
+"""A visibility beyond that part of the true one is too long."""
+CERTAIN = 0.15
+"""A relative standard deviation of visibility up to which it says much."""
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """Results of a case."""
+
+    labels: dict[str, Any]  # what it was, by columns of the table
+    # the water; where β is not one number, the one that is effective over the ranges in view
+    truth: Truth
+    readings: dict[str, Reading]  # what estimates say of it, by their names in tables
+
+    def row(self) -> dict[str, Any]:
+        """Return the case as a row of a table."""
+        return flat({**self.labels, "true": self.truth, **self.readings})
+
+
+def statistics(pairs: Sequence[tuple[Truth, Reading]]) -> Summary:
+    """Error, σ, refusals and what is wrong, over one or more cases.
+
+    Shares are of all cases, refused ones among them. ``refused``: no visibility distance.
+    ``beyond``: published, and farther from the truth than 3 σ; of β where any channel is.
+    ``ratio``: median of published over true visibility. ``too_long``: beyond 1.2 times the true
+    one. Errors are means of the absolute, NaN where nothing was published.
+    """
+    count = len(pairs)
+    beyond = {
+        "attenuation": [any(_channels_beyond(truth, reading)) for truth, reading in pairs],
+        "visibility": [
+            _beyond(r.distance, t.distance, r.distance_stddev) for t, r in pairs],
+        "depth": [_beyond(r.depth, t.depth, r.depth_stddev) for t, r in pairs],
+    }
+    ratios = [reading.distance / truth.distance for truth, reading in pairs]
+    return {
+        "cases": count,
+        "refused": _share(not math.isfinite(reading.distance) for _, reading in pairs),
+        "refused_depth": _share(not math.isfinite(reading.depth) for _, reading in pairs),
+        "reasons": _reasons(pairs, lambda reading: (reading.status, reading.distance_status)),
+        "reasons_depth": _reasons(pairs, lambda reading: (reading.status, reading.depth_status)),
+        "attenuation_error": mean(
+            abs(found - true)
+            for truth, reading in pairs
+            for found, true in zip(reading.attenuation, truth.attenuation, strict=True)
+        ),
+        "attenuation_stddev": mean(
+            s for _, reading in pairs for s in reading.attenuation_stddev),
+        "depth_error": mean(abs(reading.depth - truth.depth) for truth, reading in pairs),
+        "depth_stddev": mean(reading.depth_stddev for _, reading in pairs),
+        "ratio": _median(ratios),
+        "visibility_relative_stddev": _median(
+            reading.distance_stddev / reading.distance for _, reading in pairs),
+        "certain": _share(
+            reading.distance_stddev <= CERTAIN * reading.distance for _, reading in pairs),
+        "too_long": _share(ratio > TOO_LONG for ratio in ratios),
+        "beyond": {name: _share(wrong) for name, wrong in beyond.items()},
+        "beyond_any": _share(any(wrong) for wrong in zip(*beyond.values(), strict=True)),
+    }
+
+
+def having(results: Sequence[StudyResult], **labels: Any) -> list[StudyResult]:
+    """Return the results of cases with some labels."""
+    return [result for result in results if labels.items() <= result.labels.items()]
+
+
+def by_estimate(
+    results: Sequence[StudyResult],
+    measure: Callable[[Sequence[tuple[Truth, Reading]]], Summary] = statistics,
+) -> dict[str, Summary]:
+    """Return a measure of cases by the names of their readings; empty without any."""
+    names = results[0].readings if results else {}
+    return {name: measure([(r.truth, r.readings[name]) for r in results]) for name in names}
+
+
+def _channels_beyond(truth: Truth, reading: Reading) -> list[bool]:
+    return [
+        _beyond(found, true, stddev)
+        for found, true, stddev in zip(
+            reading.attenuation, truth.attenuation, reading.attenuation_stddev, strict=True)
+    ]
+
+
+def _beyond(found: float, true: float, stddev: float) -> bool:
+    """Tell whether a published value is wrong; one without σ is wrong unless it is exact."""
+    if not math.isfinite(found):
+        return False
+    return not abs(found - true) <= SIGMAS * stddev
+
+
+def _reasons(
+    pairs: Sequence[tuple[Truth, Reading]], statuses: Callable[[Reading], tuple[str, str]]
+) -> dict[str, int]:
+    """Count the first status of each reading that is not ok, most frequent first."""
+    counts = Counter(
+        next((status for status in statuses(reading) if status != OK), OK)
+        for _, reading in pairs
+    )
+    return {reason: n for reason, n in counts.most_common() if reason != OK}
+
+
+def _share(flags: Iterable[bool]) -> float:
+    return float(np.mean(list(flags)))
+
+
+def _median(values: Iterable[float]) -> float:
+    known = [value for value in values if math.isfinite(value)]
+    return float(np.median(known)) if known else math.nan
+
+
+def statistics_text(
+    title: str, columns: Mapping[str, str], found: Iterable[tuple[str, Summary]]
+) -> str:
+    """Return statistics of groups of cases as a table; shares in percent.
+
+    columns: heading by the dotted name of the statistic.
+    """
+    def shown(name: str, value: float) -> str:
+        if name == "cases":
+            return str(value)
+        return number(value, 2) if name == "ratio" else percent(value)
+
+    rows = [(group, flat(statistic)) for group, statistic in found]
+    return as_text([title, *columns.values()], [
+        [group, *(shown(name, values[name]) for name in columns)] for group, values in rows])

@@ -1,0 +1,237 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Transect as a bag: the vehicle's sensors, and the truth beside them.
+
+Stamps begin at a fixed date and step with the frame rate. Images lie in the
+cameras' optical frames (x right, y down, z forward), depth in a frame whose
+z points up from the surface. The true disparity is a
+``stereo_msgs/DisparityImage``, 0 for open water, which is below its
+``min_disparity``. Under lamps, what the pipeline is told of them is
+``lighting.yaml`` in the bag's folder.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.parameter_file import render_values
+from uw_visibility.config.water import AssessmentConfig
+from uw_visibility.errors import InputError, check_range
+from uw_visibility.images.arrays import DisparityMap
+from uw_visibility.messages.estimates import (
+    ImageHeader,
+    depth_message,
+    region_message,
+    vector_message,
+)
+from uw_visibility.messages.images import MessageFactory, write_image
+from uw_visibility.optics.light_model import visibility_distance
+from uw_visibility.replay.bags.writer import BagWriter
+from uw_visibility.replay.inputs.sensors import geographic
+from uw_visibility_lab.simulation.camera import StereoCamera
+from uw_visibility_lab.simulation.lamps import Lamp, lighting_parameters
+from uw_visibility_lab.simulation.transect import Transect, TransectFrame
+from uw_visibility_lab.simulation.view import MAX_RANGE
+
+TOPICS = {
+    "/left/image_rect": "sensor_msgs/msg/Image",
+    "/right/image_rect": "sensor_msgs/msg/Image",
+    "/left/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/right/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/depth_sensor": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "/transmissometer": "std_msgs/msg/Float64",
+    "/ground_truth/attenuation": "geometry_msgs/msg/Vector3Stamped",
+    "/ground_truth/ambient_light": "geometry_msgs/msg/Vector3Stamped",
+    "/ground_truth/scene_light": "geometry_msgs/msg/Vector3Stamped",
+    "/ground_truth/mean_attenuation": "std_msgs/msg/Float64",
+    "/ground_truth/visibility": "std_msgs/msg/Float64",
+    "/ground_truth/depth": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "/ground_truth/disparity": "stereo_msgs/msg/DisparityImage",
+}
+"""Type of message by topic."""
+
+MOST_DEPTH_NOISE = 1000.0
+"""Standard deviation of the depth sensor at most, m."""
+
+LAMP_TOPICS = {
+    "/ground_truth/lamps": "std_msgs/msg/Float64MultiArray",
+    "/ground_truth/reflectance": "sensor_msgs/msg/Image",
+}
+"""What comes on top under lamps."""
+
+LAMP_COLUMNS = "x y z, axis x y z, beam angle, power r g b"
+LIGHTING = "lighting.yaml"
+
+POSITION_TOPIC, POSITION_TYPE = "/gps/fix", "sensor_msgs/msg/NavSatFix"
+"""Where the vehicle is, if that is asked for."""
+
+TRANSMISSOMETER_NOISE = 0.02
+"""Standard deviation of the transmissometer, as a part of its value."""
+
+START = 1_700_000_000
+"""Time of the first frame in s since 1970."""
+
+LEFT_FRAME = "stereo_left_optical_frame"
+RIGHT_FRAME = "stereo_right_optical_frame"
+DEPTH_FRAME = "map"
+
+
+def write_transect(
+    path: str | Path,
+    transect: Transect,
+    *,
+    depth_stddev: float = 0.05,
+    range_scale: float = 1.0,
+    position: tuple[float, float] | None = None,
+    overwrite: bool = False,
+    workers: Workers | None = None,
+    progress: Callable[[Iterator[TransectFrame]], Any] = iter,
+) -> None:
+    """Simulate a transect and record it.
+
+    depth_stddev: standard deviation of the depth sensor in m.
+    range_scale: ratio of the baseline in CameraInfo to the true one: a wrong calibration.
+    position: latitude and longitude of the start, degrees; the way leads east from there.
+    """
+    check_range(
+        "noise of the depth sensor", depth_stddev, 0.0, MOST_DEPTH_NOISE, "m", above=True)
+    check_range("range scale", range_scale, 0.0, 100.0, above=True)
+    if position is not None and not (abs(position[0]) <= 89.0 and abs(position[1]) <= 180.0):
+        raise InputError(
+            f"the position is {position[0]:g} {position[1]:g}: give latitude and longitude in "
+            "degrees, off the poles"
+        )
+    random = np.random.default_rng([transect.seed, 1])
+    # Of its own, so that the depth sensor's noise stays what it was.
+    optical = np.random.default_rng([transect.seed, 3])
+    lighting = transect.lighting
+    topics = TOPICS | (LAMP_TOPICS if lighting.lamps else {})
+    if position is not None:
+        topics = topics | {POSITION_TOPIC: POSITION_TYPE}
+    with BagWriter(path, topics, overwrite=overwrite) as bag:
+        if lighting.lamps:
+            told = lighting_parameters(lighting.lamps, lighting.daylight)
+            text = render_values(told, "The lamps of this recording, for --params-file.")
+            (bag.path / LIGHTING).write_text(text, encoding="utf-8")
+        messages = _Messages(bag.make, transect.camera, range_scale)
+        for time, frame in progress(transect.render(workers)):
+            stamp = START * 1_000_000_000 + round(time * 1e9)
+            for side, frame_id, pixels in (
+                ("left", LEFT_FRAME, frame.left), ("right", RIGHT_FRAME, frame.right)
+            ):
+                header = ImageHeader.at(stamp, frame_id).message(bag.make)
+                image = write_image(bag.make, pixels, "rgb8", header)
+                bag.write(f"/{side}/image_rect", image, stamp)
+                bag.write(f"/{side}/camera_info", messages.camera_info(side, header), stamp)
+            header = ImageHeader.at(stamp, LEFT_FRAME).message(bag.make)
+            surface = ImageHeader.at(stamp, DEPTH_FRAME).message(bag.make)
+            noisy = frame.depth + depth_stddev * random.standard_normal()
+            sensed = depth_message(bag.make, surface, noisy, depth_stddev**2)
+            bag.write("/depth_sensor", sensed, stamp)
+            beam = frame.attenuation[1] * (1 + TRANSMISSOMETER_NOISE * optical.standard_normal())
+            bag.write("/transmissometer", bag.make("std_msgs/msg/Float64", data=beam), stamp)
+            if position is not None:
+                fix = messages.fix(header, position, transect.speed * time)
+                bag.write(POSITION_TOPIC, fix, stamp)
+            truth = {
+                "attenuation": vector_message(bag.make, header, frame.attenuation),
+                "ambient_light": vector_message(bag.make, header, frame.ambient_light),
+                "scene_light": vector_message(bag.make, header, frame.scene_light),
+                "visibility": bag.make(
+                    "std_msgs/msg/Float64", data=visibility_distance(
+                        float(frame.attenuation.min()), AssessmentConfig().contrast)),
+                "mean_attenuation": bag.make("std_msgs/msg/Float64", data=frame.mean_attenuation),
+                "depth": depth_message(bag.make, surface, frame.depth, 0.0),
+                "disparity": messages.disparity(header, frame.disparity_left),
+            }
+            if lighting.lamps:
+                seen = np.isfinite(frame.range_left)[..., np.newaxis]
+                reflectance = np.rint(255.0 * np.clip(frame.radiance_left * seen, 0.0, 1.0))
+                truth["lamps"] = messages.lamps(frame.lamps)
+                truth["reflectance"] = write_image(
+                    bag.make, reflectance.astype(np.uint8), "rgb8", header)
+            for name, message in truth.items():
+                bag.write(f"/ground_truth/{name}", message, stamp)
+
+
+class _Messages:
+    """Messages of a bag."""
+
+    def __init__(self, make: MessageFactory, camera: StereoCamera, range_scale: float) -> None:
+        self._make = make
+        self._camera = camera
+        self._calibrated_baseline = range_scale * camera.baseline
+
+    def camera_info(self, side: str, header: Any) -> Any:
+        focal_length = self._camera.focal_length
+        centre_x, centre_y = self._camera.principal_point
+        projection = np.zeros((3, 4))
+        projection[0, 0] = projection[1, 1] = focal_length
+        projection[:, 2] = centre_x, centre_y, 1.0
+        if side == "right":
+            projection[0, 3] = -focal_length * self._calibrated_baseline
+        return self._make(
+            "sensor_msgs/msg/CameraInfo",
+            header=header,
+            height=self._camera.height,
+            width=self._camera.width,
+            distortion_model="plumb_bob",
+            d=np.zeros(5),
+            k=projection[:, :3].ravel(),
+            r=np.eye(3).ravel(),
+            p=projection.ravel(),
+            binning_x=0,
+            binning_y=0,
+            roi=region_message(self._make, (0, 0, 0, 0)),
+        )
+
+    def fix(self, header: Any, start: tuple[float, float], east: float) -> Any:
+        longitude, latitude = geographic(east, 0.0, start)
+        return self._make(
+            POSITION_TYPE,
+            header=header,
+            status=self._make("sensor_msgs/msg/NavSatStatus", status=0, service=1),
+            latitude=latitude,
+            longitude=longitude,
+            altitude=0.0,
+            position_covariance=np.zeros(9),
+            position_covariance_type=0,
+        )
+
+    def lamps(self, lamps: tuple[Lamp, ...]) -> Any:
+        rows = [
+            [*lamp.position, *lamp.axis, lamp.beam_angle, *lamp.power] for lamp in lamps
+        ]
+        sizes = (("lamp", len(rows), 10 * len(rows)), (LAMP_COLUMNS, 10, 10))
+        dimensions = [
+            self._make(
+                "std_msgs/msg/MultiArrayDimension", label=label, size=size, stride=stride)
+            for label, size, stride in sizes
+        ]
+        return self._make(
+            "std_msgs/msg/Float64MultiArray",
+            layout=self._make("std_msgs/msg/MultiArrayLayout", dim=dimensions, data_offset=0),
+            data=np.array(rows, dtype=np.float64).ravel(),
+        )
+
+    def disparity(self, header: Any, disparity: DisparityMap) -> Any:
+        camera = self._camera
+        known = np.nan_to_num(disparity, nan=0.0)
+        return self._make(
+            "stereo_msgs/msg/DisparityImage",
+            header=header,
+            image=write_image(self._make, known, "32FC1", header),
+            f=camera.focal_length,
+            t=camera.baseline,
+            valid_window=region_message(self._make, (0, 0, camera.width, camera.height)),
+            # A ray is at least as long as the distance that disparity tells.
+            min_disparity=camera.focal_length * camera.baseline / MAX_RANGE,
+            max_disparity=float(max(math.ceil(known.max()), 1)),
+            delta_d=float(np.finfo(np.float32).eps * max(known.max(), 1.0)),
+        )

@@ -1,0 +1,217 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Renderer of one stereo frame under water, with its ground truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.errors import check_range
+from uw_visibility.images.arrays import Array, Image8, Map
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility_lab.simulation.camera import CameraEffects, Pose, Sensor, StereoCamera
+from uw_visibility_lab.simulation.effects import add_caustics, drifting_particles, marine_snow
+from uw_visibility_lab.simulation.formation import Geometry, effective_attenuation, form_image
+from uw_visibility_lab.simulation.lamp_image import (
+    CameraView,
+    add_lit_snow,
+    check_water,
+    exposure_for,
+    form_lamp_image,
+)
+from uw_visibility_lab.simulation.lamps import Lamp, Lighting
+from uw_visibility_lab.simulation.scene import Scene
+from uw_visibility_lab.simulation.view import View, look
+from uw_visibility_lab.simulation.water import EXPOSED, RESPONSE, Water
+
+
+@dataclass(frozen=True)
+class Effects:
+    """Disturbances of the light model: marine snow and caustics."""
+
+    marine_snow: float = 0.0  # share of the pixels that drifting particles cover, 0 .. 0.5
+    caustics: float = 0.0  # relative change of light by waves at the surface, 0 .. 1
+    snow_brightness: float = 1.0  # radiance of the particles, where open water's is 1
+
+    def __post_init__(self) -> None:
+        """Refuse shares that are none."""
+        check_range("share of marine snow", self.marine_snow, 0.0, 0.5)
+        check_range("strength of caustics", self.caustics, 0.0, 1.0)
+        check_range("brightness of marine snow", self.snow_brightness, 0.0, 20.0)
+
+
+@dataclass(frozen=True)
+class RenderedFrame:
+    """Rendered stereo frame and its ground truth."""
+
+    # left, right: (H, W, 3); the images, RGB; linear unless the camera's effects say otherwise
+    left: Image8
+    right: Image8
+    # range_left, range_right: (H, W); distance along the line of sight in m; inf = open water
+    range_left: Map
+    range_right: Map
+    # disparity_left, disparity_right: (H, W); disparity in px, positive in both; NaN = open water
+    disparity_left: Map
+    disparity_right: Map
+    # radiance_left, radiance_right: (H, W, 3); normalised radiance of the scene; 1 for open water.
+    # With lamps, its reflectance
+    radiance_left: Map
+    radiance_right: Map
+    # (3,); β in 1/m, RGB; effective over the left image's ranges where the water has a spectrum, a
+    # layer or a plume, see `effective_attenuation`
+    attenuation: Array
+    ambient_light: Array  # (3,); I∞ as irradiance in the image, RGB: the veil B
+    mean_attenuation: float  # α in 1/m, eq. 9
+    depth: float  # depth of the camera in m, positive down
+    # (3,); W, which lights the scene, as irradiance in the image, RGB; I∞ in the paper's water.
+    # Both are daylight's: 0 at night
+    scene_light: Array
+    lamps: tuple[Lamp, ...] = ()  # those that fired, with power as irradiance in the image
+
+
+@dataclass(frozen=True)
+class Renderer:
+    """Renders frames of scenes; the same arguments give the same bits."""
+
+    camera: StereoCamera = StereoCamera()  # the pair of cameras
+    sensor: Sensor = Sensor()  # their noise
+    effects: Effects = Effects()  # what disturbs the light model
+    # threads that do the work; their number changes nothing in the result
+    workers: Workers = field(default_factory=Workers)
+    camera_effects: CameraEffects = CameraEffects()  # what the cameras do beside
+    lighting: Lighting = Lighting()  # daylight, lamps, or both
+
+    def render(
+        self, scene: Scene, pose: Pose, water: Water, *, seed: int = 0, time: float = 0.0,
+        index: int = 0,
+    ) -> RenderedFrame:
+        """Render one frame; its number is for lamps that strobe, its time (s) for caustics."""
+        if self.lighting.lamps:
+            check_water(water)
+        seen = [self.look(scene, self.camera, pose, k * self.camera.baseline) for k in (0, 1)]
+        views, geometry = [each.view for each in seen], seen[0].geometry
+        if self.effects.caustics > 0.0:
+            for each in seen:
+                self._shine(each, scene, time)
+        lamps = self.lighting.of_frame(index, seed)
+        with_lamps, exposure = bool(self.lighting.lamps), 1.0
+        if with_lamps:
+            light, exposure = self._expose_lamps(seen, water, lamps, seed)
+        else:
+            light = self.daylight(views, geometry, water, seed)
+        images, gains = self.record(light, seed)
+        disparities = [
+            self.camera.rig.disparity_from_range(
+                np.where(np.isfinite(view.range), view.range, np.nan))
+            for view in views
+        ]
+        radiances = [
+            np.where(
+                np.isfinite(v.range)[..., np.newaxis],
+                v.radiance if v.surfaces is None else v.surfaces.reflectance, np.float32(1.0),
+            )
+            for v in views
+        ]
+        attenuation = effective_attenuation(views[0].range, geometry, water)
+        daylight = replace(water, exposure=1.0) if with_lamps else water
+        scale = exposure * gains * float(self.lighting.daylight)
+        return RenderedFrame(
+            images[0], images[1], views[0].range, views[1].range, disparities[0], disparities[1],
+            radiances[0], radiances[1], attenuation, scale * daylight.ambient_light(),
+            mean_attenuation(attenuation, water), water.depth, scale * daylight.scene_light(),
+            tuple(lamp.scaled(exposure * gains) for lamp in lamps),
+        )
+
+    def daylight(
+        self, views: Sequence[View], geometry: Geometry, water: Water, seed: int
+    ) -> list[Map]:
+        """Return the irradiance of the left view, or of both, with marine snow in it."""
+        snow = marine_snow(
+            self.camera, self.effects.marine_snow, np.random.default_rng([seed, 2]))
+        particles = (self.effects.snow_brightness * water.ambient_light()).astype(np.float32)
+        light = []
+        for view, cover in zip(views, snow, strict=False):
+            irradiance = form_image(view, geometry, water)
+            irradiance += cover[..., np.newaxis] * (particles - irradiance)
+            light.append(irradiance)
+        return light
+
+    def record(self, light: Sequence[Map], seed: int) -> tuple[list[Image8], Array]:
+        """Return what the camera makes of the views' irradiance, and its gains."""
+        gains = self.camera_effects.gains(light[0])
+        images = [
+            self.camera_effects.record(
+                irradiance, self.sensor, np.random.default_rng([seed, side]), gains,
+                right=side == 1,
+            )
+            for side, irradiance in enumerate(light)
+        ]
+        return images, gains
+
+    def exposure_for(self, scene: Scene, pose: Pose, water: Water) -> float:
+        """Return the exposure that suits a frame under lamps, from a small picture of it."""
+        width, height = (max(8, n // 8) for n in (self.camera.width, self.camera.height))
+        small = StereoCamera(
+            width, height, self.camera.focal_length * width / self.camera.width,
+            self.camera.baseline,
+        )
+        seen = self.look(scene, small, pose, 0.0)
+        light = self._lamp_light(seen, replace(water, exposure=1.0), self.lighting.lamps)
+        return exposure_for(light, EXPOSED)
+
+    def look(self, scene: Scene, camera: StereoCamera, pose: Pose, offset: float) -> CameraView:
+        """Return what a camera at an offset (m) from the left one sees in air."""
+        rotation = pose.rotation()
+        eye = np.array(pose.position) + offset * rotation[:, 0]
+        rays = camera.rig.ray_directions((camera.height, camera.width))
+        view = look(
+            scene, camera, eye, rotation, self.workers, surfaces=bool(self.lighting.lamps))
+        geometry = Geometry.of_rays(rays, rotation[2], pose.position[2])
+        return CameraView(view, geometry, rays, eye, rotation, offset, camera.focal_length)
+
+    def _shine(self, seen: CameraView, scene: Scene, time: float) -> None:
+        view, rays = seen.view, seen.rays @ seen.rotation.T
+        with np.errstate(invalid="ignore"):  # open water is infinitely far
+            points = seen.eye + view.range[..., np.newaxis] * rays
+            quarters = seen.eye + view.edge_range[..., np.newaxis] * rays[view.edges][:, np.newaxis]
+        for radiance, where in ((view.radiance, points), (view.edge_radiance, quarters)):
+            add_caustics(
+                radiance.reshape(-1, 3), where.reshape(-1, 3), scene.lattice,
+                self.effects.caustics, time)
+
+    def _expose_lamps(
+        self, seen: list[CameraView], water: Water, lamps: tuple[Lamp, ...], seed: int,
+    ) -> tuple[list[Map], float]:
+        """Return both images' irradiance under lamps, with snow, and the exposure."""
+        source = replace(water, exposure=1.0)
+        light = [self._lamp_light(each, source, lamps) for each in seen]
+        exposure = exposure_for(light[0], EXPOSED) if water.exposure is None else water.exposure
+        particles = drifting_particles(
+            self.camera, self.effects.marine_snow, np.random.default_rng([seed, 2]))
+        background = float(self.lighting.daylight) * source.ambient_light()
+        for each, irradiance in zip(seen, light, strict=True):
+            add_lit_snow(
+                irradiance, each, particles, background, self.effects.snow_brightness, lamps,
+                source.attenuation(),
+            )
+            irradiance *= np.float32(exposure)
+        return light, exposure
+
+    def _lamp_light(self, seen: CameraView, water: Water, lamps: tuple[Lamp, ...]) -> Map:
+        irradiance = form_lamp_image(seen, water, self.lighting, lamps, self.workers)
+        if self.lighting.daylight:
+            irradiance += form_image(seen.view, seen.geometry, water)
+        return irradiance
+
+
+def mean_attenuation(attenuation: Array, water: Water) -> float:
+    """Return α (eq. 9) of an effective attenuation; of the paper's water as it was given."""
+    grey = water.effects.water_type is None and not any(water.effects.channel_attenuation)
+    if grey and np.array_equal(attenuation, water.attenuation()):
+        return water.mean_attenuation
+    clear = clear_water_attenuation(load_response(RESPONSE))
+    return float(np.mean(attenuation - clear))

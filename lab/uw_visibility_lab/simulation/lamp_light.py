@@ -1,0 +1,178 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Light of lamps in water: on surfaces, and scattered towards the camera.
+
+Single scattering, as in J. S. Jaffe, Computer modeling and the design of optimal
+underwater imaging systems, IEEE J. Oceanic Engineering 15 (1990), doi 10.1109/48.50695. A
+lamp of power P (irradiance of white at 1 m), a range d and the distance r from lamp to
+surface give, with Lambertian surfaces,
+
+    E = P ρ cos i g(θ) e^(−β (r + d)) / r²  +  π P b ∫_0^d g(θ) p(ψ) e^(−β (r(s) + s)) / r(s)² ds
+
+where g is the beam's shape and p the phase function. On the ray, s − s0 = h tan t, with the
+distance h of lamp and ray, turns ds / r² into dt / h (C. Kulla and M. Fajardo, Computer
+Graphics Forum 31 (2012), doi 10.1111/j.1467-8659.2012.03148.x): what is left is smooth, and
+Gauss and Legendre's rule integrates it at every pixel.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from uw_visibility.compute.indexing import index_of
+from uw_visibility.compute.jit import njit
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.lighting import beam_falloff
+from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array, Map
+from uw_visibility_lab.simulation.lamps import Lamp
+from uw_visibility_lab.simulation.phase_functions import phase_table
+
+NEAREST = 0.01
+"""Distance of a lamp from a camera in m, below which its scattered light has no bound."""
+
+NODES = 24
+"""Nodes of the integral for beams of 60 degrees and more, within 1e-5; narrower ones take more."""
+
+
+def lamp_array(lamps: tuple[Lamp, ...], camera_offset: float) -> Array:
+    """Return lamps as kernels take them, in the frame of a camera on the left one's x axis (m).
+
+    Returns (n, 10): position, axis, coefficient of the beam, power.
+    """
+    rows = [
+        [lamp.position[0] - camera_offset, *lamp.position[1:], *lamp.axis, lamp.falloff,
+         *lamp.power]
+        for lamp in lamps
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, 10)
+
+
+def irradiance_on(points: Array, lamps: Array, beta: Array) -> Array:
+    """Irradiance at the camera of white particles at points (n, 3), m, in the camera's frame."""
+    ranges = np.linalg.norm(points, axis=-1)
+    directions = points / ranges[:, np.newaxis]
+    direct = np.zeros((len(points), 1, 3), np.float32)
+    white = np.ones_like(direct)
+    _light_surfaces(
+        0, len(points), directions[:, np.newaxis], ranges.astype(np.float32)[:, np.newaxis],
+        white, white, False, lamps, beta, direct,
+    )
+    return np.asarray(direct[:, 0], dtype=np.float64)
+
+
+def light_surfaces(
+    rays: Array, ranges: Map, reflectance: Map, normals: Map | None, lamps: Array,
+    beta: Array, workers: Workers,
+) -> Map:
+    """Direct signal: light of the lamps that surfaces reflect to the camera.
+
+    rays: (H, W, 3), unit directions in the camera's frame. ranges: (H, W), m; inf = no surface.
+    normals: in the camera's frame; without them every surface faces every lamp.
+    """
+    direct = np.zeros(reflectance.shape, np.float32)
+    facing = reflectance if normals is None else normals
+    workers.rows(
+        _light_surfaces, len(rays), rays, ranges, reflectance, facing, normals is not None,
+        lamps, beta, direct,
+    )
+    return direct
+
+
+def scatter(
+    rays: Array, ranges: Map, lamps: Array, beta: Array, scattering: Array,
+    phase_function: str, workers: Workers,
+) -> Map:
+    """Backscatter: light of the lamps that the water scatters (b in 1/m, RGB) to the camera."""
+    scattered = np.zeros((*ranges.shape, 3), np.float32)
+    if not scattering.any():
+        return scattered
+    if len(lamps) and np.linalg.norm(lamps[:, :3], axis=1).min() < NEAREST:
+        raise InputError(
+            f"a lamp lies within {NEAREST:g} m of a camera: move it, or set the scattering "
+            "albedo to 0"
+        )
+    # The narrower a beam, the shorter the part of a ray that it lights.
+    narrowest = lamps[:, 6].max(initial=0.0)
+    widening = math.sqrt(narrowest / beam_falloff(60.0))
+    nodes, weights = np.polynomial.legendre.leggauss(math.ceil(NODES * max(1.0, widening)))
+    workers.rows(
+        _scatter, len(rays), rays, ranges, lamps, beta, scattering,
+        phase_table(phase_function), nodes, weights, scattered,
+    )
+    return scattered
+
+
+@njit(nogil=True, error_model="numpy")
+def _light_surfaces(
+    start: int, stop: int, rays: Any, ranges: Any, reflectance: Any, normals: Any, shaded: bool,
+    lamps: Any, beta: Any, direct: Any,
+) -> None:
+    for row in range(start, stop):
+        for column in range(ranges.shape[1]):
+            distance = float(ranges[row, column])
+            if not distance < math.inf:
+                continue
+            ray, normal = rays[row, column], normals[row, column]
+            for lamp in lamps:
+                x = distance * ray[0] - lamp[0]
+                y = distance * ray[1] - lamp[1]
+                z = distance * ray[2] - lamp[2]
+                r = math.sqrt(x * x + y * y + z * z)
+                light = 1.0
+                if lamp[6] > 0.0:
+                    cosine = (x * lamp[3] + y * lamp[4] + z * lamp[5]) / r
+                    angle = math.acos(min(max(cosine, -1.0), 1.0))
+                    light = math.exp(-lamp[6] * angle * angle)
+                if shaded:
+                    light *= max(-(x * normal[0] + y * normal[1] + z * normal[2]) / r, 0.0)
+                light /= r * r
+                for c in range(3):
+                    direct[row, column, c] += (
+                        lamp[7 + c] * reflectance[row, column, c] * light
+                        * math.exp(-beta[c] * (r + distance))
+                    )
+
+
+@njit(nogil=True, error_model="numpy")
+def _scatter(
+    start: int, stop: int, rays: Any, ranges: Any, lamps: Any, beta: Any, scattering: Any,
+    phase: Any, nodes: Any, weights: Any, scattered: Any,
+) -> None:
+    per_angle = (len(phase) - 1) / math.pi
+    for row in range(start, stop):
+        for column in range(ranges.shape[1]):
+            ray, distance = rays[row, column], float(ranges[row, column])
+            for lamp in lamps:
+                along = lamp[0] * ray[0] + lamp[1] * ray[1] + lamp[2] * ray[2]
+                # From the lamp to the point of the ray that is nearest to it.
+                ax, ay, az = (
+                    along * ray[0] - lamp[0], along * ray[1] - lamp[1], along * ray[2] - lamp[2])
+                h = max(math.sqrt(ax * ax + ay * ay + az * az), 1e-6)
+                across = (ax * lamp[3] + ay * lamp[4] + az * lamp[5]) / h
+                onwards = ray[0] * lamp[3] + ray[1] * lamp[4] + ray[2] * lamp[5]
+                first, last = math.atan(-along / h), math.atan((distance - along) / h)
+                half, middle = 0.5 * (last - first), 0.5 * (last + first)
+                red = green = blue = 0.0
+                for k in range(len(nodes)):
+                    t = middle + half * nodes[k]
+                    sine, cosine = math.sin(t), math.cos(t)
+                    place = (t + 0.5 * math.pi) * per_angle
+                    index = index_of(place, 0, len(phase) - 2)
+                    light = phase[index] + (place - index) * (phase[index + 1] - phase[index])
+                    if lamp[6] > 0.0:
+                        angle = math.acos(
+                            min(max(across * cosine + onwards * sine, -1.0), 1.0))
+                        light *= math.exp(-lamp[6] * angle * angle)
+                    light *= weights[k]
+                    path = along + h * (sine + 1.0) / cosine
+                    red += light * math.exp(-beta[0] * path)
+                    green += light * math.exp(-beta[1] * path)
+                    blue += light * math.exp(-beta[2] * path)
+                scale = math.pi * half / h
+                scattered[row, column, 0] += scale * lamp[7] * scattering[0] * red
+                scattered[row, column, 1] += scale * lamp[8] * scattering[1] * green
+                scattered[row, column, 2] += scale * lamp[9] * scattering[2] * blue

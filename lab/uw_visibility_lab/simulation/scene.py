@@ -1,0 +1,309 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Procedural scene: a sea floor, boulders and corals, placed by a seed.
+
+The world's x points along the transect, y to the left and z up, in metres; the
+sea floor lies around z = 0. Terrain is a height field; boulders, plates and
+heads of coral are ellipsoids, branches are capsules.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.jit import njit
+from uw_visibility.images.arrays import Array
+from uw_visibility_lab.simulation.noise import fractal_noise, noise_lattice
+
+SPACING = 0.04
+"""Distance of the height field's samples in m."""
+
+BLOCK = 16
+"""Samples of the height field on a block's side."""
+
+
+class Scene(NamedTuple):
+    """Scene: everything that a ray can meet, in the form that kernels take."""
+
+    lattice: NDArray[np.float32]  # (64, 64, 64); random values behind all textures
+    heights: NDArray[np.float32]  # (ny, nx); height of the sea floor in m, by y and x
+    # (ny, nx); share of the sky's light that reaches the floor, 0 .. 1: dark beneath things
+    openness: NDArray[np.float32]
+    origin: tuple[float, float]  # x and y of the first sample in m
+    highest: float  # height in m above which there is no floor
+    # block_highest, block_steepest: (by, bx); largest height in m and largest slope in each block
+    # of 16 x 16 samples
+    block_highest: NDArray[np.float32]
+    block_steepest: NDArray[np.float32]
+    ellipsoid_centres: Array  # (n, 3); centres in m
+    ellipsoid_axes: Array  # (n, 3, 3); maps an offset from the centre to the unit sphere, in 1/m
+    capsules: Array  # (m, 7); both ends and the radius in m
+    # (n + m, 4); centre and radius of a sphere around each ellipsoid, then each capsule
+    bounds: Array
+    # (n + m, 8); light colour, dark colour (linear RGB reflectance), texture's cell size in m and
+    # width of its dark grooves
+    appearance: Array
+    texture: float  # 1 for natural textures; 0 gives every surface one grey
+
+
+# Linear reflectance of the lit and of the shaded parts, cell size, groove width.
+_ROCK = (0.52, 0.46, 0.36, 0.05, 0.05, 0.04, 0.30, 0.10)
+_PALE_ROCK = (0.90, 0.84, 0.70, 0.14, 0.12, 0.09, 0.24, 0.08)
+_CORALS = (
+    (0.85, 0.42, 0.22, 0.16, 0.05, 0.03, 0.06, 0.10),  # orange
+    (0.80, 0.72, 0.30, 0.14, 0.11, 0.03, 0.05, 0.10),  # yellow
+    (0.62, 0.34, 0.60, 0.10, 0.04, 0.10, 0.05, 0.08),  # purple
+    (0.94, 0.91, 0.82, 0.35, 0.30, 0.22, 0.05, 0.06),  # bleached
+    (0.36, 0.46, 0.24, 0.03, 0.05, 0.02, 0.06, 0.12),  # green
+    (0.72, 0.26, 0.28, 0.10, 0.02, 0.03, 0.05, 0.10),  # red
+)
+
+
+@dataclass
+class _Builder:
+    """Collects shapes."""
+
+    centres: list[Array] = field(default_factory=list)
+    axes: list[Array] = field(default_factory=list)
+    ellipsoid_looks: list[tuple[float, ...]] = field(default_factory=list)
+    capsules: list[Array] = field(default_factory=list)
+    capsule_looks: list[tuple[float, ...]] = field(default_factory=list)
+    shadows: list[tuple[float, float, float, float]] = field(default_factory=list)
+
+    def ellipsoid(
+        self, centre: Array, radii: tuple[float, float, float], rotation: Array,
+        look: tuple[float, ...],
+    ) -> None:
+        """Add an ellipsoid; the rotation's rows are its axes."""
+        self.centres.append(centre)
+        self.axes.append(rotation / np.array(radii)[:, np.newaxis])
+        self.ellipsoid_looks.append(look)
+
+    def capsule(self, start: Array, end: Array, radius: float, look: tuple[float, ...]) -> None:
+        """Add a capsule."""
+        self.capsules.append(np.concatenate([start, end, [radius]]))
+        self.capsule_looks.append(look)
+
+    def shadow(self, x: float, y: float, radius: float, strength: float) -> None:
+        """Darken the floor around a point."""
+        self.shadows.append((x, y, radius, strength))
+
+
+def reef(seed: int = 0, length: float = 10.0, view: float = 30.0) -> Scene:
+    """Make a reef: sand and rock with boulders and corals along a transect.
+
+    It leads from x = 0 over a length in m; things stand up to `view` m beyond its end.
+    """
+    random = np.random.default_rng(seed)
+    lattice = noise_lattice(seed)
+    origin = (-2.0, -0.6 * view)
+    extent = (length + view + 2.0, 1.2 * view)
+    heights = _terrain(lattice, origin, extent)
+    builder = _Builder()
+    area = extent[0] * extent[1]
+    for _ in range(int(0.11 * area)):
+        x, y = _place(random, origin, extent, clear=0.9)
+        _boulder(builder, random, np.array([x, y, _height(heights, origin, x, y)]))
+    for _ in range(int(0.28 * area)):
+        x, y = _place(random, origin, extent, clear=0.5)
+        _coral(builder, random, np.array([x, y, _height(heights, origin, x, y)]))
+    return _finish(builder, lattice, heights, origin)
+
+
+def flat_floor(seed: int = 0, *, size: float = 12.0, texture: float = 1.0) -> Scene:
+    """Make a flat floor around the origin, its width in m; from above it is a flat wall.
+
+    texture: 1 for natural texture, 0 for none.
+    """
+    samples = int(size / SPACING)
+    heights = np.zeros((samples, samples), np.float32)
+    origin = (-size / 2, -size / 2)
+    return _finish(_Builder(), noise_lattice(seed), heights, origin, texture=texture)
+
+
+@njit(nogil=True, error_model="numpy")
+def _terrain(lattice: Any, origin: tuple[float, float], extent: tuple[float, float]) -> Any:
+    nx, ny = int(extent[0] / SPACING), int(extent[1] / SPACING)
+    heights = np.empty((ny, nx), np.float32)
+    for j in range(ny):
+        y = origin[1] + j * SPACING
+        # Flatter along the camera's way, with mounds to its sides.
+        relief = 0.38 + 0.72 * min(abs(y) / 4.0, 1.0)
+        for i in range(nx):
+            x = origin[0] + i * SPACING
+            swell = fractal_noise(lattice, x, y, 0.0, 3.2, 5, 0.42, 0.02)
+            ripple = math.sin(22.0 * (x + 0.35 * y + 0.8 * swell)) * 0.006
+            heights[j, i] = relief * swell + ripple
+    return heights
+
+
+def _place(
+    random: np.random.Generator,
+    origin: tuple[float, float],
+    extent: tuple[float, float],
+    clear: float,
+) -> tuple[float, float]:
+    """Draw a place that leaves the camera's way free."""
+    while True:
+        x = origin[0] + 1.0 + random.random() * (extent[0] - 2.0)
+        y = origin[1] + 1.0 + random.random() * (extent[1] - 2.0)
+        if abs(y) > clear:
+            return x, y
+
+
+def _height(
+    heights: NDArray[np.float32], origin: tuple[float, float], x: float, y: float
+) -> float:
+    i = round((x - origin[0]) / SPACING)
+    j = round((y - origin[1]) / SPACING)
+    return float(heights[j, i])
+
+
+def _boulder(builder: _Builder, random: np.random.Generator, foot: Array) -> None:
+    """Add a cluster of overlapping ellipsoids: a boulder that is not quite round."""
+    size = 0.14 + 0.42 * random.random() ** 2
+    look = _ROCK if random.random() < 0.7 else _PALE_ROCK
+    builder.shadow(foot[0], foot[1], 1.25 * size, 0.75)
+    for _ in range(random.integers(3, 6)):
+        radii = size * random.uniform(0.45, 1.0, 3) * (1.0, 1.0, 0.8)
+        offset = random.normal(0.0, 0.38, 3) * size * (1.0, 1.0, 0.5)
+        centre = foot + offset + (0.0, 0.0, 0.25 * size)
+        builder.ellipsoid(centre, tuple(radii), _rotation(random, 0.5), look)
+
+
+def _coral(builder: _Builder, random: np.random.Generator, foot: Array) -> None:
+    """Add a coral of one of four growth forms."""
+    look = _CORALS[random.integers(len(_CORALS))]
+    size = random.uniform(0.8, 1.9)
+    up = np.array([0.0, 0.0, 1.0])
+    form = random.random()
+    if form < 0.4:
+        builder.shadow(foot[0], foot[1], 0.24 * size, 0.7)
+        for _ in range(3):
+            lean = _lean(random, up, 0.5)
+            _branch(builder, random, foot, lean, 0.15 * size, 0.030 * size, 3, look)
+    elif form < 0.6:
+        radius = 0.17 * size
+        builder.shadow(foot[0], foot[1], 1.4 * radius, 0.8)
+        builder.ellipsoid(
+            foot + 0.4 * radius * up, (radius, radius, 0.85 * radius), np.eye(3), look
+        )
+    elif form < 0.8:
+        top = foot + 0.22 * size * up
+        builder.shadow(foot[0], foot[1], 0.34 * size, 0.85)
+        builder.capsule(foot - 0.05 * up, top, 0.045 * size, look)
+        builder.ellipsoid(
+            top, (0.34 * size, 0.30 * size, 0.035 * size), _rotation(random, 0.15), look
+        )
+    else:
+        builder.shadow(foot[0], foot[1], 0.16 * size, 0.6)
+        for _ in range(random.integers(3, 7)):
+            lean = _lean(random, up, 0.4)
+            radius = random.uniform(0.025, 0.05) * size
+            builder.capsule(
+                foot - 0.05 * up, foot + lean * random.uniform(0.15, 0.4) * size, radius, look
+            )
+
+
+def _branch(
+    builder: _Builder, random: np.random.Generator, start: Array, direction: Array,
+    length: float, radius: float, generations: int, look: tuple[float, ...],
+) -> None:
+    """Add a branch and, from its end, thinner ones."""
+    end = start + direction * length
+    builder.capsule(start, end, radius, look)
+    if generations > 0:
+        for _ in range(2 + (generations == 3)):
+            turned = _lean(random, direction, 0.75)
+            _branch(
+                builder, random, end, turned, 0.72 * length, 0.72 * radius, generations - 1, look
+            )
+
+
+def _lean(random: np.random.Generator, direction: Array, amount: float) -> Array:
+    """Turn a direction by a random amount, upwards rather than down."""
+    turned = direction + random.normal(0.0, amount, 3) + (0.0, 0.0, 0.15)
+    return turned / np.linalg.norm(turned)
+
+
+def _rotation(random: np.random.Generator, tilt: float) -> Array:
+    """Draw a rotation with a free heading and a limited tilt in rad."""
+    heading, roll = random.uniform(0.0, 2.0 * math.pi), random.normal(0.0, tilt)
+    c, s = math.cos(heading), math.sin(heading)
+    cr, sr = math.cos(roll), math.sin(roll)
+    return np.array([[c, s, 0.0], [-s * cr, c * cr, sr], [s * sr, -c * sr, cr]])
+
+
+def _finish(
+    builder: _Builder,
+    lattice: NDArray[np.float32],
+    heights: NDArray[np.float32],
+    origin: tuple[float, float],
+    texture: float = 1.0,
+) -> Scene:
+    centres = np.array(builder.centres).reshape(-1, 3)
+    axes = np.array(builder.axes).reshape(-1, 3, 3)
+    capsules = np.array(builder.capsules).reshape(-1, 7)
+    radii = 1.0 / np.linalg.norm(axes, axis=2).min(axis=1, initial=np.inf)
+    middles = (capsules[:, 0:3] + capsules[:, 3:6]) / 2
+    block_highest, block_steepest = _blocks(heights)
+    reach = np.linalg.norm(capsules[:, 3:6] - capsules[:, 0:3], axis=1) / 2 + capsules[:, 6]
+    return Scene(
+        lattice=lattice,
+        heights=heights,
+        openness=_openness(heights, origin, builder.shadows),
+        origin=origin,
+        highest=float(heights.max()),
+        block_highest=block_highest,
+        block_steepest=block_steepest,
+        ellipsoid_centres=centres,
+        ellipsoid_axes=axes,
+        capsules=capsules,
+        bounds=np.vstack([
+            np.column_stack([centres, radii]), np.column_stack([middles, reach])
+        ]),
+        appearance=np.array(builder.ellipsoid_looks + builder.capsule_looks).reshape(-1, 8),
+        texture=texture,
+    )
+
+
+@njit(nogil=True, error_model="numpy")
+def _blocks(heights: Any) -> tuple[Any, Any]:
+    """Bound the floor's height and slope by blocks; neighbours share their edge."""
+    rows, columns = heights.shape[0] // BLOCK + 1, heights.shape[1] // BLOCK + 1
+    highest = np.full((rows, columns), -np.inf, np.float32)
+    steepest = np.zeros((rows, columns), np.float32)
+    for j in range(heights.shape[0] - 1):
+        for i in range(heights.shape[1] - 1):
+            a, b = heights[j, i], heights[j, i + 1]
+            c, d = heights[j + 1, i], heights[j + 1, i + 1]
+            slope_x = max(abs(b - a), abs(d - c))
+            slope_y = max(abs(c - a), abs(d - b))
+            slope = math.hypot(slope_x, slope_y) / SPACING
+            v, u = j // BLOCK, i // BLOCK
+            highest[v, u] = max(highest[v, u], a, b, c, d)
+            steepest[v, u] = max(steepest[v, u], slope)
+    return highest, steepest
+
+
+def _openness(
+    heights: NDArray[np.float32],
+    origin: tuple[float, float],
+    shadows: list[tuple[float, float, float, float]],
+) -> NDArray[np.float32]:
+    openness = np.ones_like(heights)
+    ny, nx = heights.shape
+    for x, y, radius, strength in shadows:
+        i, j, n = (int(v / SPACING) for v in (x - origin[0], y - origin[1], 2.0 * radius))
+        rows = slice(max(j - n, 0), min(j + n + 2, ny))
+        columns = slice(max(i - n, 0), min(i + n + 2, nx))
+        dy = origin[1] + np.arange(rows.start, rows.stop) * SPACING - y
+        dx = origin[0] + np.arange(columns.start, columns.stop) * SPACING - x
+        squared = (dx[np.newaxis] ** 2 + dy[:, np.newaxis] ** 2) / radius**2
+        openness[rows, columns] *= (1.0 - strength * np.exp(-1.4 * squared**2)).astype(np.float32)
+    return openness

@@ -1,0 +1,131 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Transect: a camera that moves over a reef while depth and turbidity change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from uw_visibility.compute.threads import Workers
+from uw_visibility.errors import check_range
+from uw_visibility_lab.simulation.camera import CameraEffects, Pose, Sensor, StereoCamera
+from uw_visibility_lab.simulation.frame import Effects, RenderedFrame, Renderer
+from uw_visibility_lab.simulation.lamps import Lighting
+from uw_visibility_lab.simulation.scene import Scene, reef
+from uw_visibility_lab.simulation.water import Water, WaterEffects
+
+# Ten days at ten frames a second.
+MOST_FRAMES = 10_000_000
+
+RISE_PERIOD = 16.0
+"""Time in s in which a camera whose altitude changes rises and sinks once."""
+
+METERED = 7
+"""Frames of a transect under lamps that its exposure is set by."""
+
+
+@dataclass(frozen=True)
+class Transect:
+    """Plan of a transect."""
+
+    frames: int = 20  # number of stereo frames
+    rate: float = 2.0  # frames per second
+    # depth at the start and at the end in m. The reef keeps its distance below the camera, as on a
+    # slope
+    depth: tuple[float, float] = (2.0, 6.0)
+    # mean attenuation α at the start and at the end in 1/m
+    attenuation: tuple[float, float] = (0.05, 0.3)
+    speed: float = 0.4  # speed over ground in m/s
+    # heights above the mean sea floor in m, between which the camera rises and sinks
+    altitude: tuple[float, float] = (1.5, 1.5)
+    tilt: float = 16.0  # downward tilt of the camera in degrees; 90 for a survey of the floor
+    seed: int = 0  # seed of reef, noise and particles
+    # see `Water`; under lamps None is one exposure for all frames, at which the brightest of them
+    # suits the camera
+    exposure: float | None = None
+    # camera, sensor, effects, camera_effects, lighting: see `Renderer`
+    camera: StereoCamera = StereoCamera()
+    sensor: Sensor = Sensor()
+    effects: Effects = Effects()
+    camera_effects: CameraEffects = CameraEffects()
+    water_effects: WaterEffects = WaterEffects()  # see `Water`
+    lighting: Lighting = Lighting()
+
+    def __post_init__(self) -> None:
+        """Validate the plan."""
+        check_range("number of frames", self.frames, 1, MOST_FRAMES)
+        check_range("rate", self.rate, 1e-3, 1000.0, "Hz")
+        check_range("speed", self.speed, 0.0, 10.0, "m/s")
+        check_range("seed", self.seed, 0)
+        check_range("ends of the altitude", self.altitude, 0.5, 20.0, "m")
+        for progress in (0.0, 1.0):
+            self._water(progress)
+
+    @property
+    def length(self) -> float:
+        """Way from the first to the last frame in m."""
+        return self.speed * (self.frames - 1) / self.rate
+
+    def render(self, workers: Workers | None = None) -> Iterator[TransectFrame]:
+        """Render the transect's frames in turn, by a thread for each processor where absent."""
+        scene = reef(self.seed, self.length)
+        renderer = Renderer(
+            self.camera, self.sensor, self.effects, workers or Workers(), self.camera_effects,
+            self.lighting,
+        )
+        exposure = self.exposure
+        if self.lighting.lamps and exposure is None:
+            exposure = self._meter(renderer, scene)
+        for index in range(self.frames):
+            time = index / self.rate
+            progress = index / max(self.frames - 1, 1)
+            frame = renderer.render(
+                scene, self._pose(time), self._water(progress, exposure),
+                seed=self.seed * 1_000_003 + index, time=time, index=index,
+            )
+            yield TransectFrame(time, frame)
+
+    def _meter(self, renderer: Renderer, scene: Scene) -> float:
+        """Return the exposure of a transect under lamps: fixed, as where colours must agree."""
+        last = self.frames - 1
+        indices = {round(last * k / (METERED - 1)) for k in range(METERED)}
+        return min(
+            renderer.exposure_for(
+                scene, self._pose(index / self.rate), self._water(index / max(last, 1)))
+            for index in sorted(indices)
+        )
+
+    def _water(self, progress: float, exposure: float | None = None) -> Water:
+        """Return the water after a share of the transect; it changes smoothly."""
+        depth = _ease(self.depth, progress)
+        alpha = _ease(self.attenuation, progress)
+        return Water(alpha, depth, exposure or self.exposure, self.water_effects)
+
+    def _pose(self, time: float) -> Pose:
+        """Return the camera's pose: a straight way, with a vehicle's sway."""
+        low, high = self.altitude
+        rise = 0.5 - 0.5 * math.cos(2.0 * math.pi * time / RISE_PERIOD)
+        return Pose(
+            position=(
+                self.speed * time,
+                0.12 * math.sin(0.5 * time),
+                low + (high - low) * rise + 0.06 * math.sin(0.9 * time + 1.0),
+            ),
+            heading=math.radians(4.0) * math.sin(0.35 * time),
+            tilt=math.radians(self.tilt + 1.5 * math.sin(0.8 * time)),
+            roll=math.radians(2.0) * math.sin(0.6 * time + 0.5),
+        )
+
+
+class TransectFrame(NamedTuple):
+    """A frame and its time in s from the start."""
+
+    time: float
+    frame: RenderedFrame
+
+
+def _ease(ends: tuple[float, float], progress: float) -> float:
+    return ends[0] + (ends[1] - ends[0]) * (0.5 - 0.5 * math.cos(math.pi * progress))

@@ -1,0 +1,222 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Rendered view of one camera without water: range and radiance for every ray.
+
+Lists of the shapes that rays may meet, by square tiles of the image, spare most of the work.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.jit import njit
+from uw_visibility.compute.threads import Workers
+from uw_visibility.images.arrays import Array, Map, Mask
+from uw_visibility_lab.simulation.camera import StereoCamera
+from uw_visibility_lab.simulation.raycast import NOTHING, look_at, nearest
+from uw_visibility_lab.simulation.scene import Scene
+
+MAX_RANGE = 40.0
+"""Range in m beyond which there is only water."""
+
+EDGE = 0.02
+"""Relative bend of the inverse range from pixel to pixel that makes an edge."""
+
+TILE = 16
+"""Width of a tile in px."""
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """What a view shows, apart from daylight: for light that comes from elsewhere."""
+
+    reflectance: Map  # (H, W, 3); reflectance at the end of each ray; 0 for open water
+    normals: Map  # (H, W, 3); outward unit normals there, in the world's axes
+    # edge_reflectance, edge_normals: (n, 4, 3); the same in each quarter of the pixels at edges
+    edge_reflectance: Map
+    edge_normals: Map
+
+
+@dataclass(frozen=True)
+class View:
+    """One camera's view of a scene, in air."""
+
+    range: Map  # (H, W); distance along the ray through each pixel's centre in m; inf = open water
+    radiance: Map  # (H, W, 3); normalised radiance at the end of that ray; 0 for open water
+    # (n,); rows and columns of pixels that see more than one surface
+    edges: tuple[NDArray[np.int64], NDArray[np.int64]]
+    edge_range: Map  # (n, 4); range in each quarter of these pixels
+    edge_radiance: Map  # (n, 4, 3); radiance in each quarter of these pixels
+    surfaces: Surfaces | None = None  # where asked for
+
+    @classmethod
+    def of_pixels(cls, radiance: Map, ranges: Map) -> View:
+        """Take an image in air and its ranges, each pixel a sample of one surface."""
+        none = np.zeros(0, np.int64)
+        return cls(
+            ranges, radiance, (none, none), np.zeros((0, 4), np.float32),
+            np.zeros((0, 4, 3), np.float32),
+        )
+
+
+def look(
+    scene: Scene, camera: StereoCamera, eye: Array, rotation: Array, workers: Workers,
+    *, surfaces: bool = False,
+) -> View:
+    """Cast the rays of one camera: one per pixel, and four more where surfaces meet.
+
+    Elsewhere textures are smoothed to the pixel's footprint, which one ray can sample.
+    rotation: axes of the optical frame as columns.
+    surfaces: whether reflectance and normals are wanted too.
+    """
+    width = 9 if surfaces else 3
+    size = (camera.height, camera.width)
+    ranges = np.empty(size, np.float32)
+    hits = np.empty(size, np.int32)
+    seen = np.zeros((*size, width), np.float32)
+    tiles = assign_to_tiles(scene.bounds, camera, eye, rotation, MAX_RANGE)
+    optics = np.array([camera.focal_length, *camera.principal_point])
+    workers.rows(
+        _cast_centres, camera.height, scene, tiles, eye, rotation, optics, ranges, hits, seen
+    )
+    rows, columns = np.nonzero(_edges(ranges, hits))
+    edge_range = np.empty((len(rows), 4), np.float32)
+    edge_seen = np.zeros((len(rows), 4, width), np.float32)
+    if len(rows) > 0:
+        workers.rows(
+            _cast_quarters, len(rows), scene, tiles, eye, rotation, optics, rows, columns,
+            edge_range, edge_seen,
+        )
+    (radiance, *of_pixels), (edge_radiance, *of_edges) = (
+        [np.ascontiguousarray(values[..., first:first + 3]) for first in range(0, width, 3)]
+        for values in (seen, edge_seen)
+    )
+    found = Surfaces(*of_pixels, *of_edges) if surfaces else None
+    return View(ranges, radiance, (rows, columns), edge_range, edge_radiance, found)
+
+
+def _edges(ranges: Map, hits: NDArray[np.int32]) -> Mask:
+    """Mark pixels where the ray's neighbours meet another surface, or a fold."""
+    edges = np.zeros(hits.shape, np.bool_)
+    inverse = 1.0 / ranges
+    for hit, near, edge in ((hits, inverse, edges), (hits.T, inverse.T, edges.T)):
+        other = hit[1:] != hit[:-1]
+        edge[1:] |= other
+        edge[:-1] |= other
+        bend = np.abs(near[2:] + near[:-2] - 2.0 * near[1:-1])
+        edge[1:-1] |= bend > EDGE * near[1:-1]
+    return edges
+
+
+@njit(nogil=True, error_model="numpy")
+def _cast_centres(
+    start: int, stop: int, scene: Scene, tiles: Tiles, eye: Any, rotation: Any, optics: Any,
+    ranges: Any, hits: Any, seen: Any,
+) -> None:
+    for row in range(start, stop):
+        for column in range(ranges.shape[1]):
+            tile = (row // TILE) * tiles.columns + column // TILE
+            ranges[row, column], hits[row, column] = _cast(
+                scene, tiles, tile, eye, rotation, optics, column, row, seen[row, column]
+            )
+
+
+@njit(nogil=True, error_model="numpy")
+def _cast_quarters(
+    start: int, stop: int, scene: Scene, tiles: Tiles, eye: Any, rotation: Any, optics: Any,
+    rows: Any, columns: Any, ranges: Any, seen: Any,
+) -> None:
+    for k in range(start, stop):
+        tile = (rows[k] // TILE) * tiles.columns + columns[k] // TILE
+        for quarter in range(4):
+            u = columns[k] - 0.25 + 0.5 * (quarter % 2)
+            v = rows[k] - 0.25 + 0.5 * (quarter // 2)
+            ranges[k, quarter], _ = _cast(
+                scene, tiles, tile, eye, rotation, optics, u, v, seen[k, quarter]
+            )
+
+
+@njit(nogil=True, error_model="numpy")
+def _cast(
+    scene: Scene, tiles: Tiles, tile: int, eye: Any, rotation: Any, optics: Any, u: float,
+    v: float, seen: Any,
+) -> tuple[float, int]:
+    """Cast the ray through a point of the image; writes what it sees to ``seen``."""
+    x, y = (u - optics[1]) / optics[0], (v - optics[2]) / optics[0]
+    length = 1.0 / math.sqrt(x * x + y * y + 1.0)
+    dx = (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2]) * length
+    dy = (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2]) * length
+    dz = (rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2]) * length
+    candidates = tiles.shapes[tiles.offsets[tile]:tiles.offsets[tile + 1]]
+    t, hit = nearest(scene, candidates, eye, dx, dy, dz, MAX_RANGE)
+    if hit != NOTHING:
+        look_at(
+            scene, hit, eye[0] + t * dx, eye[1] + t * dy, eye[2] + t * dz,
+            t / optics[0], (dx, dy, dz), seen,
+        )
+    return t, hit
+
+
+class Tiles(NamedTuple):
+    """Lists of shapes by tile, one after the other."""
+
+    columns: int  # tiles in a row of tiles
+    offsets: NDArray[np.int64]  # (tiles + 1,); where a tile's list starts in `shapes`
+    shapes: NDArray[np.int32]  # (n,); indices of shapes
+
+
+def assign_to_tiles(
+    bounds: Array,
+    camera: StereoCamera,
+    eye: Array,
+    rotation: Array,
+    limit: float,
+) -> Tiles:
+    """List for each tile the shapes whose bounding sphere (n, 4) may show in it."""
+    offset = bounds[:, :3] - eye
+    radius = bounds[:, 3]
+    x, y, z = (offset @ rotation).T
+    seen = (z > -radius) & (np.linalg.norm(offset, axis=1) - radius < limit)
+    index = np.flatnonzero(seen)
+    x, y, z, radius = x[index], y[index], z[index], radius[index]
+    near, far = np.maximum(z - radius, 1e-3), z + radius
+
+    def span(middle: Array, centre: float) -> NDArray[np.int64]:
+        """Bound the projection of each sphere, in tiles."""
+        low, high = middle - radius, middle + radius
+        first = low / np.where(low < 0.0, near, far)
+        last = high / np.where(high > 0.0, near, far)
+        edges = np.stack([first, last]) * camera.focal_length + centre
+        edges += np.array([[-1.0], [1.0]])
+        return np.floor(np.clip(edges, -1e6, 1e6) / TILE).astype(np.int64)
+
+    columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
+    across = span(x, camera.principal_point[0])
+    down = span(y, camera.principal_point[1])
+    offsets, shapes = _lists(index, across, down, columns, rows)
+    return Tiles(columns, offsets, shapes)
+
+
+@njit(nogil=True, error_model="numpy")
+def _lists(index: Any, across: Any, down: Any, columns: int, rows: int) -> tuple[Any, Any]:
+    """Count each tile's shapes, then write them down."""
+    offsets = np.zeros(columns * rows + 1, np.int64)
+    for k in range(len(index)):
+        for row in range(max(down[0, k], 0), min(down[1, k] + 1, rows)):
+            for column in range(max(across[0, k], 0), min(across[1, k] + 1, columns)):
+                offsets[row * columns + column + 1] += 1
+    offsets = np.cumsum(offsets)
+    shapes = np.empty(offsets[-1], np.int32)
+    place = offsets.copy()
+    for k in range(len(index)):
+        for row in range(max(down[0, k], 0), min(down[1, k] + 1, rows)):
+            for column in range(max(across[0, k], 0), min(across[1, k] + 1, columns)):
+                tile = row * columns + column
+                shapes[place[tile]] = index[k]
+                place[tile] += 1
+    return offsets, shapes

@@ -1,0 +1,379 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Standard deviations against errors over many seeded draws of scenes and water."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+
+from uw_visibility.config.schema import AssessmentConfig
+from uw_visibility.config.water import WaterConfig
+from uw_visibility.optics.spectra import load_response
+from uw_visibility.status import Status
+from uw_visibility.water.daylight.estimation import WaterEstimator
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.meaning.assessment import Assessor
+
+KAPPA = np.array([0.228, 0.066, 0.025])
+SHAPE = (192, 256)
+DRAWS = 40
+ASSESSOR = Assessor(AssessmentConfig(), load_response("nikon_d5100"))
+
+
+@dataclass(frozen=True)
+class Draw:
+    """An image of a random scene, its ranges, and the truth."""
+
+    image: np.ndarray
+    range: np.ndarray
+    attenuation: np.ndarray
+    veil: np.ndarray
+    light: np.ndarray
+
+
+def draw(seed: int, ratio: float | None = 1.0, open_water: bool = False) -> Draw:
+    """See tilted patches at random ranges; veil over light is `ratio`, random where None."""
+    rng = np.random.default_rng(seed)
+    rows, columns = SHAPE
+    near, far = rng.uniform(1.5, 3.0), rng.uniform(5.0, 9.0)
+    tiles = rng.uniform(0.0, 1.0, (6, 8))
+    place = cv2.resize(tiles, (columns, rows), interpolation=cv2.INTER_CUBIC).clip(0.0, 1.0)
+    distance = (near + (far - near) * place).astype(np.float32)
+    grey = sum(
+        cv2.resize(rng.random((rows // scale, columns // scale)), (columns, rows)) / 3
+        for scale in (3, 8, 24))
+    grey = (grey - grey.min()) / (grey.max() - grey.min())
+    contrast = rng.uniform(1.5, 2.5)
+    tint = 0.9 + 0.1 * rng.random((rows // 16, columns // 16, 3))
+    rho = grey[..., np.newaxis] ** contrast * cv2.resize(tint, (columns, rows))
+    rho = rng.uniform(0.0, 0.04) + rng.uniform(0.85, 0.95) * rho
+    particles = rng.uniform(0.05, 0.4)
+    beta = KAPPA + particles * np.exp(rng.normal(0.0, 0.1, 3))
+    light = 0.9 * np.exp(-0.8 * beta * rng.uniform(1.0, 4.0))
+    light *= 0.85 / light.max()
+    share = np.exp(rng.uniform(np.log(0.25), np.log(1.1))) if ratio is None else ratio
+    veil = share * light
+    path = distance[..., np.newaxis].copy()
+    if open_water:
+        path[: rows // 5] = np.inf
+        distance[: rows // 5] = np.nan
+    left = np.exp(-beta * path)
+    irradiance = light * rho * left + veil * (1.0 - left)
+    codes = 255.0 * irradiance + rng.normal(0.0, 0.5, irradiance.shape)
+    image = np.clip(np.round(codes), 0, 255).astype(np.uint8)
+    return Draw(image, distance, beta, veil, light)
+
+
+def estimates(
+    model: str, ratio: float | None, open_water: bool = False
+) -> list[tuple[Draw, WaterEstimate]]:
+    """Estimate the water of each draw."""
+    estimator = WaterEstimator(WaterConfig(veil=model), KAPPA, daylight=ASSESSOR.daylight)
+    draws = [draw(seed, ratio, open_water) for seed in range(DRAWS)]
+    return [(one, estimator.estimate(one.image, one.range, range_error=0.0)) for one in draws]
+
+
+def scores(found: list[tuple[Draw, WaterEstimate]]) -> np.ndarray:
+    """Errors of attenuation over their standard deviation, of what was published."""
+    return np.array([
+        (estimate.attenuation - one.attenuation) / estimate.attenuation_stddev
+        for one, estimate in found if estimate.status is Status.OK])
+
+
+def within(score: np.ndarray, deviations: float, least: float) -> None:
+    """Assert a share of scores within so many deviations, but for three binomial deviations.
+
+    The channels of a frame are one sample.
+    """
+    share = (np.abs(score) < deviations).mean()
+    assert share > least - 3.0 * np.sqrt(least * (1.0 - least) / len(score))
+
+
+class TestPaperModel:
+    """Veil and light are one, and the estimator knows it."""
+
+    @pytest.fixture
+    def found(self) -> list[tuple[Draw, WaterEstimate]]:
+        return estimates("paper", 1.0)
+
+    def test_coverage(self, found):
+        score = scores(found)
+        assert len(score) > 0.9 * DRAWS
+        within(score, 1.0, 0.68)
+        within(score, 2.0, 0.95)
+
+    def test_standard_deviations_are_not_idle(self, found):
+        assert np.sqrt((scores(found) ** 2).mean()) > 0.35
+
+
+@pytest.mark.parametrize("ratio", [1.0, 0.4, None])
+@pytest.mark.parametrize("open_water", [False, True])
+class TestFreeVeil:
+    """Veil and light may differ, and the estimator does not know."""
+
+    def test_coverage(self, ratio, open_water):
+        found = estimates("free", ratio, open_water)
+        score = scores(found)
+        assert len(score) > 0.85 * DRAWS
+        within(score, 1.0, 0.68)
+        within(score, 2.0, 0.95)
+        within(score, 3.0, 0.99)
+        assert np.sqrt((score**2).mean()) > 0.2
+        # The veil, too, where it is known best: far dark patches show it but for noise.
+        within(np.array([
+            (e.veil - one.veil) / e.ambient_light_stddev
+            for one, e in found if e.status is Status.OK]), 2.0, 0.95)
+        # And so is the distance of visibility, which few of them make too long.
+        seen = [(one, ASSESSOR.assess(e)) for one, e in found if e.status is Status.OK]
+        distances = np.array([
+            (v.distance, v.distance_stddev, 2.351 / one.attenuation.min())
+            for one, v in seen if v.status is Status.OK])
+        within((distances[:, 0] - distances[:, 2]) / distances[:, 1], 2.0, 0.95)
+        if open_water:
+            veil = np.array([e.veil / one.veil for one, e in found if e.status is Status.OK])
+            assert np.median(np.abs(np.log(veil))) < 0.05
+            assert (distances[:, 1] < 0.2 * distances[:, 0]).mean() > 0.75
+
+
+def estimate(image: np.ndarray, distance: np.ndarray, transfer: str = "linear") -> WaterEstimate:
+    """Estimate as the node does."""
+    estimator = WaterEstimator(WaterConfig(), KAPPA, transfer, ASSESSOR.daylight)
+    return estimator.estimate(image, distance, range_error=0.0)
+
+
+def encoded(one: Draw) -> np.ndarray:
+    """Encode as sRGB."""
+    light = np.arange(256) / 255
+    curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    return np.round(255 * curve).astype(np.uint8)[one.image]
+
+
+class TestPhysicalSense:
+    """What no water explains is refused, or the standard deviation covers it."""
+
+    SEEDS = range(12)
+
+    def test_a_wrong_transfer_is_told(self):
+        draws = [draw(seed) for seed in self.SEEDS]
+        wrong = [estimate(encoded(one), one.range).status for one in draws]
+        assert wrong.count(Status.OTHER_TRANSFER) >= 9
+        reverse = [estimate(one.image, one.range, "srgb").status for one in draws]
+        assert reverse.count(Status.OTHER_TRANSFER) >= 9
+        right = [estimate(encoded(one), one.range, "srgb").status for one in draws]
+        assert Status.OTHER_TRANSFER not in right
+
+    def test_a_wrong_transfer_that_is_not_told_is_in_the_deviation(self):
+        score = []
+        for seed in range(24):
+            one = draw(seed)
+            found = estimate(encoded(one), one.range)
+            if found.status is Status.OK:
+                score.append(np.abs(found.attenuation - one.attenuation) / found.attenuation_stddev)
+        assert len(score) >= 4
+        assert (np.max(score, axis=1) < 3.0).mean() >= 0.75
+
+    @pytest.mark.parametrize("effect", ["vignetting", "plume"])
+    def test_uneven_images_are_refused_or_less_sure(self, effect):
+        rows, columns = np.mgrid[-1:1:SHAPE[0] * 1j, -1:1:SHAPE[1] * 1j]
+        told = 0
+        for seed in self.SEEDS:
+            one = draw(seed)
+            if effect == "vignetting":
+                # Half of the light is left in the corners.
+                image = one.image * (1.0 - 0.25 * (rows**2 + columns**2))[..., np.newaxis]
+            else:
+                # Right half: 0.3 1/m more.
+                left = np.exp(-0.3 * one.range * (columns > 0))[..., np.newaxis]
+                image = one.image * left + 255 * one.veil * (1.0 - left)
+            even, uneven = (
+                estimate(np.round(i).astype(np.uint8), one.range) for i in (one.image, image))
+            assert even.status is Status.OK
+            told += uneven.status is not Status.OK or bool(
+                (uneven.attenuation_stddev > 1.5 * even.attenuation_stddev).all())
+        assert told >= 9
+
+    @pytest.mark.parametrize("more", [0.05, 0.1])
+    def test_a_weak_plume_is_in_the_estimate(self, more):
+        """By so much, 1/m, in the right half: half of it on average."""
+        columns = np.linspace(-1.0, 1.0, SHAPE[1])
+        shift = []
+        for seed in self.SEEDS:
+            one = draw(seed)
+            left = np.exp(-more * one.range * (columns > 0))[..., np.newaxis]
+            image = np.round(one.image * left + 255 * one.veil * (1.0 - left)).astype(np.uint8)
+            even, uneven = (estimate(i, one.range) for i in (one.image, image))
+            if uneven.status is Status.OK:
+                shift.append(uneven.attenuation - even.attenuation)
+                error = uneven.attenuation - one.attenuation - 0.5 * more
+                assert (np.abs(error) < 3.0 * uneven.attenuation_stddev).all()
+        assert len(shift) >= 10
+        assert np.median(shift) == pytest.approx(0.5 * more, rel=0.3)
+
+    def test_attenuation_is_above_clear_waters_rather_than_at_it(self):
+        """Clear water, and a scene whose contrast grows with range by as much as it takes."""
+        for seed in self.SEEDS:
+            one = draw(seed, 0.5)
+            distance = one.range[..., np.newaxis]
+            left = np.exp(-one.attenuation * distance)
+            radiance = (one.image / 255 - one.veil * (1.0 - left)) / left
+            radiance *= np.exp(0.12 * (distance - distance.max()))
+            left = np.exp(-KAPPA * distance)
+            seen = radiance * left + one.veil * (1.0 - left)
+            found = estimate(np.clip(np.round(255 * seen), 0, 255).astype(np.uint8), one.range)
+            assert found.status is Status.OK
+            assert (found.cues["contrast"][0] < KAPPA).all()
+            above = found.attenuation - KAPPA
+            assert (above[1:] > 0.3 * found.attenuation_stddev[1:]).all()
+            assert (above > 0.0).all()
+            assert (above < 3.0 * found.attenuation_stddev).all()
+
+    def test_a_jpeg_that_was_not_told_of_leaves_red_unsure(self):
+        """It rounds red, of which little is left, to the light of blue."""
+        blue = np.array([0.3, 0.75, 1.0])
+        scores = []
+        for seed in self.SEEDS:
+            one = draw(seed)
+            image = np.round(one.image * blue).astype(np.uint8)
+            data = cv2.imencode(
+                ".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 75])[1]
+            pixels = np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
+            raw, lossy = estimate(image, one.range), estimate(pixels, one.range)
+            if lossy.status is not Status.OK:
+                continue
+            wider = lossy.attenuation_stddev / lossy.attenuation
+            wider /= raw.attenuation_stddev / raw.attenuation
+            assert wider[0] > 1.5 > wider[2]
+            scores.append((lossy.attenuation - one.attenuation) / lossy.attenuation_stddev)
+        assert len(scores) >= 6
+        assert np.abs(scores).max() < 3.0
+
+    def test_open_water_is_the_veil_and_a_wall_is_not(self):
+        one = draw(3, 0.4, open_water=True)
+        found = estimate(one.image, one.range)
+        assert found.open_water == pytest.approx(0.2, abs=0.05)
+        np.testing.assert_allclose(found.veil, one.veil, rtol=0.05)
+        assert set(found.cues) == {"open water", "contrast"}
+        # A smooth wall that is matched in part goes on beside the unmatched part.
+        one = draw(3, 0.4)
+        image, distance = one.image.copy(), one.range.copy()
+        image[:96] = image[:96].mean(axis=(0, 1))
+        distance[:96], distance[:80, :120] = 5.0, np.nan
+        assert estimate(image, distance).open_water == 0.0
+
+    @pytest.mark.parametrize(("particles", "fall", "wall", "seen"), [
+        (0.5, 0.0, False, 1), (0.5, 0.4, False, 1), (0.3, 0.5, False, 1), (0.05, 0.0, True, 0),
+        (0.2, 0.0, True, 0), (0.1, 0.4, True, 0),
+    ])
+    def test_a_scene_may_fade_into_open_water_and_ends_at_a_wall(
+        self, particles, fall, wall, seen
+    ):
+        """Matched up to where nothing is left of it, and as smooth as the water beyond.
+
+        The veil may fall by a part of it from above to below.
+        """
+        rng = np.random.default_rng(0)
+        rows = np.linspace(0.0, 1.0, SHAPE[0])[:, np.newaxis] * np.ones((1, SHAPE[1]))
+        ranges = (2.0 / np.maximum(rows - 0.2, 0.1)).astype(np.float32)
+        grey = cv2.resize(rng.random((SHAPE[0] // 3, SHAPE[1] // 3)), SHAPE[::-1])
+        rho = 0.9 * (grey[..., np.newaxis] - grey.min()) ** 2
+        if wall:
+            rho[rows < 0.55] = 0.6
+        beta = KAPPA + particles
+        left = np.exp(-beta * ranges[..., np.newaxis])
+        if not wall:
+            left[rows < 0.3] = 0.0
+        veil = 0.6 * (1.0 + fall * (0.5 - rows[..., np.newaxis]))
+        codes = 255.0 * (0.8 * rho * left + veil * (1.0 - left)) + rng.normal(0, 0.4, rho.shape)
+        ranges[rows < 0.3] = np.nan
+        found = estimate(np.clip(np.round(codes), 0, 255).astype(np.uint8), ranges)
+        assert (found.open_water > 0.1) == seen
+
+    def test_a_veil_that_is_brighter_above_is_told_by_open_water(self):
+        """Far things are seen above near ones, before a brighter veil."""
+        errors = []
+        for seed in self.SEEDS:
+            one = draw(seed)
+            rows = np.linspace(0.0, 1.0, SHAPE[0], dtype=np.float32)[:, np.newaxis]
+            ranges = np.broadcast_to(6.0 * (1.2 - rows), SHAPE).copy()
+            gradient = (1.0 + 0.4 * (0.5 - rows))[..., np.newaxis]
+            rng = np.random.default_rng(seed)
+            grey = cv2.resize(rng.random((SHAPE[0] // 3, SHAPE[1] // 3)), SHAPE[::-1])
+            rho = 0.9 * (grey[..., np.newaxis] - grey.min()) ** 2
+            path = np.where(rows < 0.3, np.inf, ranges)[..., np.newaxis]
+            left = np.exp(-one.attenuation * path)
+            seen = 0.6 * one.light * (rho * left + 0.6 * gradient * (1.0 - left))
+            codes = 255.0 * seen + rng.normal(0.0, 0.5, seen.shape)
+            image = np.clip(np.round(codes), 0, 255).astype(np.uint8)
+            ranges[: int(0.3 * SHAPE[0])] = np.nan
+            found = estimate(image, ranges)
+            assert found.open_water > 0.1
+            errors.append(found.attenuation / one.attenuation - 1.0)
+        # A single veil leaves them three tenths too small.
+        assert abs(np.median(errors)) < 0.1
+
+    @pytest.mark.parametrize("far", [6.0, 9.0])
+    def test_a_brighter_veil_above_that_the_whole_scene_has_faded_into(self, far):
+        """Nothing tells the water above from a smooth wall but that all follows from it."""
+        scores, ratios = [], []
+        for seed in self.SEEDS:
+            rng = np.random.default_rng(seed)
+            beta = KAPPA + rng.uniform(0.35, 0.6)
+            rows = np.linspace(0.0, 1.0, SHAPE[0], dtype=np.float32)[:, np.newaxis]
+            heights = cv2.resize(
+                rng.uniform(0.8, 1.2, (6, 8)).astype(np.float32), SHAPE[::-1])
+            ranges = np.minimum(far, 2.4 * heights / np.maximum(rows - 0.2, 0.05))
+            gradient = (1.0 + rng.uniform(0.3, 0.6) * (0.5 - rows))[..., np.newaxis]
+            grey = cv2.resize(rng.random((SHAPE[0] // 3, SHAPE[1] // 3)), SHAPE[::-1])
+            rho = 0.9 * (grey[..., np.newaxis] - grey.min()) ** 2
+            left = np.exp(-beta * np.where(rows < 0.45, np.inf, ranges)[..., np.newaxis])
+            codes = 255.0 * 0.6 * (rho * left + gradient * (1.0 - left))
+            codes += rng.normal(0.0, 0.5, codes.shape)
+            ranges[: int(0.45 * SHAPE[0])] = np.nan
+            found = estimate(np.clip(np.round(codes), 0, 255).astype(np.uint8), ranges)
+            scores.append((found.attenuation - beta) / found.attenuation_stddev)
+            ratios.append(beta.min() / found.attenuation.min())
+        assert np.isfinite(scores).all(axis=1).mean() > 0.8
+        # Without that water visibility is 1.7 and 1.2 times the true one.
+        assert (np.abs(scores) > 3.0).any(axis=1).mean() < 0.1
+        assert abs(np.nanmedian(ratios) - 1.0) < 0.15
+
+    def test_a_veil_that_changes_much_is_refused_without_open_water(self):
+        """Twice as bright above, where far things are, as below, or five times."""
+        statuses = []
+        for seed in self.SEEDS:
+            rng = np.random.default_rng(seed)
+            rows = np.linspace(0.0, 1.0, SHAPE[0], dtype=np.float32)[:, np.newaxis]
+            ranges = np.broadcast_to(2.0 + 6.0 * (1.0 - rows), SHAPE).copy()
+            grey = cv2.resize(rng.random((SHAPE[0] // 3, SHAPE[1] // 3)), SHAPE[::-1])
+            rho = 0.9 * (grey[..., np.newaxis] - grey.min()) ** 2
+            left = np.exp(-(KAPPA + 0.3) * ranges[..., np.newaxis])
+            for change in (0.0, 0.8, 1.4):
+                veil = (1.0 + change * (0.5 - rows))[..., np.newaxis]
+                codes = 255.0 * 0.5 * (rho * left + veil * (1.0 - left))
+                codes += rng.normal(0.0, 0.5, codes.shape)
+                image = np.clip(np.round(codes), 0, 255).astype(np.uint8)
+                statuses.append((change, estimate(image, ranges).status))
+        assert {status for change, status in statuses if not change} == {Status.OK}
+        refused = [status for change, status in statuses if change]
+        assert Status.OK not in refused
+        assert refused.count(Status.NOT_ONE_WATER) >= 18
+
+    def test_brighter_light_than_veil_is_told_apart(self):
+        one = draw(5, 0.3, open_water=True)
+        found = estimate(one.image, one.range)
+        # As bright as its brightest patches, and of its colour.
+        assert (found.scene_light > 1.5 * found.veil).all()
+        np.testing.assert_allclose(
+            found.scene_light / found.scene_light.sum(), one.light / one.light.sum(), rtol=0.1)
+
+    def test_depth_in_green_water_is_not_sure(self):
+        one = draw(2)
+        green = np.array([0.6, 1.0, 0.35])
+        image = np.round(one.image * green).astype(np.uint8)
+        seen = ASSESSOR.assess(estimate(image, one.range))
+        assert seen.depth_status is not Status.OK or seen.depth_stddev > 1.0
+        assert not seen.depth_precision > seen.depth_stddev

@@ -1,0 +1,369 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Estimates from whole images: closed forms, refusals, robustness."""
+
+import threading
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from scenes import KAPPA
+
+from uw_visibility.config.schema import WaterConfig
+from uw_visibility.errors import InputError
+from uw_visibility.images.view import View
+from uw_visibility.status import Status
+from uw_visibility.water.daylight.estimation import WaterEstimator
+from uw_visibility_lab.evaluation.degrade import load_scene
+
+METHODS = ("lower_envelope", "paper")
+
+
+def estimator(transfer="linear", **settings):
+    return WaterEstimator(WaterConfig(**settings), KAPPA, transfer)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("alpha", [0.0, 0.15, 0.4])
+def test_perfect_patches_give_the_water(make_view, method, dtype, alpha):
+    view = make_view(alpha)
+    found = estimator(method=method).estimate(view.codes(dtype), view.range, range_error=0.0)
+    assert found.status is Status.OK
+    assert found.channel_status == (Status.OK,) * 3
+    np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.013)
+    # In clear water blue shows no airlight: it is expected 5 % above the brightest patch.
+    np.testing.assert_allclose(found.ambient_light, view.ambient_light, rtol=0.045)
+    assert (found.attenuation_stddev > 0).all()
+    assert (found.ambient_light_stddev >= 0).all()
+    assert found.bins >= 20
+    assert found.iterations >= 1
+
+
+def test_irradiance_counts_as_such_whatever_the_transfer(make_view):
+    view = make_view()
+    light = view.irradiance.copy()
+    light[0, 0] = np.nan
+    found = estimator("srgb").estimate(light, view.range, range_error=0.0)
+    np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.01)
+
+
+def test_encoded_images_are_decoded(make_view):
+    view = make_view()
+    encoded = np.where(view.irradiance <= 0.0031308, 12.92 * view.irradiance,
+                       1.055 * view.irradiance ** (1 / 2.4) - 0.055)
+    image = (encoded * 255 + 0.5).astype(np.uint8)
+    found = estimator("srgb").estimate(image, view.range, range_error=0.0)
+    np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.013)
+    wrong = estimator("linear").estimate(image, view.range, range_error=0.0)
+    assert not np.allclose(wrong.attenuation, view.attenuation, atol=0.05)
+
+
+def test_unknown_ranges_and_masked_pixels_do_not_matter(make_view):
+    view = make_view()
+    image, distance = view.codes(), view.range.copy()
+    image[:80] = 3
+    distance[:40] = np.nan
+    valid = np.ones(distance.shape, dtype=bool)
+    valid[40:80] = False
+    found = estimator().estimate(image, distance, valid, range_error=0.0)
+    np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.015)
+
+
+def test_views_of_other_arrays_are_read_rightly(make_view):
+    view = make_view()
+    flipped = np.ascontiguousarray(view.codes()[:, :, ::-1])
+    found = estimator().estimate(
+        flipped[:, :, ::-1], view.range.astype(np.float64), range_error=0.0)
+    straight = estimator().estimate(view.codes(), view.range, range_error=0.0)
+    np.testing.assert_array_equal(found.attenuation, straight.attenuation)
+
+
+def test_a_start_changes_nothing_but_the_way(make_view):
+    view = make_view()
+    first = estimator().estimate(view.codes(), view.range, range_error=0.0)
+    again = estimator().estimate(view.codes(), view.range, start=first, range_error=0.0)
+    np.testing.assert_allclose(again.attenuation, first.attenuation, rtol=1e-3)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_grey_image_has_one_attenuation(make_view, method):
+    view = make_view()
+
+    def estimate(grey, ranges):
+        view = View.of(np.ascontiguousarray(grey))
+        return estimator(method=method).estimate_grey_view(view, ranges, range_error=0.0)
+
+    for channel in (1, 2):
+        found = estimate(view.codes()[..., channel], view.range)
+        assert found[0] == pytest.approx(view.attenuation[channel], abs=0.012)
+        assert found[1] == pytest.approx(view.ambient_light[channel], rel=0.04)
+    grey = view.codes()[..., 1]
+    assert estimate(grey, np.full_like(view.range, 3)) is None
+    assert estimate(np.zeros_like(grey), view.range) is None
+    assert estimate(np.full_like(grey, 255), view.range) is None
+
+
+def test_one_estimator_serves_many_threads(make_view):
+    views = [make_view(alpha) for alpha in (0.05, 0.1, 0.2, 0.3)]
+    shared = estimator()
+    alone = [shared.estimate(v.codes(), v.range, range_error=0.0).attenuation for v in views]
+    found = [None] * 8
+
+    def work(index):
+        view = views[index % 4]
+        found[index] = shared.estimate(view.codes(), view.range, range_error=0.0).attenuation
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for index in range(8):
+        np.testing.assert_array_equal(found[index], alone[index % 4])
+
+
+def status_of(image, distance, **settings):
+    found = estimator(**settings).estimate(image, distance, range_error=0.0)
+    if found.status is not Status.OK:
+        refused = np.array([s is not Status.OK for s in found.channel_status])
+        assert np.isnan(found.attenuation[refused]).all()
+        assert np.isnan(found.ambient_light[refused]).all()
+        assert np.isnan(found.covariance[refused]).all()
+        assert np.isfinite(found.attenuation[~refused]).all()
+    return found.status
+
+
+@pytest.mark.parametrize("method", METHODS)
+class TestRefusals:
+    def test_no_colour(self, make_view, method):
+        view = make_view()
+        grey = view.codes()[:, :, 1].copy()
+        assert status_of(grey, view.range, method=method) is Status.NO_COLOUR
+        assert status_of(grey[..., np.newaxis], view.range, method=method) is Status.NO_COLOUR
+        three = np.repeat(grey[..., np.newaxis], 3, axis=2)
+        assert status_of(three, view.range, method=method) is Status.NO_COLOUR
+
+    def test_no_ranges(self, make_view, method):
+        view = make_view()
+        unknown = np.full_like(view.range, np.nan)
+        assert status_of(view.codes(), unknown, method=method) is Status.TOO_FEW_OBSERVATIONS
+        unknown[100:110, 100:110] = view.range[100:110, 100:110]
+        assert status_of(view.codes(), unknown, method=method) is Status.TOO_FEW_OBSERVATIONS
+
+    def test_a_flat_wall(self, make_view, method):
+        view = make_view(nearest=3.0, farthest=3.05)
+        assert status_of(view.codes(), view.range, method=method) is Status.RANGE_SPREAD_TOO_SMALL
+        same = np.full_like(view.range, 3)
+        assert status_of(view.codes(), same, method=method) is Status.RANGE_SPREAD_TOO_SMALL
+
+    def test_all_black(self, make_view, method):
+        view = make_view()
+        assert status_of(np.zeros_like(view.codes()), view.range, method=method) is Status.TOO_DARK
+
+    def test_too_dark_for_one_channel(self, make_view, method):
+        view = make_view(alpha=0.2, depth=12.0)
+        found = estimator(method=method).estimate(view.codes(), view.range, range_error=0.0)
+        assert found.channel_status[0] is Status.TOO_DARK
+        assert found.channel_status[2] is Status.OK
+        # Water took the red: what green and blue say stands.
+        assert found.status is Status.OK
+        assert np.isnan(found.attenuation[0])
+        # 17 code values of blue are left.
+        assert found.attenuation[2] == pytest.approx(view.attenuation[2], abs=0.045)
+
+    def test_saturated(self, make_view, method):
+        view = make_view()
+        white = np.full_like(view.codes(), 255)
+        white[0, 0] = 254, 255, 255
+        assert status_of(white, view.range, method=method) is Status.SATURATED
+        image = view.codes()
+        image[..., 2] = 255
+        found = estimator(method=method).estimate(image, view.range, range_error=0.0)
+        assert found.channel_status == (Status.OK, Status.OK, Status.SATURATED)
+
+    def test_no_bright_patch_and_no_open_water(self, make_view, method):
+        # Everything is about as dark, near, in clear water: nothing tells
+        # how much light there is.
+        view = make_view(alpha=0.0, nearest=0.5, farthest=1.0, darkest=0.1, brightest=0.11)
+        assert status_of(view.codes(np.uint16), view.range, method=method) in (
+            Status.AMBIENT_LIGHT_UNBOUNDED, Status.RANGE_SPREAD_TOO_SMALL)
+
+
+def test_dark_scenes_near_by_are_refused_for_their_ambient_light(make_view):
+    view = make_view(alpha=0.0, nearest=0.5, farthest=1.0, darkest=0.1, brightest=0.11)
+    found = estimator().estimate(view.codes(np.uint16), view.range, range_error=0.0)
+    assert Status.AMBIENT_LIGHT_UNBOUNDED in found.channel_status
+
+
+@pytest.mark.parametrize("value", [0, 1, 77, 254, 255])
+def test_a_constant_image_is_refused(make_view, value):
+    view = make_view()
+    image = np.full_like(view.codes(), value)
+    assert status_of(image, view.range) is not Status.OK
+    image[..., 0] = 30
+    assert status_of(image, view.range) is not Status.OK
+
+
+pixels = st.integers(0, 255)
+
+
+@given(
+    image=arrays.arrays(np.uint8, (40, 50, 3), elements=pixels, fill=pixels),
+    distance=arrays.arrays(
+        np.float32, (40, 50), elements=st.floats(width=32), fill=st.floats(width=32)),
+    method=st.sampled_from(METHODS),
+)
+@settings(max_examples=60, deadline=None)
+def test_whatever_comes_in_no_unannounced_nan_comes_out(image, distance, method):
+    found = estimator(method=method, min_bin_pixels=10).estimate(image, distance, range_error=0.0)
+    ok = np.array([s is Status.OK for s in found.channel_status])
+    assert np.isfinite(found.attenuation[ok]).all()
+    assert np.isfinite(found.covariance[ok]).all()
+    assert np.isnan(found.attenuation[~ok]).all()
+    assert (found.status is Status.OK) == ok.all()
+
+
+@pytest.mark.parametrize(
+    ("image", "distance", "valid", "says"),
+    [
+        (np.zeros((4, 5, 3), np.int32), np.zeros((4, 5)), None, "int32"),
+        (np.zeros((4, 5, 2), np.uint8), np.zeros((4, 5)), None, r"\(4, 5, 2\)"),
+        (np.zeros((4, 5, 3), np.uint8), np.zeros((4, 6)), None, "one range per pixel"),
+        (np.zeros((4, 5, 3), np.uint8), np.zeros((4, 5)), np.ones((4, 5), int), "pixels are int64"),
+        (np.zeros((4, 5, 3), np.uint8), np.zeros((4, 5)), np.ones((4, 4), bool),
+         r"bool of shape \(4, 4\), the images are 5x4 px"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_name(image, distance, valid, says):
+    with pytest.raises(InputError, match=says):
+        estimator().estimate(image, distance, valid, range_error=0.0)
+
+
+SCENES = ("aloe", "art", "dolls", "moebius")
+
+
+@pytest.fixture(scope="module")
+def scenes(shared_data):
+    return [load_scene(shared_data / "middlebury" / name) for name in SCENES]
+
+
+def errors_of(scenes, method, **settings):
+    found = []
+    for scene in scenes:
+        distance = scene.rig.range_from_disparity(scene.disparity_left)
+        for alpha in (0.0, 0.1, 0.2, 0.3):
+            image, _ = scene.degraded(alpha, 2.0, KAPPA)
+            estimate = estimator(method=method).estimate(
+                image, distance, range_error=0.0, **settings)
+            assert estimate.status is Status.OK, (scene.name, alpha, estimate.channel_status)
+            found.append(np.mean(estimate.attenuation - KAPPA) - alpha)
+    return np.abs(found)
+
+
+def test_with_exact_range_the_lower_envelope_improves_on_the_plain_fit(scenes):
+    plain = errors_of(scenes, "paper")
+    better = errors_of(scenes, "lower_envelope")
+    assert plain.mean() < 0.04
+    assert better.mean() <= 0.008
+    assert better.max() <= 0.04
+    assert better.mean() < 0.3 * plain.mean()
+
+
+def test_ranges_that_a_window_carried_over_edges_do_not_mislead(make_view):
+    """A dark thing near by, whose range at its border is that of what lies behind."""
+    view = make_view(alpha=0.2, nearest=3.0)
+    image, distance = view.codes(), view.range.copy()
+    near = np.zeros(distance.shape, dtype=bool)
+    for row in range(30, 330, 40):
+        near[row:row + 20, 40:300] = True
+    airlight = view.ambient_light * (1 - np.exp(-view.attenuation * 1.5))
+    image[near] = airlight * 255 + 0.5
+    distance[near] = 1.5
+    eroded = cv2.erode(near.astype(np.uint8), np.ones((13, 13))) > 0
+    distance[near & ~eroded] = view.range[near & ~eroded]
+    found = estimator().estimate(image, distance, range_error=0.001)
+    np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.03)
+    naive = estimator().estimate(image, distance, range_error=0.0)
+    refused = naive.status is Status.NOT_ONE_WATER
+    assert refused or (np.abs(naive.attenuation - view.attenuation) > 0.03).any()
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.2, 0.35])
+def test_noise_does_not_pull_the_envelope_down(make_view, alpha):
+    """Far away only ambient light and noise are left; they must not count as dark."""
+    view = make_view(alpha=alpha, farthest=20.0, size=(480, 640), planes=40)
+    rng = np.random.default_rng(0)
+    noisy = view.irradiance * 255 + rng.normal(0, 1.7, view.irradiance.shape)
+    image = np.clip(noisy + 0.5, 0, 255).astype(np.uint8)
+    found = estimator().estimate(image, view.range, range_error=0.0)
+    np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.02, rtol=0.05)
+    assert (np.abs(found.attenuation - view.attenuation) < 3 * found.attenuation_stddev).all()
+
+
+def test_a_few_bins_of_wrong_ranges_do_not_mislead(make_view):
+    view = make_view(alpha=0.2)
+    image, distance = view.codes(), view.range.copy()
+    # Black at 1 m, taken to be at 5 m: darker than black can be.
+    wrong = np.abs(distance - 5) < 0.3
+    wrong[:300] = False
+    image[wrong] = view.ambient_light * (1 - np.exp(-view.attenuation)) * 255
+    found = estimator().estimate(image, distance, range_error=0.0)
+    np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.03)
+
+
+def test_the_deviation_grows_where_nothing_is_black(make_view):
+    black, grey = make_view(), make_view(darkest=0.25, seed=1)
+    first = estimator().estimate(black.codes(), black.range, range_error=0.0)
+    second = estimator().estimate(grey.codes(), grey.range, range_error=0.0)
+    assert (second.attenuation_stddev > first.attenuation_stddev).all()
+
+
+def test_the_deviation_of_a_dull_scene_near_by_says_so(make_view):
+    view = make_view(alpha=0.2, farthest=4.0, darkest=0.1, brightest=0.4)
+    found = estimator().estimate(view.codes(), view.range, range_error=0.0)
+    error = np.abs(found.attenuation - view.attenuation)
+    assert (error > 0.08).all()
+    assert (error < 2 * found.attenuation_stddev).all()
+
+
+def test_a_bound_does_not_make_an_estimate_sure(make_view):
+    """Black is blacker than clear water allows: attenuation is held at that of clear water."""
+    view = make_view(alpha=0.0, nearest=0.45, farthest=0.6)
+    dimmed = (view.codes() * 0.9).astype(np.uint8)
+    dimmed[view.codes() == view.codes().max()] = 230
+    found = estimator().estimate(dimmed, view.range, range_error=0.005)
+    assert (found.attenuation_stddev[found.attenuation < KAPPA] > 0.03).all()
+
+
+@pytest.mark.parametrize("ranges", [
+    {"coarse": True, "range_error": 0.0}, {"range_error": 5e-3},
+])
+def test_interpolated_and_measured_ranges_are_trusted_less(make_view, ranges):
+    """Specks of wrong range, too few for the envelope of such ranges."""
+    view = make_view()
+    image = view.codes()
+    image[5::60, 3::12] = 1
+    found = estimator().estimate(image, view.range, **ranges)
+    assert found.status is Status.OK
+    np.testing.assert_allclose(found.attenuation, view.attenuation, atol=0.015)
+    exact = estimator().estimate(image, view.range, range_error=0.0)
+    worse = np.abs(exact.attenuation - view.attenuation).max()
+    assert exact.status is not Status.OK or worse > 0.02
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_estimate_survives_noise_and_marine_snow(make_view, seed):
+    view = make_view(alpha=0.15, seed=seed)
+    rng = np.random.default_rng(seed)
+    noisy = 255 * view.irradiance + rng.normal(0, 1.5, view.irradiance.shape)
+    seeds = (rng.random(view.range.shape) < 0.0025).astype(np.uint8)
+    flakes = cv2.dilate(seeds, np.ones((2, 2))) > 0
+    noisy[flakes] += 60
+    image = np.clip(noisy + 0.5, 0, 255).astype(np.uint8)
+    found = WaterEstimator(WaterConfig(), KAPPA).estimate(image, view.range, range_error=0.0)
+    assert found.status is Status.OK
+    assert abs(np.mean(found.attenuation - view.attenuation)) < 0.02

@@ -1,0 +1,154 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The filter over frames: begun anew with another rig, and off where it is turned off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.status import REFUTING, Status
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.observations import Envelopes
+from uw_visibility.water.series.filter import WaterFilter
+from uw_visibility.water.series.tracking import TrackingEvent
+
+STARTED, UPDATED = TrackingEvent.STARTED, TrackingEvent.UPDATED
+
+
+def water() -> WaterEstimate:
+    covariance = np.array([np.diag([0.02**2, 0.01**2])] * 3)
+    return WaterEstimate(
+        Status.OK, np.array([0.5, 0.3, 0.2]), np.array([0.1, 0.4, 0.6]), covariance, 9, 30,
+        (Status.OK,) * 3,
+    )
+
+
+def test_another_rig_begins_anew_and_the_same_one_does_not() -> None:
+    kept = WaterFilter(PipelineConfig())
+    events = []
+    for number, rig in enumerate(("a", "a", "b", "b", "a")):
+        found = kept.update(water(), float(number), rig)
+        assert found is not None
+        events.append(found.event)
+    assert events == [STARTED, UPDATED, STARTED, UPDATED, STARTED]
+
+
+def test_a_filter_that_is_reset_begins_anew() -> None:
+    kept = WaterFilter(PipelineConfig())
+    kept.update(water(), 0.0)
+    kept.reset()
+    found = kept.update(water(), 1.0)
+    assert found is not None and found.event is STARTED
+
+
+def test_what_is_filtered_is_assessed_too() -> None:
+    kept = WaterFilter(PipelineConfig())
+    first, second = (kept.update(water(), time) for time in (0.0, 1.0))
+    assert first is not None and second is not None
+    assert second.visibility.distance > 0
+    assert second.visibility.distance_stddev < first.visibility.distance_stddev
+
+
+def test_a_distance_that_is_no_longer_known_is_refused_for_the_reason_of_the_frame() -> None:
+    kept = WaterFilter(PipelineConfig())
+    kept.update(water(), 0.0)
+    blind = WaterEstimate.not_assessable(Status.TOO_DARK)
+    found = [kept.update(blind, time) for time in (0.2, 4.5)]
+    assert [one.event for one in found if one] == [TrackingEvent.PREDICTED] * 2
+    assert [one.visibility.status for one in found if one] == [Status.OK, Status.TOO_DARK]
+
+
+@pytest.mark.parametrize("reason", sorted(REFUTING))
+def test_a_frame_that_refutes_the_model_is_not_bridged_by_those_before(reason: Status) -> None:
+    kept = WaterFilter(PipelineConfig())
+    kept.update(water(), 0.0)
+    frames = [WaterEstimate.not_assessable(why) for why in (Status.TOO_DARK, reason)]
+    found = [kept.update(frame, 0.2 + 0.2 * k) for k, frame in enumerate([*frames, frames[0]])]
+    assert [one.water.status for one in found if one] == [Status.OK, reason, Status.OK]
+    assert [np.isfinite(one.visibility.distance) for one in found if one] == [True, False, True]
+
+
+def statuses(odds: list[float]) -> list[Status]:
+    """Filtered statuses of frames that say so of the camera's transfer."""
+    kept = WaterFilter(PipelineConfig())
+    found = [
+        kept.update(replace(water(), transfer_log_odds=one), 0.2 * k)
+        for k, one in enumerate(odds)]
+    return [one.water.status for one in found if one is not None]
+
+
+def test_a_transfer_that_no_frame_is_certain_of_is_told_by_some_of_them() -> None:
+    told = statuses([2.5, 1.6, np.nan, 2.0, 2.4, 2.4])
+    assert told == [Status.OK] * 4 + [Status.OTHER_TRANSFER] * 2
+
+
+@pytest.mark.parametrize("odds", [
+    [1.2] * 100, [9.0, -2.0] * 50, [-3.0] * 20 + [3.0] * 8, [np.nan] * 20, [9.0] * 3,
+])
+def test_small_odds_never_add_up_to_certainty(odds: list[float]) -> None:
+    """Frames of one scene err alike."""
+    assert set(statuses(odds)) == {Status.OK}
+
+
+def test_a_transfer_is_forgotten_with_the_recording() -> None:
+    kept = WaterFilter(PipelineConfig())
+    for k in range(6):
+        kept.update(replace(water(), transfer_log_odds=3.0), 0.2 * k)
+    kept.reset()
+    found = kept.update(replace(water(), transfer_log_odds=-0.5), 2.0)
+    assert found is not None and found.water.status is Status.OK
+
+
+def test_nothing_is_filtered_where_tracking_is_off() -> None:
+    off = WaterFilter(PipelineConfig.from_parameters({"tracking.enabled": False}))
+    assert off.update(water(), 0.0) is None
+
+
+def flat(frame: int) -> WaterEstimate:
+    """A frame of a survey, 2 m above the floor: its envelopes, and why that is all."""
+    altitude = 2.0 + 0.3 * np.sin(0.4 * frame)
+    distance = altitude + np.linspace(-0.06, 0.06, 8)
+    beta, light = np.array([[0.5], [0.3], [0.25]]), np.array([[0.3], [0.6], [0.7]])
+    left = np.exp(-beta * distance)
+    rng = np.random.default_rng(frame)
+    dark = light * (1.0 - left * (1.0 - 0.02 * rng.random(left.shape)))
+    bright = light * (1.0 - left * (0.05 + 0.05 * rng.random(left.shape)))
+    envelope = Envelopes(
+        range=distance, count=np.full(8, 5000), dark=dark, dark_range=np.tile(distance, (3, 1)),
+        bright=bright, step=np.full((3, 8), 1 / 255), deviation=np.full((3, 8), 0.002),
+        noise=np.full(3, 0.3), pixels=40000, saturated=np.zeros(3), zero=np.zeros(3), grey=False,
+        limits=(float(distance[0]), float(distance[-1])), range_error=0.001,
+    )
+    return WaterEstimate.not_assessable(Status.RANGE_SPREAD_TOO_SMALL, envelope)
+
+
+def test_frames_that_show_nothing_alone_do_together() -> None:
+    kept = WaterFilter(PipelineConfig.from_parameters({"water.veil": "paper"}))
+    found = [kept.update(flat(frame), float(frame), "rig") for frame in range(40)]
+    assert [f is not None and f.survey is not None for f in found] == [False] * 19 + [True] * 21
+    last = found[-1]
+    assert last is not None and last.survey is not None
+    assert last.event is TrackingEvent.SURVEYED
+    assert (last.assessed, last.rejected) == (0, 0)
+    assert str(last.survey) == "40 frames in 39 s, ranges from 1.64 to 2.36 m"
+    error = (last.water.attenuation - (0.5, 0.3, 0.25)) / last.water.attenuation_stddev
+    assert (np.abs(error) < 3.0).all()
+    assert last.visibility.distance == pytest.approx(2.351 / last.water.attenuation.min(), rel=1e-3)
+    # A frame that shows the water by itself is taken at its word.
+    after = kept.update(water(), 40.0, "rig")
+    assert after is not None and after.event is STARTED and after.survey is None
+    # What another rig saw does not count.
+    other = kept.update(flat(41), 41.0, "other")
+    assert other is not None and other.survey is None
+
+
+def test_no_survey_where_it_is_turned_off() -> None:
+    off = WaterFilter(PipelineConfig.from_parameters({"survey.enabled": False}))
+    for frame in range(40):
+        found = off.update(flat(frame), float(frame))
+    assert found is not None and found.event is TrackingEvent.NOT_ASSESSABLE
+    assert found.water.status is Status.RANGE_SPREAD_TOO_SMALL

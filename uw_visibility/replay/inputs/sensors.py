@@ -1,0 +1,302 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Positions, and numbers of any topic, interpolated at the stamps of frames."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Generic, NamedTuple
+
+import numpy as np
+
+from uw_visibility.errors import InputError
+from uw_visibility.messages.images import stamp_to_nanoseconds
+from uw_visibility.plausibility.comparison import Value, neighbours
+from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.inputs.topics import check_topic
+from uw_visibility.replay.line_fit import LARGEST
+
+# No interpolation between positions further apart, s.
+LONGEST_GAP = 10.0
+# Mean radius of the earth, m (IUGG), enough for the extent of a dive.
+EARTH_RADIUS = 6371008.8
+
+
+class Track(Generic[Value]):
+    """Buffer of values by rising stamp, between which frames are placed.
+
+    Parameters
+    ----------
+    longest_gap : float
+        Values further apart than this are not neighbours, s.
+    """
+
+    def __init__(self, longest_gap: float) -> None:
+        self._longest = longest_gap
+        self._values: deque[Value] = deque()
+
+    def add(self, value: Value) -> None:
+        """Take a value; a stamp that goes back begins anew."""
+        if self._values and value.stamp < self._values[-1].stamp:
+            self._values.clear()
+        self._values.append(value)
+
+    def reaches(self, stamp: int) -> bool:
+        """Tell whether values go as far as a stamp."""
+        return bool(self._values) and self._values[-1].stamp >= stamp
+
+    def follows(self, stamp: int) -> bool:
+        """Tell whether values begin after a stamp, or there are none."""
+        return not self._values or self._values[0].stamp > stamp
+
+    def forget_before(self, stamp: int) -> None:
+        """Drop what is not needed for stamps from this one on."""
+        while len(self._values) > 1 and self._values[1].stamp <= stamp:
+            self._values.popleft()
+
+    def around(self, stamp: int) -> tuple[Value, Value, float] | None:
+        """Return the neighbours of a stamp, and which part of the way it is; None without any."""
+        return neighbours(self._values, stamp, self._longest)
+
+
+class Position(NamedTuple):
+    """Position at a stamp (ns).
+
+    Attributes
+    ----------
+    geographic : bool
+        Whether the coordinates are longitude and latitude in degrees, or metres.
+    x, y, z : float
+        Longitude or x, latitude or y, and height.
+    """
+
+    stamp: int
+    geographic: bool
+    x: float
+    y: float
+    z: float
+
+
+def read_position(message: Any) -> Position | None:
+    """Read a NavSatFix or an Odometry; None where it has no fix.
+
+    Raises `InputError` if a fix is nowhere on Earth.
+    """
+    stamp = stamp_to_nanoseconds(message.header.stamp)
+    if hasattr(message, "latitude"):
+        if message.status.status < 0:
+            return None
+        values = (message.longitude, message.latitude, message.altitude)
+    else:
+        point = message.pose.pose.position
+        values = (point.x, point.y, point.z)
+    x, y, z = (float(v) for v in values)
+    if not (math.isfinite(x) and math.isfinite(y)):
+        return None
+    if not hasattr(message, "latitude"):
+        return Position(stamp, False, x, y, z)
+    if abs(y) > 90.0 or abs(x) > 360.0:
+        raise InputError(
+            "a fix has a latitude beyond 90 or a longitude beyond 360 degrees: publish degrees, "
+            "WGS 84")
+    return Position(stamp, True, wrap_longitude(x), y, z)
+
+
+def wrap_longitude(degrees: float) -> float:
+    """Return a longitude as one from -180 up to 180 degrees."""
+    return degrees if -180.0 <= degrees <= 180.0 else (degrees + 180.0) % 360.0 - 180.0
+
+
+class PositionTrack(Track[Position]):
+    """Track of positions."""
+
+    def __init__(self) -> None:
+        super().__init__(LONGEST_GAP)
+
+    def lack(self, stamp: int) -> str:
+        """Say why there is no position at a stamp."""
+        if self.follows(stamp):
+            return "before the first fix"
+        if not self.reaches(stamp):
+            return "beyond the last fix"
+        return f"between fixes more than {LONGEST_GAP:g} s apart"
+
+    def at(self, stamp: int) -> Position | None:
+        """Return the position at a stamp, linear between its neighbours."""
+        found = self.around(stamp)
+        if found is None:
+            return None
+        before, after, share = found
+        # Unwrap longitudes across the date line.
+        end = wrap_longitude(after.x - before.x) + before.x if after.geographic else after.x
+        x, y, z = (
+            a + share * (b - a)
+            for a, b in zip(before[2:], (end, after.y, after.z), strict=True)
+        )
+        return Position(
+            stamp, after.geographic, wrap_longitude(x) if after.geographic else x, y, z)
+
+
+def geographic(x: float, y: float, origin: tuple[float, float]) -> tuple[float, float]:
+    """Return longitude and latitude of a point east and north (m) of an origin (lat, lon)."""
+    latitude, longitude = origin
+    north = math.degrees(y / EARTH_RADIUS)
+    east = math.degrees(x / (EARTH_RADIUS * math.cos(math.radians(latitude))))
+    return wrap_longitude(longitude + east), latitude + north
+
+
+LONGEST_TOLERANCE = 3600.0
+_DEEPEST = 6
+# Fields that are not measurements.
+_NO_VALUES = ("header", "layout", "variance")
+# Messages whose numbers describe an image or a cloud.
+_LARGE = ("Image", "CompressedImage", "CameraInfo", "DisparityImage", "PointCloud2", "LaserScan")
+
+
+@dataclass(frozen=True)
+class ScalarTopic:
+    """A number in the messages of a topic.
+
+    Attributes
+    ----------
+    field : str
+        Path of the field, parts and indices with dots between; empty takes the only number.
+    """
+
+    topic: str
+    field: str = ""
+
+    @classmethod
+    def parse(cls, text: str) -> ScalarTopic:
+        """Read ``TOPIC`` or ``TOPIC.field.of.it``: names of topics have no dots.
+
+        Raises `InputError` if there is no topic, or a part of the path is empty.
+        """
+        topic, _, field = text.partition(".")
+        if not topic or text.endswith(".") or ".." in text:
+            raise InputError(
+                f"--join is {text!r}: give a topic, or a topic and a field as /ctd.temperature")
+        return cls(topic, field)
+
+    def __str__(self) -> str:
+        return f"{self.topic}.{self.field}" if self.field else self.topic
+
+    @property
+    def column(self) -> str:
+        """Name of the column in the table."""
+        return "joined_" + re.sub(r"\W+", "_", str(self)).strip("_").lower()
+
+    def read(self, message: Any, arrival: int) -> ScalarValue:
+        """Read the value of a message.
+
+        Parameters
+        ----------
+        message : object
+            Of the topic.
+        arrival : int
+            When it was received, ns: its time where it has no header.
+        """
+        value = self._value(message)
+        if not abs(value) <= LARGEST:
+            raise InputError(f"{self} is {value:g}: only finite numbers are joined, of up to "
+                             f"{LARGEST:.2g}")
+        header = getattr(message, "header", None)
+        stamp = 0 if header is None else stamp_to_nanoseconds(header.stamp)
+        return ScalarValue(self, stamp or arrival, value)
+
+    def check(self, message: Any) -> None:
+        """Refuse a message without the field."""
+        self._value(message)
+
+    def _value(self, message: Any) -> float:
+        if not self.field:
+            found = list(_numbers(message, ""))
+            if len(found) != 1:
+                names = ", ".join(f"{self.topic}.{name}" for name, _ in found[:8]) or "none"
+                raise InputError(
+                    f"{self.topic} has {len(found) or 'no'} numbers: name one of them, {names}")
+            return found[0][1]
+        value = message
+        for part in self.field.split("."):
+            value = _part(value, part)
+        if not _is_number(value):
+            raise InputError(f"{self.topic} has no number {self.field}")
+        return float(value)
+
+
+class ScalarValue(NamedTuple):
+    """A value of a joined topic.
+
+    Attributes
+    ----------
+    stamp : int
+        ns.
+    """
+
+    source: ScalarTopic
+    stamp: int
+    value: float
+
+
+class ScalarTrack(Track[ScalarValue]):
+    """Track of a topic's values."""
+
+    def at(self, stamp: int) -> float:
+        """Return the value at a stamp, linear between neighbours; NaN where there are none."""
+        found = self.around(stamp)
+        if found is None:
+            return math.nan
+        before, after, share = found
+        return before.value + share * (after.value - before.value)
+
+
+def numbers_of(reader: BagReader, topic: str) -> list[str]:
+    """Return the paths of the numbers in a topic's messages; none for images and clouds."""
+    if reader.channels[topic].type.rpartition("/")[2] in _LARGE:
+        return []
+    message = next(reader.messages([topic]), None)
+    if message is None:
+        return []
+    try:
+        return [name for name, _ in _numbers(reader.deserialize(message), "")]
+    except InputError:
+        return []
+
+
+def check_join(reader: BagReader, join: ScalarTopic) -> None:
+    """Refuse a number that a recording does not have, by its first message."""
+    check_topic(reader.channels, join.topic)
+    first = next(reader.messages([join.topic]), None)
+    if first is not None:
+        join.check(reader.deserialize(first))
+
+
+def _part(value: Any, part: str) -> Any:
+    """Return a field, or an element of an array; None where there is none."""
+    if part.isdigit():
+        try:
+            return value[int(part)]
+        except (TypeError, IndexError, KeyError):
+            return None
+    return None if part.startswith("_") else getattr(value, part, None)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+
+
+def _numbers(value: Any, path: str, depth: int = 0) -> Iterator[tuple[str, float]]:
+    """Yield the numbers of a message by their paths, without headers, variances, constants."""
+    for name in getattr(type(value), "__dataclass_fields__", {}):
+        if name in _NO_VALUES or name.startswith("_") or name.isupper():
+            continue
+        inner = getattr(value, name)
+        where = f"{path}.{name}" if path else name
+        if _is_number(inner):
+            yield where, float(inner)
+        elif depth < _DEEPEST:
+            yield from _numbers(inner, where, depth + 1)

@@ -1,0 +1,305 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Calibration of lamps' places, axes and beams from ground that several frames show.
+
+As in `uw_visibility.water.lamps.track_fit`, the ratios of a tracked point's light show the lamps
+while range and place in the beams change. Robust nonlinear least squares of ln (E − s S), with a
+free mean of each track; weak priors around the guess hold what the frames do not show.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from uw_visibility.config.lighting import ISOTROPIC, Lamp
+from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array
+from uw_visibility.optics.lamps import incidence, phase_function, shine
+from uw_visibility.water.lamps.sightings import Sightings
+from uw_visibility.water.lamps.track_fit import (
+    ATTENUATION,
+    EXPONENT,
+    LEAST_FRAMES,
+    OWN_PART,
+    SCATTERING,
+    STEPS,
+    TOGETHER,
+    USUAL_ATTENUATION,
+    USUAL_EXPONENT,
+    less_means,
+    pool_tracks,
+    scattering_factor,
+)
+from uw_visibility.water.robust import charbonnier_weight, median_deviation
+
+# Sightings that are fitted at most, and at least.
+MOST_CELLS, FEWEST_CELLS = 8000, 300
+# Farthest over nearest range at least, of quantiles of the sightings.
+LEAST_RATIO, RANGE_QUANTILES = 1.4, (0.05, 0.95)
+# A larger deviation of a place, m, is no calibration.
+MOST_STDDEV = 0.2
+# Deviations of the priors: of places (m), axes (rad), logarithms of the beam's angle and of one
+# lamp's power over another's.
+PLACE, AXIS, BEAM, RATIO = 0.5, math.radians(10.0), 0.2, 0.1
+# Steps of the fit at most.
+MOST_STEPS = 100
+# Scatter of ln E at the start.
+SCATTER = 0.1
+# Part of the sightings that may be limited so.
+MOST_LIMITED = 0.02
+# Errors of the model that scatter does not show, forms of beam and ground, scales of range: of
+# places (m), axes (degrees), the beam as a part of its angle, and of β (1/m).
+PLACE_ERROR, AXIS_ERROR, BEAM_ERROR, BETA_ERROR = 0.03, 3.0, 0.12, 0.03
+
+
+@dataclass(frozen=True)
+class LampCalibration:
+    """Lamps found, with standard deviations.
+
+    Attributes
+    ----------
+    lamps : tuple of Lamp
+    position_stddev : (L, 3) float64 ndarray
+        m.
+    direction_stddev : (L,) float64 ndarray
+        Larger of an axis' two deviations, degrees.
+    beam_stddev : float
+        Of the beams' angles, as a fraction; 0 for lamps without a beam.
+    attenuation, attenuation_stddev : (3,) float64 ndarray
+        β, 1/m, of the recording's water.
+    scatter : float
+        Standard deviation of ln E about the fit.
+    range : (N,) float64 ndarray
+        Of the sightings, m.
+    before, after : (N, 3) float64 ndarray
+        Logarithm of light over the model's, minus the mean of each point, as guessed and as found.
+    """
+
+    lamps: tuple[Lamp, ...]
+    position_stddev: Array
+    direction_stddev: Array
+    beam_stddev: float
+    attenuation: Array
+    attenuation_stddev: Array
+    scatter: float
+    range: Array
+    before: Array
+    after: Array
+
+    def parameters(self) -> dict[str, object]:
+        """Return the lamps as parameters, by dotted name."""
+        return {
+            "lighting.model": "lamps",
+            "lighting.positions": [round(v, 4) for lamp in self.lamps for v in lamp.position],
+            "lighting.directions": [round(v, 5) for lamp in self.lamps for v in lamp.direction],
+            "lighting.beam_angles": [round(lamp.beam_angle, 2) for lamp in self.lamps],
+            "lighting.colours": [round(v, 4) for lamp in self.lamps for v in lamp.colour],
+            "lighting.position_stddev": round(_rms(self.position_stddev), 4),
+            "lighting.direction_stddev": round(_rms(self.direction_stddev), 2)}
+
+
+class _Model:
+    """Light of sightings for a vector of parameters."""
+
+    def __init__(self, lamps: Sequence[Lamp], cells: Sightings) -> None:
+        self.lamps = lamps
+        self.cells = cells
+        count = len(lamps)
+        self.beamed = any(lamp.beam_angle < ISOTROPIC for lamp in lamps)
+        sizes = (3 * count, 2 * count, int(self.beamed), count - 1, 1, 3, 3)
+        ends = np.cumsum(sizes)
+        (self.places, self.tilts, self.beam, self.ratios, self.exponent, self.beta,
+         self.scattering) = (slice(b - a, b) for a, b in zip(sizes, ends, strict=True))
+        self.mean, self.stddev = np.zeros(ends[-1]), np.full(ends[-1], np.inf)
+        for part, mean, stddev in (
+            (self.places, np.ravel([lamp.position for lamp in lamps]), PLACE),
+            (self.tilts, 0.0, AXIS), (self.beam, 0.0, BEAM), (self.ratios, 0.0, RATIO),
+            (self.exponent, USUAL_EXPONENT, EXPONENT),
+            (self.beta, USUAL_ATTENUATION, ATTENUATION), (self.scattering, 0.0, SCATTERING),
+        ):
+            self.mean[part], self.stddev[part] = mean, stddev
+        nodes, weights = np.polynomial.legendre.leggauss(STEPS)
+        distance = cells.range[:, np.newaxis]
+        self.steps = np.concatenate([0.5 * (nodes + 1) * distance, distance], axis=1)
+        self.weights = 0.5 * weights * distance
+        self.points = cells.direction[:, np.newaxis] * self.steps[..., np.newaxis]
+
+    def found(self, p: Array) -> tuple[Lamp, ...]:
+        """The lamps of parameters."""
+        factors = np.exp(np.concatenate([[0.0], p[self.ratios]]))
+        widened = math.exp(float(p[self.beam][0])) if self.beamed else 1.0
+        out = []
+        for i, lamp in enumerate(self.lamps):
+            axis = np.array(lamp.direction)
+            across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+            across /= np.linalg.norm(across)
+            tilt = p[self.tilts][2 * i:2 * i + 2]
+            axis = axis + tilt[0] * across + tilt[1] * np.cross(axis, across)
+            axis /= np.linalg.norm(axis)
+            angle = lamp.beam_angle
+            x, y, z = p[self.places][3 * i:3 * i + 3].tolist()
+            red, green, blue = (factors[i] * np.array(lamp.colour)).tolist()
+            out.append(Lamp(
+                (x, y, z), (float(axis[0]), float(axis[1]), float(axis[2])),
+                angle if angle >= ISOTROPIC else min(angle * widened, 350.0), (red, green, blue)))
+        return tuple(out)
+
+    def light(self, p: Array) -> tuple[Array, Array]:
+        """D and S of the sightings, each (N, 3)."""
+        beta = np.exp(p[self.beta])
+        direct, scattered = np.zeros((2, len(self.steps), 3))
+        for lamp in self.found(p):
+            r, lit, forward = shine(self.points, self.cells.direction, lamp)
+            back = lit[:, :-1] * phase_function(forward[:, :-1]) * self.weights
+            cosine = incidence(self.points[:, -1], self.cells.normal, lamp, r[:, -1])
+            facing = lit[:, -1] * cosine ** p[self.exponent]
+            path = r + self.steps
+            for c in range(3):
+                left = np.exp(-beta[c] * path)
+                direct[:, c] += lamp.colour[c] * facing * left[:, -1]
+                scattered[:, c] += lamp.colour[c] * (back * left[:, :-1]).sum(axis=1)
+        return direct + 1e-12, scattered
+
+    def residuals(self, p: Array) -> Array:
+        """ln (E − s S) − ln D less its mean over each track, (N, 3)."""
+        direct, own = self.parted(p)
+        departure = np.log(own / direct)
+        return less_means(
+            departure[..., np.newaxis], self.cells.track, np.full(departure.shape, True))[..., 0]
+
+    def parted(self, p: Array) -> tuple[Array, Array]:
+        """D, and E − s S, which is limited from below, each (N, 3)."""
+        direct, scattered = self.light(p)
+        light = self.cells.light
+        s = scattering_factor(light, direct, p[self.beta], p[self.scattering])
+        return direct, np.maximum(light - s * scattered, OWN_PART * light)
+
+
+def calibrate_lamps(
+    frames: Sequence[Sightings], guesses: Sequence[Sequence[Lamp]]
+) -> LampCalibration:
+    """Fit places, axes and beams of lamps to points seen at many ranges.
+
+    Parameters
+    ----------
+    frames : sequence of Sightings
+        In the order of time.
+    guesses : sequence of sequence of Lamp
+        Rigs to start from; the one that fits best is taken.
+
+    Raises
+    ------
+    InputError
+        If there are too few sightings, ranges are too alike, or places stay uncertain.
+    """
+    cells, group = _pooled(frames)
+    _check_ranges(cells)
+    tried = []
+    for guess in guesses:
+        model = _Model(guess, cells)
+        # From what is expected towards what is seen, past places that fit by chance.
+        tried.append((*_fit(model, model.mean, SCATTER, 10, 3 * TOGETHER), model))
+    _, start, model = min(tried, key=lambda each: each[0])
+    scatter = median_deviation(model.residuals(start))
+    _, p = _fit(model, start, scatter, MOST_STEPS)
+    halves = [_half_fit(model, start, scatter, part) for part in (0, 1)]
+    spread = _rms(halves[1][model.places] - halves[0][model.places]) / 2
+    return _assembled(model, p, scatter, group, spread)
+
+
+def _half_fit(model: _Model, start: Array, scatter: float, part: int) -> Array:
+    """Parameters that every second track alone gives."""
+    cells = model.cells
+    chosen = cells.track % 2 == part
+    half = {field.name: getattr(cells, field.name)[chosen] for field in fields(cells)}
+    half["track"] = half["track"] // 2
+    return _fit(_Model(model.lamps, Sightings(**half)), start, scatter, MOST_STEPS)[1]
+
+
+def _pooled(frames: Sequence[Sightings]) -> tuple[Sightings, NDArray[np.int64]]:
+    """Sightings of points that several frames show, thinned, and the group of each."""
+    pooled = pool_tracks(frames, LEAST_FRAMES, MOST_CELLS)
+    total = len(pooled.sightings.range)
+    if total < FEWEST_CELLS:
+        raise InputError(
+            f"lamps cannot be calibrated: points of the ground are seen {total} times by frames "
+            f"that follow one another, {FEWEST_CELLS} are needed: record well lit ground, slowly")
+    return pooled.sightings, pooled.group
+
+
+def _check_ranges(cells: Sightings) -> None:
+    low, high = np.quantile(cells.range, RANGE_QUANTILES)
+    if high < LEAST_RATIO * low:
+        raise InputError(
+            f"the ranges differ too little to find lamps, {low:.2f} to {high:.2f} m: record "
+            f"ground from distances that differ {LEAST_RATIO:g} times or more, sinking and rising")
+
+
+def _fit(
+    model: _Model, start: Array, scatter: float, steps: int, together: float = TOGETHER
+) -> tuple[float, Array]:
+    """Cost and parameters of the robust fit."""
+
+    def residuals(p: Array) -> Array:
+        # The loss is robust for what is seen, not for what is expected.
+        seen = model.residuals(p).ravel() / scatter
+        root = np.sign(seen) * np.sqrt(2.0 * (np.sqrt(1.0 + seen**2) - 1.0))
+        return np.concatenate([root / together, (p - model.mean) / model.stddev])
+
+    found = least_squares(
+        residuals, start, x_scale=np.minimum(model.stddev, 1.0), max_nfev=steps,
+        ftol=1e-6, xtol=1e-6)
+    if steps >= MOST_STEPS and found.status == 0:
+        raise InputError(
+            "the fit of the lamps does not converge: give better places with --params-file, or a "
+            "recording of even ground from more distances")
+    return float(found.cost), np.asarray(found.x)
+
+
+def _assembled(
+    model: _Model, p: Array, scatter: float, group: NDArray[np.int64], spread: float
+) -> LampCalibration:
+    limited = (model.parted(p)[1] <= 1.001 * OWN_PART * model.cells.light).mean()
+    if limited > MOST_LIMITED:
+        raise InputError(
+            f"the water in front of {100 * limited:.0f} % of the points outshines them, so that "
+            "lamps cannot be found: record in clearer water, from nearer")
+    residual = model.residuals(p) / scatter
+    jacobian = np.stack([
+        (model.residuals(p + step) - model.residuals(p - step)) / (2e-4 * scatter)
+        for step in 1e-4 * np.eye(len(p))], axis=2)
+    # Of the loss: its score, and the curvature that its weights leave.
+    weight = charbonnier_weight(residual)
+    prior = np.diag(1.0 / model.stddev**2)
+    bread = np.linalg.inv(
+        np.einsum("nc,nci,ncj->ij", weight, jacobian, jacobian, optimize=True) / TOGETHER**2
+        + prior)
+    score = np.einsum("nc,nci->ni", weight * residual, jacobian) / TOGETHER**2
+    summed = np.zeros((int(group.max()) + 1, len(p)))
+    np.add.at(summed, group, score)
+    # Neighbouring sightings and the channels share errors of range and ground.
+    covariance = bread @ (summed.T @ summed + prior) @ bread
+    covariance = np.maximum(np.diag(covariance), np.diag(bread))
+    deviation = np.sqrt(covariance)
+    places = np.hypot(deviation[model.places], math.hypot(spread, PLACE_ERROR)).reshape(-1, 3)
+    axes = np.degrees(deviation[model.tilts].reshape(-1, 2).max(axis=1))
+    if not places.max() <= MOST_STDDEV:
+        raise InputError(
+            f"places of lamps stay uncertain by {places.max():.2f} m, more than "
+            f"{MOST_STDDEV:g} m: record even ground from more distances, and from nearer")
+    beta = np.exp(p[model.beta])
+    return LampCalibration(
+        model.found(p), places, np.hypot(axes, AXIS_ERROR),
+        math.hypot(deviation[model.beam][0], BEAM_ERROR) if model.beamed else 0.0, beta,
+        np.hypot(beta * deviation[model.beta], BETA_ERROR), scatter, model.cells.range,
+        model.residuals(model.mean), residual * scatter)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

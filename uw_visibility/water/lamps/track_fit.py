@@ -1,0 +1,261 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Attenuation from ground points seen at several ranges, by known lamps.
+
+A tracked point keeps its reflectance ρ, so that the ratios of its light
+
+    E − s S = P ρ Σ cosᵏ(i) g(θ) e^(−β(r + d)) / r²
+
+over the frames show β, whatever the ground is. D and S as in `uw_visibility.optics.lamps`; the
+exponent k of the incidence i lies between rough ground (0) and Lambert's (1) (Minnaert 1941,
+doi:10.1086/144279), and s near π times the share of scattering in β. Robust least squares (Gauss-
+Newton, Charbonnier's loss) of ln (E − s S), with a free mean of each track.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.config.lighting import Lamp, LightingConfig
+from uw_visibility.images.arrays import Array, Mask
+from uw_visibility.optics.lamps import displaced, incidence, phase_function, shine
+from uw_visibility.water.lamps.sightings import TILES, Sightings
+from uw_visibility.water.robust import charbonnier_weight, median_deviation
+
+# Sightings that are fitted at most, and at least; frames that have to show a point.
+MOST_SIGHTINGS, FEWEST_SIGHTINGS, LEAST_FRAMES = 3000, 150, 3
+# Deviations of the priors of the exponent of the cosine and of the logarithm of s; the means
+# of the exponent, of the ground's reflectance, and of the share of scattering in attenuation.
+USUAL_EXPONENT, EXPONENT, SCATTERING, REFLECTANCE, ALBEDO = 0.8, 0.4, 0.7, 0.35, 0.7
+# Median and deviation of the logarithm of attenuation, 1/m.
+USUAL_ATTENUATION, ATTENUATION = math.log(0.3), 1.0
+# Part of the light that is the ground's own at least, and that of sightings that count:
+# what shines by the water alone tells nothing of the ground behind it.
+OWN_PART, CLEAR_PART = 0.2, 0.5
+# Steps of the integral along the line of sight.
+STEPS = 10
+# Scatter of ln E at the start, the least that is taken for it, and the largest of an estimate:
+# beyond it, power or exposure has changed, or lamps are elsewhere.
+SCATTER, LEAST_SCATTER, MOST_SCATTER = 0.06, 0.01, 0.2
+# Number of sightings and channels that share an error, as a root.
+TOGETHER = 6.0
+# Groups of frames by tiles of the image, whose errors are taken as independent.
+FRAME_GROUPS = 6
+# What the ground's light about a point changes with the path of light beside the model, 1/m:
+# common to the channels, and of each alone.
+TREND, CHANNEL_TREND = 0.015, 0.004
+ITERATIONS = 30
+
+
+@dataclass(frozen=True)
+class TrackFit:
+    """Attenuation (3,), 1/m, from tracked points, its covariance, and the number of sightings."""
+
+    attenuation: Array
+    covariance: Array
+    sightings: int
+
+
+def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFit | None:
+    """Fit attenuation to points in frames in the order of time, under lamps without daylight.
+
+    None where there are too few points, or they do not follow the lamps.
+    """
+    if len(frames) < LEAST_FRAMES:
+        return None
+    pooled = pool_tracks(frames, LEAST_FRAMES, MOST_SIGHTINGS)
+    if len(pooled.sightings.range) < FEWEST_SIGHTINGS:
+        return None
+    lamps = list(lighting.lamps())
+    light = _Light(pooled.sightings, lamps)
+    p = _start()
+    scatter = SCATTER
+    for _ in range(ITERATIONS):
+        residual, jacobian, clear = light.residuals(p)
+        if clear.sum() < 3 * FEWEST_SIGHTINGS:
+            return None
+        scatter = max(median_deviation(residual[clear]), LEAST_SCATTER)
+        weight = charbonnier_weight(residual / scatter) / (scatter * TOGETHER) ** 2
+        curvature = np.einsum("nci,nc,ncj->ij", jacobian, weight, jacobian, optimize=True)
+        slope = -np.einsum("nci,nc,nc->i", jacobian, weight, residual, optimize=True)
+        curvature[np.diag_indices(7)] += _PRIOR
+        step = np.clip(np.linalg.solve(curvature, slope - _PRIOR * (p - _start())), -0.5, 0.5)
+        p = p + step
+        if np.abs(step).max() < 1e-3:
+            break
+    if scatter > MOST_SCATTER:
+        return None
+    bread = np.linalg.inv(curvature)
+    score = np.einsum("nci,nc->ni", jacobian, weight * residual)
+    summed = np.zeros((int(pooled.group.max()) + 1, 7))
+    # Neighbouring sightings and the channels share errors of range and ground.
+    np.add.at(summed, pooled.group, score)
+    covariance = bread @ (summed.T @ summed + np.diag(_PRIOR)) @ bread
+    for moved in displaced(lamps, lighting.position_stddev, lighting.direction_stddev):
+        change = less_means(np.log(
+            _Light(pooled.sightings, moved, steps=1).direct(p)[0]
+            / light.direct(p)[0])[..., np.newaxis], pooled.sightings.track, clear)[..., 0]
+        shift = bread @ np.einsum("nci,nc,nc->i", jacobian, weight, change, optimize=True)
+        covariance += np.outer(shift, shift)
+    beta = np.exp(p[_BETA])
+    found = np.outer(beta, beta) * covariance[_BETA, _BETA]
+    return TrackFit(
+        beta, found + TREND**2 + CHANNEL_TREND**2 * np.eye(3), len(pooled.sightings.range))
+
+
+# Parameters: exponent of the cosine, logarithms of β, logarithms of s over its usual value.
+_BETA, _SCATTERING = slice(1, 4), slice(4, 7)
+_PRIOR = 1.0 / np.array([EXPONENT, *[ATTENUATION] * 3, *[SCATTERING] * 3]) ** 2
+
+
+def _start() -> Array:
+    return np.array([USUAL_EXPONENT, *[USUAL_ATTENUATION] * 3, 0.0, 0.0, 0.0])
+
+
+class _Light:
+    """Light of known lamps at sightings, over attenuation and the exponent of incidence."""
+
+    def __init__(self, cells: Sightings, lamps: Sequence[Lamp], steps: int = STEPS) -> None:
+        self._cells = cells
+        nodes, weights = np.polynomial.legendre.leggauss(steps)
+        distance = cells.range[:, np.newaxis]
+        along = 0.5 * (nodes + 1) * distance
+        # Of each lamp: g/r² and path on the ground, logarithm of the cosine, and the same of
+        # the water in front of it, with its phase function and the weights of the integral.
+        self._surface, self._water = [], []
+        patch = _patch(cells)
+        before = cells.direction[:, np.newaxis] * along[..., np.newaxis]
+        for lamp in lamps:
+            for direction, far in patch:
+                points = direction * far[:, np.newaxis]
+                r, lit, _ = (each[:, 0] for each in shine(points[:, np.newaxis], direction, lamp))
+                cosine = incidence(points, cells.normal, lamp, r)
+                self._surface.append((
+                    np.array(lamp.colour) / len(patch), lit, r + far, np.log(cosine)))
+            r, lit, forward = shine(before, cells.direction, lamp)
+            back = lit * phase_function(forward) * 0.5 * weights * distance
+            self._water.append((np.array(lamp.colour), back, r + along))
+
+    def direct(self, p: Array) -> tuple[Array, Array, Array]:
+        """D, its mean path and its mean logarithm of the cosine, each (N, 3)."""
+        total, path, cosine = np.zeros((3, len(self._cells.range), 3))
+        for colour, lit, way, log_cosine in self._surface:
+            facing = lit * np.exp(p[0] * log_cosine)
+            for c, beta in enumerate(np.exp(p[_BETA])):
+                part = colour[c] * facing * np.exp(-beta * way)
+                total[:, c] += part
+                path[:, c] += part * way
+                cosine[:, c] += part * log_cosine
+        total += 1e-12
+        return total, path / total, cosine / total
+
+    def _scattered(self, p: Array) -> tuple[Array, Array]:
+        """S and its mean path, each (N, 3)."""
+        total, path = np.zeros((2, len(self._cells.range), 3))
+        for colour, back, way in self._water:
+            for c, beta in enumerate(np.exp(p[_BETA])):
+                part = colour[c] * back * np.exp(-beta * way)
+                total[:, c] += part.sum(axis=1)
+                path[:, c] += np.einsum("ns,ns->n", part, way)
+        return total, path / np.maximum(total, 1e-30)
+
+    def residuals(self, p: Array) -> tuple[Array, Array, Mask]:
+        """Residuals ln (E − s S) − ln D less their track's mean, Jacobian, and clear sightings.
+
+        (N, 3), (N, 3, 7) and (N, 3).
+        """
+        light, beta = self._cells.light, np.exp(p[_BETA])
+        direct, path, cosine = self.direct(p)
+        scattered, path_scattered = self._scattered(p)
+        added = scattering_factor(light, direct, p[_BETA], p[_SCATTERING]) * scattered
+        clear = light - added > CLEAR_PART * light
+        own = np.where(clear, light - added, light)
+        share = np.where(clear, added / own, 0.0)
+        jacobian = np.zeros((*light.shape, 7))
+        jacobian[..., 0] = -cosine + share * cosine.mean(axis=0)
+        # Power follows attenuation, for what is seen stays as it is.
+        by_beta = path - share * (1.0 / beta + path.mean(axis=0) - path_scattered)
+        for c in range(3):
+            jacobian[:, c, 1 + c] = by_beta[:, c] * beta[c]
+            jacobian[:, c, 4 + c] = -share[:, c]
+        track = self._cells.track
+        residual = less_means(np.log(own / direct)[..., np.newaxis], track, clear)[..., 0]
+        return residual, less_means(jacobian, track, clear), clear
+
+
+def scattering_factor(
+    light: Array, direct: Array, log_attenuation: Array, log_scattering: Array
+) -> Array:
+    """Factor s of S, (3,), given logarithms of β and of s over its usual value.
+
+    Power is that of ground of usual reflectance, by light E and D, (N, 3) each.
+    """
+    power = np.exp(np.log(light / direct).mean(axis=0)) / REFLECTANCE
+    # White shines with 1/π of its irradiance into each direction.
+    return np.asarray(math.pi * ALBEDO * np.exp(log_attenuation + log_scattering) * power)
+
+
+def less_means(values: Array, track: NDArray[np.int64], clear: Mask) -> Array:
+    """Values (N, 3, K) minus their mean over each track, scaled for the lost degree of freedom.
+
+    0 where a sighting is not clear, (N, 3), or the only one of its track.
+    """
+    out = np.zeros_like(values)
+    tracks = int(track.max()) + 1
+    for c in range(3):
+        seen = clear[:, c]
+        number, some = track[seen], values[seen, c]
+        count = np.bincount(number, minlength=tracks)
+        summed = np.stack([np.bincount(number, each, tracks) for each in some.T], axis=1)
+        means = summed / np.maximum(count, 1)[:, np.newaxis]
+        # A track of n frames has n − 1 ratios.
+        wide = np.sqrt(count / np.maximum(count - 1, 1)) * (count > 1)
+        out[seen, c] = (some - means[number]) * wide[number][:, np.newaxis]
+    return out
+
+
+def _patch(cells: Sightings) -> list[tuple[Array, Array]]:
+    """Directions and ranges of four points of each patch, whose mean is that of the patch."""
+    out = []
+    height = np.einsum("nk,nk->n", cells.direction, cells.normal) * cells.range
+    for x, y in itertools.product((-1.0, 1.0), repeat=2):
+        away = cells.direction.copy()
+        # Nodes of Gauss and Legendre's rule.
+        step = cells.spread / math.sqrt(3.0)
+        away[:, 0] += x * step
+        away[:, 1] += y * step
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        slope = np.minimum(np.einsum("nk,nk->n", away, cells.normal), -0.02)
+        out.append((away, np.minimum(height / slope, 3.0 * cells.range)))
+    return out
+
+
+@dataclass(frozen=True)
+class PooledTracks:
+    """Sightings of many frames, tracks numbered from 0; `group`: part of frames and image."""
+
+    sightings: Sightings
+    group: NDArray[np.int64]
+
+
+def pool_tracks(frames: Sequence[Sightings], least: int, most: int) -> PooledTracks:
+    """Pool points seen by `least` frames, thinned by whole tracks to about `most` sightings."""
+    joined = {field.name: np.concatenate([getattr(f, field.name) for f in frames])
+              for field in fields(Sightings)}
+    number = np.repeat(np.arange(len(frames)), [len(f.range) for f in frames])
+    _, track, count = np.unique(joined["track"], return_inverse=True, return_counts=True)
+    several = count >= least
+    total = int(count[several].sum())
+    share = most / max(total, most)
+    keep = several & (np.arange(len(count)) * share % 1.0 < share)
+    chosen = keep[track]
+    joined = {name: values[chosen] for name, values in joined.items()}
+    joined["track"] = np.unique(track[chosen], return_inverse=True)[1]
+    part = number[chosen] * FRAME_GROUPS // max(len(frames), 1)
+    return PooledTracks(Sightings(**joined), np.asarray(part * TILES**2 + joined["tile"]))

@@ -1,0 +1,211 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Assessment of mean attenuation, visibility distance and depth (eq. 9-14)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uw_visibility.config.schema import AssessmentConfig, PipelineConfig
+from uw_visibility.images.arrays import Array, Mask
+from uw_visibility.optics.light_model import visibility_distance
+from uw_visibility.optics.spectra import CameraResponse, clear_water_attenuation, load_response
+from uw_visibility.status import Status
+from uw_visibility.water.daylight.validation import MIN_CODES
+from uw_visibility.water.estimate import WaterEstimate, joint_covariance
+from uw_visibility.water.meaning.depth import DepthModel
+
+# A distance or depth whose standard deviation is beyond this fraction of it, or
+# of the largest depth, says nothing.
+MAX_RELATIVE_STDDEV = 0.5
+# Light whose colour is farther from that of any daylight below water tells no depth.
+MAX_COLOUR_ERROR = 3.0
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """Mean attenuation, visibility distance and depth; NaN where not assessable.
+
+    Attributes
+    ----------
+    status : Status
+        Of the distance; mean attenuation is known where all channels with light are.
+    depth_status : Status
+        Of the depth.
+    mean_attenuation, mean_attenuation_stddev : float
+        α (eq. 9), 1/m, the mean over `channels`.
+    distance, distance_stddev : float
+        Visibility distance (eq. 12), m.
+    depth, depth_stddev : float
+        Depth (eq. 13), m, positive down.
+    depth_precision : float
+        The part of `depth_stddev` that varies between the frames of a dive, m: without
+        water type and white balance.
+    channels : str
+        Channels that have light, such as ``"GB"`` where water took the red.
+    """
+
+    status: Status
+    depth_status: Status
+    mean_attenuation: float = math.nan
+    mean_attenuation_stddev: float = math.nan
+    distance: float = math.nan
+    distance_stddev: float = math.nan
+    depth: float = math.nan
+    depth_stddev: float = math.nan
+    depth_precision: float = math.nan
+    channels: str = ""
+
+
+class Assessor:
+    """Assessment of visibility and depth from an estimate of the water's state.
+
+    Parameters
+    ----------
+    config : AssessmentConfig
+    response : CameraResponse
+        Gives κ (eq. 10).
+    white_reference : (3,) array_like
+        The camera's R, G, B of white at the surface; the scale is free.
+    by_daylight : bool
+        Whether daylight alone lights the scene, so that its colour tells the depth.
+
+    Attributes
+    ----------
+    clear_water_attenuation : (3,) float64 ndarray
+        κ, 1/m.
+    daylight : Daylight
+        What the ambient light is made of, for the estimate.
+    """
+
+    def __init__(
+        self, config: AssessmentConfig, response: CameraResponse,
+        white_reference: ArrayLike = (1.0, 1.0, 1.0), by_daylight: bool = True,
+    ) -> None:
+        self._by_daylight = by_daylight
+        # Where it is another, the balance was measured, and images may well be grey with it.
+        self._white_is_daylight = np.ptp(np.asarray(white_reference, np.float64)) == 0.0
+        self._config = config
+        self.clear_water_attenuation = clear_water_attenuation(response)
+        self._depth = DepthModel(config.water_type, response, white_reference, config.max_depth)
+        self.daylight = self._depth.daylight
+
+    @classmethod
+    def from_config(cls, config: PipelineConfig) -> Assessor:
+        """Make the assessor that a pipeline's parameters describe.
+
+        Raises
+        ------
+        InputError
+            If the camera's spectral response cannot be loaded.
+        """
+        camera = config.camera
+        return cls(
+            config.assessment, load_response(camera.response), camera.white_reference,
+            config.lighting.model == "daylight")
+
+    def assess(self, estimate: WaterEstimate) -> Visibility:
+        """Assess visibility and depth, with standard deviations by propagation.
+
+        A channel that is too dark to be assessed does not count: mean attenuation is that of the
+        others, depth needs two of them, and the distance is that of the best one.
+        """
+        covariance = joint_covariance(estimate)
+        seen = np.isfinite(estimate.attenuation)
+        alpha = alpha_stddev = math.nan
+        if seen.any() and not estimate.refused_in_light.any():
+            alpha, alpha_stddev = self._mean_attenuation(estimate, covariance, seen)
+        status, distance, distance_stddev = estimate.status, math.nan, math.nan
+        if seen.any() and not estimate.refused_in_light.any():
+            distance, distance_stddev = self._distance(estimate, covariance)
+            if not distance_stddev <= MAX_RELATIVE_STDDEV * distance:
+                status, distance, distance_stddev = _first(
+                    status, Status.RANGE_SPREAD_TOO_SMALL), math.nan, math.nan
+        depth_status, depth = estimate.status, (math.nan, math.nan, math.nan)
+        if not self._by_daylight:
+            depth_status = Status.NO_DEPTH_BY_LAMPS
+        elif estimate.status is Status.OK and seen.sum() < 2:
+            depth_status = Status.NO_COLOUR
+        elif estimate.status is Status.OK:
+            depth_status, depth = self._assess_depth(estimate, seen)
+            if estimate.grey_on_average and self._white_is_daylight and estimate.light is not None:
+                depth_status, depth = Status.GREY_ON_AVERAGE, (math.nan,) * 3
+            largest = MAX_RELATIVE_STDDEV * self._config.max_depth
+            if depth_status is Status.OK and not depth[1] <= largest:
+                depth_status, depth = Status.AMBIENT_LIGHT_UNBOUNDED, (math.nan,) * 3
+        return Visibility(
+            status, depth_status, alpha, alpha_stddev, distance, distance_stddev, *depth,
+            channels="".join(name for name, there in zip("RGB", seen, strict=True) if there))
+
+    def _assess_depth(
+        self, estimate: WaterEstimate, seen: Mask
+    ) -> tuple[Status, tuple[float, float, float]]:
+        """Depth by the colour of daylight, its standard deviation and its precision.
+
+        The colour is that of the scene light, where it is known apart from the veil; then the
+        deviation includes the water type above and the camera's white.
+        """
+        model = self._depth.of_channels(seen)
+        attenuation, light = estimate.attenuation[seen], estimate.scene_light[seen]
+        both = np.repeat(seen, 2)
+        depth, precision = model.depth(
+            attenuation, light, covariance_with_light(estimate)[np.ix_(both, both)])
+        if estimate.light is None:
+            return Status.OK, (depth, precision, precision)
+        patches = np.zeros((len(light) * 2,) * 2)
+        # The veil's part of it is in the precision.
+        of_veil = estimate.ambient_light_stddev[seen] * light / estimate.veil[seen]
+        patches[1::2, 1::2] = np.diag(
+            np.maximum(estimate.scene_light_stddev[seen]**2 - of_veil**2, 0.0))
+        _, scene = model.depth(attenuation, light, patches)
+        of_model, colour_error = model.model_stddev(
+            depth, attenuation, estimate.attenuation_stddev[seen], light)
+        stddev = math.hypot(precision, scene, of_model)
+        # By daylight a channel is lost far below only.
+        deepest = depth + MAX_COLOUR_ERROR * stddev
+        lost = self._depth.light(deepest, estimate.scene_light, seen) > _least_light(estimate)
+        if colour_error > MAX_COLOUR_ERROR or (lost & ~seen).any():
+            return Status.NO_DAYLIGHT_COLOUR, (math.nan, math.nan, math.nan)
+        return Status.OK, (depth, stddev, precision)
+
+    def _mean_attenuation(
+        self, estimate: WaterEstimate, covariance: Array, seen: Mask
+    ) -> tuple[float, float]:
+        """Mean attenuation by particles over the channels seen (eq. 9)."""
+        alpha = float(np.mean((estimate.attenuation - self.clear_water_attenuation)[seen]))
+        own = covariance[0::2, 0::2][np.ix_(seen, seen)]
+        return alpha, math.sqrt(own.sum()) / int(seen.sum())
+
+    def _distance(self, estimate: WaterEstimate, covariance: Array) -> tuple[float, float]:
+        """Distance at which contrast falls to the threshold, in the best channel (eq. 12)."""
+        contrast = self._config.contrast
+        best = int(np.nanargmin(estimate.attenuation))
+        attenuation = float(estimate.attenuation[best])
+        distance = visibility_distance(attenuation, contrast)
+        part = math.sqrt(covariance[2 * best, 2 * best]) / attenuation
+        # The distance goes as 1/β: where β is uncertain it is farther more than nearer, which
+        # the second order of half the difference between both says.
+        return distance, distance * part * (1.0 + part**2)
+
+
+def _least_light(estimate: WaterEstimate) -> Array:
+    """Least light of an assessable channel, (3,); inf where unknown."""
+    if estimate.envelope is None:
+        return np.full(3, np.inf)
+    step = estimate.envelope.step
+    return MIN_CODES * np.where(np.isfinite(step), step, np.inf).min(axis=1, initial=np.inf)
+
+
+def covariance_with_light(estimate: WaterEstimate) -> Array:
+    """`joint_covariance` with the scene light in the place of I∞, scaled like it."""
+    scale = np.ones(6)
+    scale[1::2] = estimate.scene_light / estimate.ambient_light
+    return np.asarray(joint_covariance(estimate) * np.outer(scale, scale))
+
+
+def _first(status: Status, other: Status) -> Status:
+    return other if status is Status.OK else status

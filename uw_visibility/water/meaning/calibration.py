@@ -1,0 +1,167 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Calibration of white reference and water type against a depth sensor.
+
+The ratio of two channels' ambient light is that of white at the surface times
+exp(−(K₁ − K₂) z): in logarithms a line over depth, whose slope belongs to the
+water and whose offset to the camera's white.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array
+from uw_visibility.optics.spectra import CameraResponse
+from uw_visibility.optics.water_type import water_types
+from uw_visibility.status import Status
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.meaning.assessment import covariance_with_light
+from uw_visibility.water.meaning.depth import CLEAR, ESTIMATED, DepthModel, diffuse_attenuation
+from uw_visibility.water.robust import huber_mean, median_deviation
+
+FEWEST_FRAMES = 10
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Candidate water type with the white reference that fits it best.
+
+    Attributes
+    ----------
+    water_type : str
+        As in `assessment.water_type`.
+    white_reference, white_reference_stddev : (3,) float64 ndarray
+        R, G, B of white at the surface, and their standard deviations; G is 1.
+    depth_rms : float
+        Robust root mean square of estimated minus sensed depth, m.
+    """
+
+    water_type: str
+    white_reference: Array
+    white_reference_stddev: Array
+    depth_rms: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Result of `calibrate`.
+
+    Attributes
+    ----------
+    best : Candidate
+        Clear water unless another type is certainly better.
+    candidates : tuple of Candidate
+        All, by rising `depth_rms`.
+    residuals : (N,) float64 ndarray
+        Estimated minus sensed depth of each frame used, with `best`, m.
+    depth_range : tuple of float
+        Least and largest depth sensed, m; a narrow range hardly tells the water type.
+    """
+
+    best: Candidate
+    candidates: tuple[Candidate, ...]
+    residuals: Array
+    depth_range: tuple[float, float]
+
+    def parameters(self) -> dict[str, str | tuple[float, ...]]:
+        """Return the parameters found, by their dotted names."""
+        white = tuple(round(float(value), 4) for value in self.best.white_reference)
+        return {"camera.white_reference": white, "assessment.water_type": self.best.water_type}
+
+
+def calibrate(
+    estimates: Sequence[WaterEstimate], depths: ArrayLike, response: CameraResponse
+) -> Calibration:
+    """Fit the white reference, and choose the water type that fits the depths best.
+
+    Parameters
+    ----------
+    estimates : sequence of WaterEstimate
+        One a frame, in the order of time; those that are not assessable are
+        left out.
+    depths : (N,) array_like
+        Depth of the camera at each frame by a sensor, m, positive down; NaN
+        where there is none.
+    response : CameraResponse
+
+    Raises
+    ------
+    InputError
+        If the lengths differ, or fewer than ten frames can be used.
+    """
+    sensed = np.asarray(depths, dtype=np.float64)
+    if sensed.shape != (len(estimates),):
+        raise InputError(
+            f"there are {len(estimates)} estimates and {sensed.size} depths: "
+            "give one depth for each estimate")
+    used = [
+        k for k, estimate in enumerate(estimates)
+        if estimate.status is Status.OK and math.isfinite(sensed[k])]
+    if len(used) < FEWEST_FRAMES:
+        raise InputError(
+            f"{len(used)} of {len(estimates)} frames have both an estimate and a depth: "
+            f"a calibration needs {FEWEST_FRAMES} at least")
+    chosen, sensed = [estimates[k] for k in used], sensed[used]
+    fits = [_fit(name, chosen, sensed, response) for name in (CLEAR, *water_types(), ESTIMATED)]
+    ordered = sorted(fits, key=lambda fit: fit[0].depth_rms)
+    # The deviation of a root mean square over n independent values is its 1/sqrt(2n).
+    count = _independent(ordered[0][1])
+    tolerable = ordered[0][0].depth_rms * (1.0 + 2.0 / math.sqrt(2.0 * count))
+    best = fits[0] if fits[0][0].depth_rms <= tolerable else ordered[0]
+    return Calibration(
+        best=best[0],
+        candidates=tuple(candidate for candidate, _ in ordered),
+        residuals=best[1],
+        depth_range=(float(sensed.min()), float(sensed.max())))
+
+
+def _fit(
+    water_type: str, estimates: list[WaterEstimate], sensed: Array, response: CameraResponse
+) -> tuple[Candidate, Array]:
+    """Fit the white reference for a water type; return the residuals of depth with it."""
+    # The veil has another colour than the light on the scene, which depth is told by.
+    light = np.log([estimate.scene_light for estimate in estimates])
+    if water_type == ESTIMATED:
+        rate = np.array([estimate.attenuation for estimate in estimates])
+    else:
+        rate = np.tile(diffuse_attenuation(water_type, response), (len(estimates), 1))
+    # What is left of each frame once the water above is taken off: white, if all is right.
+    white = light + rate * sensed[:, np.newaxis]
+    white = (white - white[:, 1:2])[:, [0, 2]]
+    found = [_robust_mean(white[:, k]) for k in range(2)]
+    reference = np.exp([found[0][0], 0.0, found[1][0]])
+    spread = np.array([found[0][1], 0.0, found[1][1]])
+    model = DepthModel(water_type, response, reference)
+    depths = np.array([
+        model.depth(e.attenuation, e.scene_light, covariance_with_light(e))[0] for e in estimates])
+    residuals = depths - sensed
+    candidate = Candidate(water_type, reference, reference * spread, _robust_rms(residuals))
+    return candidate, residuals
+
+
+def _robust_mean(values: Array) -> tuple[float, float]:
+    """Huber's mean of a series, and its standard deviation."""
+    mean, scale = huber_mean(values)
+    return mean, scale / math.sqrt(_independent(values - mean))
+
+
+def _robust_rms(residuals: Array) -> float:
+    scale = max(median_deviation(residuals), 1e-9)
+    return float(np.sqrt(np.mean(np.clip(residuals, -3.0 * scale, 3.0 * scale) ** 2)))
+
+
+def _independent(residuals: Array) -> float:
+    """Effective sample size of a series in time (first-order autoregression)."""
+    centred = residuals - residuals.mean()
+    variance = float(centred @ centred)
+    if variance == 0:
+        return float(len(centred))
+    correlation = min(max(float(centred[1:] @ centred[:-1]) / variance, 0.0), 0.98)
+    return max(len(centred) * (1.0 - correlation) / (1.0 + correlation), 1.0)

@@ -1,0 +1,211 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Quantities of the field, derived from an estimate of attenuation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.images.arrays import Array, Mask
+from uw_visibility.optics.spectra import CameraResponse, load_response
+from uw_visibility.optics.visual_range import (
+    BLACK_DISC_DEVIATION,
+    SECCHI_DEVIATION,
+    black_disc_visibility,
+)
+from uw_visibility.optics.water_type import (
+    TYPES,
+    effective_wavelengths,
+    inherent_properties,
+    seen_attenuation,
+    water_type,
+)
+from uw_visibility.status import Status
+from uw_visibility.water.estimate import WaterEstimate, joint_covariance
+
+GREEN = 1
+
+# How far water of a type is from the type's table, as parts of its attenuation: in all
+# channels alike, since particles scatter more or less, and in each, since red depends on
+# depth and range. Neighbouring types are 0.4 apart.
+AMOUNT_TOLERANCE = 0.2
+COLOUR_TOLERANCE = np.array([0.3, 0.07, 0.12])
+# Daylight in which the types are taken to be seen, and from how far at most, m.
+TYPICAL_DEPTH = 3.0
+TYPICAL_RANGE = 3.0
+# Chi squared of a type beyond which water is not of it (0.1 %), for 1 to 3 channels.
+FARTHEST = (10.8, 13.8, 16.3)
+# A type is told where it and its neighbours have this much of the likelihood.
+TOLD = 0.9
+# How far Kd of water of a type is from its table, as a part: half of the way to the next.
+DIFFUSE_TOLERANCE = 0.2
+# A standard deviation beyond this part says nothing.
+MAX_RELATIVE_STDDEV = 1.0
+
+
+class Quantity(NamedTuple):
+    """Description of a derived quantity.
+
+    `unit` is as UDUNITS writes it, `title` for tables and figures; then its definition, what to
+    mind, and the source.
+    """
+
+    unit: str
+    title: str
+    definition: str
+    caveat: str
+    source: str
+
+
+_BY_TYPE = (
+    "Not measured: it is that of the Jerlov types that the attenuation fits, weighted with "
+    "their likelihood; other water with the same attenuation has another one."
+)
+QUANTITIES = {
+    "beam_attenuation": Quantity(
+        "m-1", "beam attenuation, green",
+        "Beam attenuation c as the camera's green channel sees it, at its effective wavelength",
+        "What particles scatter by less than the image's blur counts as not lost, so that a "
+        "transmissometer reads more.",
+        "Roser, Dunbabin and Geiger 2014, eq. 4-7"),
+    "black_disc_visibility": Quantity(
+        "m", "black-disc visibility",
+        "Horizontal distance at which a diver loses a black disc, 4.8/c with the green "
+        "channel's c",
+        "4.8/c is for the photopic c; green stands for it, within 10 %, which is in σ.",
+        "Zaneveld and Pegau 2003, doi:10.1364/OE.11.002997"),
+    "diffuse_attenuation_490": Quantity(
+        "m-1", "Kd(490)",
+        "Diffuse attenuation of downward irradiance at 490 nm",
+        _BY_TYPE, "Jerlov, Marine Optics, 1976, table XXVII"),
+    "secchi_depth": Quantity(
+        "m", "Secchi depth",
+        "Depth at which a white disk is lost from above, ln(|0.14 - Rrs|/0.013)/(2.5 min Kd)",
+        _BY_TYPE, "Lee et al. 2015, doi:10.1016/j.rse.2015.08.002"),
+}
+"""Derived quantities by name; each has its standard deviation beside it."""
+
+
+@dataclass(frozen=True)
+class DerivedQuantities:
+    """Quantities derived from attenuation; NaN where not assessable. See `QUANTITIES`.
+
+    Attributes
+    ----------
+    beam_attenuation, beam_attenuation_stddev : float
+        c of the green channel, 1/m.
+    black_disc_visibility, black_disc_visibility_stddev : float
+        m.
+    water_type : str
+        Nearest Jerlov type; empty where none is told.
+    water_type_likelihood : float
+        Its share of the likelihood of all types.
+    water_type_status : Status
+        Why no type is told, or `Status.OK`.
+    diffuse_attenuation_490, diffuse_attenuation_490_stddev : float
+        1/m.
+    secchi_depth, secchi_depth_stddev : float
+        m.
+    """
+
+    beam_attenuation: float = math.nan
+    beam_attenuation_stddev: float = math.nan
+    black_disc_visibility: float = math.nan
+    black_disc_visibility_stddev: float = math.nan
+    water_type: str = ""
+    water_type_likelihood: float = math.nan
+    water_type_status: Status = Status.OK
+    diffuse_attenuation_490: float = math.nan
+    diffuse_attenuation_490_stddev: float = math.nan
+    secchi_depth: float = math.nan
+    secchi_depth_stddev: float = math.nan
+
+
+class DerivedModel:
+    """Model of the field's quantities, given a camera.
+
+    Attributes
+    ----------
+    effective_wavelengths : (3,) float64 ndarray
+        Of the channels, nm.
+    """
+
+    def __init__(self, response: CameraResponse) -> None:
+        self.effective_wavelengths = effective_wavelengths(response)
+        self._types = [water_type(name) for name in TYPES]
+        self._attenuation = np.stack([_seen(name, response) for name in TYPES])
+
+    @classmethod
+    def from_config(cls, config: PipelineConfig) -> DerivedModel:
+        """Make the model that a pipeline's parameters describe.
+
+        Raises
+        ------
+        InputError
+            If the camera's spectral response cannot be loaded.
+        """
+        return cls(load_response(config.camera.response))
+
+    def derive(self, estimate: WaterEstimate) -> DerivedQuantities:
+        """Derive the field's quantities, with standard deviations."""
+        covariance = joint_covariance(estimate)[0::2, 0::2]
+        known = np.isfinite(estimate.attenuation)
+        if not known.any():
+            return DerivedQuantities(water_type_status=estimate.status)
+        beam = float(estimate.attenuation[GREEN])
+        stddev = math.sqrt(covariance[GREEN, GREEN])
+        disc, disc_stddev = math.nan, math.nan
+        if stddev <= MAX_RELATIVE_STDDEV * beam:
+            disc = float(black_disc_visibility(beam))
+            disc_stddev = disc * math.hypot(stddev / beam, BLACK_DISC_DEVIATION)
+        beams = (beam, stddev, disc, disc_stddev)
+        likelihood, nearest = self._likelihood(
+            estimate.attenuation[known], covariance[np.ix_(known, known)], known)
+        if nearest > FARTHEST[known.sum() - 1]:
+            return DerivedQuantities(*beams, water_type_status=Status.NO_WATER_TYPE)
+        best = int(likelihood.argmax())
+        if likelihood[max(best - 1, 0):best + 2].sum() < TOLD:
+            return DerivedQuantities(*beams, water_type_status=Status.WATER_TYPE_UNCERTAIN)
+        diffuse = _expected(
+            likelihood, [each.diffuse_attenuation_490 for each in self._types], DIFFUSE_TOLERANCE)
+        secchi = _expected(
+            likelihood, [each.secchi_depth for each in self._types],
+            math.hypot(DIFFUSE_TOLERANCE, SECCHI_DEVIATION))
+        return DerivedQuantities(
+            *beams, TYPES[best], float(likelihood[best]), Status.OK, *diffuse, *secchi)
+
+    def _likelihood(
+        self, attenuation: Array, covariance: Array, known: Mask
+    ) -> tuple[Array, float]:
+        """Share of each type in the likelihood, and chi squared of the nearest one."""
+        log_likelihood, distances = [], []
+        for expected in self._attenuation[:, known]:
+            spread = AMOUNT_TOLERANCE**2 + np.diag(COLOUR_TOLERANCE[known] ** 2)
+            total = covariance + spread * np.outer(expected, expected)
+            error = attenuation - expected
+            distance = float(error @ np.linalg.solve(total, error))
+            distances.append(distance)
+            log_likelihood.append(-0.5 * (distance + np.linalg.slogdet(total)[1]))
+        likelihood = np.exp(np.array(log_likelihood) - max(log_likelihood))
+        return likelihood / likelihood.sum(), min(distances)
+
+
+def _seen(name: str, response: CameraResponse) -> Array:
+    """Attenuation of a type over one attenuation length, or the typical range."""
+    absorption, scattering = inherent_properties(name, np.array([530.0]))
+    path = min(float(1.0 / (absorption + scattering)[0]), TYPICAL_RANGE)
+    return seen_attenuation(name, response, TYPICAL_DEPTH, path)
+
+
+def _expected(likelihood: Array, values: list[float], tolerance: float) -> tuple[float, float]:
+    """Geometric mean over the types, and its standard deviation."""
+    logarithm = np.log(values)
+    mean = float(likelihood @ logarithm)
+    spread = math.sqrt(float(likelihood @ (logarithm - mean) ** 2) + tolerance**2)
+    value = math.exp(mean)
+    return value, value * spread

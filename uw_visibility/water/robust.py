@@ -1,0 +1,53 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Robust statistics: scale by the median absolute deviation, weights of robust losses.
+
+Kernels call the weights too.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from uw_visibility.compute.numba_import import register_jitable
+from uw_visibility.images.arrays import Array
+
+# A median absolute deviation of 1 is a standard deviation of this, for a normal distribution.
+NORMAL = 1.4826
+# Efficiency of 95 % for normal errors (Huber).
+HUBER = 1.345
+HUBER_ITERATIONS = 30
+
+
+def median_deviation(residuals: Array) -> float:
+    """Standard deviation of residuals by their median absolute value."""
+    return NORMAL * float(np.median(np.abs(residuals)))
+
+
+@register_jitable
+def cauchy_weight(residual: Any, scale: Any, weight: Any = 1.0) -> Any:
+    """Weight by Cauchy's loss."""
+    return weight / (1.0 + (residual / scale) ** 2)
+
+
+@register_jitable
+def cauchy_weight_by_precision(residual: Any, precision: Any, scale: Any) -> Any:
+    """Weight by Cauchy's loss of a residual with an inverse variance, `precision`."""
+    return precision / (1.0 + precision * (residual / scale) ** 2)
+
+
+def charbonnier_weight(residual: Array) -> Array:
+    """Weight by Charbonnier's loss of residuals over their scale."""
+    return np.asarray(1.0 / np.sqrt(1.0 + residual**2))
+
+
+def huber_mean(values: Array) -> tuple[float, float]:
+    """Huber's mean of values, and their scale."""
+    mean = float(np.median(values))
+    scale = max(median_deviation(values - mean), 1e-9)
+    for _ in range(HUBER_ITERATIONS):
+        weight = 1.0 / np.maximum(np.abs(values - mean) / (HUBER * scale), 1.0)
+        mean = float((weight * values).sum() / weight.sum())
+    return mean, scale

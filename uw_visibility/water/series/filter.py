@@ -1,0 +1,181 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Filter of the water's state over frames and its assessment, for library, node and replay.
+
+The only part of a frame's way that needs the frames before it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.status import REFUTING, Status
+from uw_visibility.water.daylight.estimation import WaterEstimator
+from uw_visibility.water.daylight.grey_average import ColourBalance, GreyFrames
+from uw_visibility.water.daylight.transfer_check import TransferVote
+from uw_visibility.water.estimate import LampLight, WaterEstimate
+from uw_visibility.water.lamps.estimation import CellEstimator
+from uw_visibility.water.lamps.survey import LampSurvey
+from uw_visibility.water.meaning.assessment import Assessor, Visibility
+from uw_visibility.water.series.survey import Survey, SurveyEstimate
+from uw_visibility.water.series.tracking import TrackingEvent, WaterTracker
+
+# A frame that the state is not taken from.
+_UNSEEN = (TrackingEvent.PREDICTED, TrackingEvent.NOT_ASSESSABLE)
+
+
+class FilteredWater(NamedTuple):
+    """Filtered state and its assessment up to a frame.
+
+    Attributes
+    ----------
+    water : WaterEstimate
+        The filtered state.
+    visibility : Visibility
+        Mean attenuation, visibility distance and depth of it.
+    event : TrackingEvent
+        What the frame did to the state.
+    assessed, rejected : int
+        Frames so far that had an estimate, and those of them that were rejected.
+    rejected_in_a_row : int
+        Those since the last one that was taken in.
+    survey : SurveyEstimate or None
+        What `water` rests on where no frame of late shows it by itself.
+    """
+
+    water: WaterEstimate
+    visibility: Visibility
+    event: TrackingEvent
+    assessed: int = 0
+    rejected: int = 0
+    rejected_in_a_row: int = 0
+    survey: SurveyEstimate | None = None
+
+
+class WaterFilter:
+    """Kalman filter over the estimates of frames, taken in order, and their assessment.
+
+    Where no frame of late shows the water by itself, its frames are taken together.
+
+    Parameters
+    ----------
+    config : PipelineConfig
+        `tracking`, `survey`, and what estimate and assessment need of the camera.
+
+    Raises
+    ------
+    InputError
+        If the camera's spectral response cannot be loaded.
+    """
+
+    def __init__(self, config: PipelineConfig) -> None:
+        self.config = config
+        self._assessor = Assessor.from_config(config)
+        self._tracker = WaterTracker(config.tracking)
+        self._survey = _make_survey(config, self._assessor)
+        self._grey = GreyFrames()
+        self._transfer = TransferVote()
+        self._rig: object = None
+
+    def update(
+        self, water: WaterEstimate, stamp: float, rig: object = None
+    ) -> FilteredWater | None:
+        """Take in one frame's estimate.
+
+        Parameters
+        ----------
+        water : WaterEstimate
+            Of this frame alone; a survey needs its envelopes.
+        stamp : float
+            Time of the frame, s; one that is not later than the last begins anew.
+        rig : object
+            What took the frame, such as a `StereoRig`; another one begins anew.
+
+        Returns
+        -------
+        FilteredWater or None
+            None where `tracking.enabled` is off.
+
+        Raises
+        ------
+        InputError
+            If the stamp is not finite.
+        """
+        if not self.config.tracking.enabled:
+            return None
+        if rig != self._rig:
+            self.reset()
+            self._rig = rig
+        filtered = self._tracker.update(water, stamp)
+        grey = self._grey.add(ColourBalance(water.grey_on_average, water.blue_as_green))
+        self._transfer.add(water.transfer_log_odds)
+        event = self._tracker.event
+        assert event is not None
+        survey = self._surveyed(water, filtered, stamp, event)
+        refuted = Status.OTHER_TRANSFER if self._transfer.certain else water.status
+        # What shows nothing is bridged; what contradicts a frame does so to those before it too.
+        if self._transfer.certain or (event in _UNSEEN and refuted in REFUTING):
+            filtered, event, survey = WaterEstimate.not_assessable(
+                refuted, water.envelope), TrackingEvent.NOT_ASSESSABLE, None
+        elif survey is not None:
+            filtered, event = survey.water, TrackingEvent.SURVEYED
+        filtered = replace(filtered, grey_on_average=grey)
+        visibility = self._assessor.assess(filtered)
+        if event is TrackingEvent.PREDICTED and visibility.status is not Status.OK:
+            # What is no longer known is so for the reason that frames do not show it.
+            visibility = replace(visibility, status=water.status)
+        return FilteredWater(
+            filtered, visibility, event, self._tracker.assessed,
+            self._tracker.rejected, self._tracker.rejected_in_a_row, survey)
+
+    @property
+    def lamps(self) -> LampLight | None:
+        """Light of the lamps over the frames so far; None without, or by daylight."""
+        return self._survey.light() if isinstance(self._survey, LampSurvey) else None
+
+    def _surveyed(
+        self, water: WaterEstimate, filtered: WaterEstimate, stamp: float, event: TrackingEvent
+    ) -> SurveyEstimate | None:
+        """Add a frame to the survey; return its estimate where the filter has none."""
+        if not self.config.survey.enabled:
+            return None
+        if isinstance(self._survey, LampSurvey):
+            self._survey.add(water, stamp)
+        else:
+            self._survey.add(water.envelope, stamp)
+        if isinstance(self._survey, LampSurvey):
+            return self._surveyed_under_lamps(filtered)
+        if event is not TrackingEvent.NOT_ASSESSABLE:
+            return None
+        survey = self._survey.estimate()
+        return survey if np.isfinite(survey.water.attenuation).any() else None
+
+    def _surveyed_under_lamps(self, filtered: WaterEstimate) -> SurveyEstimate | None:
+        """Return the survey's estimate where it is surer than the filter's."""
+        survey = self._survey.estimate()
+        known = np.isfinite(survey.water.attenuation)
+        if survey.frames < self.config.survey.min_frames or not known.any():
+            return None
+        surer = survey.water.attenuation_stddev < np.where(
+            np.isfinite(filtered.attenuation), filtered.attenuation_stddev, np.inf)
+        return survey if surer[known].all() else None
+
+    def reset(self) -> None:
+        """Reset the filter: earlier frames do not count."""
+        self._tracker.reset()
+        self._grey.reset()
+        self._transfer = TransferVote()
+        self._survey.reset()
+
+
+def _make_survey(config: PipelineConfig, assessor: Assessor) -> Survey | LampSurvey:
+    if config.lighting.model != "daylight":
+        return LampSurvey(
+            config.survey, CellEstimator(config.lighting, assessor.clear_water_attenuation))
+    return Survey(config.survey, WaterEstimator(
+        config.water, assessor.clear_water_attenuation, config.camera.transfer,
+        assessor.daylight))

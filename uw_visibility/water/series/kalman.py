@@ -1,0 +1,377 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Adaptive Kalman filter of the water's state over frames, and its measurements.
+
+The state is attenuation and the logarithm of ambient light in each channel. In
+the time between frames turbidity wanders, mostly alike in all channels, and the
+colour of light wanders. The camera's exposure may be any other one in each frame:
+a log gain common to the channels. It needs no state of its own: being forgotten
+from frame to frame, it is process noise along the one direction in which the
+three ambient lights change together, so that a jump leaves attenuation and
+chromaticity alone.
+
+How fast the water changes is not known beforehand: the process noise adapts to the
+innovations (R. Mehra, "Approaches to adaptive filtering", IEEE Trans. Automatic
+Control 17, 1972, doi:10.1109/TAC.1972.1100100). Where innovations keep to one side,
+or where one of them surprises, the covariance grows along the innovation until that
+is no larger than expected, and part of the growth stays for the frames to come. So does
+the rate at which frames change, where it is more than their errors: channels err much
+alike, and the small difference between them is what a ramp soon leaves. A frame beyond
+the gate is rejected, since most are full of marine snow; that it may be the first of a
+change is in the standard deviations until the next frames tell.
+
+A part of a frame's error stays the same over frames, since they show the same
+scene; averaging does not lessen it. It is carried along as a consider parameter
+(Schmidt 1966): it has no influence on the filter's gain, and a full one on the
+standard deviations.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from uw_visibility.config.schema import TrackingConfig
+from uw_visibility.images.arrays import Array, Mask
+from uw_visibility.water.daylight.fit import ATTENUATION_BOUNDS
+from uw_visibility.water.estimate import WaterEstimate, joint_covariance
+
+# Errors that channels share are those of model, ranges and scene, which frames share too: in
+# rendered frames 0.98 of their variance, and half of the rest. The new part of a frame's shared
+# error has at most so many times the variance of the differences between channels.
+_LARGEST_NEW = 30.0
+ATTENUATION = slice(0, 6, 2)
+LIGHT = slice(1, 6, 2)
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Measurement of the filter: a frame's β and ln I∞, with the two parts of their error.
+
+    Attributes
+    ----------
+    seen : (3,) bool ndarray
+        Channels that were assessed.
+    value : (6,) float64 ndarray
+    noise : (6, 6) float64 ndarray
+        Covariance of the error that is new in each frame.
+    common : (6, 6) float64 ndarray
+        Root of the covariance of the error that all frames share.
+    """
+
+    seen: Mask
+    value: Array
+    noise: Array
+    common: Array
+
+    @property
+    def covariance(self) -> Array:
+        """(6, 6) float64: covariance of the whole error."""
+        return np.asarray(self.noise + self.common @ self.common.T)
+
+    @classmethod
+    def of(cls, estimate: WaterEstimate, common_error: float) -> Measurement:
+        """Take an estimate; `common_error` is the part of its variance that frames share."""
+        joint = joint_covariance(estimate)
+        seen = np.isfinite(estimate.attenuation) & np.isfinite(estimate.ambient_light)
+        seen &= np.isfinite(np.diag(joint)).reshape(3, 2).all(axis=1)
+        index = np.flatnonzero(np.repeat(seen, 2))
+        value = np.zeros(6)
+        value[ATTENUATION] = np.where(seen, estimate.attenuation, 0.0)
+        light = np.where(seen, estimate.ambient_light, 1.0)
+        value[LIGHT] = np.log(light)
+        scale = np.ones(6)
+        scale[LIGHT] = 1.0 / light
+        covariance = np.zeros((6, 6))
+        covariance[np.ix_(index, index)] = (np.outer(scale, scale) * joint)[np.ix_(index, index)]
+        noise = (1.0 - common_error) * _own(covariance, index[index % 2 == 0])
+        return cls(seen, value, noise, _root(covariance - noise))
+
+
+def _root(covariance: Array) -> Array:
+    """Symmetric square root of a covariance: it changes little when the covariance does."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
+
+
+def _own(covariance: Array, index: NDArray[np.intp]) -> Array:
+    """Covariance with the error that channels share in attenuation reduced to `_LARGEST_NEW`."""
+    if len(index) < 2:
+        return covariance
+    block = np.ix_(index, index)
+    values, vectors = np.linalg.eigh(covariance[block])
+    kept = _LARGEST_NEW * values[:-1].mean() / values[-1]
+    if kept >= 1.0:
+        return covariance
+    alike = vectors[:, -1]
+    shrink = np.eye(6)
+    shrink[block] -= (1.0 - np.sqrt(kept)) * np.outer(alike, alike)
+    return np.asarray(shrink @ covariance @ shrink)
+
+
+# Part of a change of turbidity that differs between channels.
+_CHANNEL_SHARE = 0.5
+# Attenuation, 1/m, below which its changes are no longer proportional to it.
+_LEAST_ATTENUATION = 0.1
+# Innovations are averaged over about 1 / this many frames; the mean of noise has this part of an
+# innovation's variance.
+_TREND_SHARE = 0.3
+_TREND_VARIANCE = _TREND_SHARE / (2.0 - _TREND_SHARE)
+# Standard deviations of chi squared of this mean beyond which the state lags behind the water. Low,
+# since the covariance grows from nothing there.
+_TREND_LIMIT = 1.0
+# An interval so many times longer than the last one is a gap.
+_GAP = 1.5
+# Quantile of innovations beyond which one is a surprise.
+_SURPRISE = 0.99
+# Changes from frame to frame are averaged over about 1 / this many; the mean of errors alone has
+# this part of a frame's variance, since successive changes are anticorrelated.
+_RATE_SHARE = 0.5
+_RATE_VARIANCE = 2.0 * _RATE_SHARE**2 / (2.0 - _RATE_SHARE)
+# Standard deviations of chi squared of this mean beyond which the water changes. Not low: outliers
+# pass the gate as far as changes are expected.
+_RATE_LIMIT = 3.0
+# An error is far larger than another by this factor. Not less: errors grow with the value measured,
+# and preferring the lower ones is biased.
+_FAR_LARGER = 1.5
+# Part of the process noise by a change that stays from frame to frame.
+_DRIFT_KEPT = 0.5
+
+
+class WaterState:
+    """Mean and covariance of β and ln I∞, and how fast they change."""
+
+    def __init__(self, measurement: Measurement) -> None:
+        self.mean = measurement.value.copy()
+        self.covariance = measurement.noise.copy()
+        # Effect of the errors that all frames have in common.
+        self.common = measurement.common.copy()
+        self.known = measurement.seen.copy()
+        self._age = np.zeros(3)
+        # Time since the last measurement, and since the last one taken in, s.
+        self._interval = self._unseen = 0.0
+        # The last time between measurements, s, whether this one is a gap or frames showed
+        # nothing in it, and the variance that is in the covariance for that.
+        self._last_interval = 0.0
+        self._gap = False
+        self._unawares = 0.0
+        # Mean innovation and mean rate of change of late (per s), the measurement that was taken
+        # in last, and the covariance of the rate of change, per s².
+        self._trend = np.zeros(6)
+        self._rate = np.zeros(6)
+        self._last = measurement
+        self._drift = np.zeros((6, 6))
+
+    def predict(self, elapsed: float, config: TrackingConfig, shown: bool = True) -> None:
+        """Grow the covariance over `elapsed` s; `shown`: the new frame shows the water."""
+        turbidity = (config.turbidity_rate * self._scale()) ** 2 * elapsed
+        self.covariance[ATTENUATION, ATTENUATION] += turbidity * (
+            1.0 - _CHANNEL_SHARE**2 + _CHANNEL_SHARE**2 * np.eye(3))
+        colour = config.light_rate**2 * elapsed
+        self.covariance[LIGHT, LIGHT] += config.exposure_change**2 + colour * np.eye(3)
+        drifted = self._drifted()
+        self._age += elapsed
+        self._interval += elapsed
+        self._unseen += elapsed
+        # Who changes goes on to: not a random walk's square root of time.
+        self.covariance += self._drifted() - drifted
+        self._gap |= not shown or self._interval > _GAP * self._last_interval
+        unawares = self._changed_unawares(config) if self._gap else 0.0
+        self.covariance[ATTENUATION, ATTENUATION] += unawares - self._unawares
+        self._unawares = unawares
+        self.known &= self._age <= config.timeout
+
+    def _drifted(self) -> Array:
+        """Covariance of changes since the last measurement taken in."""
+        return self._unseen**2 * self._drift
+
+    def _changed_unawares(self, config: TrackingConfig) -> float:
+        """Variance of attenuation, (1/m)², by changes while frames fail to show it.
+
+        Water that did not change before may do so now, and be why they fail: at an unknown rate.
+        """
+        return (math.expm1(config.unseen_rate * self._interval) * self._scale()) ** 2
+
+    def _scale(self) -> float:
+        """Attenuation, 1/m, that changes of turbidity are proportional to."""
+        return max(float(self.mean[ATTENUATION][self.known].mean()), _LEAST_ATTENUATION)
+
+    def accepts(self, measurement: Measurement, probability: float, drifting: bool = True) -> bool:
+        """Chi-squared gate: whether a measurement may be one of this state, drifting or not."""
+        index = np.flatnonzero(np.repeat(self.known & measurement.seen, 2))
+        if index.size == 0:
+            return True
+        block = np.ix_(index, index)
+        spread = (self.covariance + self.common @ self.common.T + measurement.covariance)[block]
+        if not drifting:
+            spread -= self._drifted()[block]
+        innovation = (measurement.value - self.mean)[index]
+        distance = innovation @ np.linalg.solve(spread + _ridge(spread), innovation)
+        return bool(distance <= chdtri(index.size, 1.0 - probability))
+
+    def reject(self, measurement: Measurement, share: float) -> Array:
+        """Covariance of the chance `share` (0..1) that a rejected measurement is right.
+
+        The chance falls where the change is larger than the state itself: water does not change so
+        fast.
+        """
+        self._end_interval()
+        both = np.repeat(self.known & measurement.seen, 2)
+        innovation = np.where(both, measurement.value - self.mean, 0.0)
+        scale = np.tile((self._scale(), 1.0), 3)
+        share /= 1.0 + np.max((innovation / scale) ** 2)
+        return np.asarray(share * np.outer(innovation, innovation))
+
+    def _end_interval(self) -> None:
+        """Begin the time to the next measurement."""
+        self._last_interval, self._interval = self._interval, 0.0
+        self._gap, self._unawares = False, 0.0
+
+    def adapt(self, measurement: Measurement, config: TrackingConfig) -> None:
+        """Adapt the process noise to innovations that the state's covariance does not explain.
+
+        The covariance grows where this innovation is a surprise, or where the mean of recent ones,
+        which is about zero while the state keeps up with the water, is beyond noise: then the state
+        lags behind. The rate at which measurements change stays for the frames to come.
+        """
+        both = self.known & measurement.seen
+        if not both.any():
+            return
+        innovation = measurement.value - self.mean
+        changed = not self.accepts(
+            measurement, min(_SURPRISE, config.gate_probability), drifting=False)
+        drifted = self._drifted()
+        state, noise = self._own(measurement)
+        growth, needed = np.zeros((2, 6, 6))
+        for part in (ATTENUATION, LIGHT):
+            index = np.arange(6)[part][both]
+            block = np.ix_(index, index)
+            spread = (state + noise)[block]
+            spread += _ridge(spread)
+            self._trend[index] += _TREND_SHARE * (innovation[index] - self._trend[index])
+            if changed:
+                growth[block] = _growth(innovation[index], spread)
+                needed[block] = _growth(innovation[index], spread - drifted[block])
+            else:
+                growth[block] = _beyond_noise(
+                    self._trend[index], _TREND_VARIANCE * spread, _TREND_LIMIT)
+        self.covariance += growth
+        self._drift = (
+            _DRIFT_KEPT * self._drift + (1.0 - _DRIFT_KEPT) * needed / self._interval**2
+            + self._ramp(measurement, config.exposure_change))
+
+    def _ramp(self, measurement: Measurement, exposure_change: float) -> Array:
+        """Update the mean rate of change; return the part of its square beyond noise."""
+        both = self.known & measurement.seen & self._last.seen
+        change = (measurement.value - self._last.value) / self._unseen
+        # All of the errors, since how much of them frames share is known badly.
+        spread = 0.5 * (measurement.covariance + self._last.covariance)
+        spread[LIGHT, LIGHT] += exposure_change**2
+        spread *= _RATE_VARIANCE / self._unseen**2
+        ramp = np.zeros((6, 6))
+        for part in (ATTENUATION, LIGHT):
+            index = np.arange(6)[part][both]
+            if index.size > 0:
+                block = np.ix_(index, index)
+                self._rate[index] += _RATE_SHARE * (change[index] - self._rate[index])
+                ramp[block] = _beyond_noise(
+                    self._rate[index], spread[block] + _ridge(spread[block]), _RATE_LIMIT)
+        return ramp
+
+    def correct(self, measurement: Measurement) -> None:
+        """Update the state by a measurement."""
+        self._begin(measurement.seen & ~self.known, measurement)
+        gain = self._gain(measurement)
+        kept = np.eye(6) - gain
+        self.mean = self.mean + gain @ (measurement.value - self.mean)
+        # This form (Joseph's) holds for any gain, the best one or not.
+        self.covariance = (kept @ self.covariance @ kept.T + gain @ measurement.noise @ gain.T)
+        self.common = kept @ self.common + gain @ measurement.common
+        self._age[measurement.seen] = 0.0
+        self._last = measurement
+        self._unseen = 0.0
+        self._end_interval()
+
+    def _own(self, measurement: Measurement) -> tuple[Array, Array]:
+        """Covariances of the state's and the measurement's own errors, (6, 6) each.
+
+        Where the shared error of one is far larger than that of the other, the excess is its own: a
+        sure frame counts more than unsure ones.
+        """
+        state, noise = self.covariance.copy(), measurement.noise.copy()
+        ours, theirs = (common @ common.T for common in (self.common, measurement.common))
+        for part in (ATTENUATION, LIGHT):
+            index = np.arange(6)[part][self.known & measurement.seen]
+            block = np.ix_(index, index)
+            state[block] += _excess(ours[block], theirs[block])
+            noise[block] += _excess(theirs[block], ours[block])
+        return state, noise
+
+    def _gain(self, measurement: Measurement) -> Array:
+        """Gain that corrects attenuation and light by their own innovation only.
+
+        The optimal gain would also use the correlation of their errors in a frame. That is badly
+        known, and would make errors of attenuation errors of depth.
+        """
+        gain = np.zeros((6, 6))
+        state, noise = self._own(measurement)
+        for part in (ATTENUATION, LIGHT):
+            index = np.arange(6)[part][measurement.seen]
+            block = np.ix_(index, index)
+            spread = (state + noise)[block]
+            gain[block] = np.linalg.solve(spread + _ridge(spread), state[block]).T
+        return gain
+
+    def _begin(self, new: Mask, measurement: Measurement) -> None:
+        """Start channels that nothing is known of: any value is possible."""
+        for channel in np.flatnonzero(new):
+            block = slice(2 * channel, 2 * channel + 2)
+            self.mean[block] = measurement.value[block]
+            self.covariance[block, :] = 0.0
+            self.covariance[:, block] = 0.0
+            self.covariance[block, block] = 1e6 * measurement.noise[block, block]
+            self.common[block] = measurement.common[block]
+            self._trend[block] = self._rate[block] = 0.0
+            self._drift[block, :] = self._drift[:, block] = 0.0
+            self.known[channel] = True
+
+    def published(self, doubt: Array) -> tuple[Array, Array]:
+        """β and I∞, interleaved, and their covariance with a doubt added."""
+        mean = self.mean.copy()
+        mean[ATTENUATION] = np.maximum(mean[ATTENUATION], ATTENUATION_BOUNDS[0])
+        mean[LIGHT] = np.exp(mean[LIGHT])
+        scale = np.ones(6)
+        scale[LIGHT] = mean[LIGHT]
+        covariance = self.covariance + self.common @ self.common.T + doubt
+        return mean, np.outer(scale, scale) * covariance
+
+
+def _excess(larger: Array, other: Array) -> Array:
+    """Part of a covariance that is far beyond another one."""
+    values, vectors = np.linalg.eigh(larger - _FAR_LARGER**2 * other)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _growth(innovation: Array, spread: Array) -> Array:
+    """Growth of a covariance that makes an innovation as large as expected."""
+    distance = float(innovation @ np.linalg.solve(spread, innovation))
+    expected = float(len(innovation))
+    lack = 1.0 / expected - 1.0 / max(distance, expected)
+    return np.asarray(lack * np.outer(innovation, innovation))
+
+
+def _beyond_noise(mean: Array, spread: Array, limit: float) -> Array:
+    """Part of the square of a mean that noise of this covariance does not explain."""
+    degrees = len(mean)
+    distance = float(mean @ np.linalg.solve(spread, mean))
+    noise = degrees + limit * math.sqrt(2.0 * degrees)
+    return np.asarray((1.0 - noise / max(distance, noise)) * np.outer(mean, mean))
+
+
+def _ridge(covariance: Array) -> Array:
+    """Diagonal jitter for a near-singular covariance."""
+    return np.diag(1e-9 * np.diag(covariance) + 1e-15)

@@ -1,0 +1,445 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Water of a survey: envelopes of many frames taken together.
+
+Above a flat sea floor a frame's ranges are too alike to show how light decays with
+range, but a vehicle climbs, sinks and pitches: over a minute the ranges differ enough.
+The frames' envelopes are pooled and estimated from like those of one frame.
+
+Frames that follow one another show the same ground, so their errors are alike. The
+covariance comes from leaving out blocks of frames in turn (delete-a-group jackknife:
+Künsch 1989, doi:10.1214/aos/1176347265), beside the estimate's own.
+
+Two things else show whether the estimate holds. Relative contrast decays with range as
+βB over the bright envelope, whatever exposure and scene are: over a floor without anything
+dark, whose level would be taken for the veil's, it contradicts the estimate. And blocks
+of frames differ where the water changes within the window.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.config.schema import SurveyConfig
+from uw_visibility.images.arrays import Array
+from uw_visibility.status import Status
+from uw_visibility.water.daylight.estimation import WaterEstimator
+from uw_visibility.water.daylight.fit import blank
+from uw_visibility.water.daylight.validation import LAMP_SLOPE
+from uw_visibility.water.estimate import (
+    WaterEstimate,
+    joint_covariance,
+    of_each_channel,
+    overall_status,
+)
+from uw_visibility.water.observations import Envelopes
+
+Item = TypeVar("Item")
+
+
+class FrameWindow(Generic[Item]):
+    """Items of the frames within a window of time, thinned out to a number of them."""
+
+    def __init__(self, config: SurveyConfig) -> None:
+        self._config = config
+        self._frames: deque[tuple[float, Item]] = deque()
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    @property
+    def items(self) -> list[Item]:
+        """Items kept, the oldest first."""
+        return [item for _, item in self._frames]
+
+    @property
+    def newest(self) -> float:
+        """Time of the newest frame, s; NaN without any."""
+        return self._frames[-1][0] if self._frames else math.nan
+
+    @property
+    def duration(self) -> float:
+        """Time from the oldest to the newest frame, s."""
+        return self._frames[-1][0] - self._frames[0][0] if self._frames else 0.0
+
+    def clear(self) -> None:
+        """Forget all frames."""
+        self._frames.clear()
+
+    def continued_by(self, stamp_seconds: float) -> bool:
+        """Whether a frame of this time, s, would be the newest."""
+        return not stamp_seconds <= self.newest
+
+    def add(self, item: Item | None, stamp_seconds: float) -> None:
+        """Add a frame later than all before; drop those that have left the window.
+
+        Without an item, only the time passes.
+        """
+        while self._frames and self._frames[0][0] < stamp_seconds - self._config.window:
+            self._frames.popleft()
+        if item is not None:
+            self._frames.append((stamp_seconds, item))
+        if len(self._frames) > self._config.max_frames:
+            self._thin_out()
+
+    def _thin_out(self) -> None:
+        """Drop the frame whose neighbours are closest to one another in time."""
+        stamps = np.array([stamp for stamp, _ in self._frames])
+        del self._frames[1 + int(np.argmin(stamps[2:] - stamps[:-2]))]
+
+
+# Range bins over all frames; a bin needs so many observations.
+BINS = 32
+FEWEST_OBSERVATIONS = 4
+# The envelopes of a bin are these quantiles of its observations: a single one may hold
+# wrong ranges, or an animal.
+DARK_QUANTILE = 0.05
+BRIGHT_QUANTILE = 0.9
+# A change between older and newer frames beyond so many standard deviations is the water's.
+CHANGE_LIMIT = 5.0
+# Farthest over nearest frame from which on it shows whether lamps light the ground.
+LAMP_RATIO = 1.25
+
+
+@dataclass(frozen=True)
+class FrameEnvelopes:
+    """Envelopes of a frame, and the level of its bright envelope.
+
+    Attributes
+    ----------
+    level : (3,) float64 ndarray
+        Geometric mean of the bright envelope over range, in each channel.
+    """
+
+    envelope: Envelopes
+    level: Array
+
+    @classmethod
+    def of(cls, envelope: Envelopes) -> FrameEnvelopes | None:
+        """Take a frame; None where a channel has no light."""
+        bright = envelope.bright
+        if bright.shape[1] == 0 or not (bright > 0).any(axis=1).all():
+            return None
+        known = np.where(bright > 0, bright, np.nan)
+        return cls(envelope, np.exp(np.nanmean(np.log(known), axis=1)))
+
+
+def median_level(frames: Sequence[FrameEnvelopes]) -> Array:
+    """Median over frames of the bright envelopes' levels, (3,); 1 without frames."""
+    return np.asarray(np.median([f.level for f in frames], axis=0) if frames else np.ones(3))
+
+
+def pool(frames: Sequence[FrameEnvelopes]) -> Envelopes:
+    """Pool the envelopes of all frames, at the median level of their bright envelopes."""
+    level = median_level(frames)
+    gains = [level / f.level for f in frames]
+    envelopes = [f.envelope for f in frames]
+
+    def all_of(name: str, scaled: bool) -> Array:
+        return np.concatenate([
+            getattr(e, name) * (g[:, np.newaxis] if scaled else 1.0)
+            for e, g in zip(envelopes, gains, strict=True)], axis=-1)
+
+    distance, count = all_of("range", False), all_of("count", False)
+    dark, bright = all_of("dark", True), all_of("bright", True)
+    dark_range = all_of("dark_range", False)
+    step, deviation = all_of("step", True), all_of("deviation", True)
+    low, high = distance.min(), distance.max() * (1 + 1e-9)
+    place = np.log(distance / low) / max(math.log(high / low), 1e-9)
+    bin_of = np.minimum((place * BINS).astype(int), BINS - 1)
+    size = np.bincount(bin_of, minlength=BINS)
+    full = np.flatnonzero(size >= FEWEST_OBSERVATIONS)
+    pooled_dark, pooled_range, pooled_bright, pooled_step, pooled_deviation = out = np.full(
+        (5, 3, len(full)), np.nan)
+    mean_range = np.empty(len(full))
+    pixels = np.empty(len(full), np.int64)
+    for i, b in enumerate(full):
+        here = np.flatnonzero(bin_of == b)
+        weight = count[here] / count[here].sum()
+        mean_range[i] = weight @ distance[here]
+        pixels[i] = count[here].sum()
+        for c in range(3):
+            known = here[np.isfinite(dark[c, here])]
+            if len(known) < FEWEST_OBSERVATIONS:
+                continue
+            chosen = known[np.argsort(dark[c, known])[int(DARK_QUANTILE * len(known))]]
+            out[:, c, i] = (
+                dark[c, chosen], dark_range[c, chosen],
+                np.quantile(bright[c, known], BRIGHT_QUANTILE), step[c, chosen],
+                deviation[c, chosen])
+    total = max(sum(e.pixels for e in envelopes), 1)
+    share = np.array([e.pixels for e in envelopes]) / total
+    return replace(
+        envelopes[-1],
+        range=mean_range, count=pixels, dark=pooled_dark, dark_range=pooled_range,
+        bright=pooled_bright, step=pooled_step, deviation=pooled_deviation, pixels=total,
+        noise=np.asarray(share @ [e.noise for e in envelopes]),
+        saturated=np.asarray(share @ [e.saturated for e in envelopes]),
+        zero=np.asarray(share @ [e.zero for e in envelopes]),
+        grey=all(e.grey for e in envelopes),
+        limits=(float(low), float(high)),
+        range_error=float(share @ [e.range_error for e in envelopes]))
+
+
+def levels_fall_as_by_lamps(frames: Sequence[FrameEnvelopes]) -> bool:
+    """Whether farther frames are darker in every channel, as lamps make them."""
+    distance = np.array([float(np.exp(np.log(f.envelope.range).mean())) for f in frames])
+    x = np.log(distance) - np.log(distance).mean()
+    if distance.max() < LAMP_RATIO * distance.min():
+        return False
+    levels = np.log([f.level for f in frames])
+    slopes = x @ (levels - levels.mean(axis=0)) / max(float(x @ x), 1e-12)
+    return bool((slopes < LAMP_SLOPE).all())
+
+
+def mean_of_known(values: Array) -> float:
+    """Mean of the finite values; NaN without any."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else math.nan
+
+
+def _relative_contrast(envelope: Envelopes) -> Array:
+    """(u − e)/u of each channel and bin, (3, N); NaN where nothing is bright."""
+    return 1.0 - envelope.dark / np.where(envelope.bright > 0, envelope.bright, np.nan)
+
+
+def contrast_decay(frames: Sequence[FrameEnvelopes]) -> Array:
+    """Decay of relative contrast (u − e)/u with range in each channel, (3,), 1/m.
+
+    Light and dark patches differ by W Δρ e^(−βd), and the bright envelope u approaches the
+    veil B: the ratio falls as βB/u, whatever exposure and scene are.
+    """
+    decay = np.full(3, np.nan)
+    for c in range(3):
+        distance, logarithm, weight = [], [], []
+        for envelope in (frame.envelope for frame in frames):
+            contrast = _relative_contrast(envelope)[c]
+            known = contrast > 0
+            distance.append(envelope.range[known])
+            logarithm.append(np.log(contrast[known]))
+            weight.append(np.full(known.sum(), 1.0 / max(known.sum(), 1)))
+        d, y, w = (np.concatenate(each) for each in (distance, logarithm, weight))
+        if len(d) >= FEWEST_OBSERVATIONS:
+            centred = d - np.average(d, weights=w)
+            decay[c] = -(w * centred) @ y / max((w * centred) @ centred, 1e-12)
+    return decay
+
+
+def attenuation_change(frames: Sequence[FrameEnvelopes], block: NDArray[np.intp]) -> float:
+    """Largest change of attenuation between older and newer blocks, 1/m; 0 if insignificant.
+
+    Each frame's attenuation is that for which its dark patches are black (1 − e^(−βd)). `block`
+    numbers the block of each frame, from 0.
+    """
+    levels = np.empty(len(frames))
+    for i, envelope in enumerate(frame.envelope for frame in frames):
+        contrast = _relative_contrast(envelope)
+        black = -np.log(np.where(contrast > 0, contrast, np.nan)) / envelope.range
+        levels[i] = mean_of_known(black)
+    blocks = int(block.max()) + 1
+    means = np.array([mean_of_known(levels[block == b]) for b in range(blocks)])
+    found, largest = 0.0, CHANGE_LIMIT**2
+    for at in range(2, blocks - 1):
+        old, new = means[:at], means[at:]
+        change = float(new.mean() - old.mean())
+        squares = float(((old - old.mean()) ** 2).sum() + ((new - new.mean()) ** 2).sum())
+        variance = squares / (blocks - 2) * (1.0 / at + 1.0 / (blocks - at))
+        if change**2 > largest * variance:
+            found, largest = change, change**2 / variance
+    return found
+
+
+# Estimates are made at most once in so many seconds.
+INTERVAL = 1.0
+# Blocks of frames that are left out in turn, and those of them without which there may be
+# no estimate.
+BLOCKS = 8
+MOST_DECISIVE = 2
+# How much of the decay of relative contrast, 1/m, is the scene's: more ground is in view
+# from farther away, and less of it is resolved.
+SCENE_DECAY = 0.15
+# Distance of the estimate from that decay, in standard deviations, from which on it widens
+# the estimate's, and that refutes it.
+WIDENING, CONTRADICTION = 1.0, 2.5
+
+
+@dataclass(frozen=True)
+class SurveyEstimate:
+    """What frames show of the water together.
+
+    Attributes
+    ----------
+    water : WaterEstimate
+        Ambient light as the newest frame has it; its status says what is missing.
+    frames : int
+        Frames that it rests on.
+    duration : float
+        Time from the first to the last of them, s.
+    range_min, range_max : float
+        Nearest and farthest range among them, m; NaN without any.
+    """
+
+    water: WaterEstimate
+    frames: int
+    duration: float
+    range_min: float
+    range_max: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.frames} frames in {self.duration:.0f} s, "
+            f"ranges from {self.range_min:.2f} to {self.range_max:.2f} m")
+
+
+class Survey:
+    """Takes the envelopes of frames together over a window of time.
+
+    Parameters
+    ----------
+    config : SurveyConfig
+    estimator : WaterEstimator
+        Estimates from the envelopes over all frames.
+    """
+
+    def __init__(self, config: SurveyConfig, estimator: WaterEstimator) -> None:
+        self._config = config
+        self._estimator = estimator
+        self._frames: FrameWindow[FrameEnvelopes] = FrameWindow(config)
+        # Stamp of the newest frame, what was estimated, and its level of light.
+        self._last: tuple[float, SurveyEstimate, Array] | None = None
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._frames.clear()
+        self._last = None
+
+    def add(self, envelope: Envelopes | None, stamp_seconds: float) -> None:
+        """Add a frame's envelopes, if any; a stamp (s) not later than the last one begins anew."""
+        if not self._frames.continued_by(stamp_seconds):
+            self.reset()
+        self._frames.add(None if envelope is None else FrameEnvelopes.of(envelope), stamp_seconds)
+
+    def estimate(self) -> SurveyEstimate:
+        """Estimate the water over the frames of the window, once in `INTERVAL`."""
+        newest = self._frames.newest
+        if self._last is None or not newest - self._last[0] < INTERVAL:
+            self._last = newest, *self._fresh()
+        _, survey, level = self._last
+        if not self._frames:
+            return survey
+        now = self._frames.items[-1].level
+        return replace(survey, water=_at_level(survey.water, now / level))
+
+    def _fresh(self) -> tuple[SurveyEstimate, Array]:
+        """Estimate, and the median level of the bright envelopes."""
+        frames = self._frames.items
+        if len(frames) < self._config.min_frames:
+            water = WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
+        else:
+            water = self._water(frames)
+        ranges = np.concatenate([f.envelope.range for f in frames] or [np.full(1, np.nan)])
+        survey = SurveyEstimate(
+            water, len(frames), self._frames.duration, float(ranges.min()), float(ranges.max()))
+        return survey, median_level(frames)
+
+    def _water(self, frames: Sequence[FrameEnvelopes]) -> WaterEstimate:
+        if levels_fall_as_by_lamps(frames):
+            return WaterEstimate.not_assessable(Status.LIT_BY_LAMPS)
+        observed = pool(frames)
+        whole = self._estimator.estimate_envelope(observed)
+        if not np.isfinite(whole.attenuation).any():
+            return whole
+        block = np.arange(len(frames)) * BLOCKS // len(frames)
+        subsets = [
+            [f for f, b in zip(frames, block, strict=True) if b != left_out]
+            for left_out in range(BLOCKS)]
+        parts = [self._estimator.estimate_envelope(pool(subset)) for subset in subsets]
+        water = _with_spread(whole, parts)
+        decays = np.array([contrast_decay(subset) for subset in subsets])
+        bright = np.array([mean_of_known(channel) for channel in observed.bright])
+        water = _compared(water, bright, contrast_decay(frames), _jackknife(decays))
+        return _wider(water, attenuation_change(frames, block))
+
+
+def _wider(water: WaterEstimate, deviation: float) -> WaterEstimate:
+    """Add a standard deviation of attenuation, common to the channels."""
+    joint = joint_covariance(water).copy()
+    joint[0::2, 0::2] += deviation**2
+    return replace(water, covariance=of_each_channel(joint), joint_covariance=joint)
+
+
+def _compared(
+    water: WaterEstimate, bright: Array, decay: Array, covariance: Array
+) -> WaterEstimate:
+    """Compare with the decay of relative contrast: widen the covariance, or refuse."""
+    seen = np.isfinite(water.attenuation) & np.isfinite(decay)
+    if not seen.any():
+        return water
+    by_attenuation = (water.ambient_light / bright)[seen]
+    by_light = (water.attenuation / bright)[seen]
+    joint = joint_covariance(water)
+    own = np.repeat(seen, 2)
+    slopes = np.zeros((seen.sum(), own.sum()))
+    at = np.arange(seen.sum())
+    slopes[at, 2 * at], slopes[at, 2 * at + 1] = by_attenuation, by_light
+    spread = slopes @ joint[np.ix_(own, own)] @ slopes.T + covariance[np.ix_(seen, seen)]
+    # What the channels have in common: the scene's part is the same in them.
+    variance = float(spread.mean()) + SCENE_DECAY**2
+    gap = float(np.mean(water.attenuation[seen] * by_attenuation - decay[seen]))
+    if gap**2 > CONTRADICTION**2 * variance:
+        return WaterEstimate.not_assessable(Status.CUES_DISAGREE, water.envelope)
+    excess = max(gap**2 - WIDENING**2 * variance, 0.0)
+    return _wider(water, math.sqrt(excess) / float(by_attenuation.mean()))
+
+
+def _jackknife(parts: Array) -> Array:
+    """Jackknife covariance of estimates without each of the blocks, (BLOCKS, ...)."""
+    away = parts - parts.mean(axis=0)
+    return np.asarray((BLOCKS - 1) / BLOCKS * away.T @ away)
+
+
+def _with_spread(whole: WaterEstimate, parts: Sequence[WaterEstimate]) -> WaterEstimate:
+    """Add the jackknife's covariance."""
+    each = np.array([_values(part) for part in parts])
+    # What a few blocks alone make assessable is not known. Those whose absence makes it
+    # not assessable count as much as the others.
+    known = np.isfinite(each)
+    number = known.sum(axis=0)
+    seen = np.isfinite(_values(whole)) & (number >= BLOCKS - MOST_DECISIVE)
+    each = np.where(known, each, 0.0)
+    away = np.where(known & seen, each - each.sum(axis=0) / np.maximum(number, 1), 0.0)
+    joint = joint_covariance(whole) + _jackknife(away * np.sqrt(BLOCKS / np.maximum(number, 1)))
+    joint = blank(joint, seen)
+    status = [
+        reason if there or reason is not Status.OK else Status.RANGE_SPREAD_TOO_SMALL
+        for reason, there in zip(whole.channel_status, seen[0::2], strict=True)]
+    return replace(
+        whole,
+        status=overall_status(status),
+        channel_status=(status[0], status[1], status[2]),
+        attenuation=np.where(seen[0::2], whole.attenuation, np.nan),
+        ambient_light=np.where(seen[0::2], whole.ambient_light, np.nan),
+        covariance=of_each_channel(joint), joint_covariance=joint)
+
+
+def _at_level(water: WaterEstimate, gain: Array) -> WaterEstimate:
+    """Scale light by the gain of each channel."""
+    scale = np.stack((np.ones(3), gain), axis=1).ravel()
+    joint = joint_covariance(water) * np.outer(scale, scale)
+    return replace(
+        water, ambient_light=water.ambient_light * gain,
+        covariance=of_each_channel(joint), joint_covariance=joint,
+        light=None if water.light is None else water.light * gain,
+        light_stddev=None if water.light_stddev is None else water.light_stddev * gain)
+
+
+def _values(estimate: WaterEstimate) -> Array:
+    """β and I∞ of the channels, interleaved, (6,)."""
+    return np.stack((estimate.attenuation, estimate.ambient_light), axis=1).ravel()

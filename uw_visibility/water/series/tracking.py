@@ -1,0 +1,152 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Filter of the water's state over frames: gate, runs of rejected frames, events."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from enum import Enum
+
+import numpy as np
+
+from uw_visibility.config.schema import TrackingConfig
+from uw_visibility.errors import InputError
+from uw_visibility.status import Status
+from uw_visibility.water.daylight.fit import blank
+from uw_visibility.water.estimate import WaterEstimate, of_each_channel, overall_status
+from uw_visibility.water.series.kalman import ATTENUATION, LIGHT, Measurement, WaterState
+
+
+class TrackingEvent(Enum):
+    """Event of the filter: the effect of a frame on the state."""
+
+    STARTED = "started"
+    UPDATED = "updated"
+    OUTLIER = "outlier"
+    RESTARTED = "restarted"
+    PREDICTED = "predicted"
+    NOT_ASSESSABLE = "not assessable"
+    SURVEYED = "survey"
+
+    def __str__(self) -> str:
+        return self.value
+
+
+_TAKEN_IN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTARTED)
+
+
+class WaterTracker:
+    """Filter of estimates of the water's state over time.
+
+    Attributes
+    ----------
+    event : TrackingEvent or None
+        What the last frame did; None before the first.
+    estimate : WaterEstimate or None
+        The filtered state after the last frame; None before the first.
+    assessed, rejected : int
+        Frames that had an estimate, and those of them that the gate kept out; a
+        reset does not change them.
+    rejected_in_a_row : int
+        Frames beyond the gate since the last one that was taken in.
+    """
+
+    def __init__(self, config: TrackingConfig | None = None) -> None:
+        self._config = config or TrackingConfig()
+        self.assessed = self.rejected = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the water; the counts of frames stay."""
+        self.event: TrackingEvent | None = None
+        self.estimate: WaterEstimate | None = None
+        self.rejected_in_a_row = 0
+        self._state: WaterState | None = None
+        # Variance by the chance that rejected frames are right.
+        self._doubt = np.zeros((6, 6))
+        # Light on the scene and its deviation, over the veil, in the frames taken in.
+        self._light = np.full((2, 3), np.nan)
+        self._stamp = -math.inf
+
+    def update(self, estimate: WaterEstimate, stamp_seconds: float) -> WaterEstimate:
+        """Update the state by one frame's estimate.
+
+        Parameters
+        ----------
+        estimate : WaterEstimate
+            Of this frame alone. A channel that is not assessable is predicted.
+        stamp_seconds : float
+            Time of the frame, s. A stamp that is not later than the last one, or
+            later by more than the timeout, begins anew.
+
+        Returns
+        -------
+        WaterEstimate
+            The filtered state, with the frame's `envelope`, `bins` and `iterations`. A channel not
+            seen for longer than the timeout is not assessable, for the frame's reason.
+
+        Raises
+        ------
+        InputError
+            If the stamp is not finite.
+        """
+        if not math.isfinite(stamp_seconds):
+            raise InputError(f"the stamp of the frame is {stamp_seconds}: give a time in seconds")
+        elapsed = stamp_seconds - self._stamp
+        if not 0.0 < elapsed <= self._config.timeout:
+            self.reset()
+        self._stamp = stamp_seconds
+        measurement = Measurement.of(estimate, self._config.common_error)
+        if self._state is not None:
+            self._state.predict(elapsed, self._config, bool(measurement.seen.any()))
+            if not self._state.known.any():
+                self._state = None
+                self._settle()
+        self.event = self._correct(measurement)
+        if estimate.light is not None and self.event in _TAKEN_IN:
+            light = np.array((estimate.light, estimate.light_stddev)) / estimate.ambient_light
+            self._light = np.where(np.isfinite(light), light, self._light)
+        self.estimate = self._filtered(estimate)
+        return self.estimate
+
+    def _settle(self) -> None:
+        self.rejected_in_a_row = 0
+        self._doubt = np.zeros((6, 6))
+
+    def _correct(self, measurement: Measurement) -> TrackingEvent:
+        if not measurement.seen.any():
+            return TrackingEvent.NOT_ASSESSABLE if self._state is None else TrackingEvent.PREDICTED
+        self.assessed += 1
+        if self._state is None:
+            self._state = WaterState(measurement)
+            return TrackingEvent.STARTED
+        event = TrackingEvent.UPDATED
+        if not self._state.accepts(measurement, self._config.gate_probability):
+            self.rejected_in_a_row += 1
+            if self.rejected_in_a_row < self._config.reset_count:
+                self.rejected += 1
+                share = self.rejected_in_a_row / (self._config.reset_count + 1)
+                self._doubt = self._state.reject(measurement, share)
+                return TrackingEvent.OUTLIER
+            event = TrackingEvent.RESTARTED
+        self._state.adapt(measurement, self._config)
+        self._state.correct(measurement)
+        self._settle()
+        return event
+
+    def _filtered(self, estimate: WaterEstimate) -> WaterEstimate:
+        if self._state is None:
+            return estimate
+        known = self._state.known
+        status = tuple(Status.OK if known[c] else estimate.channel_status[c] for c in range(3))
+        mean, joint = self._state.published(self._doubt)
+        mean[np.repeat(~known, 2)] = np.nan
+        joint = blank(joint, known)
+        light = self._light * mean[LIGHT] if np.isfinite(self._light).any() else None
+        return replace(
+            estimate, light=None if light is None else light[0],
+            light_stddev=None if light is None else light[1], status=overall_status(status),
+            attenuation=mean[ATTENUATION], ambient_light=mean[LIGHT],
+            covariance=of_each_channel(joint), channel_status=(status[0], status[1], status[2]),
+            joint_covariance=joint)
