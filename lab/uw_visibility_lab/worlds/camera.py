@@ -1,0 +1,145 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Cameras of the worlds: their curve, balance, noise and codec."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.images.arrays import Array, Map
+from uw_visibility_lab.simulation.camera import interpolate_mosaic, lens_falloff
+from uw_visibility_lab.worlds.beliefs import draw
+
+# Steps of the tables that encode: 8 for a code of 16 bit is too many for a cache, 1 for a code of
+# 8 bit too few for the steep part of sRGB.
+_STEPS = 1 << 16
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Transfer from irradiance to code, both 0..1, and beyond 1 as it goes on.
+
+    Attributes
+    ----------
+    kind : str
+        ``linear``, ``srgb``, ``gamma``, ``log`` or ``contrast``.
+    value : float
+        Exponent of a gamma, a of log(1 + a x), strength of an S curve; else 0.
+    """
+
+    kind: str
+    value: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Its kind, with its value where it has one."""
+        return f"{self.kind} {self.value:.2f}" if self.value else self.kind
+
+    def encode(self, light: NDArray[Any]) -> NDArray[Any]:
+        """Code of irradiance, 0 or more."""
+        if self.kind == "linear":
+            return light
+        if self.kind == "srgb":
+            power = 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055
+            return np.where(light <= 0.0031308, 12.92 * light, power)
+        if self.kind == "gamma":
+            return np.asarray(np.maximum(light, 0.0) ** (1.0 / self.value))
+        if self.kind == "log":
+            return np.asarray(np.log1p(self.value * light) / np.log1p(self.value))
+        # An S on sRGB, as cameras for viewers have it.
+        code = Curve("srgb").encode(light)
+        inside = np.clip(code, 0.0, 1.0)
+        return np.asarray(code + self.value * (inside * inside * (3.0 - 2.0 * inside) - inside))
+
+
+LINEAR = Curve("linear")
+SRGB = Curve("srgb")
+
+
+def told_linear(curve: Curve, told: str, light: Array) -> Array:
+    """Irradiance, (3,), as an estimator sees it that is told the transfer `told`."""
+    code = curve.encode(np.asarray(light, np.float64))
+    if told == "linear":
+        return np.asarray(code)
+    return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+
+
+def draw_curve(rng: np.random.Generator, effects: tuple[str, ...]) -> tuple[Curve, str]:
+    """Draw the camera's true curve, and the transfer that the estimator is told."""
+    told = "srgb" if "srgb" in effects else "linear"
+    if "foreign curve" not in effects:
+        return (SRGB if told == "srgb" else LINEAR), told
+    kind = int(draw(rng, "camera.foreign_curve"))
+    if kind == 0:
+        return Curve("gamma", draw(rng, "camera.gamma")), told
+    if kind == 1:
+        return Curve("log", draw(rng, "camera.log_curve")), told
+    if kind == 2:
+        return SRGB, "linear"
+    if kind == 3:
+        return LINEAR, "srgb"
+    return Curve("contrast", draw(rng, "camera.contrast_curve")), "srgb"
+
+
+def record(
+    rng: np.random.Generator, irradiance: Map, gains: Array, curve: Curve,
+    effects: tuple[str, ...],
+) -> NDArray[Any]:
+    """Turn irradiance into code values: lens, sensor, mosaic, curve, codec.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Where noise comes from.
+    irradiance : (H, W, 3) float32 ndarray
+        With exposure and white balance, 1 is full scale; written over.
+    gains : (3,) float64 ndarray
+        Of white balance, which noise has too.
+    curve : Curve
+        The camera's.
+    effects : tuple of str
+        Those of ``draw.EFFECTS`` that are there.
+
+    Returns
+    -------
+    (H, W, 3) uint8 or uint16 ndarray
+        RGB code values.
+    """
+    if "vignetting" in effects:
+        irradiance *= lens_falloff(irradiance.shape[:2], draw(rng, "camera.vignetting"))
+    if "noise" in effects:
+        noise = draw(rng, "camera.noise") / 255.0
+        read = noise * draw(rng, "camera.noise_read_share")
+        # Variance of shot noise goes with light; at middle grey, 0.5, both make up `noise`.
+        shot = (noise * noise - read * read) / 0.5
+        sigma = cv2.sqrt(np.maximum(irradiance * np.float32(shot), 0.0) + np.float32(read * read))
+        sigma *= rng.standard_normal(irradiance.shape, dtype=np.float32)
+        if (gains != 1.0).any():
+            sigma *= np.sqrt(gains).astype(np.float32)
+        irradiance += sigma
+    if "bayer" in effects:
+        irradiance = interpolate_mosaic(irradiance * np.float32(255.0)) / np.float32(255.0)
+    deep = "16 bit" in effects and "jpeg" not in effects
+    table = _table(curve, deep)
+    np.clip(irradiance, 0.0, 1.0, out=irradiance)
+    irradiance *= np.float32(_STEPS - 1)
+    irradiance += np.float32(0.5)
+    image: NDArray[Any] = table[irradiance.astype(np.uint16)]
+    if "jpeg" in effects:
+        quality = round(draw(rng, "camera.jpeg"))
+        _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+        image = np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
+    return image
+
+
+@lru_cache(maxsize=8)
+def _table(curve: Curve, deep: bool) -> NDArray[Any]:
+    top = 65535 if deep else 255
+    code = curve.encode(np.linspace(0.0, 1.0, _STEPS)) * top + 0.5
+    return np.clip(code, 0, top).astype(np.uint16 if deep else np.uint8)

@@ -1,0 +1,531 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Random views of a scene under water, with their truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array, Map, Mask
+from uw_visibility_lab.worlds import beliefs as believed
+from uw_visibility_lab.worlds.beliefs import draw as drawn
+from uw_visibility_lab.worlds.beliefs import happens
+from uw_visibility_lab.worlds.camera import draw_curve, record, told_linear
+from uw_visibility_lab.worlds.ranging import measure_ranges
+from uw_visibility_lab.worlds.scenes import SIZE, Scene
+from uw_visibility_lab.worlds.water import Water, draw_water
+
+EFFECTS: tuple[str, ...] = tuple(
+    name.partition(".")[2] for name in believed.beliefs()
+    if name.startswith(("effects.", "always.")) and name != "effects.plain")
+"""Names of what departs from the light model, a linear camera and exact ranges."""
+
+RANDOM = "random"
+
+# Band averages and light in layers are looked up at so many ranges.
+_LOOKUP = 1024
+# A view without this share of surfaces shows nothing but water.
+_LEAST_SURFACE = 0.05
+
+
+@dataclass(frozen=True)
+class View:
+    """What a camera records under water, what is told with it, and the truth.
+
+    Attributes
+    ----------
+    image : (H, W, 3) uint8 or uint16 ndarray
+        RGB code values.
+    ranges : (H, W) float32 ndarray
+        As measured, m along the line of sight; NaN where unknown.
+    range_error : float
+        Told standard deviation of range over its square, 1/m; 0 for exact ranges.
+    transfer : str
+        Told transfer, ``linear`` or ``srgb``.
+    clear_water : (3,) float64 ndarray
+        Told κ, 1/m.
+    attenuation : (3,) float64 ndarray
+        True β, 1/m: the attenuation of surfaces' light; where it varies, that whose e^(−βd) fits
+        the transmission over the ranges in view best.
+    veil, light : (3,) float64 ndarray
+        True B and W, means over the view, in units of the image when linearised as told.
+    depth : float
+        Of the camera, m.
+    open_water : (H, W) bool ndarray
+        Where nothing but water is seen.
+    effects : tuple of str
+        Those of `EFFECTS` that are there.
+    scene, curve : str
+        Names of the scene and of the camera's true curve.
+    """
+
+    image: NDArray[Any]
+    ranges: Map
+    range_error: float
+    transfer: str
+    clear_water: Array
+    attenuation: Array
+    veil: Array
+    light: Array
+    depth: float
+    open_water: Mask
+    effects: tuple[str, ...]
+    scene: str
+    curve: str
+
+
+def draw(
+    rng: np.random.Generator,
+    scene: Scene,
+    *,
+    effects: str | Sequence[str] = RANDOM,
+    without: Sequence[str] = (),
+) -> View:
+    """Draw a random view of a scene under water.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Where all values come from: the same state gives the same view.
+    scene : Scene
+        What is looked at; the view has its size.
+    effects : str or sequence of str
+        ``random`` draws them by their beliefs; else those of `EFFECTS` that are there.
+    without : sequence of str
+        Effects that are left out.
+
+    Returns
+    -------
+    View
+        E = W ρ e^(−βd) + B (1 − e^(−βd)) and what the effects make of it (Akkaynak and Treibitz
+        2018, doi 10.1109/CVPR.2018.00703).
+
+    Raises
+    ------
+    InputError
+        If an effect has no such name, or the scene shows no surface.
+    """
+    names = _choose(rng, effects, without)
+    reflectance, ranges, heights = _vary(rng, scene)
+    height, width = ranges.shape
+    if "open water" in names:
+        ranges = _open(rng, ranges)
+    if "fish" in names:
+        _add_fish(rng, reflectance, ranges)
+    known = np.isfinite(ranges)
+    if not known.any():
+        raise InputError(f"scene {scene.name} shows no surface: give one with finite ranges")
+    water = _draw_water(rng, names)
+    # Where the clearest channel loses all, nobody takes pictures.
+    median = drawn(rng, "scene.distance")
+    median = min(median, drawn(rng, "water.most_path") / float(water.attenuation.min()))
+    ranges *= np.float32(median / float(np.median(ranges[known])))
+
+    thicker = _thicker(rng, names, ranges, heights, median)
+    transmission, unveiled, attenuation = _transmissions(rng, names, water, ranges, thicker)
+    rows = np.linspace(1.0, -1.0, height, dtype=np.float32)[:, np.newaxis, np.newaxis]
+    columns = np.linspace(-1.0, 1.0, width, dtype=np.float32)[np.newaxis, :, np.newaxis]
+    light_map = _light_map(rng, names, water, ranges, heights, rows, columns)
+    veil_map: Map | None = None
+    if "veil gradient" in names:
+        veil_map = np.maximum(
+            1.0 + np.float32(drawn(rng, "veil.gradient")) * rows
+            + np.float32(drawn(rng, "veil.gradient_across")) * columns, 0.2).astype(np.float32)
+
+    light = water.light
+    veil = light * water.ratio
+    direct = reflectance
+    direct *= light.astype(np.float32)
+    direct *= transmission
+    if light_map is not None:
+        direct *= light_map
+        light = light * light_map[known].mean(axis=0, dtype=np.float64)
+    if "forward scatter" in names:
+        direct = _scatter_forward(rng, direct, transmission)
+    irradiance = np.float32(1.0) - unveiled
+    irradiance *= veil.astype(np.float32)
+    if veil_map is not None:
+        irradiance *= veil_map
+        veil = veil * veil_map.mean(axis=(0, 1), dtype=np.float64)
+    irradiance += direct
+    if "snow" in names:
+        _add_snow(rng, irradiance, light)
+    if "defocus" in names:
+        sigma = drawn(rng, "camera.defocus") * height / SIZE[0]
+        irradiance = cv2.GaussianBlur(irradiance, (0, 0), sigma)
+    if "grey" in names:
+        irradiance, attenuation, veil, light = _grey(
+            irradiance, attenuation, veil, light, ranges[known])
+
+    gains = _balance(rng, names, irradiance)
+    strength = _exposure(rng, names)
+    top = float(np.quantile((irradiance[::4, ::4] * gains.astype(np.float32)).max(-1), 0.995))
+    gains_all = gains * (strength / max(top, 1e-12))
+    irradiance *= gains_all.astype(np.float32)
+    curve, told = draw_curve(rng, names)
+    image = record(rng, irradiance, gains / gains[1], curve, names)
+    measured, error = measure_ranges(rng, ranges, image, names)
+    return View(
+        image=image, ranges=measured, range_error=error, transfer=told,
+        clear_water=water.clear_water, attenuation=attenuation,
+        veil=told_linear(curve, told, veil * gains_all),
+        light=told_linear(curve, told, light * gains_all),
+        depth=water.depth, open_water=~known, effects=names, scene=scene.name, curve=curve.name)
+
+
+def _choose(
+    rng: np.random.Generator, effects: str | Sequence[str], without: Sequence[str]
+) -> tuple[str, ...]:
+    """Draw the effects, or check those that are given."""
+    given = () if effects == RANDOM else (effects,) if isinstance(effects, str) else effects
+    for name in (*given, *without):
+        if name not in EFFECTS:
+            raise InputError(f"no effect {name!r}: give some of {', '.join(EFFECTS)}")
+    if effects != RANDOM:
+        return tuple(name for name in EFFECTS if name in given and name not in without)
+    plain = happens(rng, "effects.plain")
+    found = []
+    for name in EFFECTS:
+        # Drawn even where the view is plain or the effect left out, so that the same seed gives
+        # the same others.
+        always = f"always.{name}" in believed.beliefs()
+        there = happens(rng, f"always.{name}" if always else f"effects.{name}")
+        if there and (always or not plain) and name not in without:
+            found.append(name)
+    if "low light" in found and "over-exposure" in found:
+        found.remove("over-exposure")
+    return tuple(found)
+
+
+def _draw_water(rng: np.random.Generator, names: tuple[str, ...]) -> Water:
+    return draw_water(rng, spectrum="spectrum" in names, red_gone="red gone" in names)
+
+
+def _vary(rng: np.random.Generator, scene: Scene) -> tuple[Map, Map, Map]:
+    """Crop, mirror and vary a scene: reflectance, ranges, and how far rays go down a metre."""
+    height, width = scene.range.shape
+    pitch = scene.pitch
+    if math.isnan(pitch):
+        pitch = math.radians(drawn(rng, "camera.pitch"))
+    focal = scene.focal_length
+    if math.isnan(focal):
+        focal = drawn(rng, "camera.focal_length")
+    down = downward(height, width, focal * width, pitch, scene.roll)
+    reflectance, ranges = scene.reflectance.astype(np.float32), scene.range.astype(np.float32)
+    if happens(rng, "scene.crop_share"):
+        share = drawn(rng, "scene.crop")
+        rows, columns = round(height * share), round(width * share)
+        top, left = rng.integers(height - rows + 1), rng.integers(width - columns + 1)
+        window = np.s_[top:top + rows, left:left + columns]
+        part = ranges[window]
+        # A part that shows hardly more than open water tells nothing.
+        if np.isfinite(part).mean() > _LEAST_SURFACE:
+            size = (width, height)
+            reflectance = cv2.resize(reflectance[window], size, interpolation=cv2.INTER_LINEAR)
+            # Between a near and a far surface there is none.
+            ranges = cv2.resize(part, size, interpolation=cv2.INTER_NEAREST)
+            down = cv2.resize(down[window], size, interpolation=cv2.INTER_LINEAR)
+    if rng.random() < 0.5:
+        reflectance, ranges, down = (x[:, ::-1] for x in (reflectance, ranges, down))
+    if happens(rng, "scene.exchange_channels"):
+        reflectance = reflectance[..., rng.permutation(3)]
+    if happens(rng, "scene.exponent_share"):
+        known = np.isfinite(ranges)
+        median = np.float32(np.median(ranges[known])) if known.any() else np.float32(1.0)
+        ranges = median * cv2.pow(
+            np.where(known, ranges, median) / median, drawn(rng, "scene.distance_exponent"))
+        ranges[~known] = np.inf
+    reflectance = cv2.pow(np.ascontiguousarray(reflectance), drawn(rng, "scene.exponent"))
+    top_value = float(np.quantile(reflectance[::4, ::4], 0.99))
+    if happens(rng, "scene.dull"):
+        low, high = drawn(rng, "scene.dull_low"), drawn(rng, "scene.dull_high")
+        reflectance = np.float32(low) + np.minimum(
+            reflectance * np.float32((high - low) / max(top_value, 1e-3)), np.float32(high - low))
+    else:
+        name = "scene.dark_gain" if happens(rng, "scene.dark") else "scene.gain"
+        reflectance *= np.float32(drawn(rng, name) / max(top_value, 0.5))
+    return np.minimum(reflectance, 1.0), np.array(ranges, np.float32), np.ascontiguousarray(down)
+
+
+def downward(height: int, width: int, focal_length: float, pitch: float, roll: float) -> Map:
+    """How far the line of sight of each pixel goes down a metre of range, (H, W) float32.
+
+    Parameters
+    ----------
+    height, width : int
+        Of the image, px.
+    focal_length : float
+        px.
+    pitch, roll : float
+        rad below the horizon, and right side down.
+    """
+    x = ((np.arange(width) - (width - 1) / 2) / focal_length).astype(np.float32)
+    y = ((np.arange(height) - (height - 1) / 2) / focal_length).astype(np.float32)[:, np.newaxis]
+    level = np.float32(math.cos(roll)) * y + np.float32(math.sin(roll)) * x
+    sine, cosine = np.float32(math.sin(pitch)), np.float32(math.cos(pitch))
+    return np.asarray((sine + cosine * level) / np.sqrt(1.0 + x * x + y * y), np.float32)
+
+
+def _open(rng: np.random.Generator, ranges: Map) -> Map:
+    """Take what is above a wavy line away, where the scene shows no open water yet."""
+    height, width = ranges.shape
+    if not np.isfinite(ranges).all():
+        return ranges
+    points = rng.uniform(0.05, 0.5) + 0.05 * rng.standard_normal(8)
+    line = cv2.resize(
+        points.astype(np.float32)[np.newaxis], (width, 1), interpolation=cv2.INTER_CUBIC) * height
+    return np.where(np.arange(height)[:, np.newaxis] < line, np.float32(np.inf), ranges)
+
+
+def _add_fish(rng: np.random.Generator, reflectance: Map, ranges: Map) -> None:
+    """Put fish before the scene: ellipses nearer than what is behind, dark above, light below."""
+    height, width = ranges.shape
+    known = np.isfinite(ranges)
+    median = float(np.median(ranges[known])) if known.any() else 1.0
+    albedo = np.array([drawn(rng, f"{table}.metal") for table in (
+        "red_over_green", "albedo", "blue_over_green")])
+    colour = albedo * np.array([albedo[1], 1.0, albedo[1]])
+    for _ in range(int(drawn(rng, "place.fish"))):
+        near = float(rng.uniform(0.3, 1.0))
+        length = width * 0.03 / near * float(rng.uniform(0.5, 2.0))
+        mask = np.zeros((height, width), np.uint8)
+        centre = (int(rng.integers(width)), int(rng.integers(height)))
+        axes = (max(int(length), 2), max(int(length * rng.uniform(0.2, 0.4)), 1))
+        cv2.ellipse(mask, centre, axes, float(rng.uniform(-30, 30)), 0, 360, 1, -1)
+        inside = (mask > 0) & (ranges > near * median)
+        row = np.nonzero(inside)[0]
+        belly = np.clip((row - centre[1]) / axes[1] + 1.0, 0.0, 2.0)[:, np.newaxis]
+        reflectance[inside] = np.minimum(colour * (0.5 + belly), 1.0)
+        ranges[inside] = near * median
+
+
+def _thicker(
+    rng: np.random.Generator, names: tuple[str, ...], ranges: Map, down: Map, median: float
+) -> Map | None:
+    """Factor of attenuation by pixel, (H, W, 1), of plume and layer; None for none."""
+    if "plume" not in names and "layer" not in names:
+        return None
+    factor = np.ones(ranges.shape, np.float32)
+    height, width = ranges.shape
+    if "plume" in names:
+        angle = rng.uniform(0.0, 2.0 * math.pi)
+        x = np.linspace(-1.0, 1.0, width, dtype=np.float32)
+        y = np.linspace(-1.0, 1.0, height, dtype=np.float32)[:, np.newaxis]
+        side = np.float32(math.cos(angle)) * x + np.float32(math.sin(angle)) * y
+        edge = np.float32(rng.uniform(-0.5, 0.5))
+        width_of_edge = np.float32(rng.uniform(0.02, 0.6))
+        share = np.clip((side - edge) / width_of_edge + 0.5, 0.0, 1.0)
+        factor += np.float32(drawn(rng, "place.plume")) * share
+    if "layer" in names:
+        below = np.where(np.isfinite(ranges), ranges, np.float32(1e4)) * down
+        top = np.float32(drawn(rng, "place.layer_top") * median)
+        # Share of the line of sight that lies under the layer's top.
+        share = np.clip(1.0 - top / np.maximum(below, 1e-6), 0.0, 1.0)
+        factor += np.float32(drawn(rng, "place.layer")) * share
+    return factor[..., np.newaxis]
+
+
+def _transmissions(
+    rng: np.random.Generator, names: tuple[str, ...], water: Water, ranges: Map,
+    thicker: Map | None,
+) -> tuple[Map, Map, Array]:
+    """Transmission of surfaces' light, what the veil lacks, (H, W, 3) each, and effective β."""
+    known = np.isfinite(ranges)
+    path = ranges[..., np.newaxis] if thicker is None else ranges[..., np.newaxis] * thicker
+    veil_factor = None
+    if "veil coefficient" in names:
+        common = 1.0 + drawn(rng, "veil.coefficient")
+        veil_factor = np.array([
+            common + drawn(rng, "veil.coefficient_channel") for _ in range(3)])
+    if water.log_transmission is None or water.log_unveiled is None:
+        transmission = _exp(path * -water.attenuation.astype(np.float32))
+        if veil_factor is None:
+            unveiled = transmission
+        else:
+            unveiled = _exp(path * -(water.attenuation * veil_factor).astype(np.float32))
+    else:
+        transmission = _look_up(path[..., 0], water.path, water.log_transmission)
+        unveiled = _look_up(path[..., 0], water.path, water.log_unveiled)
+        if veil_factor is not None:
+            unveiled = cv2.exp(cv2.log(np.maximum(unveiled, 1e-30)) * veil_factor.astype(
+                np.float32))
+            unveiled[~known] = 0.0
+    attenuation = water.attenuation
+    if thicker is not None or water.log_transmission is not None:
+        distances, seen = ranges[known], transmission[known]
+        step = max(len(distances) // 2000, 1)
+        attenuation = effective_attenuation(distances[::step], seen[::step])
+    return transmission, unveiled, attenuation
+
+
+def _exp(exponent: NDArray[Any]) -> Map:
+    """e^x by OpenCV, which has e^(−inf) = 0 only for what is not too small."""
+    return np.asarray(cv2.exp(np.maximum(exponent, np.float32(-80.0))), np.float32)
+
+
+def _look_up(ranges: Map, path: Array, logarithm: Array) -> Map:
+    """Interpolate tables (n, 3) over ranges in equal steps of their root, (H, W, 3); 0 at inf."""
+    known = np.isfinite(ranges)
+    most = float(ranges[known].max())
+    roots = np.linspace(0.0, math.sqrt(most), _LOOKUP)
+    table = np.stack(
+        [np.exp(np.interp(roots**2, path, logarithm[:, c])) for c in range(3)], 1)
+    table = np.concatenate([table, np.zeros((1, 3))]).astype(np.float32)
+    place = np.full(ranges.shape, _LOOKUP, np.int32)
+    place[known] = np.rint(np.sqrt(ranges[known]) * ((_LOOKUP - 1) / math.sqrt(most)))
+    return np.asarray(table[place])
+
+
+def effective_attenuation(
+    ranges: NDArray[np.floating], transmission: NDArray[np.floating]
+) -> Array:
+    """Least-squares β of transmissions, Σ (t − e^(−βd))², by Gauss-Newton steps.
+
+    Parameters
+    ----------
+    ranges : (n,) ndarray
+        m.
+    transmission : (n, C) ndarray
+        0..1.
+
+    Returns
+    -------
+    (C,) float64 ndarray
+        1/m.
+    """
+    d = np.asarray(ranges, np.float64)[:, np.newaxis]
+    seen = np.asarray(transmission, np.float64)
+    rate = np.maximum(-np.log(np.maximum(seen, 1e-12)) / d, 1e-9)
+    # Between the least and the largest of the pixels' own.
+    low, high = rate.min(0), rate.max(0)
+    beta = np.median(rate, axis=0)
+    for _ in range(12):
+        model = np.exp(-beta * d)
+        slope = -d * model
+        gain = (slope * (seen - model)).sum(0) / np.maximum((slope * slope).sum(0), 1e-300)
+        beta = np.clip(beta + gain, low, high)
+    return np.asarray(beta)
+
+
+def _light_map(
+    rng: np.random.Generator, names: tuple[str, ...], water: Water, ranges: Map, down: Map,
+    rows: Map, columns: Map,
+) -> Map | None:
+    """Light on the scene relative to W at the camera's depth, (H, W, 3) or (H, W, 1)."""
+    found: Map | None = None
+    known = np.isfinite(ranges)
+    near = np.where(known, ranges, np.float32(0.0))
+    if "light gradient" in names:
+        below = near * down
+        # Above the surface there is no more light.
+        below = np.maximum(below, np.float32(-water.depth))[..., np.newaxis]
+        found = np.asarray(cv2.exp(below * -water.diffuse.astype(np.float32)))
+        found *= 1.0 + np.float32(drawn(rng, "light.gradient_across")) * columns
+    if "caustics" in names:
+        net = _caustics(rng, near, down, columns)[..., np.newaxis]
+        found = net if found is None else found * net
+    if "shade" in names:
+        angle, edge = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-0.5, 0.5)
+        side = np.float32(math.cos(angle)) * columns + np.float32(math.sin(angle)) * rows
+        share = np.clip((side - np.float32(edge)) / np.float32(rng.uniform(0.03, 0.4)), 0.0, 1.0)
+        dim = (1.0 - np.float32(1.0 - drawn(rng, "light.shade")) * share).astype(np.float32)
+        found = dim if found is None else found * dim
+    return found
+
+
+def _caustics(rng: np.random.Generator, ranges: Map, down: Map, columns: Map) -> Map:
+    """Net of bright lines on the surfaces, of mean near 1, (H, W)."""
+    tile = 256
+    cells = 32
+    noise = rng.standard_normal((cells, cells)).astype(np.float32)
+    noise = np.pad(noise, 2, mode="wrap")
+    size = tile + 4 * tile // cells
+    noise = cv2.resize(noise, (size, size), interpolation=cv2.INTER_CUBIC)
+    edge = 2 * tile // cells
+    net = np.exp(-3.0 * np.abs(noise[edge:-edge, edge:-edge]))
+    net /= net.mean()
+    scale = np.float32(tile / cells / drawn(rng, "light.caustics_cell"))
+    level = np.sqrt(np.maximum(1.0 - down * down, 1e-4))
+    across = np.float32(rng.uniform(0.3, 0.7)) * columns[..., 0]
+    mesh = cv2.remap(
+        np.pad(net, ((0, 1), (0, 1)), mode="wrap"),
+        np.mod(ranges * across * scale, tile).astype(np.float32),
+        np.mod(ranges * level * scale, tile).astype(np.float32), cv2.INTER_LINEAR)
+    return np.asarray(1.0 + np.float32(drawn(rng, "light.caustics")) * (mesh - 1.0), np.float32)
+
+
+def _scatter_forward(rng: np.random.Generator, direct: Map, transmission: Map) -> Map:
+    """Blur surfaces' light the more, the longer its optical path is."""
+    height = direct.shape[0]
+    sigma = drawn(rng, "place.blur") * height / SIZE[0]
+    optical = -cv2.log(np.maximum(transmission[..., 1], 1e-6))
+    most = min(float(np.quantile(optical[::4, ::4], 0.95)), 4.0)
+    if sigma * most < 0.3:
+        return direct
+    half = cv2.GaussianBlur(direct, (0, 0), 0.5 * sigma * most)
+    full = cv2.GaussianBlur(half, (0, 0), math.sqrt(0.75) * sigma * most)
+    place = (optical * np.float32(2.0 / most))[..., np.newaxis]
+    first, second = np.clip(place, 0.0, 1.0), np.clip(place - 1.0, 0.0, 1.0)
+    return np.asarray(direct + first * (half - direct) + second * (full - half), np.float32)
+
+
+def _add_snow(rng: np.random.Generator, irradiance: Map, light: Array) -> None:
+    """Add bright specks of near particles."""
+    height, width = irradiance.shape[:2]
+    count = int(drawn(rng, "place.snow") * height * width)
+    layer = np.zeros((height, width), np.float32)
+    strength = drawn(rng, "place.snow_light")
+    layer[rng.integers(height, size=count), rng.integers(width, size=count)] = (
+        strength * rng.random(count))
+    few = np.zeros_like(layer)
+    large = max(count // 20, 1)
+    few[rng.integers(height, size=large), rng.integers(width, size=large)] = (
+        strength * 12.0 * rng.random(large))
+    layer += cv2.GaussianBlur(few, (0, 0), 1.5 * height / SIZE[0])
+    layer = cv2.GaussianBlur(layer, (3, 3), 0.6)
+    irradiance += layer[..., np.newaxis] * light.astype(np.float32)
+
+
+def _grey(
+    irradiance: Map, attenuation: Array, veil: Array, light: Array, ranges: NDArray[np.float32]
+) -> tuple[Map, Array, Array, Array]:
+    """Mix the channels to one, as a monochrome camera has it; truth is that of the mixture."""
+    step = max(len(ranges) // 2000, 1)
+    some = ranges[::step].astype(np.float64)
+    decay = np.exp(-np.outer(some, attenuation)) @ (light / light.sum())
+    mixed = effective_attenuation(some, decay[:, np.newaxis])
+    grey = irradiance.mean(axis=-1, keepdims=True)
+    return (
+        np.repeat(grey, 3, axis=-1), np.repeat(mixed, 3),
+        np.full(3, veil.mean()), np.full(3, light.mean()))
+
+
+def _balance(rng: np.random.Generator, names: tuple[str, ...], irradiance: Map) -> Array:
+    """Draw the gains of white balance, (3,); green's is 1."""
+    gains = np.ones(3)
+    if "white balance" in names:
+        gains[0] = drawn(rng, "camera.white_balance_red")
+        gains[2] = drawn(rng, "camera.white_balance_blue")
+    if "grey world" in names:
+        means = irradiance[::4, ::4].mean(axis=(0, 1), dtype=np.float64) * gains
+        most = drawn(rng, "camera.grey_world_most")
+        ratio = np.clip(means[1] / np.maximum(means, 1e-9), 1.0 / most, most)
+        gains = gains * ratio ** drawn(rng, "camera.grey_world")
+    return gains
+
+
+def _exposure(rng: np.random.Generator, names: tuple[str, ...]) -> float:
+    """Draw the code that the brightest pixels come to, 1 is the largest."""
+    if "low light" in names:
+        return drawn(rng, "camera.low_light")
+    if "over-exposure" in names:
+        return drawn(rng, "camera.over_exposure")
+    return drawn(rng, "scene.exposure")

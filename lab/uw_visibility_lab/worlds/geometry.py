@@ -1,0 +1,348 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Rays against a relief and simple shapes, and what colour is met: kernels of procedural scenes.
+
+World axes: x right, y ahead, z up, in heights of the camera above the ground; the camera is at
+(0, 0, 1).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.jit import njit
+from uw_visibility_lab.simulation.noise import fractal_noise
+
+ELLIPSOID, CAPSULE, BOX = 0, 1, 2
+"""Kinds of shapes: half axes; half length along its third axis and radius; half sides."""
+
+# Columns of a shape's row.
+KIND, CENTRE, AXES, HALF, BOUND, MATERIAL, BUMP, SHAPE_COLUMNS = 0, 1, 4, 13, 16, 17, 18, 19
+
+# Columns of a material's row: pattern, two colours, cell and sharpness of the pattern, coarse and
+# fine variation of brightness, persistence, picture (-1 for none) and metres a picture covers.
+PATTERN, FIRST, SECOND, CELL, SHARP, COARSE, FINE, PERSISTENCE, PICTURE, COVER, MATERIAL_COLUMNS = (
+    0, 1, 4, 7, 8, 9, 10, 11, 12, 13, 14)
+MIXED, CHECKED, STRIPED = 0, 1, 2
+"""Patterns: two colours by fractal noise, by a checkerboard, by stripes."""
+
+TEXTURE = 256
+"""Side of a picture's finest level, px; each further level has half of it."""
+LEVELS = 6
+
+NOWHERE = 1e9
+_REFINE = 8
+
+
+@njit(nogil=True, error_model="numpy")
+def relief_height(relief: Any, size: float, slope: float, x: float, y: float) -> float:
+    """Height of the ground: a periodic grid (n, n) over `size`, on a plane that rises ahead."""
+    n = relief.shape[0]
+    u, v = x / size * n, y / size * n
+    i, j = math.floor(u), math.floor(v)
+    fu, fv = u - i, v - j
+    i0, j0 = int(i) % n, int(j) % n
+    i1, j1 = (i0 + 1) % n, (j0 + 1) % n
+    near = relief[j0, i0] + fu * (relief[j0, i1] - relief[j0, i0])
+    far = relief[j1, i0] + fu * (relief[j1, i1] - relief[j1, i0])
+    return near + fv * (far - near) + slope * y
+
+
+@njit(nogil=True, error_model="numpy")
+def meet_ground(
+    relief: Any, size: float, slope: float, steep: float, ox: float, oy: float, oz: float,
+    dx: float, dy: float, dz: float, start: float, most: float,
+) -> float:
+    """Range at which a ray meets the ground, or `NOWHERE`; `steep` scales the steps."""
+    t = start
+    before = t
+    above = oz + t * dz - relief_height(relief, size, slope, ox + t * dx, oy + t * dy)
+    if above < 0.0:
+        return t
+    cell = size / relief.shape[0]
+    while t < most:
+        before = t
+        t += max(above * steep, 0.6 * cell, 0.004 * t)
+        above = oz + t * dz - relief_height(relief, size, slope, ox + t * dx, oy + t * dy)
+        if above < 0.0:
+            for _ in range(_REFINE):
+                middle = 0.5 * (before + t)
+                if oz + middle * dz < relief_height(
+                    relief, size, slope, ox + middle * dx, oy + middle * dy
+                ):
+                    t = middle
+                else:
+                    before = middle
+            return t
+    return NOWHERE
+
+
+@njit(nogil=True, error_model="numpy")
+def meet_shape(
+    shape: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
+) -> float:
+    """Range at which a ray enters a shape, or `NOWHERE`."""
+    px, py, pz = ox - shape[1], oy - shape[2], oz - shape[3]
+    along = px * dx + py * dy + pz * dz
+    if px * px + py * py + pz * pz - along * along > shape[16] * shape[16]:
+        return NOWHERE
+    # In the shape's own axes.
+    ax = shape[4] * px + shape[5] * py + shape[6] * pz
+    ay = shape[7] * px + shape[8] * py + shape[9] * pz
+    az = shape[10] * px + shape[11] * py + shape[12] * pz
+    bx = shape[4] * dx + shape[5] * dy + shape[6] * dz
+    by = shape[7] * dx + shape[8] * dy + shape[9] * dz
+    bz = shape[10] * dx + shape[11] * dy + shape[12] * dz
+    kind = int(shape[0])
+    hx, hy, hz = shape[13], shape[14], shape[15]
+    if kind == 2:
+        enter, leave = 0.0, NOWHERE
+        for a, b, h in ((ax, bx, hx), (ay, by, hy), (az, bz, hz)):
+            inverse = 1.0 / (b if abs(b) > 1e-9 else 1e-9)
+            t0, t1 = (-h - a) * inverse, (h - a) * inverse
+            enter, leave = max(enter, min(t0, t1)), min(leave, max(t0, t1))
+        return enter if 0.0 < enter < leave else NOWHERE
+    if kind == 0:
+        ax, ay, az, bx, by, bz = ax / hx, ay / hy, az / hz, bx / hx, by / hy, bz / hz
+        return _meet_quadratic(
+            bx * bx + by * by + bz * bz, ax * bx + ay * by + az * bz,
+            ax * ax + ay * ay + az * az - 1.0)
+    # A capsule: its mantle, then both ends.
+    found = _meet_quadratic(bx * bx + by * by, ax * bx + ay * by, ax * ax + ay * ay - hx * hx)
+    if found < NOWHERE and abs(az + found * bz) > hz:
+        found = NOWHERE
+    for end in (-hz, hz):
+        z = az - end
+        t = _meet_quadratic(
+            bx * bx + by * by + bz * bz, ax * bx + ay * by + z * bz,
+            ax * ax + ay * ay + z * z - hx * hx)
+        found = min(found, t)
+    return found
+
+
+@njit(nogil=True, error_model="numpy")
+def _meet_quadratic(a: float, b: float, c: float) -> float:
+    root = b * b - a * c
+    if root < 0.0 or a < 1e-12:
+        return NOWHERE
+    t = (-b - math.sqrt(root)) / a
+    return t if t > 0.0 else NOWHERE
+
+
+@njit(nogil=True, error_model="numpy")
+def sample_picture(pictures: Any, index: int, u: float, v: float, pixel: float, out: Any) -> None:
+    """Interpolate a picture at (u, v), repeated every 1, as coarse as a pixel is wide there."""
+    size = TEXTURE
+    offset = 0
+    level = 0
+    while level < LEVELS - 1 and pixel * size > 1.5:
+        offset += size * size
+        size //= 2
+        level += 1
+    x, y = u * size - 0.5, v * size - 0.5
+    i, j = math.floor(x), math.floor(y)
+    fx, fy = x - i, y - j
+    i0, j0 = int(i) % size, int(j) % size
+    i1, j1 = (i0 + 1) % size, (j0 + 1) % size
+    for c in range(3):
+        near = (1.0 - fx) * pictures[index, offset + j0 * size + i0, c] + fx * pictures[
+            index, offset + j0 * size + i1, c]
+        far = (1.0 - fx) * pictures[index, offset + j1 * size + i0, c] + fx * pictures[
+            index, offset + j1 * size + i1, c]
+        out[c] = near + fy * (far - near)
+
+
+@njit(nogil=True, error_model="numpy")
+def paint(
+    material: Any, lattice: Any, pictures: Any, x: float, y: float, z: float, nx: float, ny: float,
+    nz: float, pixel: float, out: Any,
+) -> None:
+    """Albedo of a material at a point whose normal is n, RGB into `out`; `pixel`: width there."""
+    cell = material[7]
+    persistence = material[11]
+    if material[12] >= 0.0:
+        cover = material[13]
+        # Along the axis that the surface faces most.
+        ax, ay, az = abs(nx), abs(ny), abs(nz)
+        if az >= ax and az >= ay:
+            u, v = x, y
+        elif ax >= ay:
+            u, v = y, -z
+        else:
+            u, v = x, -z
+        sample_picture(pictures, int(material[12]), u / cover, v / cover, pixel / cover, out)
+    else:
+        pattern = int(material[0])
+        if pattern == 1:
+            share = float(
+                (math.floor(x / cell) + math.floor(y / cell) + math.floor(z / cell)) % 2)
+        else:
+            if pattern == 2:
+                value = math.sin(6.2831853 * (z + 0.4 * y) / cell) + 0.3 * fractal_noise(
+                    lattice, x + 3.0, y, z, cell, 3, persistence, pixel)
+            else:
+                value = fractal_noise(lattice, x + 3.0, y, z, cell, 5, persistence, pixel)
+            share = min(max(0.5 + material[8] * value, 0.0), 1.0)
+        for c in range(3):
+            out[c] = material[1 + c] + share * (material[4 + c] - material[1 + c])
+    # Fractal noise has a standard deviation near 0.4.
+    brightness = 2.5 * material[9] * fractal_noise(
+        lattice, x, y + 5.0, z, 2.0 * cell, 7, persistence, pixel)
+    brightness += 2.5 * material[10] * fractal_noise(
+        lattice, x, y, z + 9.0, 0.03, 3, 0.7, pixel)
+    gain = math.exp(brightness)
+    for c in range(3):
+        out[c] = min(out[c] * gain, 1.0)
+
+
+@njit(nogil=True, error_model="numpy")
+def nearest_shape(
+    shapes: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
+) -> tuple[float, int]:
+    """Range and index of the shape that a ray meets first; `NOWHERE` and -1 for none."""
+    best, index = NOWHERE, -1
+    for k in range(len(shapes)):
+        t = meet_shape(shapes[k], ox, oy, oz, dx, dy, dz)
+        if t < best:
+            best, index = t, k
+    return best, index
+
+
+@njit(nogil=True, error_model="numpy")
+def shape_normal(shape: Any, x: float, y: float, z: float, out: Any) -> None:
+    """Unit normal of a shape at a point of its surface, into `out`."""
+    px, py, pz = x - shape[1], y - shape[2], z - shape[3]
+    ax = shape[4] * px + shape[5] * py + shape[6] * pz
+    ay = shape[7] * px + shape[8] * py + shape[9] * pz
+    az = shape[10] * px + shape[11] * py + shape[12] * pz
+    hx, hy, hz = shape[13], shape[14], shape[15]
+    kind = int(shape[0])
+    if kind == 0:
+        ax, ay, az = ax / (hx * hx), ay / (hy * hy), az / (hz * hz)
+    elif kind == 1:
+        az = az - min(max(az, -hz), hz)
+    else:
+        ux, uy, uz = abs(ax) / hx, abs(ay) / hy, abs(az) / hz
+        if ux >= uy and ux >= uz:
+            ax, ay, az = math.copysign(1.0, ax), 0.0, 0.0
+        elif uy >= uz:
+            ax, ay, az = 0.0, math.copysign(1.0, ay), 0.0
+        else:
+            ax, ay, az = 0.0, 0.0, math.copysign(1.0, az)
+    length = max(math.sqrt(ax * ax + ay * ay + az * az), 1e-12)
+    for c in range(3):
+        out[c] = (shape[4 + c] * ax + shape[7 + c] * ay + shape[10 + c] * az) / length
+
+
+@njit(nogil=True, error_model="numpy")
+def cast(
+    directions: Any, shapes: Any, relief: Any, hollow: Any, size: float, slope: float,
+    steep: float, most: float, materials: Any, ground: Any, ground_cell: float, lattice: Any,
+    pictures: Any, sun: Any, ambient: float, shadows: bool, pixel_angle: float, reflectance: Any,
+    ranges: Any,
+) -> None:
+    """Render a procedural scene.
+
+    directions: (H, W, 3) unit vectors. shapes: (n, SHAPE_COLUMNS). relief, hollow: (m, m) heights
+    and the light that hollows leave, over `size`. most: range beyond which nothing is met.
+    materials: (k, MATERIAL_COLUMNS). ground: indices of its two materials, which change by noise
+    of `ground_cell`. pictures: (p, pixels of all levels, 3). sun: (3,) towards it. ambient: share
+    of light that is even. reflectance (H, W, 3), ranges (H, W): written, inf for nothing.
+    """
+    height, width = directions.shape[:2]
+    colour, normal = np.zeros(3), np.zeros(3)
+    cell = size / relief.shape[0]
+    for row in range(height):
+        for column in range(width):
+            dx, dy, dz = (
+                directions[row, column, 0], directions[row, column, 1], directions[row, column, 2])
+            t, index = nearest_shape(shapes, 0.0, 0.0, 1.0, dx, dy, dz)
+            g = meet_ground(
+                relief, size, slope, steep, 0.0, 0.0, 1.0, dx, dy, dz, 0.02, min(t, most))
+            if g < t:
+                t, index = g, -1
+            if t >= most:
+                ranges[row, column] = np.inf
+                for c in range(3):
+                    reflectance[row, column, c] = 0.0
+                continue
+            x, y, z = t * dx, t * dy, 1.0 + t * dz
+            if index < 0:
+                h = max(cell, 0.5 * t * pixel_angle)
+                normal[0] = (relief_height(relief, size, slope, x - h, y)
+                             - relief_height(relief, size, slope, x + h, y)) / (2.0 * h)
+                normal[1] = (relief_height(relief, size, slope, x, y - h)
+                             - relief_height(relief, size, slope, x, y + h)) / (2.0 * h)
+                normal[2] = 1.0
+                length = math.sqrt(normal[0] ** 2 + normal[1] ** 2 + 1.0)
+                for c in range(3):
+                    normal[c] /= length
+                shade = relief_height(hollow, size, 0.0, x, y)
+                chosen = fractal_noise(
+                    lattice, x + 20.0, y, 0.3 * z, ground_cell, 4, 0.5, t * pixel_angle)
+                material = ground[0] if chosen > 0.0 else ground[1]
+            else:
+                shape = shapes[index]
+                shape_normal(shape, x, y, z, normal)
+                # Darker near the ground, which hides half of the light.
+                above = z - relief_height(relief, size, slope, x, y)
+                shade = 0.5 + 0.5 * min(max(above / max(shape[16], 1e-6), 0.0), 1.0)
+                material = int(shape[17])
+                bump = shape[18]
+                if bump > 0.0:
+                    # Lumps: they move the surface along the line of sight and tilt its normal.
+                    lump = 0.35 * shape[16]
+                    n0 = fractal_noise(lattice, x, y, z, lump, 4, 0.5, t * pixel_angle)
+                    e = 0.1 * lump
+                    n1 = fractal_noise(lattice, x + e, y, z, lump, 4, 0.5, t * pixel_angle)
+                    n2 = fractal_noise(lattice, x, y + e, z, lump, 4, 0.5, t * pixel_angle)
+                    n3 = fractal_noise(lattice, x, y, z + e, lump, 4, 0.5, t * pixel_angle)
+                    tall = bump * shape[16]
+                    normal[0] -= tall * (n1 - n0) / e
+                    normal[1] -= tall * (n2 - n0) / e
+                    normal[2] -= tall * (n3 - n0) / e
+                    length = max(math.sqrt(
+                        normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2), 1e-9)
+                    for c in range(3):
+                        normal[c] /= length
+                    t = max(t - tall * n0, 0.3 * t)
+                    shade *= min(max(0.8 + 0.7 * n0, 0.2), 1.0)
+            paint(
+                materials[material], lattice, pictures, x, y, z, normal[0], normal[1], normal[2],
+                t * pixel_angle, colour)
+            facing = max(normal[0] * sun[0] + normal[1] * sun[1] + normal[2] * sun[2], 0.0)
+            if shadows and facing > 0.0:
+                ox, oy, oz = (
+                    x + 0.01 * normal[0], y + 0.01 * normal[1], z + 0.01 * normal[2])
+                if nearest_shape(shapes, ox, oy, oz, sun[0], sun[1], sun[2])[1] >= 0:
+                    facing = 0.0
+            # Even light comes more from above than from below.
+            even = 0.6 + 0.4 * normal[2]
+            light = shade * (ambient * even + (1.0 - ambient) * facing)
+            ranges[row, column] = t
+            for c in range(3):
+                reflectance[row, column, c] = colour[c] * light
+
+
+def picture_levels(picture: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Stack a picture's levels, each of half the side, as `sample_picture` reads them.
+
+    Parameters
+    ----------
+    picture : (TEXTURE, TEXTURE, 3) float32 ndarray
+        Linear, 0..1.
+
+    Returns
+    -------
+    (pixels of all levels, 3) float32 ndarray
+    """
+    parts = []
+    for _ in range(LEVELS):
+        parts.append(picture.reshape(-1, 3))
+        side = picture.shape[0] // 2
+        picture = picture.reshape(side, 2, side, 2, 3).mean(axis=(1, 3))
+    return np.concatenate(parts)

@@ -1,0 +1,635 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Scenes without water: reflectance and range of a view, recorded or made."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError, refusing
+from uw_visibility.images.arrays import Map
+from uw_visibility.images.files import read_image
+from uw_visibility.optics.transfer import to_linear
+from uw_visibility_lab.simulation.noise import noise_lattice
+from uw_visibility_lab.worlds.beliefs import draw, happens
+from uw_visibility_lab.worlds.geometry import (
+    AXES,
+    BOUND,
+    BOX,
+    BUMP,
+    CAPSULE,
+    CELL,
+    CENTRE,
+    CHECKED,
+    COARSE,
+    COVER,
+    ELLIPSOID,
+    FINE,
+    FIRST,
+    HALF,
+    KIND,
+    MATERIAL,
+    MATERIAL_COLUMNS,
+    MIXED,
+    PATTERN,
+    PERSISTENCE,
+    PICTURE,
+    SECOND,
+    SHAPE_COLUMNS,
+    SHARP,
+    STRIPED,
+    TEXTURE,
+    cast,
+    picture_levels,
+    relief_height,
+)
+
+SIZE = (240, 320)
+"""Rows and columns of a scene."""
+
+NATURAL = ("sand", "rock", "rock", "algae", "coral", "coral", "silt")
+"""Kinds of materials of natural things; those named twice are twice as frequent."""
+MADE = ("metal", "board", "board")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Colours and ranges of one view without water.
+
+    Attributes
+    ----------
+    name : str
+        For tables.
+    kind : str
+        ``procedural``, ``picture on a plane``, ``rgbd``.
+    reflectance : (H, W, 3) float32 ndarray
+        Linear, 0..1, RGB: albedo and the shading of its surface.
+    range : (H, W) float32 ndarray
+        m along the line of sight; inf where nothing is.
+    pitch, roll : float
+        Of the camera, rad below the horizon and right side down; NaN where not known.
+    focal_length : float
+        In widths of the image; NaN where not known.
+    """
+
+    name: str
+    kind: str
+    reflectance: Map
+    range: Map
+    pitch: float = math.nan
+    roll: float = 0.0
+    focal_length: float = math.nan
+
+
+# Middlebury 2005 and 2006 (Scharstein and Pal, doi 10.1109/CVPR.2007.383191): full size.
+FULL_SIZE_FOCAL_LENGTH = 3740.0
+BASELINE = 0.160
+
+
+def middlebury(folder: Path) -> Scene:
+    """Read a Middlebury scene: view1, taken as linear reflectance, and ranges of disp1.
+
+    Parameters
+    ----------
+    folder : Path
+        Holds ``view1`` and ``disp1.png``; the width tells the scale: below 500 px a third, below
+        800 px a half. Pixels without disparity take the farther neighbour of their row.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, or the sizes differ.
+    """
+    found = sorted(Path(folder).glob("view1.*"))
+    if not found:
+        raise InputError(f"{folder} holds no view1: give the folder of a Middlebury scene")
+    image = read_image(found[0])
+    values = read_image(Path(folder) / "disp1.png")
+    values = values[..., 0] if values.ndim == 3 else values
+    height, width = image.shape[:2]
+    if values.shape != (height, width):
+        raise InputError(f"scene {folder} has an image and disparities of different size")
+    scale = 3 if width < 500 else 2 if width < 800 else 1
+    disparity = _fill_rows(values.astype(np.float32) / np.float32(scale))
+    focal = FULL_SIZE_FOCAL_LENGTH / scale
+    x = (np.arange(width) - (width - 1) / 2) / focal
+    y = ((np.arange(height) - (height - 1) / 2) / focal)[:, np.newaxis]
+    ranges = focal * BASELINE / disparity * np.sqrt(1.0 + x * x + y * y)
+    return Scene(
+        Path(folder).resolve().name, "rgbd", image.astype(np.float32) / np.float32(255.0),
+        ranges.astype(np.float32), pitch=0.0, focal_length=focal / width)
+
+
+def _fill_rows(disparity: Map) -> Map:
+    """Give pixels without disparity (0) the lesser of the next ones to the left and right."""
+    known = disparity > 0.0
+    height, width = disparity.shape
+    column = np.arange(width)
+    before = np.maximum.accumulate(np.where(known, column, -1), axis=1)
+    after = np.minimum.accumulate(np.where(known, column, width)[:, ::-1], axis=1)[:, ::-1]
+    padded = np.pad(np.where(known, disparity, np.inf), ((0, 0), (1, 1)), constant_values=np.inf)
+    row = np.arange(height)[:, np.newaxis]
+    filled = np.minimum(padded[row, before + 1], padded[row, after + 1])
+    # A row without any disparity is as far as the farthest.
+    return np.where(np.isfinite(filled), filled, disparity[known].min()).astype(np.float32)
+
+
+def procedural(
+    rng: np.random.Generator, pictures: Sequence[Map] = (), size: tuple[int, int] = SIZE
+) -> Scene:
+    """Make a random scene: ground, rocks, corals, walls, pipes, or a picture on a plane.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Where all values come from.
+    pictures : sequence of (TEXTURE, TEXTURE, 3) float32 ndarray
+        Linear colours that objects may be painted with; see `read_pictures`.
+    size : (int, int)
+        Rows and columns.
+
+    Returns
+    -------
+    Scene
+        Of ``kind`` "procedural" or "picture on a plane". The unit of range is arbitrary: the
+        height of the camera over the ground.
+    """
+    if pictures and happens(rng, "procedural.picture_plane"):
+        return _picture_plane(rng, pictures, size)
+    for _ in range(_TRIES):
+        scene = _Builder(rng, pictures, size).scene()
+        seen = np.isfinite(scene.range)
+        near = scene.range < _TOO_NEAR * np.median(scene.range[seen]) if seen.any() else seen
+        # An object before the lens, or hardly anything but water, is no view to learn from.
+        if seen.mean() > _LEAST_SEEN and near.mean() < _MOST_NEAR:
+            return scene
+    raise InputError("no scene came out that shows enough: check the beliefs under [procedural]")
+
+
+# A scene is drawn again unless this share shows surfaces, and while more than that share is nearer
+# than this part of the median range.
+_TRIES = 50
+_LEAST_SEEN, _MOST_NEAR, _TOO_NEAR = 0.2, 0.3, 0.1
+
+
+def _picture_plane(
+    rng: np.random.Generator, pictures: Sequence[Map], size: tuple[int, int]
+) -> Scene:
+    """Paint a picture onto a tilted plane with smooth relief, texture of the whole image."""
+    height, width = size
+    picture = pictures[int(rng.integers(len(pictures)))]
+    if rng.random() < 0.5:
+        colours = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+    else:
+        colours = np.tile(picture, (math.ceil(height / TEXTURE), math.ceil(width / TEXTURE), 1))
+        colours = colours[:height, :width]
+    rows = np.linspace(-1.0, 1.0, height, dtype=np.float32)[:, np.newaxis]
+    columns = np.linspace(-1.0, 1.0, width, dtype=np.float32)
+    tilt, turn = rng.uniform(0.0, 0.6), rng.uniform(-0.4, 0.4)
+    waves = rng.standard_normal((int(rng.integers(3, 9)), int(rng.integers(3, 9))))
+    relief = cv2.resize(waves.astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
+    inverse = 1.0 + tilt * rows + turn * columns + 0.15 * rng.random() * relief
+    # Perpendicular distance over range is 1 / (1 + tilt): the pitch of a level floor.
+    pitch = math.radians(draw(rng, "camera.pitch"))
+    return Scene(
+        "plane", "picture on a plane", np.ascontiguousarray(colours, np.float32),
+        (1.0 / np.maximum(inverse, 0.08)).astype(np.float32), pitch=pitch)
+
+
+class _Builder:
+    """Draws the parts of one procedural scene, and renders it."""
+
+    def __init__(
+        self, rng: np.random.Generator, pictures: Sequence[Map], size: tuple[int, int]
+    ) -> None:
+        self.rng = rng
+        self.size = size
+        self.shapes: list[NDArray[np.float64]] = []
+        self.materials: list[NDArray[np.float64]] = []
+        few = min(len(pictures), 4)
+        self.pictures = [pictures[int(k)] for k in rng.choice(len(pictures), few, replace=False)] \
+            if few else []
+        # The scene has a palette: few materials, which many objects share.
+        self.palette = [self.material() for _ in range(int(rng.integers(2, 7)))]
+
+    def material(self, kinds: Sequence[str] = NATURAL) -> int:
+        """Draw a material; returns its index."""
+        rng = self.rng
+        row = np.zeros(MATERIAL_COLUMNS)
+        kind = kinds[int(rng.integers(len(kinds)))]
+        row[FIRST:FIRST + 3] = self.colour(kind)
+        other = kind if rng.random() < 0.6 else kinds[int(rng.integers(len(kinds)))]
+        row[SECOND:SECOND + 3] = self.colour(other)
+        row[PATTERN] = MIXED
+        row[CELL] = 0.15 * 8.0 ** rng.random()
+        # From a smooth mixture to patches with sharp edges.
+        row[SHARP] = 0.5 * 20.0 ** rng.random()
+        if kind == "board":
+            row[PATTERN] = (MIXED, CHECKED, STRIPED)[int(rng.integers(3))]
+            row[SHARP] = 20.0
+        elif rng.random() < 0.15:
+            row[PATTERN] = STRIPED
+        row[COARSE] = draw(rng, "procedural.variation")
+        row[FINE] = draw(rng, "procedural.grain")
+        row[PERSISTENCE] = draw(rng, "procedural.persistence")
+        row[PICTURE] = -1
+        if self.pictures and happens(rng, "procedural.picture_material"):
+            row[PICTURE] = rng.integers(len(self.pictures))
+            row[COVER] = 0.4 * 10.0 ** rng.random()
+            row[COARSE] *= 0.3
+            row[FINE] *= 0.3
+        self.materials.append(row)
+        return len(self.materials) - 1
+
+    def colour(self, kind: str) -> NDArray[np.float64]:
+        """Draw an albedo of a kind of material, RGB."""
+        green = draw(self.rng, f"albedo.{kind}")
+        ratios = (draw(self.rng, f"red_over_green.{kind}"), 1.0,
+                  draw(self.rng, f"blue_over_green.{kind}"))
+        return np.minimum(green * np.array(ratios), 0.95)
+
+    def pick(self) -> int:
+        """Pick a material of the palette."""
+        return self.palette[int(self.rng.integers(len(self.palette)))]
+
+    def add(
+        self, kind: int, centre: Sequence[float], half: Sequence[float], material: int,
+        axes: NDArray[np.float64] | None = None, bump: float = 0.0,
+    ) -> None:
+        """Add a shape; `axes` are the rows of its own axes."""
+        row = np.zeros(SHAPE_COLUMNS)
+        row[KIND] = kind
+        row[CENTRE:CENTRE + 3] = centre
+        row[AXES:AXES + 9] = (np.eye(3) if axes is None else axes).ravel()
+        row[HALF:HALF + 3] = half
+        row[BOUND] = (
+            max(half) if kind == ELLIPSOID else half[0] + half[2] if kind == CAPSULE
+            else math.hypot(*half))
+        row[MATERIAL] = material
+        row[BUMP] = bump
+        self.shapes.append(row)
+
+    def turned(self, lean: float) -> NDArray[np.float64]:
+        """Axes turned about the vertical at random, and tilted by some `lean` rad."""
+        rng = self.rng
+        turn, tip = rng.uniform(0.0, 2.0 * math.pi), lean * rng.standard_normal()
+        about = np.array([[math.cos(turn), math.sin(turn), 0.0],
+                          [-math.sin(turn), math.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+        over = np.array([[1.0, 0.0, 0.0], [0.0, math.cos(tip), math.sin(tip)],
+                         [0.0, -math.sin(tip), math.cos(tip)]])
+        return np.asarray(over @ about)
+
+    def place(self) -> tuple[float, float, float]:
+        """Draw a point of the ground that is likely in view."""
+        rng = self.rng
+        # Alike over the image: rays through random pixels, cut at some range.
+        direction = self.directions[
+            int(rng.integers(self.size[0])), int(rng.integers(self.size[1]))]
+        down = max(-float(direction[2]), 0.12)
+        reach = min(1.0 / down, 8.0)
+        x, y = float(direction[0]) * reach, float(direction[1]) * reach
+        return x, y, self.height(x, y)
+
+    def height(self, x: float, y: float) -> float:
+        """Height of the ground at a point."""
+        return float(relief_height(self.relief, self.extent, self.slope, x, y))
+
+    def scene(self) -> Scene:
+        """Draw the whole scene and render it."""
+        rng = self.rng
+        height, width = self.size
+        pitch = math.radians(draw(rng, "procedural.pitch"))
+        roll = math.radians(draw(rng, "procedural.roll"))
+        focal = draw(rng, "procedural.focal_length")
+        self.directions = _directions(height, width, focal * width, pitch, roll)
+        self.ground()
+        for name, add in (
+            ("boulders", self.boulders), ("corals", self.corals), ("pipes", self.pipes),
+            ("blocks", self.blocks), ("poles", self.poles), ("fish", self.fish),
+            ("overhang", self.overhang),
+        ):
+            if happens(rng, f"procedural.{name}"):
+                add()
+        reflectance = np.zeros((height, width, 3), np.float32)
+        ranges = np.zeros((height, width), np.float32)
+        sun = np.array([0.5 * rng.standard_normal(), 0.5 * rng.standard_normal(), 1.0])
+        levels = np.stack([picture_levels(p) for p in self.pictures]) if self.pictures else (
+            np.zeros((1, 1, 3), np.float32))
+        shapes = np.array(self.shapes) if self.shapes else np.zeros((0, SHAPE_COLUMNS))
+        ground = np.array([self.pick(), self.pick()])
+        cast(
+            self.directions, shapes, self.relief, self.hollow, self.extent, self.slope, self.steep,
+            _FARTHEST, np.array(self.materials), ground, 0.3 * 10.0 ** rng.random(),
+            _lattice(int(rng.integers(_LATTICES))), levels, sun / np.linalg.norm(sun),
+            draw(rng, "procedural.ambient"), happens(rng, "procedural.sun"),
+            1.0 / (focal * width), reflectance, ranges)
+        return Scene("procedural", "procedural", reflectance, ranges, pitch, roll, focal)
+
+    def ground(self) -> None:
+        """Draw the ground: fractal relief on a slope, with a wall or a canyon."""
+        rng = self.rng
+        self.extent = 12.0
+        relief = draw(rng, "procedural.relief") * _fractal(
+            rng, _RELIEF, draw(rng, "procedural.hurst"))
+        self.slope = 0.0 if happens(rng, "procedural.flat") else draw(rng, "procedural.slope")
+        axis = (np.arange(_RELIEF) + 0.5) / _RELIEF * self.extent
+        # The grid begins at the camera's place and is periodic: the second half lies behind.
+        axis = np.where(axis > self.extent / 2, axis - self.extent, axis)
+        x, y = axis[np.newaxis, :], axis[:, np.newaxis]
+        wavy = 2.0 * relief
+        if happens(rng, "procedural.wall"):
+            away, tall = 1.0 + 2.5 * rng.random(), 1.0 + 3.0 * rng.random()
+            turn = rng.uniform(-0.8, 0.8)
+            side = y * math.cos(turn) + x * math.sin(turn) + wavy
+            relief = relief + tall * _step((side - away) / (0.1 + 0.5 * rng.random()))
+        elif happens(rng, "procedural.canyon"):
+            half, tall = 0.6 + 1.2 * rng.random(), 0.8 + 2.5 * rng.random()
+            bend = half * np.sin(0.5 * y + rng.uniform(0.0, 6.0)) - half * math.sin(0.0)
+            side = np.abs(x - bend * np.clip(y / 3.0, 0.0, 1.0)) + wavy
+            relief = relief + tall * _step((side - half) / (0.2 + 0.8 * rng.random()))
+        # The camera is one above the ground under it.
+        relief = relief - relief[0, 0]
+        self.relief = np.ascontiguousarray(relief)
+        lower = cv2.GaussianBlur(relief, (0, 0), 8.0, borderType=cv2.BORDER_REFLECT) - relief
+        depth = np.clip(lower / max(2.0 * float(lower.std()), 1e-6), 0.0, 1.0)
+        self.hollow = np.ascontiguousarray(1.0 - draw(rng, "procedural.occlusion") * depth)
+        grade = np.abs(np.gradient(relief, self.extent / _RELIEF)).max() + abs(self.slope)
+        # Steps that no ridge is missed by often.
+        self.steep = float(1.0 / (1.0 + min(grade, 3.0)))
+
+    def boulders(self) -> None:
+        """Add rocks, half sunk."""
+        rng = self.rng
+        large = 0.05 * 8.0 ** rng.random()
+        for _ in range(int(rng.integers(2, 40))):
+            x, y, z = self.place()
+            r = large * math.exp(0.5 * rng.standard_normal())
+            half = r * np.exp(0.25 * rng.standard_normal(3))
+            if math.hypot(x, y, z - 1.0) > 1.6 * half.max():
+                self.add(ELLIPSOID, (x, y, z + 0.3 * r), half, self.pick(), self.turned(0.4),
+                         bump=0.3 * rng.random())
+
+    def corals(self) -> None:
+        """Add branching, massive and plate corals, and sponges."""
+        rng = self.rng
+        for _ in range(int(rng.integers(1, 9))):
+            x, y, z = self.place()
+            material, r = self.pick(), 0.06 * 4.0 ** rng.random()
+            if math.hypot(x, y, z - 1.0) < 4.0 * r:
+                continue
+            form = rng.random()
+            if form < 0.45:
+                for _ in range(int(rng.integers(4, 14))):
+                    axes = _along(0.6 * rng.standard_normal(), 0.6 * rng.standard_normal(), 1.0)
+                    long, thin = r * rng.uniform(0.8, 2.0), r * rng.uniform(0.08, 0.25)
+                    centre = np.array([x, y, z]) + axes[2] * long
+                    self.add(CAPSULE, centre, (thin, thin, long), material, axes)
+            elif form < 0.8:
+                self.add(ELLIPSOID, (x, y, z + 0.3 * r), (1.5 * r, 1.5 * r, r), material,
+                         self.turned(0.1), bump=0.25)
+            else:
+                self.add(BOX, (x, y, z + 1.5 * r), (1.8 * r, 0.08 * r, 1.5 * r), material,
+                         self.turned(0.3))
+
+    def pipes(self) -> None:
+        """Add pipes that lie on the ground."""
+        rng = self.rng
+        material = self.material(MADE)
+        for _ in range(int(rng.integers(1, 4))):
+            x, y, z = self.place()
+            turn, r = rng.uniform(0.0, math.pi), 0.03 * 6.0 ** rng.random()
+            axes = _along(math.cos(turn), math.sin(turn), 0.03 * rng.standard_normal())
+            if z + 2.0 * r < 0.8:
+                self.add(CAPSULE, (x, y, z + 0.7 * r), (r, r, 20.0), material, axes)
+
+    def blocks(self) -> None:
+        """Add blocks and boards."""
+        rng = self.rng
+        for _ in range(int(rng.integers(1, 9))):
+            x, y, z = self.place()
+            half = 0.1 * 4.0 ** rng.random() * np.exp(0.5 * rng.standard_normal(3))
+            if rng.random() < 0.3:
+                half[int(rng.integers(3))] = 0.01
+            if math.hypot(x, y, z - 1.0) > 1.5 * math.hypot(*half):
+                self.add(BOX, (x, y, z + 0.7 * half[2]), half, self.material(MADE),
+                         self.turned(0.3))
+
+    def poles(self) -> None:
+        """Add poles and ropes that stand."""
+        rng = self.rng
+        material = self.material(MADE)
+        for _ in range(int(rng.integers(1, 6))):
+            x, y, z = self.place()
+            r = 0.01 * 8.0 ** rng.random()
+            if math.hypot(x, y) > 0.4 + 2.0 * r:
+                axes = _along(0.1 * rng.standard_normal(), 0.1 * rng.standard_normal(), 1.0)
+                self.add(CAPSULE, (x, y, z + 1.0), (r, r, 0.5 + 2.0 * rng.random()), material, axes)
+
+    def fish(self) -> None:
+        """Add fish in the water."""
+        rng = self.rng
+        material = self.material(("metal", "coral", "board"))
+        r = 0.02 * 5.0 ** rng.random()
+        for _ in range(int(rng.integers(1, 12))):
+            direction = self.directions[
+                int(rng.integers(self.size[0])), int(rng.integers(self.size[1]))]
+            x, y, z = direction * rng.uniform(0.4, 2.5) + np.array([0.0, 0.0, 1.0])
+            if z > self.height(x, y) + r:
+                self.add(ELLIPSOID, (x, y, z), (2.5 * r, 0.5 * r, r), material, self.turned(0.1))
+
+    def overhang(self) -> None:
+        """Add rocks above: an overhang, an arch or a cave's mouth."""
+        rng = self.rng
+        material = self.pick()
+        for _ in range(int(rng.integers(1, 4))):
+            half = rng.uniform(0.5, 2.0, 3)
+            half[2] *= 0.6
+            x, y = rng.uniform(-2.0, 2.0), rng.uniform(0.5, 3.0)
+            z = 1.0 + half[2] * rng.uniform(0.9, 1.6)
+            inside = (x / half[0]) ** 2 + (y / half[1]) ** 2 + ((z - 1.0) / half[2]) ** 2
+            if inside > 1.5:
+                self.add(ELLIPSOID, (x, y, z), half, material, self.turned(0.1), bump=0.15)
+
+
+# Lattices of noise are dear to make and alike: a few are enough, since points are shifted.
+_LATTICES = 16
+_RELIEF = 512
+# Beyond it there is nothing, in heights of the camera.
+_FARTHEST = 40.0
+
+
+@lru_cache(maxsize=_LATTICES)
+def _lattice(seed: int) -> NDArray[np.float32]:
+    return noise_lattice(seed)
+
+
+def _step(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rise smoothly from 0 at 0 to 1 at 1."""
+    part = np.clip(x, 0.0, 1.0)
+    return np.asarray(part * part * (3.0 - 2.0 * part))
+
+
+def _fractal(rng: np.random.Generator, side: int, hurst: float) -> NDArray[np.float64]:
+    """Periodic fractal surface (side, side) of standard deviation 1, spectrum f^−(2H + 2)."""
+    frequency = np.hypot(np.fft.fftfreq(side)[:, np.newaxis], np.fft.rfftfreq(side)[np.newaxis])
+    frequency[0, 0] = 1.0
+    # The largest waves are a third of the grid: else a scene is but a slope.
+    amplitude = np.maximum(frequency, 3.0 / side) ** (-hurst - 1.0)
+    amplitude[0, 0] = 0.0
+    spectrum = np.fft.rfft2(rng.standard_normal((side, side))) * amplitude
+    surface = np.fft.irfft2(spectrum, (side, side))
+    return np.asarray(surface / surface.std())
+
+
+def _along(x: float, y: float, z: float) -> NDArray[np.float64]:
+    """Axes (rows) whose third one points along a direction."""
+    third = np.array([x, y, z]) / math.sqrt(x * x + y * y + z * z)
+    other = np.array([1.0, 0.0, 0.0]) if abs(third[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    first = np.cross(other, third)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(third, first), third])
+
+
+def _directions(
+    height: int, width: int, focal_length: float, pitch: float, roll: float
+) -> NDArray[np.float64]:
+    """Unit vectors (H, W, 3) along the lines of sight, x right, y ahead, z up."""
+    u = np.broadcast_to((np.arange(width) - (width - 1) / 2) / focal_length, (height, width))
+    v = ((np.arange(height) - (height - 1) / 2) / focal_length)[:, np.newaxis]
+    right = math.cos(roll) * u - math.sin(roll) * v
+    below = math.sin(roll) * u + math.cos(roll) * v
+    ahead = math.cos(pitch) - math.sin(pitch) * below
+    up = -math.sin(pitch) - math.cos(pitch) * below
+    direction = np.stack([right, ahead, up], axis=-1)
+    return np.asarray(direction / np.linalg.norm(direction, axis=-1, keepdims=True))
+
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
+
+
+def read_pictures(folder: Path) -> list[Map]:
+    """Read a folder's colour photographs as textures, by name.
+
+    Parameters
+    ----------
+    folder : Path
+        Files of `IMAGE_SUFFIXES`, taken as sRGB; others are left out.
+
+    Returns
+    -------
+    list of (TEXTURE, TEXTURE, 3) float32 ndarray
+        The largest square in the middle, linear, 0..1, RGB.
+
+    Raises
+    ------
+    InputError
+        If there is no such folder, or no picture in it.
+    """
+    if not folder.is_dir():
+        raise InputError(f"there is no folder {folder}: give one with colour pictures")
+    pictures = []
+    for path in sorted(folder.iterdir()):
+        if path.suffix.lower() not in IMAGE_SUFFIXES:
+            continue
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if image is None or min(image.shape[:2]) < TEXTURE:
+            continue
+        side = min(image.shape[:2])
+        top, left = ((n - side) // 2 for n in image.shape[:2])
+        # Areas are averaged as light, not as code.
+        light = to_linear(np.ascontiguousarray(image[top:top + side, left:left + side, ::-1]),
+                          "srgb")
+        pictures.append(cv2.resize(light, (TEXTURE, TEXTURE), interpolation=cv2.INTER_AREA))
+    if not pictures:
+        raise InputError(f"{folder} holds no picture of {TEXTURE} px or more: give JPEG or PNG")
+    return pictures
+
+
+def make_pool(
+    count: int, seed: int, folder: Path, pictures: Path | None = None,
+    size: tuple[int, int] = SIZE,
+) -> None:
+    """Make a pool of procedural scenes, each of which depends on its number and the seed alone.
+
+    Parameters
+    ----------
+    count : int
+        Number of scenes.
+    seed : int
+        Of all of them.
+    folder : Path
+        Where ``<number>.npz`` are written; those that are there are kept.
+    pictures : Path or None
+        Folder of colour photographs, see `read_pictures`.
+    size : (int, int)
+        Rows and columns.
+
+    Raises
+    ------
+    InputError
+        If a folder cannot be read or written.
+    """
+    textures = read_pictures(pictures) if pictures is not None else []
+    with refusing(f"cannot write a pool to {folder}"):
+        folder.mkdir(parents=True, exist_ok=True)
+        for number in range(count):
+            path = folder / f"{number:06d}.npz"
+            if path.exists():
+                continue
+            rng = np.random.default_rng([seed, number])
+            save_scene(replace(
+                procedural(rng, textures, size), name=f"pool {seed}.{number}"), path)
+
+
+def save_scene(scene: Scene, path: Path) -> None:
+    """Write a scene as .npz: colours and ranges over their median as float16."""
+    known = np.isfinite(scene.range)
+    median = float(np.median(scene.range[known])) if known.any() else 1.0
+    part = path.with_suffix(".part")
+    with part.open("wb") as file:
+        np.savez(
+            file, name=scene.name, kind=scene.kind,
+            reflectance=scene.reflectance.astype(np.float16),
+            # A tenth of a millimetre to kilometres: over the median, float16 holds both.
+            range=(scene.range / np.float32(median)).astype(np.float16),
+            camera=np.array([scene.pitch, scene.roll, scene.focal_length]))
+    part.replace(path)
+
+
+def load_scene(path: Path) -> Scene:
+    """Read a scene that `save_scene` wrote; its range is over the median.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it holds no scene.
+    """
+    with refusing(f"cannot read the scene {path}", OSError, KeyError, ValueError), \
+            np.load(path, allow_pickle=False) as stored:
+        pitch, roll, focal = (float(x) for x in stored["camera"])
+        return Scene(
+            str(stored["name"]), str(stored["kind"]), stored["reflectance"].astype(np.float32),
+            stored["range"].astype(np.float32), pitch, roll, focal)
+
+
+def pool(folder: Path) -> list[Path]:
+    """Return the scenes of a pool, by name.
+
+    Raises
+    ------
+    InputError
+        If there are none.
+    """
+    found = sorted(Path(folder).glob("*.npz"))
+    if not found:
+        raise InputError(
+            f"{folder} holds no scene: make some with python -m uw_visibility_lab.worlds pool")
+    return found

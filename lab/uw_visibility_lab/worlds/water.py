@@ -1,0 +1,183 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Random sea water: composed of spectra between Jerlov's types, or the paper's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.images.arrays import Array
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility.optics.water_type import (
+    BACKSCATTERED,
+    TYPES,
+    WAVELENGTHS,
+    clear_water,
+    daylight_response,
+    inherent_properties,
+)
+from uw_visibility_lab.worlds.beliefs import draw, happens
+
+RESPONSES = ("nikon_d5100", "generic", "sigma_sdmerrill")
+"""In the order of the belief ``camera.response``."""
+
+CDOM_WAVELENGTH = 440.0
+PARTICLE_WAVELENGTH = 550.0
+
+# Optical paths over which band averages are tabulated; between them their logarithms are nearly
+# straight.
+_PATHS = np.concatenate([[0.0], np.geomspace(0.05, 200.0, 48)])
+
+
+@dataclass(frozen=True)
+class Water:
+    """Water as the camera's channels see it, RGB; light of 1 is white at the surface.
+
+    Attributes
+    ----------
+    depth : float
+        Of the camera, m.
+    clear_water : (3,) float64 ndarray
+        κ that is told, 1/m.
+    attenuation, diffuse : (3,) float64 ndarray
+        β of surfaces' light, and K by which daylight fades with depth, 1/m.
+    light, ratio : (3,) float64 ndarray
+        W at that depth, and B/W.
+    path : (n,) float64 ndarray
+        Ranges of the tables, m, rising from 0.
+    log_transmission, log_unveiled : (n, 3) float64 ndarray or None
+        Logarithms of the band-averaged transmission, and of what the veil lacks of its value at
+        infinity, over these ranges; None where β is one number a channel.
+    """
+
+    depth: float
+    clear_water: Array
+    attenuation: Array
+    diffuse: Array
+    light: Array
+    ratio: Array
+    path: Array
+    log_transmission: Array | None = None
+    log_unveiled: Array | None = None
+
+
+@cache
+def _ladder() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Logarithms of a and b of Jerlov's types, (types, wavelengths) each, 1/m."""
+    pairs = [inherent_properties(name, WAVELENGTHS) for name in TYPES]
+    least = clear_water(WAVELENGTHS)
+    absorption = np.stack([np.maximum(pair[0], least[0]) for pair in pairs])
+    scattering = np.stack([np.maximum(pair[1], 0.5 * least[1]) for pair in pairs])
+    return np.log(absorption), np.log(scattering)
+
+
+@cache
+def _camera(name: str) -> tuple[Array, Array, Array]:
+    """Response, response times daylight, (n, 3) each, of sum 1 a channel; and κ, 1/m."""
+    response = load_response(name)
+    plain, lit = response.at(WAVELENGTHS), daylight_response(response)
+    return plain / plain.sum(0), lit / lit.sum(0), clear_water_attenuation(response)
+
+
+def draw_water(
+    rng: np.random.Generator, *, spectrum: bool = False, red_gone: bool = False
+) -> Water:
+    """Draw water, its light and the camera's response.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Where the values come from.
+    spectrum : bool
+        Whether transmission is integrated over wavelength, so that β falls with range.
+    red_gone : bool
+        Whether the camera is so deep that nothing is left of red.
+
+    Returns
+    -------
+    Water
+        With band averages of E = ∫ s L (ρ e^(−βd) + ω (1 − e^(−βd))) dλ where `spectrum` is true.
+    """
+    name = RESPONSES[int(draw(rng, "camera.response"))]
+    told = name
+    if happens(rng, "camera.wrong_response"):
+        told = RESPONSES[int(draw(rng, "camera.response"))]
+    spread = np.array([draw(rng, "camera.clear_water_spread") for _ in range(3)])
+    clear = _camera(told)[2] * spread
+    depth = draw(rng, "water.depth_red_gone" if red_gone else "water.depth")
+    if happens(rng, "water.paper") and not spectrum:
+        return _paper_water(rng, name, clear, depth)
+    absorption, scattering = _draw_spectra(rng)
+    _, lit, _ = _camera(name)
+    kept = draw(rng, "water.forward_share")
+    diffuse = draw(rng, "water.downward_path") * (absorption + BACKSCATTERED * scattering)
+    lost = scattering * (1.0 - kept)
+    beam = absorption + lost
+    weights = lit * np.exp(-diffuse * depth)[:, np.newaxis]
+    light = weights.sum(0)
+    # Where nothing is left of a channel, its weights still say which part went last.
+    share = weights / light
+    albedo = (share * (lost / beam)[:, np.newaxis]).sum(0)
+    ratio = _draw_ratio(rng, albedo)
+    plain = _camera(name)[0]
+    if not spectrum:
+        attenuation = beam @ plain
+        return Water(depth, clear, attenuation, diffuse @ plain, light, ratio, _PATHS)
+    decay = np.exp(-np.outer(_PATHS, beam))
+    veil = share * (lost / beam)[:, np.newaxis] / albedo
+    with np.errstate(divide="ignore"):
+        transmission, unveiled = (
+            np.maximum(np.log(decay @ weight), -200.0) for weight in (share, veil))
+    return Water(
+        depth, clear, beam @ share, diffuse @ share, light, ratio, _PATHS, transmission, unveiled)
+
+
+def _paper_water(rng: np.random.Generator, name: str, clear: Array, depth: float) -> Water:
+    """Clear water and particles with one attenuation a channel; light fades as the paper has it."""
+    particles = np.full(3, draw(rng, "water.paper_attenuation"))
+    if happens(rng, "water.clear"):
+        particles *= 0.0
+    if not happens(rng, "water.paper_grey"):
+        weight = np.array([draw(rng, "water.channel_spread") for _ in range(3)])
+        particles = particles * weight / weight.mean()
+    pure = _camera(name)[2]
+    diffuse = pure + draw(rng, "water.paper_diffuse") * particles
+    attenuation = pure + particles
+    return Water(
+        depth, clear, attenuation, diffuse, np.exp(-diffuse * depth),
+        _draw_ratio(rng, np.ones(3)), _PATHS)
+
+
+def _draw_spectra(rng: np.random.Generator) -> tuple[Array, Array]:
+    """Draw absorption and scattering at `WAVELENGTHS`, 1/m."""
+    absorptions, scatterings = _ladder()
+    pure = clear_water(WAVELENGTHS)
+    if happens(rng, "water.clear"):
+        return pure[0], 0.5 * pure[1]
+    place = draw(rng, "water.jerlov")
+    lower = min(int(place), len(TYPES) - 2)
+    part = place - lower
+    absorption, scattering = (
+        np.exp((1.0 - part) * table[lower] + part * table[lower + 1])
+        for table in (absorptions, scatterings))
+    excess = np.maximum(absorption - pure[0], 0.0) * draw(rng, "water.absorption_spread")
+    if happens(rng, "water.cdom_more"):
+        slope = draw(rng, "water.cdom_slope")
+        excess = excess + draw(rng, "water.cdom") * np.exp(
+            -slope * (WAVELENGTHS - CDOM_WAVELENGTH))
+    slope = draw(rng, "water.particle_slope")
+    scattering = scattering * draw(rng, "water.scattering_spread") * (
+        PARTICLE_WAVELENGTH / WAVELENGTHS) ** slope
+    return pure[0] + excess, scattering
+
+
+def _draw_ratio(rng: np.random.Generator, albedo: Array) -> Array:
+    """Draw B/W, (3,): single scattering gives the veil the colour of ω = b/(a + b)."""
+    if happens(rng, "veil.as_light"):
+        return np.ones(3)
+    spread = np.array([draw(rng, "veil.ratio_spread") for _ in range(3)])
+    return np.asarray(draw(rng, "veil.ratio") * spread * albedo / albedo.max())
