@@ -31,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--pictures", type=Path, metavar="FOLDER", help="colour photographs, used as textures")
     making.add_argument(
         "--size", type=int, nargs=2, default=SIZE, metavar=("ROWS", "COLUMNS"),
-        help="default: %d %d" % SIZE)
+        help=f"default: {SIZE[0]} {SIZE[1]}")
     looking = parts.add_parser("sheet", help="draw views of a pool onto a contact sheet")
     looking.add_argument("pool", type=Path, help="folder of scenes")
     looking.add_argument("--count", type=int, default=24, metavar="N", help="views (24)")

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The beliefs about water, scenes, cameras and ranges, as distributions read from `beliefs.toml`."""
+"""Beliefs about water, scenes, cameras and ranges: distributions read from `beliefs.toml`."""
 
 from __future__ import annotations
 

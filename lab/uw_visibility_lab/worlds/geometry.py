@@ -34,6 +34,9 @@ TEXTURE = 256
 """Side of a picture's finest level, px; each further level has half of it."""
 LEVELS = 6
 
+FINE_CELL = 0.02
+"""Cell of the fine variation of brightness, in heights of the camera: gravel, polyps."""
+
 NOWHERE = 1e9
 _REFINE = 8
 
@@ -193,7 +196,7 @@ def paint(
     brightness = 2.5 * material[9] * fractal_noise(
         lattice, x, y + 5.0, z, 2.0 * cell, 7, persistence, pixel)
     brightness += 2.5 * material[10] * fractal_noise(
-        lattice, x, y, z + 9.0, 0.03, 3, 0.7, pixel)
+        lattice, x, y, z + 9.0, FINE_CELL, 4, 0.8, pixel)
     gain = math.exp(brightness)
     for c in range(3):
         out[c] = min(out[c] * gain, 1.0)

@@ -45,7 +45,7 @@ def measure_ranges(
     range_error : float
         Told standard deviation of range over its square, 1/m; 0 where ranges are exact.
     """
-    height, width = truth.shape
+    width = truth.shape[1]
     known = np.isfinite(truth)
     ranges = np.where(known, truth, np.float32(np.nan))
     median = float(np.median(truth[known]))

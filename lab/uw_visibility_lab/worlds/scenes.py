@@ -215,10 +215,20 @@ class _Builder:
         self.shapes: list[NDArray[np.float64]] = []
         self.materials: list[NDArray[np.float64]] = []
         few = min(len(pictures), 4)
-        self.pictures = [pictures[int(k)] for k in rng.choice(len(pictures), few, replace=False)] \
-            if few else []
+        # Taken for their pattern: how bright a material is, is another matter than the exposure
+        # of its photograph.
+        self.pictures = [
+            self.lit(pictures[int(k)]) for k in rng.choice(len(pictures), few, replace=False)
+        ] if few else []
         # The scene has a palette: few materials, which many objects share.
         self.palette = [self.material() for _ in range(int(rng.integers(2, 7)))]
+
+    def lit(self, picture: Map) -> Map:
+        """Give a picture the mean albedo of some material."""
+        kinds = (*NATURAL, *MADE)
+        albedo = draw(self.rng, f"albedo.{kinds[int(self.rng.integers(len(kinds)))]}")
+        gain = albedo / max(float(picture.mean()), 1e-3)
+        return np.minimum(picture * np.float32(gain), np.float32(_BRIGHTEST))
 
     def material(self, kinds: Sequence[str] = NATURAL) -> int:
         """Draw a material; returns its index."""
@@ -254,7 +264,7 @@ class _Builder:
         green = draw(self.rng, f"albedo.{kind}")
         ratios = (draw(self.rng, f"red_over_green.{kind}"), 1.0,
                   draw(self.rng, f"blue_over_green.{kind}"))
-        return np.minimum(green * np.array(ratios), 0.95)
+        return np.minimum(green * np.array(ratios), _BRIGHTEST)
 
     def pick(self) -> int:
         """Pick a material of the palette."""
@@ -306,7 +316,8 @@ class _Builder:
         """Draw the whole scene and render it."""
         rng = self.rng
         height, width = self.size
-        pitch = math.radians(draw(rng, "procedural.pitch"))
+        survey = happens(rng, "procedural.survey")
+        pitch = math.radians(draw(rng, f"procedural.pitch_{'survey' if survey else 'ahead'}"))
         roll = math.radians(draw(rng, "procedural.roll"))
         focal = draw(rng, "procedural.focal_length")
         self.directions = _directions(height, width, focal * width, pitch, roll)
@@ -331,7 +342,14 @@ class _Builder:
             _lattice(int(rng.integers(_LATTICES))), levels, sun / np.linalg.norm(sun),
             draw(rng, "procedural.ambient"), happens(rng, "procedural.sun"),
             1.0 / (focal * width), reflectance, ranges)
-        return Scene("procedural", "procedural", reflectance, ranges, pitch, roll, focal)
+        # The lens and the pixel's area: no camera has edges as sharp as rays.
+        seen = np.isfinite(ranges).astype(np.float32)
+        share = cv2.GaussianBlur(seen, (0, 0), _SHARPNESS)[..., np.newaxis]
+        soft = cv2.GaussianBlur(reflectance, (0, 0), _SHARPNESS) / np.maximum(share, 1e-3)
+        soft *= seen[..., np.newaxis]
+        return Scene(
+            "procedural", "procedural", np.minimum(soft, np.float32(1.0)), ranges, pitch, roll,
+            focal)
 
     def ground(self) -> None:
         """Draw the ground: fractal relief on a slope, with a wall or a canyon."""
@@ -355,12 +373,19 @@ class _Builder:
             bend = half * np.sin(0.5 * y + rng.uniform(0.0, 6.0)) - half * math.sin(0.0)
             side = np.abs(x - bend * np.clip(y / 3.0, 0.0, 1.0)) + wavy
             relief = relief + tall * _step((side - half) / (0.2 + 0.8 * rng.random()))
+        tint = np.ones_like(relief)
+        if happens(rng, "procedural.rubble"):
+            _add_rubble(rng, relief, tint, self.extent / _RELIEF)
         # The camera is one above the ground under it.
         relief = relief - relief[0, 0]
         self.relief = np.ascontiguousarray(relief)
-        lower = cv2.GaussianBlur(relief, (0, 0), 8.0, borderType=cv2.BORDER_REFLECT) - relief
-        depth = np.clip(lower / max(2.0 * float(lower.std()), 1e-6), 0.0, 1.0)
-        self.hollow = np.ascontiguousarray(1.0 - draw(rng, "procedural.occlusion") * depth)
+        # Hollows of two widths are darker than what stands out.
+        lost = draw(rng, "procedural.occlusion")
+        for cells in (3.0, 12.0):
+            lower = cv2.GaussianBlur(relief, (0, 0), cells, borderType=cv2.BORDER_REFLECT) - relief
+            depth = np.clip(lower / max(2.0 * float(lower.std()), 1e-6), 0.0, 1.0)
+            tint = tint * (1.0 - lost * depth)
+        self.hollow = np.ascontiguousarray(tint)
         grade = np.abs(np.gradient(relief, self.extent / _RELIEF)).max() + abs(self.slope)
         # Steps that no ridge is missed by often.
         self.steep = float(1.0 / (1.0 + min(grade, 3.0)))
@@ -464,6 +489,10 @@ _LATTICES = 16
 _RELIEF = 512
 # Beyond it there is nothing, in heights of the camera.
 _FARTHEST = 40.0
+# Nothing reflects more of the light.
+_BRIGHTEST = 0.95
+# Standard deviation of a point's image, px: a pixel's own area has 0.29, a good lens as much.
+_SHARPNESS = 0.45
 
 
 @lru_cache(maxsize=_LATTICES)
@@ -487,6 +516,30 @@ def _fractal(rng: np.random.Generator, side: int, hurst: float) -> NDArray[np.fl
     spectrum = np.fft.rfft2(rng.standard_normal((side, side))) * amplitude
     surface = np.fft.irfft2(spectrum, (side, side))
     return np.asarray(surface / surface.std())
+
+
+def _add_rubble(
+    rng: np.random.Generator, relief: NDArray[np.float64], tint: NDArray[np.float64], cell: float
+) -> None:
+    """Strew stones over a relief whose cells are `cell` wide, in place; each has its brightness."""
+    side = len(relief)
+    largest = 0.04 * 5.0 ** rng.random()
+    spread = 0.5 * rng.random()
+    for _ in range(int(rng.integers(100, 1500))):
+        # Before the camera: the rest of the grid is hardly seen.
+        column, row = rng.integers(-side // 4, side // 4), rng.integers(0, side // 2)
+        radius = largest * rng.random() ** 2 + cell
+        reach = math.ceil(radius / cell)
+        offsets = np.arange(-reach, reach + 1)
+        place = np.ix_((row + offsets) % side, (column + offsets) % side)
+        squared = ((offsets[:, np.newaxis] ** 2 + offsets**2) * cell * cell)
+        inside = squared < radius * radius
+        base = relief[row % side, column % side]
+        top = base + 0.7 * np.sqrt(np.maximum(radius * radius - squared, 0.0))
+        bright = math.exp(spread * rng.standard_normal())
+        higher = inside & (top > relief[place])
+        relief[place] = np.where(higher, top, relief[place])
+        tint[place] = np.where(higher, bright, tint[place])
 
 
 def _along(x: float, y: float, z: float) -> NDArray[np.float64]:
