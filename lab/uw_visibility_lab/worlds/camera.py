@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -88,19 +89,19 @@ def draw_curve(rng: np.random.Generator, effects: tuple[str, ...]) -> tuple[Curv
 
 
 def record(
-    rng: np.random.Generator, irradiance: Map, gains: Array, curve: Curve,
+    streams: Callable[[str], np.random.Generator], irradiance: Map, gains: Array, curve: Curve,
     effects: tuple[str, ...],
 ) -> NDArray[Any]:
     """Turn irradiance into code values: lens, sensor, mosaic, curve, codec.
 
     Parameters
     ----------
-    rng : numpy.random.Generator
-        Where noise comes from.
+    streams : callable
+        Random generator by purpose.
     irradiance : (H, W, 3) float32 ndarray
         With exposure and white balance, 1 is full scale; written over.
     gains : (3,) float64 ndarray
-        Of white balance, which noise has too.
+        Of white balance, which noise has too; only their ratios count.
     curve : Curve
         The camera's.
     effects : tuple of str
@@ -112,16 +113,21 @@ def record(
         RGB code values.
     """
     if "vignetting" in effects:
-        irradiance *= lens_falloff(irradiance.shape[:2], draw(rng, "camera.vignetting"))
+        loss = draw(streams("vignetting"), "camera.vignetting")
+        irradiance *= lens_falloff(irradiance.shape[:2], loss)
     if "noise" in effects:
+        rng = streams("noise")
         noise = draw(rng, "camera.noise") / 255.0
         read = noise * draw(rng, "camera.noise_read_share")
         # Variance of shot noise goes with light; at middle grey, 0.5, both make up `noise`.
         shot = (noise * noise - read * read) / 0.5
-        sigma = cv2.sqrt(np.maximum(irradiance * np.float32(shot), 0.0) + np.float32(read * read))
+        # White balance multiplies what the sensor has read.
+        gain = (gains / gains[1]).astype(np.float32)
+        sigma = irradiance * (np.float32(shot) * gain)
+        np.maximum(sigma, 0.0, out=sigma)
+        sigma += np.float32(read * read) * gain * gain
+        cv2.sqrt(sigma, sigma)
         sigma *= rng.standard_normal(irradiance.shape, dtype=np.float32)
-        if (gains != 1.0).any():
-            sigma *= np.sqrt(gains).astype(np.float32)
         irradiance += sigma
     if "bayer" in effects:
         irradiance = interpolate_mosaic(irradiance * np.float32(255.0)) / np.float32(255.0)
@@ -132,7 +138,7 @@ def record(
     irradiance += np.float32(0.5)
     image: NDArray[Any] = table[irradiance.astype(np.uint16)]
     if "jpeg" in effects:
-        quality = round(draw(rng, "camera.jpeg"))
+        quality = round(draw(streams("jpeg"), "camera.jpeg"))
         _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
         image = np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
     return image

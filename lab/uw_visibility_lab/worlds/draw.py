@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -32,8 +33,23 @@ RANDOM = "random"
 
 # Band averages and light in layers are looked up at so many ranges.
 _LOOKUP = 1024
+# The second is left out where the first is there.
+_EXCLUDING = (("low light", "over-exposure"), ("jpeg", "16 bit"), ("grey", "red gone"))
 # A view without this share of surfaces shows nothing but water.
 _LEAST_SURFACE = 0.05
+
+
+class _Streams:
+    """Random numbers by purpose: what one effect draws changes nothing of the others.
+
+    So a view with an effect left out is the same view but for that.
+    """
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._seed = int(rng.integers(1 << 62))
+
+    def __call__(self, purpose: str) -> np.random.Generator:
+        return np.random.default_rng([self._seed, zlib.crc32(purpose.encode())])
 
 
 @dataclass(frozen=True)
@@ -113,32 +129,40 @@ def draw(
     InputError
         If an effect has no such name, or the scene shows no surface.
     """
-    names = _choose(rng, effects, without)
-    reflectance, ranges, heights = _vary(rng, scene)
+    if not np.isfinite(scene.range).any():
+        raise InputError(f"scene {scene.name} shows no surface: give one with finite ranges")
+    streams = _Streams(rng)
+    names = _choose(streams("effects"), effects, without)
+    reflectance, ranges, heights = _vary(streams("scene"), scene)
     height, width = ranges.shape
     if "open water" in names:
-        ranges = _open(rng, ranges)
+        if np.isfinite(ranges).all():
+            ranges = _open(streams("open water"), ranges)
+        else:
+            names = tuple(name for name in names if name != "open water")
     if "fish" in names:
-        _add_fish(rng, reflectance, ranges)
+        _add_fish(streams("fish"), reflectance, ranges)
     known = np.isfinite(ranges)
-    if not known.any():
-        raise InputError(f"scene {scene.name} shows no surface: give one with finite ranges")
-    water = _draw_water(rng, names)
+    water = draw_water(
+        streams("water"), spectrum="spectrum" in names, red_gone="red gone" in names)
+    median = drawn(streams("distance"), "scene.distance")
     # Where the clearest channel loses all, nobody takes pictures.
-    median = drawn(rng, "scene.distance")
-    median = min(median, drawn(rng, "water.most_path") / float(water.attenuation.min()))
+    path = drawn(streams("path"), "water.most_path")
+    median = min(median, path / float(water.attenuation.min()))
     ranges *= np.float32(median / float(np.median(ranges[known])))
 
-    thicker = _thicker(rng, names, ranges, heights, median)
-    transmission, unveiled, attenuation = _transmissions(rng, names, water, ranges, thicker)
+    thicker = _thicker(streams, names, ranges, heights, median)
+    transmission, unveiled, attenuation = _transmissions(
+        streams("veil coefficient"), names, water, ranges, thicker)
     rows = np.linspace(1.0, -1.0, height, dtype=np.float32)[:, np.newaxis, np.newaxis]
     columns = np.linspace(-1.0, 1.0, width, dtype=np.float32)[np.newaxis, :, np.newaxis]
-    light_map = _light_map(rng, names, water, ranges, heights, rows, columns)
+    light_map = _light_map(streams, names, water, ranges, heights, rows, columns)
     veil_map: Map | None = None
     if "veil gradient" in names:
+        sloping = streams("veil gradient")
         veil_map = np.maximum(
-            1.0 + np.float32(drawn(rng, "veil.gradient")) * rows
-            + np.float32(drawn(rng, "veil.gradient_across")) * columns, 0.2).astype(np.float32)
+            1.0 + np.float32(drawn(sloping, "veil.gradient")) * rows
+            + np.float32(drawn(sloping, "veil.gradient_across")) * columns, 0.2).astype(np.float32)
 
     light = water.light
     veil = light * water.ratio
@@ -149,7 +173,7 @@ def draw(
         direct *= light_map
         light = light * light_map[known].mean(axis=0, dtype=np.float64)
     if "forward scatter" in names:
-        direct = _scatter_forward(rng, direct, transmission)
+        direct = _scatter_forward(streams("forward scatter"), direct, transmission)
     irradiance = np.float32(1.0) - unveiled
     irradiance *= veil.astype(np.float32)
     if veil_map is not None:
@@ -157,22 +181,25 @@ def draw(
         veil = veil * veil_map.mean(axis=(0, 1), dtype=np.float64)
     irradiance += direct
     if "snow" in names:
-        _add_snow(rng, irradiance, light)
+        _add_snow(streams("snow"), irradiance, light)
     if "defocus" in names:
-        sigma = drawn(rng, "camera.defocus") * height / SIZE[0]
+        sigma = drawn(streams("defocus"), "camera.defocus") * height / SIZE[0]
         irradiance = cv2.GaussianBlur(irradiance, (0, 0), sigma)
     if "grey" in names:
         irradiance, attenuation, veil, light = _grey(
             irradiance, attenuation, veil, light, ranges[known])
 
-    gains = _balance(rng, names, irradiance)
-    strength = _exposure(rng, names)
+    gains = _balance(streams, names, irradiance)
+    strength = _exposure(streams("exposure"), names)
     top = float(np.quantile((irradiance[::4, ::4] * gains.astype(np.float32)).max(-1), 0.995))
     gains_all = gains * (strength / max(top, 1e-12))
     irradiance *= gains_all.astype(np.float32)
-    curve, told = draw_curve(rng, names)
-    image = record(rng, irradiance, gains / gains[1], curve, names)
-    measured, error = measure_ranges(rng, ranges, image, names)
+    if "red gone" in names:
+        # Below black: what little is left is lost to the camera's black level.
+        irradiance[..., 0] = -1.0
+    curve, told = draw_curve(streams("curve"), names)
+    image = record(streams, irradiance, gains, curve, names)
+    measured, error = measure_ranges(streams, ranges, image, names)
     return View(
         image=image, ranges=measured, range_error=error, transfer=told,
         clear_water=water.clear_water, attenuation=attenuation,
@@ -200,13 +227,10 @@ def _choose(
         there = happens(rng, f"always.{name}" if always else f"effects.{name}")
         if there and (always or not plain) and name not in without:
             found.append(name)
-    if "low light" in found and "over-exposure" in found:
-        found.remove("over-exposure")
+    for first, second in _EXCLUDING:
+        if first in found and second in found:
+            found.remove(second)
     return tuple(found)
-
-
-def _draw_water(rng: np.random.Generator, names: tuple[str, ...]) -> Water:
-    return draw_water(rng, spectrum="spectrum" in names, red_gone="red gone" in names)
 
 
 def _vary(rng: np.random.Generator, scene: Scene) -> tuple[Map, Map, Map]:
@@ -275,10 +299,8 @@ def downward(height: int, width: int, focal_length: float, pitch: float, roll: f
 
 
 def _open(rng: np.random.Generator, ranges: Map) -> Map:
-    """Take what is above a wavy line away, where the scene shows no open water yet."""
+    """Take what is above a wavy line away."""
     height, width = ranges.shape
-    if not np.isfinite(ranges).all():
-        return ranges
     points = rng.uniform(0.05, 0.5) + 0.05 * rng.standard_normal(8)
     line = cv2.resize(
         points.astype(np.float32)[np.newaxis], (width, 1), interpolation=cv2.INTER_CUBIC) * height
@@ -308,7 +330,7 @@ def _add_fish(rng: np.random.Generator, reflectance: Map, ranges: Map) -> None:
 
 
 def _thicker(
-    rng: np.random.Generator, names: tuple[str, ...], ranges: Map, down: Map, median: float
+    streams: _Streams, names: tuple[str, ...], ranges: Map, down: Map, median: float
 ) -> Map | None:
     """Factor of attenuation by pixel, (H, W, 1), of plume and layer; None for none."""
     if "plume" not in names and "layer" not in names:
@@ -316,6 +338,7 @@ def _thicker(
     factor = np.ones(ranges.shape, np.float32)
     height, width = ranges.shape
     if "plume" in names:
+        rng = streams("plume")
         angle = rng.uniform(0.0, 2.0 * math.pi)
         x = np.linspace(-1.0, 1.0, width, dtype=np.float32)
         y = np.linspace(-1.0, 1.0, height, dtype=np.float32)[:, np.newaxis]
@@ -325,6 +348,7 @@ def _thicker(
         share = np.clip((side - edge) / width_of_edge + 0.5, 0.0, 1.0)
         factor += np.float32(drawn(rng, "place.plume")) * share
     if "layer" in names:
+        rng = streams("layer")
         below = np.where(np.isfinite(ranges), ranges, np.float32(1e4)) * down
         top = np.float32(drawn(rng, "place.layer_top") * median)
         # Share of the line of sight that lies under the layer's top.
@@ -416,8 +440,8 @@ def effective_attenuation(
 
 
 def _light_map(
-    rng: np.random.Generator, names: tuple[str, ...], water: Water, ranges: Map, down: Map,
-    rows: Map, columns: Map,
+    streams: _Streams, names: tuple[str, ...], water: Water, ranges: Map, down: Map, rows: Map,
+    columns: Map,
 ) -> Map | None:
     """Light on the scene relative to W at the camera's depth, (H, W, 3) or (H, W, 1)."""
     found: Map | None = None
@@ -428,11 +452,13 @@ def _light_map(
         # Above the surface there is no more light.
         below = np.maximum(below, np.float32(-water.depth))[..., np.newaxis]
         found = np.asarray(cv2.exp(below * -water.diffuse.astype(np.float32)))
-        found *= 1.0 + np.float32(drawn(rng, "light.gradient_across")) * columns
+        found *= 1.0 + np.float32(
+            drawn(streams("light gradient"), "light.gradient_across")) * columns
     if "caustics" in names:
-        net = _caustics(rng, near, down, columns)[..., np.newaxis]
+        net = _caustics(streams("caustics"), near, down, columns)[..., np.newaxis]
         found = net if found is None else found * net
     if "shade" in names:
+        rng = streams("shade")
         angle, edge = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-0.5, 0.5)
         side = np.float32(math.cos(angle)) * columns + np.float32(math.sin(angle)) * rows
         share = np.clip((side - np.float32(edge)) / np.float32(rng.uniform(0.03, 0.4)), 0.0, 1.0)
@@ -508,13 +534,15 @@ def _grey(
         np.full(3, veil.mean()), np.full(3, light.mean()))
 
 
-def _balance(rng: np.random.Generator, names: tuple[str, ...], irradiance: Map) -> Array:
+def _balance(streams: _Streams, names: tuple[str, ...], irradiance: Map) -> Array:
     """Draw the gains of white balance, (3,); green's is 1."""
     gains = np.ones(3)
     if "white balance" in names:
+        rng = streams("white balance")
         gains[0] = drawn(rng, "camera.white_balance_red")
         gains[2] = drawn(rng, "camera.white_balance_blue")
     if "grey world" in names:
+        rng = streams("grey world")
         means = irradiance[::4, ::4].mean(axis=(0, 1), dtype=np.float64) * gains
         most = drawn(rng, "camera.grey_world_most")
         ratio = np.clip(means[1] / np.maximum(means, 1e-9), 1.0 / most, most)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -16,21 +17,22 @@ from uw_visibility_lab.worlds.beliefs import draw, happens
 REFERENCE_WIDTH = 320.0
 """Width of the image that beliefs in px are of."""
 
-# The shortest median range, m, and what a disparity of 0 is taken for, px.
+# What a disparity of 0 or less is taken for, px.
 _LEAST_DISPARITY = 0.05
 WINDOW = 7
 """Side of the window in which a matcher looks for texture, px."""
 
 
 def measure_ranges(
-    rng: np.random.Generator, truth: Map, image: NDArray[Any], effects: tuple[str, ...]
+    streams: Callable[[str], np.random.Generator], truth: Map, image: NDArray[Any],
+    effects: tuple[str, ...],
 ) -> tuple[Map, float]:
     """Measure a view's ranges as a stereo matcher or a mesh does.
 
     Parameters
     ----------
-    rng : numpy.random.Generator
-        Where the values come from.
+    streams : callable
+        Random generator by purpose.
     truth : (H, W) float32 ndarray
         True ranges, m; inf in open water.
     image : (H, W, 3) uint8 or uint16 ndarray
@@ -49,19 +51,23 @@ def measure_ranges(
     known = np.isfinite(truth)
     ranges = np.where(known, truth, np.float32(np.nan))
     median = float(np.median(truth[known]))
-    disparity_at_median = draw(rng, "range.disparity") * width / REFERENCE_WIDTH
+    disparity_at_median = draw(streams("disparity"), "range.disparity") * width / REFERENCE_WIDTH
     product = disparity_at_median * median  # focal length times baseline, px m
     error = 0.0
     matched = known.copy()
     if "mesh" in effects:
+        rng = streams("mesh")
         ranges = _mesh(rng, ranges, spans=happens(rng, "range.mesh_spans"))
         matched = np.isfinite(ranges)
-    elif "unmatched" in effects and happens(rng, "range.open_matched") and not known.all():
+    elif "unmatched" in effects and not known.all() and happens(
+        rng := streams("open matched"), "range.open_matched"
+    ):
         # A matcher that finds something in open water finds it in specks.
         specks = _blobs(rng, truth.shape, draw(rng, "range.wrong_size"), 0.1) & ~known
         ranges[specks] = median * np.float32(draw(rng, "range.wrong_factor"))
         matched |= specks
     if "disparity noise" in effects:
+        rng = streams("disparity noise")
         sigma = draw(rng, "range.disparity_noise")
         noise = _correlated(rng, truth.shape, draw(rng, "range.disparity_noise_cell"))
         disparity = np.float32(product) / ranges + np.float32(sigma) * noise
@@ -69,6 +75,7 @@ def measure_ranges(
         ranges = np.float32(product) / np.maximum(disparity, np.float32(_LEAST_DISPARITY))
         error = sigma / product * draw(rng, "range.told_error")
     if "wrong patches" in effects:
+        rng = streams("wrong patches")
         wrong = _blobs(
             rng, truth.shape, draw(rng, "range.wrong_size"), draw(rng, "range.wrong"))
         factor = np.float32(1.0 / draw(rng, "range.wrong_factor"))
@@ -76,10 +83,11 @@ def measure_ranges(
     if "occlusion" in effects:
         matched &= ~occluded(truth, product)
     if "unmatched" in effects:
+        rng = streams("unmatched")
         matched &= _textured(rng, image)
         matched &= ~_blobs(rng, truth.shape, WINDOW, draw(rng, "range.random_loss"))
     if "range scale" in effects:
-        factor = np.float32(1.0 + draw(rng, "range.scale"))
+        factor = np.float32(1.0 + draw(streams("range scale"), "range.scale"))
         ranges = ranges * factor
         error = error / float(factor)
     ranges[~matched] = np.nan

@@ -115,6 +115,7 @@ def draw_water(
     _, lit, _ = _camera(name)
     kept = draw(rng, "water.forward_share")
     diffuse = draw(rng, "water.downward_path") * (absorption + BACKSCATTERED * scattering)
+    depth = min(depth, draw(rng, "water.darkest") / float(diffuse.min()))
     lost = scattering * (1.0 - kept)
     beam = absorption + lost
     weights = lit * np.exp(-diffuse * depth)[:, np.newaxis]
@@ -147,9 +148,10 @@ def _paper_water(rng: np.random.Generator, name: str, clear: Array, depth: float
     pure = _camera(name)[2]
     diffuse = pure + draw(rng, "water.paper_diffuse") * particles
     attenuation = pure + particles
+    depth = min(depth, draw(rng, "water.darkest") / float(diffuse.min()))
     return Water(
         depth, clear, attenuation, diffuse, np.exp(-diffuse * depth),
-        _draw_ratio(rng, np.ones(3)), _PATHS)
+        _draw_ratio(rng, np.ones(3), "veil.as_light_paper"), _PATHS)
 
 
 def _draw_spectra(rng: np.random.Generator) -> tuple[Array, Array]:
@@ -175,9 +177,11 @@ def _draw_spectra(rng: np.random.Generator) -> tuple[Array, Array]:
     return pure[0] + excess, scattering
 
 
-def _draw_ratio(rng: np.random.Generator, albedo: Array) -> Array:
+def _draw_ratio(
+    rng: np.random.Generator, albedo: Array, as_light: str = "veil.as_light"
+) -> Array:
     """Draw B/W, (3,): single scattering gives the veil the colour of ω = b/(a + b)."""
-    if happens(rng, "veil.as_light"):
+    if happens(rng, as_light):
         return np.ones(3)
     spread = np.array([draw(rng, "veil.ratio_spread") for _ in range(3)])
     return np.asarray(draw(rng, "veil.ratio") * spread * albedo / albedo.max())
