@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,7 +13,9 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
+from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Map
 from uw_visibility_lab.simulation.camera import interpolate_mosaic, lens_falloff
 from uw_visibility_lab.worlds.beliefs import draw
@@ -123,25 +126,51 @@ def record(
         shot = (noise * noise - read * read) / 0.5
         # White balance multiplies what the sensor has read.
         gain = (gains / gains[1]).astype(np.float32)
-        sigma = irradiance * (np.float32(shot) * gain)
-        np.maximum(sigma, 0.0, out=sigma)
-        sigma += np.float32(read * read) * gain * gain
-        cv2.sqrt(sigma, sigma)
-        sigma *= rng.standard_normal(irradiance.shape, dtype=np.float32)
-        irradiance += sigma
+        bits = np.frombuffer(rng.bytes(2 * irradiance.size), np.uint16).reshape(irradiance.shape)
+        _add_noise(
+            irradiance, bits, _normal_quantiles(), np.float32(shot) * gain,
+            np.float32(read * read) * gain * gain)
     if "bayer" in effects:
         irradiance = interpolate_mosaic(irradiance * np.float32(255.0)) / np.float32(255.0)
     deep = "16 bit" in effects and "jpeg" not in effects
     table = _table(curve, deep)
-    np.clip(irradiance, 0.0, 1.0, out=irradiance)
-    irradiance *= np.float32(_STEPS - 1)
-    irradiance += np.float32(0.5)
-    image: NDArray[Any] = table[irradiance.astype(np.uint16)]
+    image: NDArray[Any] = np.empty(irradiance.shape, table.dtype)
+    _encode(irradiance, table, image)
     if "jpeg" in effects:
         quality = round(draw(streams("jpeg"), "camera.jpeg"))
         _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
         image = np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
     return image
+
+
+@njit(nogil=True, error_model="numpy")
+def _add_noise(light: Any, bits: Any, quantiles: Any, shot: Any, read: Any) -> None:
+    """Add normal noise of variance shot · light + read, by channel, to (H, W, 3) in place."""
+    for row in range(light.shape[0]):
+        for column in range(light.shape[1]):
+            for c in range(3):
+                value = light[row, column, c]
+                variance = shot[c] * max(value, np.float32(0.0)) + read[c]
+                light[row, column, c] = value + math.sqrt(variance) * quantiles[
+                    bits[row, column, c]]
+
+
+@njit(nogil=True, error_model="numpy")
+def _encode(light: Any, table: Any, image: Any) -> None:
+    """Look up the codes of light, (H, W, 3), clipped to 0..1."""
+    steps = np.float32(len(table) - 1)
+    for row in range(light.shape[0]):
+        for column in range(light.shape[1]):
+            for c in range(3):
+                # In this order NaN is black: as an index it is undefined.
+                value = min(max(np.float32(0.0), light[row, column, c]), np.float32(1.0))
+                image[row, column, c] = table[int(value * steps + np.float32(0.5))]
+
+
+@lru_cache(maxsize=1)
+def _normal_quantiles() -> NDArray[np.float32]:
+    """Quantiles of the normal distribution: one of 2^16 for each 16 random bits."""
+    return ndtri((np.arange(1 << 16) + 0.5) / (1 << 16)).astype(np.float32)
 
 
 @lru_cache(maxsize=8)

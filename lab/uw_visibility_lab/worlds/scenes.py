@@ -55,6 +55,9 @@ from uw_visibility_lab.worlds.geometry import (
 SIZE = (240, 320)
 """Rows and columns of a scene."""
 
+# Three numbers.
+Vector = Sequence[float] | NDArray[np.float64]
+
 NATURAL = ("sand", "rock", "rock", "algae", "coral", "coral", "silt")
 """Kinds of materials of natural things; those named twice are twice as frequent."""
 MADE = ("metal", "board", "board")
@@ -271,7 +274,7 @@ class _Builder:
         return self.palette[int(self.rng.integers(len(self.palette)))]
 
     def add(
-        self, kind: int, centre: Sequence[float], half: Sequence[float], material: int,
+        self, kind: int, centre: Vector, half: Vector, material: int,
         axes: NDArray[np.float64] | None = None, bump: float = 0.0,
     ) -> None:
         """Add a shape; `axes` are the rows of its own axes."""
