@@ -34,7 +34,9 @@ RANDOM = "random"
 # Band averages and light in layers are looked up at so many ranges.
 _LOOKUP = 1024
 # The second is left out where the first is there.
-_EXCLUDING = (("low light", "over-exposure"), ("jpeg", "16 bit"), ("grey", "red gone"))
+_EXCLUDING = (
+    ("low light", "over-exposure"), ("jpeg", "16 bit"), ("grey", "red gone"),
+    ("grey", "white balance"), ("grey", "grey world"))
 # A view without this share of surfaces shows nothing but water.
 _LEAST_SURFACE = 0.05
 
