@@ -1,0 +1,131 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""`uw_visibility judge`: one table of how good an estimator of the water is, world by world."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from uw_visibility.commands.options import Options, add_described
+from uw_visibility.errors import InputError, check_range
+from uw_visibility.replay.progress import progress_bar, say
+
+if TYPE_CHECKING:
+    from uw_visibility_lab.posterior.judge import Case, Estimator
+
+HELP = "one table of how good an estimator of the water is, world by world"
+DESCRIPTION = """\
+Give an estimator of attenuation and visibility the same cases as every other one: random views of
+scenes with all effects together, with none, and with each alone; path-traced scenes; and what
+should change nothing: noise of one code, one row and column cut off, the mirrored frame. Frames of
+the sea have no truth: their distances, and those of their halves, are listed.
+
+What an estimator was trained on does not judge it: give other scenes."""
+
+EPILOG = """\
+columns:
+  told         part of the cases with a distance whose 16 and 84 % differ by at most 2.5 times
+  ln β, ln d   root mean square of the error of their logarithms, where told
+  score        root mean square of the distance's error over its σ: 1 is right
+  1 σ .. 3 σ   part of the distances within; right are .68, .95, 1.00
+  >3 σ         part of the cases with any channel's β, or the distance, beyond 3 σ
+  long, short  part of the distances that are wrong by more than a fifth
+  low          part of the intervals whose lower end is beyond the truth; .16 is right
+  crps         continuous ranked probability score of ln d: less is better
+  ms           median time of a case"""
+
+OPTIONS: Options = {
+    "--scenes POOL": (
+        None, "scenes for random views: a folder that `python -m uw_visibility_lab.worlds pool` "
+        "made", Path),
+    "--middlebury FOLDER": (None, "folder of Middlebury's scenes, for random views", Path),
+    "--traced FOLDER": (None, "scenes that `uw_visibility render` made", Path),
+    "--sea FOLDER": (None, "frames of FLSea with their ranges", Path),
+    "--estimator NAME": (
+        "free", "free or paper, for the package's with that water.veil; or a file that "
+        "`uw_visibility train` wrote"),
+    "--cases N": (100, "views of each kind"),
+    "--seed S": (0, "of the views"),
+}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the sub-command."""
+    add_described(parser, OPTIONS)
+    parser.add_argument(
+        "--each", action="store_true", help="a row for every effect alone, too")
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the sub-command."""
+    check_range("--cases", arguments.cases, 1, 1_000_000)
+    if not (arguments.scenes or arguments.middlebury or arguments.traced or arguments.sea):
+        raise InputError("nothing to judge by: give --scenes, --middlebury, --traced or --sea")
+    from uw_visibility_lab.posterior.judge import flips, judge, table
+
+    estimator = _estimator(arguments.estimator)
+    say(table([]))
+    for name, number, cases in _kinds(arguments):
+        row = judge(estimator, progress_bar(cases, name, number))
+        say(table([(name, row)]).splitlines()[1])
+        if name.endswith("all effects"):
+            changed, moved = flips(estimator, list(_again(arguments, name)))
+            say(f"{'':24} told or not changes in {changed:.3f} of the frames that differ in "
+                f"nothing, ln d by {moved:.2f} σ")
+    if arguments.sea:
+        _list_sea(estimator, arguments.sea)
+
+
+def _estimator(name: str) -> Estimator:
+    from uw_visibility_lab.posterior.estimators import Learnt, Todays
+
+    return Todays(name) if name in ("free", "paper") else Learnt(Path(name))
+
+
+def _kinds(arguments: argparse.Namespace) -> Iterator[tuple[str, int, Iterator[Case]]]:
+    """Name, number and cases of each row."""
+    from uw_visibility_lab.posterior.cases import drawn, traced
+    from uw_visibility_lab.tracer.read import scenes_in
+    from uw_visibility_lab.worlds.draw import EFFECTS
+
+    number, seed = arguments.cases, arguments.seed
+    for name in ("scenes", "middlebury"):
+        folder = getattr(arguments, name)
+        if folder is None:
+            continue
+        scenes = _scenes(name, folder)
+        yield f"{name}, no effect", number, drawn(scenes, number, seed, ())
+        yield f"{name}, all effects", number, drawn(scenes, number, seed)
+        for effect in EFFECTS if arguments.each else ():
+            yield f"{name}, {effect}"[:24], number, drawn(scenes, number, seed, (effect,))
+    if arguments.traced:
+        yield "traced", len(scenes_in(arguments.traced)), traced(arguments.traced, seed)
+
+
+def _again(arguments: argparse.Namespace, name: str) -> Iterator[Case]:
+    from uw_visibility_lab.posterior.cases import drawn
+
+    kind = name.partition(",")[0]
+    return drawn(
+        _scenes(kind, getattr(arguments, kind)), max(arguments.cases // 4, 1), arguments.seed)
+
+
+def _scenes(name: str, folder: Path) -> list:  # type: ignore[type-arg]
+    from uw_visibility_lab.worlds.scenes import load_scene, middlebury, pool
+
+    if name == "scenes":
+        return [load_scene(path) for path in pool(folder)]
+    return [middlebury(path) for path in sorted(folder.iterdir()) if path.is_dir()]
+
+
+def _list_sea(estimator: Estimator, folder: Path) -> None:
+    from uw_visibility_lab.posterior.cases import halves, sea
+    from uw_visibility_lab.posterior.judge import describe
+
+    say("frames of the sea: visibility, m, with its 16 and 84 %")
+    for case in sea(folder):
+        for part in (case, *halves(case)):
+            say(f"  {part.name:12} {describe(estimator(part))}")

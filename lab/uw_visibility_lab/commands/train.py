@@ -1,0 +1,69 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""`uw_visibility train`: a posterior of the water, trained on random views."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+from pathlib import Path
+
+from uw_visibility.commands.options import Options, add_described
+from uw_visibility.errors import InputError, check_range
+from uw_visibility.replay.progress import progress_bar, say
+
+HELP = "a posterior of the water, trained on random views"
+DESCRIPTION = """\
+Draw random views of scenes under water (see `python -m uw_visibility_lab.worlds`), summarise each
+as the estimator would, and train networks that infer attenuation, veil and light from the
+statistics. The same pool, seed and number of views give the same statistics; PyTorch's rounding
+may differ from one processor to another.
+
+`uw_visibility judge` compares the result with other estimators. The estimator of the package does
+not use it."""
+
+OPTIONS: Options = {
+    "--views N": (50_000, "views to draw; a second a core draws some 30"),
+    "--networks N": (3, "networks whose answers are averaged"),
+    "--epochs N": (30.0, "times that every view is shown"),
+    "--seed S": (0, "of the views"),
+    "--jobs N": (1, "processes that draw"),
+    "--views-file NPZ": (
+        None, "statistics of the views: read where there is one, else written", Path),
+}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the sub-command."""
+    parser.add_argument("pool", metavar="POOL", type=Path, help="folder of scenes")
+    parser.add_argument(
+        "-o", "--output", metavar="NPZ", type=Path, required=True, help="file for the networks")
+    parser.add_argument("--force", action="store_true", help="replace the file")
+    add_described(parser, OPTIONS)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the sub-command."""
+    check_range("--views", arguments.views, 500, 10_000_000)
+    check_range("--networks", arguments.networks, 1, 16)
+    check_range("--epochs", arguments.epochs, 0.1, 1000.0)
+    check_range("--jobs", arguments.jobs, 1, 256)
+    if arguments.output.exists() and not arguments.force:
+        raise InputError(f"{arguments.output} exists: give another name, or --force")
+    if importlib.util.find_spec("torch") is None:
+        raise InputError("train needs PyTorch: pip install 'uw_visibility_lab[train]'")
+    from uw_visibility_lab.posterior import examples
+    from uw_visibility_lab.posterior.train import provenance, train, write
+
+    kept = arguments.views_file
+    if kept is not None and kept.exists():
+        views = examples.load(kept)
+    else:
+        views = examples.draw_all(
+            arguments.pool, arguments.views, arguments.seed, arguments.jobs,
+            lambda done, total: progress_bar(done, "train", total, None))
+        if kept is not None:
+            examples.save(views, kept)
+    arrays = train(views, arguments.networks, arguments.epochs, say)
+    write(arrays, arguments.output, provenance(arguments.pool, arguments.seed, views))
+    say(f"networks: {arguments.output}")

@@ -1,0 +1,93 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Cases of the judge: drawn views, path-traced scenes, frames of the sea."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility_lab.posterior.judge import Case
+from uw_visibility_lab.tracer.read import load as load_traced
+from uw_visibility_lab.tracer.read import scenes_in
+from uw_visibility_lab.worlds.draw import RANDOM, draw
+from uw_visibility_lab.worlds.scenes import Scene
+
+# FLSea's camera, px (README of the data; 10 % more or less changes ranges by less than 2 %).
+SEA_FOCAL_LENGTH = 1296.0
+# A traced image is exposed so that this quantile of it has this code, of 1, as a camera would.
+EXPOSED_QUANTILE, EXPOSURE = 0.995, 0.9
+
+
+def drawn(
+    scenes: Sequence[Scene], number: int, seed: int, effects: str | Sequence[str] = RANDOM
+) -> Iterator[Case]:
+    """Draw views of scenes in turn, each from a seed of its own."""
+    for index in range(number):
+        scene = scenes[index % len(scenes)]
+        view = draw(np.random.default_rng((seed, index)), scene, effects=effects)
+        yield Case(
+            view.image, view.ranges, view.range_error, view.transfer, view.clear_water,
+            view.attenuation, scene.name)
+
+
+def traced(folder: Path, seed: int = 0) -> Iterator[Case]:
+    """Path-traced scenes as an 8-bit linear camera with a noise of one code records them."""
+    for index, place in enumerate(scenes_in(folder)):
+        scene = load_traced(place)
+        light = scene.image * (EXPOSURE / np.quantile(scene.image, EXPOSED_QUANTILE))
+        noise = np.random.default_rng((seed, index)).normal(0.0, 1.0, light.shape)
+        codes = np.clip(np.rint(light * 255.0 + noise), 0, 255).astype(np.uint8)
+        yield Case(
+            codes, scene.ranges, 0.0, "linear", usual_clear_water(), scene.attenuation,
+            place.name)
+
+
+def sea(folder: Path, transfer: str = "linear") -> Iterator[Case]:
+    """Frames of FLSea with their ranges; their water is not known."""
+    frames = sorted(folder.glob("[0-9][0-9][0-9][0-9].png"))
+    if not frames:
+        raise InputError(f"{folder} holds no frames: give the folder with NNNN.png, NNNN_depth.png")
+    for path in frames:
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        z = cv2.imread(str(path.with_name(f"{path.stem}_depth.png")), cv2.IMREAD_UNCHANGED)
+        if image is None or z is None or z.ndim != 2:
+            raise InputError(f"{path} or its depth cannot be read: give PNG files")
+        yield Case(
+            np.ascontiguousarray(image[..., ::-1]), _along_the_ray(z.astype(np.float32) / 1000.0),
+            0.0, transfer, usual_clear_water(), None, path.stem)
+
+
+def halves(case: Case) -> tuple[Case, Case]:
+    """Return the left and the right half of a case, which show the same water."""
+    middle = case.image.shape[1] // 2
+    return _part(case, slice(None, middle), "left"), _part(case, slice(middle, None), "right")
+
+
+def usual_clear_water() -> Array:
+    """(3,): κ of the default camera, 1/m."""
+    return clear_water_attenuation(load_response(PipelineConfig().camera.response))
+
+
+def _part(case: Case, columns: slice, name: str) -> Case:
+    return Case(
+        np.ascontiguousarray(case.image[:, columns]),
+        np.ascontiguousarray(case.ranges[:, columns]), case.range_error, case.transfer,
+        case.clear_water, case.attenuation, f"{case.name} {name}")
+
+
+def _along_the_ray(z: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Range along the line of sight from Z, m; NaN where Z is 0."""
+    height, width = z.shape
+    u = (np.arange(width) - (width - 1) / 2) / SEA_FOCAL_LENGTH
+    v = (np.arange(height) - (height - 1) / 2) / SEA_FOCAL_LENGTH
+    ranges = z * np.sqrt(1.0 + u**2 + v[:, np.newaxis] ** 2)
+    return np.where(z > 0, ranges, np.nan).astype(np.float32)

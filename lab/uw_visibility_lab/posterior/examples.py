@@ -1,0 +1,134 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Examples that the posterior is trained on: statistics of random views, with their truth."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.config.files import write_whole
+from uw_visibility.errors import InputError
+from uw_visibility.images.view import View as CameraView
+from uw_visibility_lab.evaluation.parallel import Progress, run_all
+from uw_visibility_lab.posterior.statistics import (
+    BINS,
+    OF_BIN,
+    OF_IMAGE,
+    Statistics,
+    summarise,
+)
+from uw_visibility_lab.worlds.draw import View, draw
+from uw_visibility_lab.worlds.scenes import load_scene
+from uw_visibility_lab.worlds.scenes import pool as scenes_of
+
+# Views that a process draws at a time.
+BLOCK = 100
+
+
+class Examples(NamedTuple):
+    """Statistics and truth of N views.
+
+    Attributes
+    ----------
+    of_bins : (N, 3, BINS, OF_BIN) float32 ndarray
+    of_channels : (N, 3, OF_CHANNEL) float32 ndarray
+    of_image : (N, OF_IMAGE) float32 ndarray
+    truth : (N, 3, 3) float32 ndarray
+        For each channel ln βd̃, ln B/b̂, ln W/b̂: see `network`.
+    """
+
+    of_bins: NDArray[np.float32]
+    of_channels: NDArray[np.float32]
+    of_image: NDArray[np.float32]
+    truth: NDArray[np.float32]
+
+
+def statistics_of(view: View) -> Statistics | None:
+    """Statistics of a drawn view, as the estimator takes them."""
+    samples = CameraView.of(view.image, view.transfer).colour
+    assert samples is not None
+    return summarise(samples, view.ranges, None, view.range_error, view.clear_water)
+
+
+def truth_of(view: View, statistics: Statistics) -> NDArray[np.float32]:
+    """(3, 3): unknowns of each channel in the units of the statistics."""
+    return np.log(np.stack((
+        view.attenuation * statistics.median_range, view.veil / statistics.brightest,
+        view.light / statistics.brightest), axis=1)).astype(np.float32)
+
+
+def draw_all(
+    pool: Path, number: int, seed: int, jobs: int, progress: Progress
+) -> Examples:
+    """Draw and summarise views; the same ones for any number of jobs.
+
+    Views of which too little has a range, or whose water has no finite logarithm, are left out.
+
+    Raises
+    ------
+    InputError
+        If the pool holds no scenes, or nearly all views are left out.
+    """
+    places = scenes_of(pool)
+    blocks = [range(at, min(at + BLOCK, number)) for at in range(0, number, BLOCK)]
+    rows = [row for block in run_all(_draw_block, blocks, (places, seed), jobs, progress)
+            for row in block]
+    if len(rows) < 0.5 * number:
+        raise InputError(
+            f"{number - len(rows)} of {number} views of {pool} show too little: check the scenes")
+    return gather(rows)
+
+
+def _draw_block(
+    block: range, places: Sequence[Path], seed: int
+) -> list[tuple[Statistics, NDArray[np.float32]]]:
+    rows = []
+    for index in block:
+        rng = np.random.default_rng((seed, index))
+        view = draw(rng, load_scene(places[rng.integers(len(places))]))
+        statistics = statistics_of(view)
+        if statistics is None:
+            continue
+        truth = truth_of(view, statistics)
+        if np.isfinite(truth).all():
+            rows.append((statistics, truth))
+    return rows
+
+
+def gather(rows: Sequence[tuple[Statistics, NDArray[np.float32]]]) -> Examples:
+    """Stack statistics and truths."""
+    return Examples(
+        np.stack([s.of_bins for s, _ in rows]), np.stack([s.of_channels for s, _ in rows]),
+        np.stack([s.of_image for s, _ in rows]), np.stack([t for _, t in rows]))
+
+
+def save(examples: Examples, path: Path) -> None:
+    """Write examples to an .npz file."""
+    content = io.BytesIO()
+    np.savez(content, **examples._asdict())  # type: ignore[arg-type]
+    write_whole(path, content.getvalue())
+
+
+def load(path: Path) -> Examples:
+    """Read what `save` wrote.
+
+    Raises
+    ------
+    InputError
+        If the file is none of it.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            found = Examples(*(data[name] for name in Examples._fields))
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path} holds no statistics of views: draw them anew") from error
+    if found.of_bins.shape[1:] != (3, BINS, OF_BIN) or found.of_image.shape[1:] != (OF_IMAGE,):
+        raise InputError(f"{path} holds statistics of another form: draw them anew")
+    return found

@@ -1,0 +1,217 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""One table for any estimator of water: what it tells, how far off it is, how well it knows.
+
+A case is an image with ranges and, but for frames of the sea, its true attenuation. Each kind of
+case is a row, so that no figure stands for a world it was not measured in.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scipy.special import ndtr
+
+from uw_visibility.images.arrays import Array
+from uw_visibility.optics.light_model import visibility_distance
+from uw_visibility.status import Status
+
+# A distance that is longer than the true one by this factor is too long, and so for too short.
+FACTOR = 1.2
+# A told distance whose 16 and 84 % differ by more than this factor counts as not told.
+WIDEST_INTERVAL = 2.5
+# Contrast that an observer distinguishes (eq. 11).
+CONTRAST = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """An image, its ranges, and what is told of them; `attenuation` is the truth or None."""
+
+    image: NDArray[Any]
+    ranges: NDArray[np.float32]
+    range_error: float
+    transfer: str
+    clear_water: Array
+    attenuation: Array | None
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What an estimator says of a case.
+
+    Attributes
+    ----------
+    status : str
+        ``"ok"`` or why not.
+    log_attenuation, stddev : (3,) float64 ndarray
+        Mean and standard deviation of ln β; NaN where not told.
+    log_distance, distance_stddev : float
+        Of the logarithm of the visibility distance but for a constant: −ln min β.
+    """
+
+    status: str
+    log_attenuation: Array
+    stddev: Array
+    log_distance: float = math.nan
+    distance_stddev: float = math.nan
+
+    @property
+    def told(self) -> bool:
+        """Whether a distance is told that is known to `WIDEST_INTERVAL`."""
+        return (
+            self.status == Status.OK.value and math.isfinite(self.log_distance)
+            and 2.0 * self.distance_stddev <= math.log(WIDEST_INTERVAL))
+
+
+Estimator = Callable[[Case], Answer]
+
+
+@dataclass(frozen=True)
+class Row:
+    """The table's row of one kind of cases; parts are of those told, 0..1.
+
+    Attributes
+    ----------
+    cases, told : int
+        Number, and part with a distance.
+    error, distance_error : float
+        Root mean square of the error of ln β (all channels told) and of ln distance.
+    score : float
+        Root mean square of the distance's error over its told deviation: 1 is right.
+    within : tuple of float
+        Part of the distances within 1, 2, 3 deviations.
+    beyond : float
+        Part of the cases with any β or the distance beyond 3 deviations.
+    too_long, too_short : float
+        Part by more than a fifth.
+    low_above : float
+        Part of the intervals (16 to 84 %) whose lower end is above the truth: .16 is right.
+    crps : float
+        Mean continuous ranked probability score of ln distance.
+    milliseconds : float
+        Median time.
+    """
+
+    cases: int
+    told: float
+    error: float
+    distance_error: float
+    score: float
+    within: tuple[float, float, float]
+    beyond: float
+    too_long: float
+    too_short: float
+    low_above: float
+    crps: float
+    milliseconds: float
+
+
+def judge(estimator: Estimator, cases: Iterable[Case]) -> Row:
+    """Judge an estimator by cases whose truth is known."""
+    answers, truths, times = [], [], []
+    for case in cases:
+        assert case.attenuation is not None
+        begun = time.perf_counter()
+        answers.append(estimator(case))
+        times.append((time.perf_counter() - begun) * 1e3)
+        truths.append(np.log(case.attenuation))
+    told = np.array([answer.told for answer in answers], bool)
+    if not told.any():
+        nothing = (math.nan,) * 3
+        return Row(len(answers), 0.0, *nothing, nothing, *(math.nan,) * 5, float(np.median(times)))
+    off = np.array([a.log_attenuation - t for a, t in zip(answers, truths, strict=True)])[told]
+    stddev = np.array([answer.stddev for answer in answers])[told]
+    far = np.array([
+        answer.log_distance + min(truth[np.isfinite(answer.log_attenuation)], default=math.nan)
+        for answer, truth in zip(answers, truths, strict=True)])[told]
+    width = np.array([answer.distance_stddev for answer in answers])[told]
+    scores = far / width
+    with np.errstate(invalid="ignore"):
+        beyond = (np.abs(off / stddev) > 3.0).any(axis=1) | (np.abs(scores) > 3.0)
+    return Row(
+        cases=len(answers), told=float(told.mean()),
+        error=_rms(off[np.isfinite(off)]), distance_error=_rms(far), score=_rms(scores),
+        within=tuple(float((np.abs(scores) <= k).mean()) for k in (1, 2, 3)),  # type: ignore[arg-type]
+        beyond=float(beyond.mean()), too_long=float((far > math.log(FACTOR)).mean()),
+        too_short=float((far < -math.log(FACTOR)).mean()),
+        low_above=float((scores > 1.0).mean()), crps=float(_crps(far, width).mean()),
+        milliseconds=float(np.median(times)))
+
+
+def flips(estimator: Estimator, cases: Sequence[Case], seed: int = 0) -> tuple[float, float]:
+    """What changes when nothing that matters does: ± 1 code, a row and column cut off, mirrored.
+
+    Returns
+    -------
+    flips : float
+        Part of the changed frames that are told where the frame was not, or the reverse.
+    moves : float
+        Root mean square of the distance's change, in its told deviations.
+    """
+    changed, moves = [], []
+    for index, case in enumerate(cases):
+        first = estimator(case)
+        rng = np.random.default_rng((seed, index))
+        top = np.iinfo(case.image.dtype).max
+        noise = rng.integers(-1, 2, case.image.shape) * (1 if top == 255 else 257)
+        noisy = np.clip(case.image.astype(np.int64) + noise, 0, top).astype(case.image.dtype)
+        for other in (
+            replace(case, image=noisy),
+            replace(case, image=np.ascontiguousarray(case.image[1:, 1:]),
+                    ranges=np.ascontiguousarray(case.ranges[1:, 1:])),
+            replace(case, image=np.ascontiguousarray(case.image[:, ::-1]),
+                    ranges=np.ascontiguousarray(case.ranges[:, ::-1])),
+        ):
+            second = estimator(other)
+            changed.append(first.told != second.told)
+            if first.told and second.told:
+                moves.append((second.log_distance - first.log_distance) / first.distance_stddev)
+    return float(np.mean(changed)), _rms(np.array(moves))
+
+
+def table(rows: Sequence[tuple[str, Row]]) -> str:
+    """Return the rows as text."""
+    lines = [
+        f"{'cases':24} {'n':>5} {'told':>5} {'ln β':>5} {'ln d':>5} {'score':>5} "
+        f"{'1 σ':>4} {'2 σ':>4} {'3 σ':>4} {'>3 σ':>5} {'long':>5} {'short':>5} {'low':>4} "
+        f"{'crps':>5} {'ms':>6}"]
+    for name, row in rows:
+        one, two, three = row.within
+        lines.append(
+            f"{name:24} {row.cases:5d} {row.told:5.2f} {row.error:5.2f} {row.distance_error:5.2f} "
+            f"{row.score:5.2f} {one:4.2f} {two:4.2f} {three:4.2f} {row.beyond:5.3f} "
+            f"{row.too_long:5.2f} {row.too_short:5.2f} {row.low_above:4.2f} {row.crps:5.2f} "
+            f"{row.milliseconds:6.1f}")
+    return "\n".join(lines)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
+
+
+def _crps(off: Array, stddev: Array) -> Array:
+    """Continuous ranked probability score of normal distributions.
+
+    Gneiting and Raftery 2007, doi:10.1198/016214506000001437, eq. 21.
+    """
+    z = off / stddev
+    density = np.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi)
+    return np.asarray(stddev * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * density - 1.0 / math.sqrt(math.pi)))
+
+
+def describe(answer: Answer) -> str:
+    """Return the visibility distance with its interval, or why there is none."""
+    if not math.isfinite(answer.log_distance):
+        return answer.status
+    middle = visibility_distance(1.0, CONTRAST) * math.exp(answer.log_distance)
+    low, high = (middle * math.exp(k * answer.distance_stddev) for k in (-1.0, 1.0))
+    return f"{middle:6.1f} ({low:.1f} to {high:.1f}){'' if answer.told else ', ' + answer.status}"

@@ -1,0 +1,164 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""The network that turns statistics into a posterior, run by NumPy.
+
+One network serves the three channels: it sees the statistics of a channel, and the mean of the
+other two. So an exchange of channels exchanges its answers. For each channel c it gives K normal
+components of t_c = (ln βd̃, ln B/b̂, ln W/b̂), with d̃ the median range and b̂ the channel's
+brightest; loadings on R factors that the channels share make the components' covariance
+
+    Σ = blockdiag(L_c L_cᵀ) + U Uᵀ,    L_c lower triangular (3, 3), U (9, R).
+
+The weights are trained by simulation (`uw_visibility train` of the lab; Cranmer, Brehmer and
+Louppe 2020, doi:10.1073/pnas.1912789117).
+"""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array
+from uw_visibility_lab.posterior.curves import curves
+from uw_visibility_lab.posterior.statistics import Statistics
+
+COMPONENTS = 3
+FACTORS = 2
+# Unknowns of a channel.
+UNKNOWNS = 3
+OF_COMPONENT = UNKNOWNS + 6 + UNKNOWNS * FACTORS
+OUTPUTS = COMPONENTS * OF_COMPONENT
+# Features are standardised, and cut at so many deviations.
+MOST_DEVIATIONS = 6.0
+# Bounds of the logarithm of a component's deviation.
+LEAST_LOG_DEVIATION, MOST_LOG_DEVIATION = -4.0, 1.5
+# Arrays of a network: weights and biases of five layers.
+ARRAYS = 10
+
+
+class Mixture(NamedTuple):
+    """Mixture of normal distributions of the nine unknowns, channel by channel.
+
+    Attributes
+    ----------
+    weight : (K,) float64 ndarray
+    mean : (K, 9) float64 ndarray
+    covariance : (K, 9, 9) float64 ndarray
+    """
+
+    weight: Array
+    mean: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class Network:
+    """Trained networks whose answers are averaged.
+
+    Attributes
+    ----------
+    centre, spread : (D,) float64 ndarray
+        Mean and deviation of the features in training.
+    layers : tuple of tuple of ndarray
+        Weights and biases of each network.
+    """
+
+    centre: Array
+    spread: Array
+    layers: tuple[tuple[Array, ...], ...]
+
+    def infer(self, statistics: Statistics) -> Mixture:
+        """Infer the posterior of an image's statistics."""
+        features = standardise(
+            features_of(statistics.of_bins, statistics.of_channels, statistics.of_image),
+            self.centre, self.spread)
+        parts = [_components(*_run(layers, features)) for layers in self.layers]
+        return Mixture(
+            np.concatenate([weight for weight, _, _ in parts]) / len(parts),
+            np.concatenate([mean for _, mean, _ in parts]),
+            np.concatenate([covariance for _, _, covariance in parts]))
+
+
+def features_of(
+    of_bins: NDArray[np.float32], of_channels: NDArray[np.float32], of_image: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """What the network sees of each channel: its own statistics, the others' mean, the image's.
+
+    Takes the arrays of `Statistics`, with any axes before; returns (..., 3, D).
+    """
+    flat = of_bins.reshape(*of_bins.shape[:-2], -1)
+    own = np.concatenate((flat, of_channels, curves(of_bins, of_image)), axis=-1)
+    others = 0.5 * (own.sum(axis=-2, keepdims=True) - own)
+    image = np.broadcast_to(
+        of_image[..., np.newaxis, :], (*own.shape[:-1], of_image.shape[-1]))
+    return np.concatenate((own, others, image), axis=-1)
+
+
+def standardise(features: NDArray[Any], centre: Array, spread: Array) -> Array:
+    """Features in deviations from those of training."""
+    return np.asarray(np.clip((features - centre) / spread, -MOST_DEVIATIONS, MOST_DEVIATIONS))
+
+
+def _run(layers: tuple[Array, ...], features: Array) -> tuple[Array, Array]:
+    """Outputs (3, OUTPUTS) of the channels, and logits (K,) of the components."""
+    first, first_bias, second, second_bias, third, third_bias, last, last_bias, of, of_bias = layers
+    hidden = gelu(features @ first + first_bias)
+    mixed = np.concatenate((hidden, np.broadcast_to(hidden.mean(axis=0), hidden.shape)), axis=1)
+    hidden = gelu(mixed @ second + second_bias)
+    hidden = gelu(hidden @ third + third_bias)
+    return hidden @ last + last_bias, hidden.mean(axis=0) @ of + of_bias
+
+
+def gelu(x: Array) -> Array:
+    """Gaussian error linear unit by its tanh form (Hendrycks and Gimpel, arXiv:1606.08415)."""
+    return np.asarray(0.5 * x * (1.0 + np.tanh(0.7978845608 * (x + 0.044715 * x**3))))
+
+
+def _components(outputs: Array, logits: Array) -> tuple[Array, Array, Array]:
+    weight = np.exp(logits - logits.max())
+    weight /= weight.sum()
+    shaped = outputs.reshape(3, COMPONENTS, OF_COMPONENT)
+    mean = np.empty((COMPONENTS, 3 * UNKNOWNS))
+    covariance = np.zeros((COMPONENTS, 3 * UNKNOWNS, 3 * UNKNOWNS))
+    for k in range(COMPONENTS):
+        loading = np.empty((3 * UNKNOWNS, FACTORS))
+        for c in range(3):
+            row = shaped[c, k]
+            block = slice(c * UNKNOWNS, (c + 1) * UNKNOWNS)
+            mean[k, block] = row[:UNKNOWNS]
+            lower = np.diag(np.exp(np.clip(
+                row[UNKNOWNS:2 * UNKNOWNS], LEAST_LOG_DEVIATION, MOST_LOG_DEVIATION)))
+            lower[np.tril_indices(UNKNOWNS, -1)] = row[2 * UNKNOWNS:UNKNOWNS + 6]
+            covariance[k, block, block] = lower @ lower.T
+            loading[block] = row[UNKNOWNS + 6:].reshape(UNKNOWNS, FACTORS)
+        covariance[k] += loading @ loading.T
+    return weight, mean, covariance
+
+
+def load(path: Path) -> Network:
+    """Read networks from an .npz file; nothing in it is run.
+
+    Raises
+    ------
+    InputError
+        If the file is none, or holds no networks of this form.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            layers = tuple(
+                tuple(data[f"{i}_{j}"].astype(np.float64) for j in range(ARRAYS))
+                for i in range(int(data["networks"])))
+            centre, spread = (data[name].astype(np.float64) for name in ("centre", "spread"))
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"{path} holds no trained networks: give what `uw_visibility train` wrote") from error
+    for first, *others in layers:
+        if first.shape[0] != len(centre) or others[-2].shape[1] != COMPONENTS:
+            raise InputError(f"{path} is of networks of another form: train anew")
+    return Network(centre, spread, layers)

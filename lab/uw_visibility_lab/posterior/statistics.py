@@ -1,0 +1,333 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Statistics of an image over range, from which the posterior is inferred.
+
+The image is reduced to blocks of some 200 × 150. Blocks are binned by range; each bin and channel
+has quantiles of irradiance, local contrast, and the differences between halves of the image.
+Irradiance is relative to the channel's brightest, range to the median range, so that neither
+exposure nor the unit of length matters.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.compute.indexing import index_of
+from uw_visibility.compute.jit import njit
+from uw_visibility.images.arrays import Array, Mask
+from uw_visibility.images.view import ColourSamples
+from uw_visibility.optics.transfer import linear_table
+
+# Blocks of an image at most. More would show finer dark patches, and more noise.
+BLOCKS = 40_000
+# Fewest blocks with a range that are a picture of the water.
+FEWEST_BLOCKS = 600
+BINS = 12
+# Fewest blocks of a bin, and of half a bin, that have statistics.
+FEWEST_OF_BIN, FEWEST_OF_HALF = 24, 16
+QUANTILES = np.array((0.003, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99))
+# Quantiles that are compared between halves, by place in QUANTILES.
+COMPARED = (2, 4)
+# Left and right, top and bottom, middle and surroundings.
+HALVES = 3
+# What is added before a logarithm, relative to the brightest: about one 8-bit code value.
+FLOOR = 0.004
+# Quantile of a channel's irradiance that stands for its brightest, and the least it may be.
+BRIGHTEST, LEAST_BRIGHTEST = 0.995, 0.002
+# A block whose pixels' ranges differ by more shows two surfaces.
+MOST_RANGE_STEP = 0.1
+# Blocks without range, among the smoothest part of the image, may be open water.
+SMOOTHEST = 0.3
+FEWEST_OF_WATER = 60
+# Local contrast beyond this is an edge of light and shade, not texture.
+MOST_CONTRAST = 0.3
+# Squared distance from the middle of an image, in heights and widths, of half of its area.
+MIDDLE = 0.5 / math.pi
+# Levels of ln (irradiance + FLOOR): from black to four times the brightest.
+LEVELS = 768
+LOWEST = math.log(FLOOR)
+PER_LEVEL = LEVELS / (math.log(4.0) - LOWEST)
+OF_BIN = len(QUANTILES) + 1 + len(COMPARED) * HALVES + 1
+OF_CHANNEL = 10
+OF_IMAGE = 10 + 2 * BINS
+
+
+class Statistics(NamedTuple):
+    """Statistics of one image.
+
+    Attributes
+    ----------
+    of_bins : (3, BINS, OF_BIN) float32 ndarray
+        For each channel and bin: logarithms of the quantiles of irradiance, of local contrast;
+        differences between halves; whether the bin has statistics.
+    of_channels : (3, OF_CHANNEL) float32 ndarray
+        Open water, noise, brightness, clipped parts, and ln of clear water's optical thickness.
+    of_image : (OF_IMAGE,) float32 ndarray
+        Median range, known part, range error, open water, ranges and counts of bins.
+    brightest : (3,) float64 ndarray
+        Irradiance that the quantiles are relative to.
+    median_range : float
+        m.
+    """
+
+    of_bins: NDArray[np.float32]
+    of_channels: NDArray[np.float32]
+    of_image: NDArray[np.float32]
+    brightest: Array
+    median_range: float
+
+
+class Blocks(NamedTuple):
+    """An image reduced to blocks.
+
+    Attributes
+    ----------
+    light : (h, w, 3) float32 ndarray
+        Mean irradiance; NaN where a block holds pixels that do not count.
+    range : (h, w) float32 ndarray
+        Mean range, m; NaN where unknown, or where surfaces meet.
+    known : float
+        Part of the counted blocks whose range is known, surfaces that meet among them.
+    clipped, black : (3,) float64 ndarray
+        Part of the pixels at the largest and at the smallest code value.
+    """
+
+    light: NDArray[np.float32]
+    range: NDArray[np.float32]
+    known: float
+    clipped: Array
+    black: Array
+
+
+def summarise(
+    samples: ColourSamples, range_map: NDArray[np.floating], valid: Mask | None,
+    range_error: float, clear_water: Array,
+) -> Statistics | None:
+    """Summarise an image and its ranges; None where too few ranges are known.
+
+    Parameters
+    ----------
+    samples : ColourSamples
+    range_map : (H, W) ndarray of float
+        Range along the line of sight, m, of each sample; NaN where unknown.
+    valid : (H, W) bool ndarray or None
+        Samples that count.
+    range_error : float
+        Standard deviation of range over its square, 1/m.
+    clear_water : (3,) float64 ndarray
+        κ, 1/m.
+    """
+    blocks = reduce_to_blocks(samples, range_map, valid)
+    counted = np.isfinite(blocks.light[..., 0])
+    near = np.isfinite(blocks.range) & counted
+    if near.sum() < FEWEST_BLOCKS:
+        return None
+    light = blocks.light[counted]
+    code = linear_table(samples.transfer, samples.pixels.dtype)
+    brightest = np.maximum(np.quantile(light, BRIGHTEST, axis=0), LEAST_BRIGHTEST).astype(float)
+    relative = np.ascontiguousarray(blocks.light / brightest.astype(np.float32))
+    contrast = _contrast(relative)
+    ranges = blocks.range[near].astype(np.float64)
+    median = float(np.median(ranges))
+    place, mean_range, count = _place(blocks.range, near, ranges)
+    of_bins = np.zeros((3, BINS, OF_BIN), np.float32)
+    _summarise_bins(relative, contrast, place, QUANTILES, of_bins)
+    smooth = contrast.mean(axis=2)
+    known_smooth = np.isfinite(smooth)
+    limit = np.quantile(smooth[known_smooth], SMOOTHEST) if known_smooth.any() else 0.0
+    with np.errstate(invalid="ignore"):
+        water = counted & np.isnan(blocks.range) & (smooth <= limit)
+    water[len(water) // 2:] = False
+    of_channels = np.zeros((3, OF_CHANNEL), np.float32)
+    seen_water = int(water.sum())
+    rows = 0.0
+    if seen_water >= FEWEST_OF_WATER:
+        shown = relative[water]
+        of_channels[:, 0] = np.log(np.median(shown, axis=0) + FLOOR)
+        of_channels[:, 1] = np.log(shown.std(axis=0) + FLOOR)
+        of_channels[:, 2] = 1.0
+        rows = float(np.nonzero(water)[0].mean() / len(water))
+    middle = len(code) // 2
+    step = float(code[middle] - code[middle - 1])
+    of_channels[:, 3] = np.log(samples.noise * step / brightest + FLOOR / 4)
+    of_channels[:, 4] = np.log(np.nanmedian(contrast.reshape(-1, 3), axis=0) + FLOOR / 4)
+    of_channels[:, 5] = np.log(brightest / brightest.mean())
+    of_channels[:, 6] = np.log(brightest)
+    of_channels[:, 7] = blocks.clipped
+    of_channels[:, 8] = blocks.black
+    of_channels[:, 9] = np.log(clear_water * median)
+    of_image = np.concatenate((
+        (math.log(median), blocks.known, float(near.mean()),
+         math.log(range_error * median + 1e-3), float(seen_water / counted.sum()),
+         float(seen_water >= FEWEST_OF_WATER), rows, float(samples.transfer == "srgb"),
+         float(len(code) > 256), math.log(counted.sum())),
+        np.log(mean_range / median), np.log1p(count) - math.log1p(len(ranges) / BINS)))
+    return Statistics(
+        of_bins, of_channels, of_image.astype(np.float32), brightest, median)
+
+
+def reduce_to_blocks(
+    samples: ColourSamples, range_map: NDArray[np.floating], valid: Mask | None
+) -> Blocks:
+    """Average irradiance and range over blocks of pixels."""
+    image = samples.pixels
+    size = max(1, math.ceil(math.sqrt(range_map.size / BLOCKS)))
+    height, width = range_map.shape[0] // size, range_map.shape[1] // size
+    light = np.empty((height, width, 3), np.float32)
+    ranges = np.empty((height, width), np.float32)
+    extreme = np.zeros((2, 3))
+    table = linear_table(samples.transfer, image.dtype)
+    mask = np.ones((1, 1), np.bool_) if valid is None else valid
+    counted, known = _reduce(
+        image, np.ascontiguousarray(range_map, np.float32), mask, valid is not None, table, size,
+        light, ranges, extreme)
+    share = 1.0 / max(counted * size * size, 1)
+    return Blocks(light, ranges, known / max(counted, 1), extreme[0] * share, extreme[1] * share)
+
+
+@njit(nogil=True)
+def _reduce(
+    image: Any, range_map: Any, mask: Any, masked: bool, table: Any, size: int, light: Any,
+    ranges: Any, extreme: Any,
+) -> tuple[int, int]:
+    """Fill `light` and `ranges`; count clipped and black pixels, blocks, and those with range."""
+    height, width = ranges.shape
+    top = len(table) - 1
+    counted, known = 0, 0
+    sums = np.zeros(3)
+    for y in range(height):
+        for x in range(width):
+            sums[:] = 0.0
+            near, far, total, number, whole = np.inf, 0.0, 0.0, 0, True
+            for v in range(y * size, (y + 1) * size):
+                for u in range(x * size, (x + 1) * size):
+                    if masked and not mask[v, u]:
+                        whole = False
+                    for c in range(3):
+                        code = image[v, u, c]
+                        sums[c] += table[code]
+                    distance = range_map[v, u]
+                    if distance > 0.0 and distance < np.inf:
+                        near, far = min(near, distance), max(far, distance)
+                        total += distance
+                        number += 1
+            ranges[y, x] = np.nan
+            if not whole or sums[0] + sums[1] + sums[2] == 0.0:
+                light[y, x, 0] = light[y, x, 1] = light[y, x, 2] = np.nan
+                continue
+            counted += 1
+            for c in range(3):
+                light[y, x, c] = sums[c] / (size * size)
+            for v in range(y * size, (y + 1) * size):
+                for u in range(x * size, (x + 1) * size):
+                    for c in range(3):
+                        extreme[0, c] += image[v, u, c] == top
+                        extreme[1, c] += image[v, u, c] == 0
+            if 2 * number > size * size:
+                known += 1
+                if far - near <= MOST_RANGE_STEP * near:
+                    ranges[y, x] = total / number
+    return counted, known
+
+
+def _contrast(relative: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Half the second difference along rows, (h, w, 3); NaN at the ends."""
+    contrast = np.full_like(relative, np.nan)
+    contrast[:, 1:-1] = np.abs(
+        relative[:, 1:-1] - 0.5 * (relative[:, :-2] + relative[:, 2:]))
+    return contrast
+
+
+def _place(
+    ranges: NDArray[np.float32], near: Mask, known: Array
+) -> tuple[NDArray[np.int8], Array, Array]:
+    """Bin of each block (−1 for none), mean range and count of each bin.
+
+    Bins are equal in the mean of two measures: number of blocks, and logarithm of range. So
+    neither a crowd at one range nor a few far blocks take all bins.
+    """
+    order = np.sort(known)
+    low, high = order[int(0.005 * len(order))], order[int(0.995 * (len(order) - 1))]
+    grid = np.geomspace(low, max(high, low * 1.001), 128)
+    measure = 0.5 * np.searchsorted(order, grid) / len(order) + 0.5 * np.linspace(0, 1, 128)
+    measure = (measure - measure[0]) / (measure[-1] - measure[0])
+    edges = np.interp(np.linspace(0, 1, BINS + 1), measure, grid)
+    place = np.full(ranges.shape, -1, np.int8)
+    inside = near & (ranges >= low) & (ranges <= high)
+    shown = ranges[inside]
+    at = np.clip(np.searchsorted(edges, shown, "right") - 1, 0, BINS - 1)
+    place[inside] = at
+    count = np.bincount(at, minlength=BINS).astype(np.float64)
+    total = np.bincount(at, weights=shown, minlength=BINS)
+    middle = np.sqrt(edges[1:] * edges[:-1])
+    return place, np.where(count > 0, total / np.maximum(count, 1), middle), count
+
+
+@njit(nogil=True)
+def _summarise_bins(relative: Any, contrast: Any, place: Any, quantiles: Any, of_bins: Any) -> None:
+    """Fill the statistics of bins, from histograms of ln (irradiance + FLOOR)."""
+    height, width = place.shape
+    # Of a whole bin, then of its part in the first half of each split.
+    levels = np.zeros((BINS, 3, 1 + HALVES, LEVELS), np.int32)
+    energy, steps = np.zeros((BINS, 3)), np.zeros((BINS, 3), np.int64)
+    for y in range(height):
+        v = (y + 0.5) / height - 0.5
+        for x in range(width):
+            if place[y, x] < 0:
+                continue
+            i = index_of(place[y, x], 0, BINS - 1)
+            u = (x + 0.5) / width - 0.5
+            middle = u * u + v * v < MIDDLE
+            for c in range(3):
+                level = index_of(
+                    (np.log(relative[y, x, c] + FLOOR) - LOWEST) * PER_LEVEL, 0, LEVELS - 1)
+                counts = levels[i, c]
+                counts[0, level] += 1
+                counts[1, level] += u < 0.0
+                counts[2, level] += v < 0.0
+                counts[3, level] += middle
+                step = contrast[y, x, c]
+                if step < MOST_CONTRAST:
+                    energy[i, c] += step * step
+                    steps[i, c] += 1
+    number = len(quantiles)
+    other = np.empty(LEVELS, np.int32)
+    for i in range(BINS):
+        for c in range(3):
+            whole = levels[i, c, 0]
+            total = whole.sum()
+            if total < FEWEST_OF_BIN:
+                continue
+            row = of_bins[c, i]
+            for q in range(number):
+                row[q] = _quantile(whole, total, quantiles[q])
+            row[number] = np.log(np.sqrt(energy[i, c] / max(steps[i, c], 1)) + 0.5 * FLOOR)
+            for half in range(HALVES):
+                one = levels[i, c, 1 + half]
+                inside = one.sum()
+                if min(inside, total - inside) < FEWEST_OF_HALF:
+                    continue
+                for level in range(LEVELS):
+                    other[level] = whole[level] - one[level]
+                for j in range(len(COMPARED)):
+                    q = quantiles[COMPARED[j]]
+                    row[number + 1 + half * len(COMPARED) + j] = (
+                        _quantile(one, inside, q) - _quantile(other, total - inside, q))
+            row[number + 1 + HALVES * len(COMPARED)] = 1.0
+
+
+@njit(nogil=True)
+def _quantile(counts: Any, total: int, quantile: float) -> float:
+    """Quantile of a histogram, by linear interpolation inside its level."""
+    rank = quantile * total
+    running = 0
+    for level in range(LEVELS):
+        here = counts[level]
+        if here > 0 and running + here >= rank:
+            return float(LOWEST + (level + (rank - running) / here) / PER_LEVEL)
+        running += here
+    return float(LOWEST + LEVELS / PER_LEVEL)
