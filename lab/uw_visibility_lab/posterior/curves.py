@@ -31,7 +31,7 @@ OF_CURVES = 5 * len(THICKNESS) + 3 + 2 * (len(SPREADS) + 1)
 
 
 def curves(
-    of_bins: NDArray[np.float32], of_image: NDArray[np.float32]
+    of_bins: NDArray[np.floating], of_image: NDArray[np.floating]
 ) -> NDArray[np.float32]:
     """Fit the quantiles over range for each attenuation of a grid.
 
@@ -61,9 +61,9 @@ def curves(
 
 
 def _fit(
-    q: NDArray[np.float32], distance: NDArray[np.float32], weight: NDArray[np.float32],
+    q: NDArray[np.floating], distance: NDArray[np.floating], weight: NDArray[np.floating],
     black: bool,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """ln of the mean squared residual and ln B, (..., 3, G); with `black`, c is −B."""
     residuals, veils = [], []
     total = np.maximum(weight.sum(axis=-1), 1.0)
@@ -88,9 +88,9 @@ def _fit(
 
 
 def _decay(
-    q: NDArray[np.float32], contrast: NDArray[np.float32], distance: NDArray[np.float32],
-    weight: NDArray[np.float32],
-) -> NDArray[np.float32]:
+    q: NDArray[np.floating], contrast: NDArray[np.floating], distance: NDArray[np.floating],
+    weight: NDArray[np.floating],
+) -> NDArray[np.floating]:
     """Slopes of ln contrast over range in median ranges, and their residuals, (..., 3, 8)."""
     x = np.broadcast_to(distance[..., np.newaxis, :], weight.shape)
     number = np.maximum(weight.sum(axis=-1, keepdims=True), 1.0)

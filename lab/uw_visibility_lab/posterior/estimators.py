@@ -8,9 +8,11 @@ import math
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.images.arrays import Array
+from uw_visibility.config.water import WaterConfig
+from uw_visibility.images.arrays import Mask
 from uw_visibility.images.view import View
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
@@ -28,7 +30,7 @@ class Todays:
     """The package's estimator, with its default parameters."""
 
     def __init__(self, veil: str = "free") -> None:
-        self._config = PipelineConfig.from_dict({"water.veil": veil}).water
+        self._config = WaterConfig(veil=veil)
         self._daylight = Assessor.from_config(PipelineConfig()).daylight
 
     def __call__(self, case: Case) -> Answer:
@@ -68,7 +70,7 @@ class Learnt:
             float(middle), float(high - low) / 2.0)
 
 
-def _lit(of_channels: Array) -> Array:
+def _lit(of_channels: NDArray[np.float32]) -> Mask:
     """(3,) bool: channels that are black in less than half of their pixels; one at least."""
     black = of_channels[:, 8]
     return np.asarray((black < 0.5) | (black == black.min()))

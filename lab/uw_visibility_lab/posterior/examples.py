@@ -92,7 +92,7 @@ def _draw_block(
     rows = []
     for index in block:
         rng = np.random.default_rng((seed, index))
-        view = draw(rng, load_scene(places[rng.integers(len(places))]))
+        view = draw(rng, load_scene(places[int(rng.integers(len(places)))]))
         statistics = statistics_of(view)
         if statistics is None:
             continue

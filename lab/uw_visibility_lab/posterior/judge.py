@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from scipy.special import ndtr
 
 from uw_visibility.images.arrays import Array
@@ -205,7 +204,8 @@ def _crps(off: Array, stddev: Array) -> Array:
     """
     z = off / stddev
     density = np.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi)
-    return np.asarray(stddev * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * density - 1.0 / math.sqrt(math.pi)))
+    return np.asarray(
+        stddev * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * density - 1.0 / math.sqrt(math.pi)))
 
 
 def describe(answer: Answer) -> str:

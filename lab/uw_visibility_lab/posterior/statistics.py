@@ -21,12 +21,15 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.images.view import ColourSamples
 from uw_visibility.optics.transfer import linear_table
+from uw_visibility.water.observations import MAX_RANGE, MIN_RANGE
 
 # Blocks of an image at most. More would show finer dark patches, and more noise.
 BLOCKS = 40_000
 # Fewest blocks with a range that are a picture of the water.
 FEWEST_BLOCKS = 600
 BINS = 12
+# Ranges that are more times farther, or nearer, than the median get no bin: they are wrong, or few.
+WIDEST = 12.0
 # Fewest blocks of a bin, and of half a bin, that have statistics.
 FEWEST_OF_BIN, FEWEST_OF_HALF = 24, 16
 QUANTILES = np.array((0.003, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99))
@@ -128,8 +131,8 @@ def summarise(
         return None
     light = blocks.light[counted]
     code = linear_table(samples.transfer, samples.pixels.dtype)
-    brightest = np.maximum(np.quantile(light, BRIGHTEST, axis=0), LEAST_BRIGHTEST).astype(float)
-    relative = np.ascontiguousarray(blocks.light / brightest.astype(np.float32))
+    brightest: Array = np.maximum(np.quantile(light, BRIGHTEST, axis=0), LEAST_BRIGHTEST)
+    relative = np.ascontiguousarray(blocks.light / brightest, np.float32)
     contrast = _contrast(relative)
     ranges = blocks.range[near].astype(np.float64)
     median = float(np.median(ranges))
@@ -211,7 +214,7 @@ def _reduce(
                         code = image[v, u, c]
                         sums[c] += table[code]
                     distance = range_map[v, u]
-                    if distance > 0.0 and distance < np.inf:
+                    if distance > MIN_RANGE and distance < MAX_RANGE:
                         near, far = min(near, distance), max(far, distance)
                         total += distance
                         number += 1
@@ -252,6 +255,8 @@ def _place(
     """
     order = np.sort(known)
     low, high = order[int(0.005 * len(order))], order[int(0.995 * (len(order) - 1))]
+    middle = order[len(order) // 2]
+    low, high = max(low, middle / WIDEST), min(high, middle * WIDEST)
     grid = np.geomspace(low, max(high, low * 1.001), 128)
     measure = 0.5 * np.searchsorted(order, grid) / len(order) + 0.5 * np.linspace(0, 1, 128)
     measure = (measure - measure[0]) / (measure[-1] - measure[0])
@@ -263,8 +268,8 @@ def _place(
     place[inside] = at
     count = np.bincount(at, minlength=BINS).astype(np.float64)
     total = np.bincount(at, weights=shown, minlength=BINS)
-    middle = np.sqrt(edges[1:] * edges[:-1])
-    return place, np.where(count > 0, total / np.maximum(count, 1), middle), count
+    centres = np.sqrt(edges[1:] * edges[:-1])
+    return place, np.where(count > 0, total / np.maximum(count, 1), centres), count
 
 
 @njit(nogil=True)

@@ -18,6 +18,7 @@ from torch import nn
 from uw_visibility import __version__
 from uw_visibility.config.files import write_whole
 from uw_visibility_lab.posterior.curves import OF_CURVES
+from uw_visibility_lab.posterior.examples import Examples
 from uw_visibility_lab.posterior.network import (
     COMPONENTS,
     FACTORS,
@@ -30,7 +31,6 @@ from uw_visibility_lab.posterior.network import (
     features_of,
 )
 from uw_visibility_lab.posterior.statistics import BINS, COMPARED, OF_BIN, OF_CHANNEL, QUANTILES
-from uw_visibility_lab.posterior.examples import Examples
 
 HIDDEN = (144, 96, 64)
 BATCH = 256
@@ -92,6 +92,11 @@ def negative_log_likelihood(outputs: Any, logits: Any, truth: Any) -> Any:
     return -torch.logsumexp(torch.log_softmax(logits, -1) + log_density, -1)
 
 
+def _loss(net: Net, x: Any, truth: Any) -> Any:
+    outputs, logits = net(x)
+    return negative_log_likelihood(outputs, logits, truth)
+
+
 def mirrored_columns() -> NDArray[np.intp]:
     """Columns of a channel's own features that change sign where left and right change places."""
     first = len(QUANTILES) + 1
@@ -139,7 +144,7 @@ def train(
             if step % 1000 == 0 or step == steps:
                 net.eval()
                 with torch.no_grad():
-                    loss = float(negative_log_likelihood(*net(xv), yv).clamp(max=50.0).mean())
+                    loss = float(_loss(net, xv, yv).clamp(max=50.0).mean())
                 if loss < best:
                     best, kept = loss, {k: v.clone() for k, v in net.state_dict().items()}
                 say(f"network {seed}, step {step} of {steps}: {loss:.3f} held back "
@@ -152,13 +157,14 @@ def train(
             mask = (torch.rand(batch.shape) > DROPPED).float() / (1.0 - DROPPED)
             batch = batch * mask + FEATURE_NOISE * torch.randn(batch.shape)
             optimiser.zero_grad()
-            loss = negative_log_likelihood(*net(batch), ys[at]).clamp(max=50.0).mean()
+            loss = _loss(net, batch, ys[at]).clamp(max=50.0).mean()
             loss.backward()
             nn.utils.clip_grad_norm_(net.parameters(), 1.0)
             optimiser.step()
             schedule.step()
         net.load_state_dict(kept)
         for i, layer in enumerate(net.parts):
+            assert isinstance(layer, nn.Linear)
             arrays[f"{seed}_{2 * i}"] = layer.weight.detach().numpy().T.astype(np.float16)
             arrays[f"{seed}_{2 * i + 1}"] = layer.bias.detach().numpy().astype(np.float16)
     return arrays

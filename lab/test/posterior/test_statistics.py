@@ -1,0 +1,152 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Statistics do not depend on exposure, metres or side; curves find the water that made them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from uw_visibility.images.view import View
+from uw_visibility_lab.posterior.curves import ALL, DARK, THICKNESS, curves
+from uw_visibility_lab.posterior.statistics import (
+    BINS,
+    COMPARED,
+    FLOOR,
+    OF_BIN,
+    OF_IMAGE,
+    QUANTILES,
+    Statistics,
+    reduce_to_blocks,
+    summarise,
+)
+
+CLEAR = np.array((0.228, 0.066, 0.0245))
+SHAPE = (240, 320)
+
+
+def ranges_of(shape: tuple[int, int] = SHAPE) -> NDArray[np.float32]:
+    """Ranges from 2 m below to 6 m above, unknown in the topmost sixth."""
+    rows = np.geomspace(6.0, 2.0, shape[0])[:, np.newaxis]
+    ranges = np.repeat(rows, shape[1], axis=1).astype(np.float32)
+    ranges[:shape[0] // 6] = np.nan
+    return ranges
+
+
+def picture(seed: int = 0, attenuation: float = 0.2) -> NDArray[np.uint16]:
+    """A floor of random reflectance in the paper's water, and open water above it."""
+    rng = np.random.default_rng(seed)
+    left = np.exp(-attenuation * np.nan_to_num(ranges_of(), nan=np.inf))[..., np.newaxis]
+    reflectance = rng.beta(1.0, 2.0, (*SHAPE, 3))
+    return np.asarray(
+        20000.0 * (0.7 * reflectance * left + 0.5 * (1.0 - left)), np.float64).astype(np.uint16)
+
+
+def summary(
+    image: NDArray[np.uint8] | NDArray[np.uint16], ranges: NDArray[np.float32],
+    clear_water: NDArray[np.float64] = CLEAR,
+) -> Statistics:
+    samples = View.of(np.ascontiguousarray(image)).colour
+    assert samples is not None
+    found = summarise(samples, np.ascontiguousarray(ranges), None, 0.01, clear_water)
+    assert found is not None
+    return found
+
+
+def test_exposure_changes_brightness_alone() -> None:
+    image, ranges = picture(), ranges_of()
+    one, other = summary(image, ranges), summary(image * np.uint16(2), ranges)
+    np.testing.assert_allclose(one.of_bins, other.of_bins, atol=2e-3)
+    np.testing.assert_allclose(other.brightest / one.brightest, 2.0, rtol=1e-3)
+    assert np.abs(one.of_channels[:, 6] - other.of_channels[:, 6]) == pytest.approx(np.log(2.0))
+
+
+def test_the_unit_of_length_changes_the_median_range_alone() -> None:
+    image, ranges = picture(), ranges_of()
+    samples = View.of(image).colour
+    assert samples is not None
+    one = summarise(samples, ranges, None, 0.03, CLEAR)
+    other = summarise(samples, 3.0 * ranges, None, 0.01, CLEAR / 3.0)
+    assert one is not None and other is not None
+    np.testing.assert_array_equal(one.of_bins, other.of_bins)
+    np.testing.assert_allclose(one.of_channels, other.of_channels, atol=1e-5)
+    np.testing.assert_allclose(one.of_image[1:], other.of_image[1:], atol=1e-5)
+    assert other.median_range == pytest.approx(3.0 * one.median_range)
+
+
+def test_a_mirrored_image_changes_the_sign_of_left_and_right_alone() -> None:
+    image, ranges = picture(), ranges_of()
+    image[:, 160:] //= np.uint16(2)
+    one, other = summary(image, ranges), summary(image[:, ::-1], ranges[:, ::-1])
+    first = len(QUANTILES) + 1
+    sides = slice(first, first + len(COMPARED))
+    assert (one.of_bins[..., sides] > 0.3).all()
+    np.testing.assert_allclose(one.of_bins[..., sides], -other.of_bins[..., sides], atol=1e-5)
+    rest = np.delete(np.arange(OF_BIN), np.arange(OF_BIN)[sides])
+    np.testing.assert_allclose(one.of_bins[..., rest], other.of_bins[..., rest], atol=1e-5)
+
+
+def test_open_water_is_seen_with_its_light() -> None:
+    image = picture()
+    found = summary(image, ranges_of())
+    assert found.of_image[4] > 0.1 and found.of_image[5] == 1.0
+    seen = np.exp(found.of_channels[:, 0]) - FLOOR
+    np.testing.assert_allclose(seen * found.brightest, 10000.0 / 65535.0, rtol=0.01)
+    assert summary(image[60:], ranges_of()[60:]).of_image[5] == 0.0
+
+
+def test_quantiles_are_those_of_the_bin() -> None:
+    image, ranges = picture(), ranges_of()
+    samples = View.of(image).colour
+    assert samples is not None
+    found = summary(image, ranges)
+    blocks = reduce_to_blocks(samples, ranges, None)
+    middle = np.exp(found.of_image[OF_IMAGE - 2 * BINS + 6]) * found.median_range
+    there = np.abs(np.log(blocks.range / middle)) < 0.03
+    expected = np.quantile(blocks.light[there], (0.05, 0.5, 0.95), axis=0).T
+    seen = (np.exp(found.of_bins[:, 6, [2, 4, 6]]) - FLOOR) * found.brightest[:, np.newaxis]
+    np.testing.assert_allclose(seen, expected, rtol=0.08)
+
+
+def test_a_channel_without_light_and_odd_ranges_are_numbers() -> None:
+    image, ranges = picture(), ranges_of()
+    image[..., 0] = 0
+    ranges[200:210] = np.inf
+    ranges[210:215] = -1.0
+    ranges[215:220] = 1e30
+    found = summary(image, ranges)
+    for values in (found.of_bins, found.of_channels, found.of_image, curves(
+            found.of_bins, found.of_image)):
+        assert np.isfinite(values).all()
+    assert found.of_channels[0, 8] == 1.0
+
+
+@pytest.mark.parametrize("unknown", [np.nan, 0.0, -2.0, np.inf])
+def test_without_ranges_there_is_nothing(unknown: float) -> None:
+    samples = View.of(picture()).colour
+    assert samples is not None
+    assert summarise(samples, np.full(SHAPE, unknown, np.float32), None, 0.0, CLEAR) is None
+
+
+@pytest.mark.parametrize("attenuation", [0.1, 0.3, 0.7])
+def test_residuals_are_least_at_the_water_that_made_the_quantiles(attenuation: float) -> None:
+    distance = np.geomspace(0.5, 2.5, BINS)
+    left = np.exp(-attenuation * distance)
+    reflectance = np.array((0.0, 0.02, 0.05, 0.2, 0.4, 0.6, 0.9, 1.0))
+    quantiles = 0.4 * (1.0 - left[:, np.newaxis]) + 0.9 * reflectance * left[:, np.newaxis]
+    of_bins = np.zeros((3, BINS, OF_BIN), np.float32)
+    of_bins[..., :len(QUANTILES)] = np.log(quantiles + FLOOR)
+    of_bins[..., -1] = 1.0
+    of_image = np.zeros(OF_IMAGE, np.float32)
+    of_image[OF_IMAGE - 2 * BINS:OF_IMAGE - BINS] = np.log(distance)
+    found = curves(of_bins, of_image)
+    grid = len(THICKNESS)
+    nearest = int(np.abs(np.log(THICKNESS / attenuation)).argmin())
+    for first in (0, 2 * grid + 1):
+        assert int(found[1, first:first + grid].argmin()) in (nearest - 1, nearest, nearest + 1)
+    veil = np.exp(found[1, grid + 1 + nearest])
+    assert veil == pytest.approx(0.4, rel=0.3)
+    assert len(ALL) > len(DARK)
+    # Contrast falls as e^(−βd).
+    np.testing.assert_allclose(found[:, -8], -attenuation, atol=0.02)
