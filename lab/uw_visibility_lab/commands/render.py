@@ -1,0 +1,80 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""`uw_visibility render`: path-traced scenes under water with their truth."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+from uw_visibility.commands.options import Options, add_described
+from uw_visibility.errors import InputError, check_range
+from uw_visibility.replay.progress import say
+
+HELP = "path-traced scenes under water with their truth"
+DESCRIPTION = """\
+Draw sea floors and waters, and follow light through them with a path tracer (Mitsuba 3):
+absorption, and scattering of all orders, with none of this package's light model. It judges
+estimates; nothing is fitted on it. A folder is made for each scene. What is complete is left as
+it is, so that a command that was stopped goes on when it is given again.
+
+Daylight is a shining surface, of one radiance in all directions, at the camera's depth above it;
+channels are 600, 540 and 460 nm; water is the same everywhere; there is no sensor's noise. The
+extra trace of the lab has what is needed: pip install -e 'lab[trace]'. With an LLVM library of
+16 or later (DRJIT_LIBLLVM_PATH, or Debian's libllvm19) it is several times faster."""
+
+EPILOG = """\
+in each folder:
+  left.png, right.png     linear, 16 bit (the right one with --stereo)
+  left.npz                ranges (m along the line of sight, NaN: open water), reflectance, black
+                          (the veil alone: surfaces are black), surface (radiance of the surfaces
+                          with no water before them), raw (the image before it was denoised)
+  left_srgb.png           to look at
+  truth.json              written last: absorption, scattering, phase function, attenuation of
+                          surfaces' light with its σ, veil, light, calibration"""
+
+OPTIONS: Options = {
+    "--scenes N": (40, "scenes"),
+    "--seed N": (1, "seed of the first; the others' follow"),
+    "--kinds KIND,...": ("boulders,reef", "of boulders, reef and poles, in turn"),
+    "--size WxH": ("320x240", "width and height of an image, px"),
+    "--samples N": (128, "paths for each pixel and channel"),
+    "--stereo": (False, "render the right view, too"),
+    "--lamps N": (0, "lamps beside the camera, by night, instead of daylight"),
+    "--threads N": (2, "that trace"),
+}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the sub-command."""
+    parser.add_argument(
+        "-o", "--output", metavar="FOLDER", type=Path, required=True,
+        help="folder of the scenes' folders")
+    add_described(parser, OPTIONS)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the sub-command."""
+    check_range("--scenes", arguments.scenes, 1, 100000)
+    check_range("--seed", arguments.seed, 0, 1 << 24)
+    check_range("--samples", arguments.samples, 1, 1 << 16)
+    check_range("--lamps", arguments.lamps, 0, 8)
+    check_range("--threads", arguments.threads, 1, 256)
+    size = re.fullmatch(r"(\d{1,5})x(\d{1,5})", arguments.size)
+    if size is None:
+        raise InputError(f"--size is {arguments.size}: give width and height, as in 320x240")
+    from uw_visibility_lab.tracer import engine
+    from uw_visibility_lab.tracer.series import descriptions, render_scene
+
+    kinds = [kind for kind in arguments.kinds.split(",") if kind]
+    scenes = list(descriptions(arguments.scenes, arguments.seed, kinds, arguments.lamps))
+    width, height = int(size[1]), int(size[2])
+    check_range("--size", (width, height), 16, 8192, "px")
+    # Before anything is made: what is missed is said at once.
+    engine.mitsuba(arguments.threads)
+    for number, (name, description) in enumerate(scenes, 1):
+        made = render_scene(
+            arguments.output / name, description, (width, height), arguments.samples,
+            stereo=arguments.stereo, threads=arguments.threads)
+        say(f"{number}/{len(scenes)} {name}: {'rendered' if made else 'is there'}")

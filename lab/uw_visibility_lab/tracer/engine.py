@@ -1,0 +1,123 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Mitsuba 3 and Open Image Denoise: found, chosen and started once."""
+
+from __future__ import annotations
+
+import glob
+import os
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array
+
+LLVM = "DRJIT_LIBLLVM_PATH"
+"""Environment: the LLVM library that Mitsuba's compiler, Dr.Jit, takes."""
+
+FITTING_LLVM = range(16, 22)
+"""Versions to look for. 14 is too old, and 15 ends the process on some processors."""
+
+PLACES = ("/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib",
+          "/usr/local/lib")
+
+
+def find_llvm() -> str | None:
+    """Return the newest fitting LLVM library of this machine, or None."""
+    for version in reversed(FITTING_LLVM):
+        for place in PLACES:
+            for pattern in (f"libLLVM.so.{version}*", f"libLLVM-{version}.so*"):
+                found = sorted(glob.glob(f"{place}/{pattern}"))
+                if found:
+                    return found[0]
+    return None
+
+
+def missing(name: str) -> InputError:
+    """Return the error that says how to install what path tracing needs."""
+    return InputError(
+        f"path tracing needs {name}: install the lab's extra trace, pip install -e 'lab[trace]'")
+
+
+@lru_cache(maxsize=1)
+def mitsuba(threads: int = 2) -> Any:
+    """Return Mitsuba, its variant chosen.
+
+    That is llvm_ad_mono, where one channel at a time is traced, each with free paths of its own:
+    in water red's are several times shorter than blue's, and paths drawn for one have weights
+    without bound in the other. Without an LLVM library that fits it is scalar_rgb, of which
+    one channel is used: several times slower.
+
+    Parameters
+    ----------
+    threads : int
+        That trace.
+
+    Raises
+    ------
+    InputError
+        If Mitsuba is not installed.
+    """
+    library = os.environ.get(LLVM) or find_llvm()
+    if library:
+        os.environ[LLVM] = library
+    try:
+        import drjit
+        import mitsuba as mi
+    except ImportError as error:
+        raise missing("mitsuba") from error
+    if mi.variant() is None:
+        mi.set_variant("llvm_ad_mono" if library else "scalar_rgb")
+    if library:
+        drjit.set_thread_count(threads)
+    else:
+        mi.Thread.set_thread_count(threads)
+    mi.set_log_level(mi.LogLevel.Error)
+    return mi
+
+
+def denoise(image: Array, albedo: Array, normals: Array) -> Array:
+    """Denoise a traced image (Open Image Denoise, filter RT, high dynamic range).
+
+    Parameters
+    ----------
+    image : ndarray
+        (H, W, 3) float32, linear.
+    albedo : ndarray
+        (H, W, 3) float32, 0 .. 1: what tells surfaces apart, without noise.
+    normals : ndarray
+        (H, W, 3) float32.
+
+    Returns
+    -------
+    ndarray
+        (H, W, 3) float32, not below 0.
+
+    Raises
+    ------
+    InputError
+        If pyoidn is not installed.
+    """
+    try:
+        import pyoidn
+    except ImportError as error:
+        raise missing("pyoidn") from error
+    height, width = image.shape[:2]
+    device = pyoidn.Device()
+    device.commit()
+    result = np.zeros((height, width, 3), np.float32)
+    # Held until the filter has run: it keeps addresses only.
+    given = [np.ascontiguousarray(a, np.float32) for a in (image, albedo, normals)] + [result]
+    names = (pyoidn.OIDN_IMAGE_COLOR, pyoidn.OIDN_IMAGE_ALBEDO, pyoidn.OIDN_IMAGE_NORMAL,
+             pyoidn.OIDN_IMAGE_OUTPUT)
+    run = pyoidn.Filter(device, "RT")
+    for name, data in zip(names, given, strict=True):
+        run.set_image(name, data, pyoidn.OIDN_FORMAT_FLOAT3, width, height)
+    run.set_bool("hdr", True)
+    # Albedo and normals are traced without water: they have no noise worth a pass of their own.
+    run.set_bool("cleanAux", True)
+    run.commit()
+    run.execute()
+    return np.maximum(result, 0.0)

@@ -1,0 +1,404 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Path-traced images of a description: light in water, the veil alone, and surfaces bare."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from uw_visibility.errors import InputError, check_range
+from uw_visibility.images.arrays import Array
+from uw_visibility_lab.tracer import engine
+from uw_visibility_lab.tracer.phase import HENYEY_GREENSTEIN, cosine_table
+from uw_visibility_lab.tracer.scene import Description, camera_position, shapes_of
+from uw_visibility_lab.tracer.shapes import Shape
+
+WIDTH, HEIGHT, SAMPLES = 320, 240, 128
+
+VIEWS = ("left", "right")
+
+MOST_SCATTERED = 64
+"""Events of a path. Paths end at random from `ROULETTE` events on, without bias."""
+
+ROULETTE = 8
+
+CLEAR = 1e-3
+"""Water that is left before a bare surface, m."""
+
+SKY_LENGTHS, SKY_REACH = 4.0, (15.0, 60.0)
+"""Half the side of the shining surface: attenuation lengths of the clearest channel, and its
+limits in m."""
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """What the pixels' rays meet first.
+
+    Attributes
+    ----------
+    ranges : ndarray
+        (H, W) float32, Euclidean distance along the line of sight at the pixel's centre, m; NaN
+        in open water.
+    reflectance : ndarray
+        (H, W, 3) float32, mean over the pixel; 0 in open water.
+    normals : ndarray
+        (H, W, 3) float32, mean over the pixel.
+    """
+
+    ranges: Array
+    reflectance: Array
+    normals: Array
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """Radiance, where the sea's surface is 1.
+
+    Attributes
+    ----------
+    radiance : ndarray
+        (H, W, 3) float32, denoised.
+    raw : ndarray
+        (H, W, 3) float32, with the tracer's noise, without its bias: for fits.
+    """
+
+    radiance: Array
+    raw: Array
+
+
+def focal_length(description: Description, width: int) -> float:
+    """Return the focal length in pixels of an image of a width."""
+    return width / (2.0 * math.tan(math.radians(description.field_of_view) / 2.0))
+
+
+class Tracer:
+    """A described scene as Mitsuba holds it, for one view.
+
+    Parameters
+    ----------
+    description : Description
+        What is rendered.
+    width, height : int
+        Of the image, px.
+    view : str
+        One of `VIEWS`.
+    threads : int
+        That trace.
+
+    Raises
+    ------
+    InputError
+        For sizes and views that do not exist, or if Mitsuba is not installed.
+    """
+
+    def __init__(
+        self, description: Description, width: int = WIDTH, height: int = HEIGHT,
+        view: str = "left", threads: int = 2,
+    ) -> None:
+        check_range("the image's size", (width, height), 16, 8192, "px")
+        if view not in VIEWS:
+            raise InputError(f"no view {view!r}: give one of {', '.join(VIEWS)}")
+        self.mi = engine.mitsuba(threads)
+        self.description, self.width, self.height = description, width, height
+        self.shapes = shapes_of(description)
+        self._view = view
+        self._scene = self.mi.load_dict(self._described(view))
+        self._values = self.mi.traverse(self._scene)
+
+    def geometry(self, samples: int = 32) -> Geometry:
+        """Trace what is seen without water."""
+        ranges = self._ranges()
+        normals = self._traced("aov", samples, 0)[..., -3:]
+        reflectance = []
+        for channel in range(3):
+            self._paint(channel)
+            reflectance.append(self._traced("albedo", samples, 0)[..., -3])
+        seen = np.isfinite(ranges)[..., None]
+        stacked = np.where(seen, np.stack(reflectance, -1), 0.0)
+        return Geometry(ranges, stacked.astype(np.float32),
+                        np.where(seen, normals, 0.0).astype(np.float32))
+
+    def radiance(
+        self, samples: int, *, black: bool = False, through_water: bool = True,
+        channels: tuple[int, ...] = (0, 1, 2),
+    ) -> Array:
+        """Trace light.
+
+        Parameters
+        ----------
+        samples : int
+            Paths for each pixel and channel.
+        black : bool
+            Surfaces reflect nothing: what is left is the veil.
+        through_water : bool
+            False: surfaces as they are lit at this depth, with no water between them and the
+            camera; open water is 0.
+        channels : tuple of int
+            That are traced; the others are 0.
+
+        Returns
+        -------
+        ndarray
+            (H, W, 3) float32, where the sea's surface is 1.
+        """
+        check_range("the number of samples", samples, 1, 1 << 20)
+        image = np.zeros((self.height, self.width, 3), np.float32)
+        for channel in channels:
+            self._dye(channel)
+            self._paint(channel, black)
+            # Every image has noise of its own, the same for the same arguments.
+            seed = ((self.description.seed * 3 + channel) * 4 + 2 * black + (not through_water)
+                    ) * 2 + (self._view == "right")
+            name = "volpath" if through_water else "bare"
+            image[..., channel] = self._traced(name, samples, seed + 1)[..., 0]
+        return without_gaps(image)
+
+    def _traced(self, integrator: str, samples: int, seed: int) -> Array:
+        made = _integrator(self.mi, integrator)
+        image = self.mi.render(self._scene, integrator=made, spp=samples, seed=seed)
+        return np.asarray(np.array(image), np.float32)
+
+    def _ranges(self) -> Array:
+        """Intersect the rays of pixels' centres, (H, W) float32, NaN without a surface."""
+        mi = self.mi
+        focal = focal_length(self.description, self.width)
+        across = (np.arange(self.width) + 0.5 - self.width / 2.0) / focal
+        down = (np.arange(self.height) + 0.5 - self.height / 2.0) / focal
+        x, y = np.meshgrid(across, down)
+        forward, right, below = self._axes()
+        rays = forward + x[..., None] * right + y[..., None] * below
+        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+        rays, origin = rays.reshape(-1, 3), self._origin()
+        if mi.variant().startswith("scalar"):
+            found = np.array([
+                self._scene.ray_intersect(mi.Ray3f(mi.Point3f(*origin.tolist()), mi.Vector3f(*ray))).t
+                for ray in rays.tolist()])
+        else:
+            found = np.array(self._scene.ray_intersect(mi.Ray3f(
+                mi.Point3f(*origin.tolist()), mi.Vector3f(rays.T.astype(np.float32)))).t)
+        # The shining surface is no part of the scene.
+        top = origin[2] + found * rays[:, 2] > self._surface() - 1e-2
+        found = np.where(np.isfinite(found) & ~top, found, np.nan)
+        return np.asarray(found.reshape(self.height, self.width), np.float32)
+
+    def _surface(self) -> float:
+        return self.description.altitude + self.description.depth
+
+    def _axes(self) -> tuple[Array, Array, Array]:
+        """Return the camera's axes forward, right and down, each (3,)."""
+        tilt = math.radians(self.description.tilt)
+        forward = np.array([math.cos(tilt), 0.0, -math.sin(tilt)])
+        right = np.array([0.0, -1.0, 0.0])
+        return forward, right, np.cross(forward, right)
+
+    def _origin(self) -> Array:
+        shift = self.description.baseline if self._view == "right" else 0.0
+        return camera_position(self.description) + shift * self._axes()[1]
+
+    def _paint(self, channel: int, black: bool = False) -> None:
+        for k, shape in enumerate(self.shapes):
+            values = shape.reflectance[:, channel] * (0.0 if black else 1.0)
+            self._values[f"shape{k}.vertex_rho"] = self.mi.Float(values) if _jit(
+                self.mi) else values.tolist()
+        self._values.update()
+
+    def _dye(self, channel: int) -> None:
+        """Give water and lights the values of a channel."""
+        water, values = self.description.water, self._values
+        _set(values, "water.sigma_t.value.value", float(water.beam_attenuation[channel]))
+        _set(values, "water.albedo.value.value", float(water.albedo[channel]))
+        if any(self.description.daylight):
+            _set(values, "sky.emitter.radiance.value", self.description.daylight[channel])
+        for k, lamp in enumerate(self.description.lamps):
+            _set(values, f"lamp{k}.intensity.value", lamp.intensity[channel])
+        values.update()
+
+    def _described(self, view: str) -> dict[str, Any]:
+        mi, given = self.mi, self.description
+        transform = mi.ScalarTransform4f
+        origin = self._origin()
+        forward, right, down = self._axes()
+        if given.water.phase == HENYEY_GREENSTEIN:
+            phase: dict[str, Any] = {"type": "hg", "g": given.water.asymmetry}
+        else:
+            table = cosine_table(given.water.phase)
+            phase = {"type": "tabphase", "values": ",".join(f"{v:.6g}" for v in table)}
+        scene: dict[str, Any] = {
+            "type": "scene",
+            "water": {"type": "homogeneous", "albedo": 0.5, "sigma_t": 0.3, "phase": phase},
+            "sensor": {
+                "type": "perspective", "fov": given.field_of_view,
+                "to_world": transform().look_at(
+                    origin=origin.tolist(), target=(origin + forward).tolist(),
+                    up=(-down).tolist()),
+                "medium": {"type": "ref", "id": "water"},
+                "film": {"type": "hdrfilm", "width": self.width, "height": self.height,
+                         "rfilter": {"type": "box"}, "component_format": "float32",
+                         "pixel_format": "luminance" if _jit(mi) else "rgb"},
+                "sampler": {"type": "independent"}},
+        }
+        if any(given.daylight):
+            reach = float(np.clip(
+                SKY_LENGTHS / given.water.beam_attenuation.min(), *SKY_REACH))
+            scene["sky"] = {
+                "type": "rectangle",
+                "to_world": transform().translate([3.0, 0.0, self._surface()]).rotate(
+                    [1, 0, 0], 180).scale([reach, reach, 1.0]),
+                "emitter": {"type": "area", "radiance": 1.0}}
+        for k, lamp in enumerate(given.lamps):
+            frame = np.stack([right, down, forward], -1)
+            place, axis = origin + frame @ lamp.position, frame @ lamp.direction
+            if view == "right":
+                place = place - given.baseline * right
+            scene[f"lamp{k}"] = {
+                "type": "spot", "cutoff_angle": lamp.beam_angle / 2.0,
+                "beam_width": lamp.beam_angle / 4.0, "intensity": 1.0,
+                "to_world": transform().look_at(
+                    origin=place.tolist(), target=(place + axis).tolist(), up=[0, 0, 1])}
+        for k, shape in enumerate(self.shapes):
+            scene[f"shape{k}"] = self._mesh(f"shape{k}", shape)
+        return scene
+
+    def _mesh(self, name: str, shape: Shape) -> Any:
+        mi = self.mi
+        properties = mi.Properties()
+        properties["bsdf"] = mi.load_dict({"type": "twosided", "surface": {
+            "type": "diffuse", "reflectance": {"type": "mesh_attribute", "name": "vertex_rho"}}})
+        mesh = mi.Mesh(name, len(shape.vertices), len(shape.faces), props=properties)
+        mesh.add_attribute("vertex_rho", 1, shape.reflectance[:, 0].astype(np.float32))
+        values = mi.traverse(mesh)
+        values["vertex_positions"] = shape.vertices.astype(np.float32).ravel()
+        values["faces"] = shape.faces.astype(np.uint32).ravel()
+        values.update()
+        return mesh
+
+
+def without_gaps(image: Array) -> Array:
+    """Fill pixels that are no number with the median of those around, (H, W, 3).
+
+    One pixel in some 10,000 holds a path that met an edge in such a way that it has no direction.
+
+    Raises
+    ------
+    InputError
+        If these are more than one in a hundred: then the image means nothing.
+    """
+    gaps = ~np.isfinite(image).all(axis=-1)
+    if gaps.mean() > 0.01:
+        raise InputError(f"{gaps.mean():.0%} of the traced pixels are no number: render again")
+    filled = image.copy()
+    for row, column in np.argwhere(gaps):
+        around = image[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2].reshape(-1, 3)
+        known = around[np.isfinite(around).all(axis=-1)]
+        filled[row, column] = np.median(known, axis=0) if len(known) else 0.0
+    return filled
+
+
+def _jit(mi: Any) -> bool:
+    return not mi.variant().startswith("scalar")
+
+
+def _set(values: Any, key: str, value: float) -> None:
+    values[key] = value
+
+
+@lru_cache(maxsize=8)
+def _integrator(mi: Any, name: str) -> Any:
+    """Return an integrator by its name here."""
+    water = {"type": "volpath", "max_depth": MOST_SCATTERED, "rr_depth": ROULETTE}
+    if name == "volpath":
+        return mi.load_dict(water)
+    if name == "aov":
+        return mi.load_dict({"type": "aov", "aovs": "nn:sh_normal"})
+    if name == "albedo":
+        return mi.load_dict({"type": "aov", "aovs": "al:albedo"})
+
+    class Bare(mi.SamplingIntegrator):
+        """Radiance of the first surface, with the water before it taken away."""
+
+        def __init__(self, properties: Any) -> None:
+            super().__init__(properties)
+            self.inner = mi.load_dict(water)
+
+        def sample(
+            self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True,
+        ) -> tuple[Any, Any, list[Any]]:
+            import drjit
+
+            met = scene.ray_intersect(ray, active)
+            hit = active & met.is_valid() & (met.emitter(scene) == None)  # noqa: E711
+            near = mi.RayDifferential3f(ray)
+            near.o = met.p - ray.d * CLEAR
+            light, _, _ = self.inner.sample(scene, sampler, near, medium, hit)
+            return drjit.select(hit, light, 0.0), hit, []
+
+    mi.register_integrator("bare", lambda properties: Bare(properties))
+    return mi.load_dict({"type": "bare"})
+
+
+def render(
+    description: Description, width: int = WIDTH, height: int = HEIGHT, samples: int = SAMPLES,
+    black: bool = False, view: str = "left", through_water: bool = True,
+) -> Rendering:
+    """Render one image.
+
+    Parameters
+    ----------
+    description : Description
+        What is rendered.
+    width, height : int
+        Of the image, px.
+    samples : int
+        Paths for each pixel and channel.
+    black : bool
+        Surfaces reflect nothing: the veil alone.
+    view : str
+        One of `VIEWS`.
+    through_water : bool
+        False: surfaces as they are lit, without the water between them and the camera.
+
+    Returns
+    -------
+    Rendering
+        Denoised, and raw.
+
+    Raises
+    ------
+    InputError
+        For bad sizes or views, or if Mitsuba or pyoidn is missing.
+    """
+    tracer = Tracer(description, width, height, view)
+    raw = tracer.radiance(samples, black=black, through_water=through_water)
+    return Rendering(denoised(raw, tracer.geometry(), black=black), raw)
+
+
+def denoised(raw: Array, geometry: Geometry, *, black: bool = False) -> Array:
+    """Denoise an image with what is known of its scene.
+
+    Parameters
+    ----------
+    raw : ndarray
+        (H, W, 3) float32.
+    geometry : Geometry
+        Of the same view.
+    black : bool
+        The veil alone: it changes with range, not with reflectance.
+
+    Returns
+    -------
+    ndarray
+        (H, W, 3) float32.
+    """
+    guide = geometry.reflectance
+    if black:
+        far = np.exp(-0.3 * np.where(np.isfinite(geometry.ranges), geometry.ranges, np.inf))
+        guide = np.repeat(far[..., None], 3, axis=-1)
+    # The network expects radiances about 1; where light is lost a channel is 1000 times less.
+    level = np.maximum(raw.reshape(-1, 3).mean(axis=0), 1e-12)
+    normals = np.zeros_like(geometry.normals) if black else geometry.normals
+    return np.asarray(engine.denoise(raw / level, guide, normals) * level, np.float32)

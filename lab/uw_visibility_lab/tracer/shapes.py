@@ -1,0 +1,147 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Meshes of a sea floor and of what stands on it, with a reflectance at each vertex."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uw_visibility.images.arrays import Array
+from uw_visibility_lab.tracer.noise import fractal
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Triangle mesh.
+
+    Attributes
+    ----------
+    vertices : ndarray
+        (N, 3) float64, m: x ahead of the camera, y to its left, z up.
+    faces : ndarray
+        (M, 3) uint32.
+    reflectance : ndarray
+        (N, 3) float32, RGB, 0 .. 1.
+    """
+
+    vertices: Array
+    faces: Array
+    reflectance: Array
+
+
+def grid_faces(rows: int, columns: int) -> Array:
+    """Return the triangles of a grid of vertices in row-major order, (M, 3) uint32."""
+    corner = np.arange((rows - 1) * columns).reshape(rows - 1, columns)[:, :-1].ravel()
+    return np.concatenate([
+        np.stack([corner, corner + columns, corner + 1], -1),
+        np.stack([corner + 1, corner + columns, corner + columns + 1], -1),
+    ]).astype(np.uint32)
+
+
+def polar_grid(
+    nearest: float, farthest: float, rings: int, rays: int, sector: float = np.pi / 4.0,
+) -> tuple[Array, Array]:
+    """Points of the plane at steps that grow with their distance, as pixels see them.
+
+    Parameters
+    ----------
+    nearest, farthest : float
+        Radii, m.
+    rings, rays : int
+        How many; an eighth of the rays is outside of the sector.
+    sector : float
+        Half of what is seen, rad.
+
+    Returns
+    -------
+    points : ndarray
+        (rings × rays, 3) float64, z = 0, m.
+    spacing : ndarray
+        (rings × rays,) float64, distance of neighbours, m.
+    """
+    radius = np.geomspace(nearest, farthest, rings)
+    seen = rays - rays // 8
+    angle = np.concatenate([
+        np.linspace(-sector, sector, seen),
+        np.linspace(sector, 2.0 * np.pi - sector, rays - seen + 1)[1:]])
+    r, a = np.meshgrid(radius, angle, indexing="ij")
+    points = np.stack([r * np.cos(a), r * np.sin(a), np.zeros_like(r)], -1).reshape(-1, 3)
+    wide = np.gradient(angle)[None, :]
+    step = np.maximum(np.log(farthest / nearest) / rings, wide)
+    return points, (r * step).ravel()
+
+
+def sphere(subdivisions: int) -> tuple[Array, Array]:
+    """Unit sphere of a subdivided cube: vertices (N, 3), faces (M, 3)."""
+    side = np.tan(np.linspace(-np.pi / 4.0, np.pi / 4.0, subdivisions + 1))
+    u, v = (a.ravel() for a in np.meshgrid(side, side, indexing="ij"))
+    one = np.ones_like(u)
+    vertices, faces = [], []
+    one_side = grid_faces(subdivisions + 1, subdivisions + 1)
+    for k, axes in enumerate(((one, u, v), (-one, v, u), (v, one, u), (u, -one, v), (u, v, one),
+                              (v, u, -one))):
+        corners = np.stack(axes, -1)
+        vertices.append(corners / np.linalg.norm(corners, axis=1, keepdims=True))
+        faces.append(one_side + k * len(u))
+    return np.concatenate(vertices), np.concatenate(faces).astype(np.uint32)
+
+
+def box(subdivisions: int) -> tuple[Array, Array]:
+    """Cube of -1 .. 1: vertices (N, 3), faces (M, 3), edges not shared."""
+    vertices, faces = sphere(subdivisions)
+    return vertices / np.abs(vertices).max(axis=1, keepdims=True), faces
+
+
+def cylinder(around: int, along: int) -> tuple[Array, Array]:
+    """Open cylinder of radius 1 about z, z in 0 .. 1: vertices (N, 3), faces (M, 3)."""
+    height, angle = np.meshgrid(
+        np.linspace(0.0, 1.0, along), np.linspace(0.0, 2.0 * np.pi, around), indexing="ij")
+    vertices = np.stack([np.cos(angle), np.sin(angle), height], -1).reshape(-1, 3)
+    return vertices, grid_faces(along, around)
+
+
+def rotation(axis: Array, angle: float) -> Array:
+    """Return the matrix (3, 3) that turns by an angle in rad about an axis (3,)."""
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)
+
+
+def painted(
+    points: Array, palette: Array, seed: int, patch: float, grain: float, roughness: float,
+    spacing: Array | float,
+) -> Array:
+    """Reflectance of natural surfaces: patches of a palette, with grain on them.
+
+    Parameters
+    ----------
+    points : ndarray
+        (N, 3), m.
+    palette : ndarray
+        (K, 3), reflectances.
+    seed : int
+        Of the texture.
+    patch, grain : float
+        Wavelengths of patches and grain, m.
+    roughness : float
+        Relative height of the grain.
+    spacing : ndarray or float
+        Distance of vertices, m.
+
+    Returns
+    -------
+    ndarray
+        (N, 3) float32, 0.01 .. 0.95.
+    """
+    mixed = np.zeros((len(points), 3))
+    total = np.zeros((len(points), 1))
+    for k, colour in enumerate(palette):
+        # Softmax of noises: one colour dominates a patch, borders are a few cm wide.
+        level = fractal(points, seed * 16 + k, patch, 4, 0.6, spacing)
+        weight = np.exp(8.0 * level)[:, None]
+        mixed += weight * colour
+        total += weight
+    shade = 1.0 + roughness * fractal(points, seed * 16 + 15, grain, 3, 0.8, spacing)
+    return np.asarray(np.clip(mixed / total * shade[:, None], 0.01, 0.95), np.float32)
