@@ -87,8 +87,7 @@ def _estimator(name: str) -> Estimator:
 
 def _kinds(arguments: argparse.Namespace) -> Iterator[tuple[str, int, Iterator[Case]]]:
     """Name, number and cases of each row."""
-    from uw_visibility_lab.posterior.cases import drawn, traced
-    from uw_visibility_lab.tracer.read import scenes_in
+    from uw_visibility_lab.posterior.cases import drawn, traced, traced_scenes
     from uw_visibility_lab.worlds.draw import EFFECTS
 
     number, seed = arguments.cases, arguments.seed
@@ -102,7 +101,7 @@ def _kinds(arguments: argparse.Namespace) -> Iterator[tuple[str, int, Iterator[C
         for effect in EFFECTS if arguments.each else ():
             yield f"{name}, {effect}"[:24], number, drawn(scenes, number, seed, (effect,))
     if arguments.traced:
-        yield "traced", len(scenes_in(arguments.traced)), traced(arguments.traced, seed)
+        yield "traced", len(traced_scenes(arguments.traced)), traced(arguments.traced, seed)
 
 
 def _again(arguments: argparse.Namespace, name: str) -> Iterator[Case]:

@@ -6,11 +6,13 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from uw_visibility.commands.options import Options, add_described
 from uw_visibility.errors import InputError, check_range
-from uw_visibility.replay.progress import progress_bar, say
+from uw_visibility.replay.progress import say
 
 HELP = "a posterior of the water, trained on random views"
 DESCRIPTION = """\
@@ -60,10 +62,17 @@ def run(arguments: argparse.Namespace) -> None:
         views = examples.load(kept)
     else:
         views = examples.draw_all(
-            arguments.pool, arguments.views, arguments.seed, arguments.jobs,
-            lambda done, total: progress_bar(done, "train", total, None))
+            arguments.pool, arguments.views, arguments.seed, arguments.jobs, _tell)
         if kept is not None:
             examples.save(views, kept)
     arrays = train(views, arguments.networks, arguments.epochs, say)
     write(arrays, arguments.output, provenance(arguments.pool, arguments.seed, views))
     say(f"networks: {arguments.output}")
+
+
+def _tell(done: Iterator[Any], blocks: int) -> Iterator[Any]:
+    """Say ten times how many of the blocks of views are drawn."""
+    for number, block in enumerate(done, 1):
+        yield block
+        if number % max(blocks // 10, 1) == 0:
+            say(f"drawn: {number} of {blocks} blocks of views")

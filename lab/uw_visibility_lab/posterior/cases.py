@@ -16,15 +16,13 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility_lab.posterior.judge import Case
-from uw_visibility_lab.tracer.read import load as load_traced
-from uw_visibility_lab.tracer.read import scenes_in
+from uw_visibility_lab.tracer.files import TRUTH
+from uw_visibility_lab.tracer.files import load as load_traced
 from uw_visibility_lab.worlds.draw import RANDOM, draw
 from uw_visibility_lab.worlds.scenes import Scene
 
 # FLSea's camera, px (README of the data; 10 % more or less changes ranges by less than 2 %).
 SEA_FOCAL_LENGTH = 1296.0
-# A traced image is exposed so that this quantile of it has this code, of 1, as a camera would.
-EXPOSED_QUANTILE, EXPOSURE = 0.995, 0.9
 
 
 def drawn(
@@ -41,14 +39,27 @@ def drawn(
 
 def traced(folder: Path, seed: int = 0) -> Iterator[Case]:
     """Path-traced scenes as an 8-bit linear camera with a noise of one code records them."""
-    for index, place in enumerate(scenes_in(folder)):
+    for index, place in enumerate(traced_scenes(folder)):
         scene = load_traced(place)
-        light = scene.image * (EXPOSURE / np.quantile(scene.image, EXPOSED_QUANTILE))
-        noise = np.random.default_rng((seed, index)).normal(0.0, 1.0, light.shape)
-        codes = np.clip(np.rint(light * 255.0 + noise), 0, 255).astype(np.uint8)
+        noise = np.random.default_rng((seed, index)).normal(0.0, 1.0, scene.image.shape)
+        codes = np.clip(np.rint(scene.image * 255.0 + noise), 0, 255).astype(np.uint8)
         yield Case(
             codes, scene.ranges, 0.0, "linear", usual_clear_water(), scene.attenuation,
             place.name)
+
+
+def traced_scenes(folder: Path) -> list[Path]:
+    """Return the folders of complete scenes that `uw_visibility render` made.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    found = sorted(path.parent for path in folder.glob(f"*/{TRUTH}"))
+    if not found:
+        raise InputError(f"{folder} holds no traced scenes: make some by uw_visibility render")
+    return found
 
 
 def sea(folder: Path, transfer: str = "linear") -> Iterator[Case]:
