@@ -19,6 +19,7 @@ from uw_visibility.errors import InputError
 FORMS = {
     "uniform": ("low", "high"),
     "log-uniform": ("low", "high"),
+    "integer": ("low", "high"),
     "normal": ("mean", "stddev"),
     "log-normal": ("median", "stddev"),
     "share": ("share", "share"),
@@ -59,6 +60,8 @@ class Belief:
             return a + (b - a) * rng.random()
         if self.form == "log-uniform":
             return a * (b / a) ** rng.random()
+        if self.form == "integer":
+            return float(rng.integers(int(a), int(b) + 1))
         if self.form == "normal":
             return a + b * rng.standard_normal()
         if self.form == "log-normal":
@@ -101,6 +104,11 @@ def happens(rng: np.random.Generator, name: str) -> bool:
     return _get(name).draw(rng) > 0.0
 
 
+def count(rng: np.random.Generator, name: str) -> int:
+    """Draw a whole number of a belief by its name."""
+    return int(_get(name).draw(rng))
+
+
 def bounds(name: str) -> tuple[float, float]:
     """Return both numbers of a belief that has one of each."""
     belief = _get(name)
@@ -131,7 +139,7 @@ def _belief(name: str, entry: dict[str, Any]) -> Belief:
             raise InputError(f"belief {name} has no {key}: a {form} belief needs finite numbers")
         pair.append(tuple(float(number) for number in numbers))
     first, second = pair
-    if form in ("uniform", "log-uniform") and not first[0] <= second[0]:
+    if form in ("uniform", "log-uniform", "integer") and not first[0] <= second[0]:
         raise InputError(f"belief {name} has its low end above its high one: exchange them")
     if form in ("log-uniform", "log-normal") and not first[0] > 0.0:
         raise InputError(f"belief {name} is one of a logarithm: give numbers above 0")

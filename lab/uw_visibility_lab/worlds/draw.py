@@ -31,12 +31,16 @@ EFFECTS: tuple[str, ...] = tuple(
 
 RANDOM = "random"
 
+# Tangent of half a field of view of 53 degrees, for caustics alone.
+_ACROSS = 0.5
 # Band averages and light in layers are looked up at so many ranges.
 _LOOKUP = 1024
 # The second is left out where the first is there.
 _EXCLUDING = (
     ("low light", "over-exposure"), ("jpeg", "16 bit"), ("grey", "red gone"),
     ("grey", "white balance"), ("grey", "grey world"))
+# What a large particle is brighter in sum: blurring by 1.5 px spreads it over 14 px.
+_SPREAD = 12.0
 # A view without this share of surfaces shows nothing but water.
 _LEAST_SURFACE = 0.05
 
@@ -259,7 +263,7 @@ def _vary(rng: np.random.Generator, scene: Scene) -> tuple[Map, Map, Map]:
             # Between a near and a far surface there is none.
             ranges = cv2.resize(part, size, interpolation=cv2.INTER_NEAREST)
             down = cv2.resize(down[window], size, interpolation=cv2.INTER_LINEAR)
-    if rng.random() < 0.5:
+    if happens(rng, "scene.mirror"):
         reflectance, ranges, down = (x[:, ::-1] for x in (reflectance, ranges, down))
     if happens(rng, "scene.exchange_channels"):
         reflectance = reflectance[..., rng.permutation(3)]
@@ -303,7 +307,8 @@ def downward(height: int, width: int, focal_length: float, pitch: float, roll: f
 def _open(rng: np.random.Generator, ranges: Map) -> Map:
     """Take what is above a wavy line away."""
     height, width = ranges.shape
-    points = rng.uniform(0.05, 0.5) + 0.05 * rng.standard_normal(8)
+    points = drawn(rng, "place.open_water") + np.array([
+        drawn(rng, "place.open_water_wave") for _ in range(8)])
     line = cv2.resize(
         points.astype(np.float32)[np.newaxis], (width, 1), interpolation=cv2.INTER_CUBIC) * height
     return np.where(np.arange(height)[:, np.newaxis] < line, np.float32(np.inf), ranges)
@@ -318,12 +323,13 @@ def _add_fish(rng: np.random.Generator, reflectance: Map, ranges: Map) -> None:
         "red_over_green", "albedo", "blue_over_green")])
     colour = albedo * np.array([albedo[1], 1.0, albedo[1]])
     for _ in range(int(drawn(rng, "place.fish"))):
-        near = float(rng.uniform(0.3, 1.0))
-        length = width * 0.03 / near * float(rng.uniform(0.5, 2.0))
+        near = drawn(rng, "place.fish_range")
+        length = width * drawn(rng, "place.fish_length") / near
         mask = np.zeros((height, width), np.uint8)
         centre = (int(rng.integers(width)), int(rng.integers(height)))
-        axes = (max(int(length), 2), max(int(length * rng.uniform(0.2, 0.4)), 1))
-        cv2.ellipse(mask, centre, axes, float(rng.uniform(-30, 30)), 0, 360, 1, -1)
+        tall = length * drawn(rng, "place.fish_shape")
+        axes = (max(int(length), 2), max(int(tall), 1))
+        cv2.ellipse(mask, centre, axes, drawn(rng, "place.fish_lean"), 0, 360, 1, -1)
         inside = (mask > 0) & (ranges > near * median)
         row = np.nonzero(inside)[0]
         belly = np.clip((row - centre[1]) / axes[1] + 1.0, 0.0, 2.0)[:, np.newaxis]
@@ -345,8 +351,8 @@ def _thicker(
         x = np.linspace(-1.0, 1.0, width, dtype=np.float32)
         y = np.linspace(-1.0, 1.0, height, dtype=np.float32)[:, np.newaxis]
         side = np.float32(math.cos(angle)) * x + np.float32(math.sin(angle)) * y
-        edge = np.float32(rng.uniform(-0.5, 0.5))
-        width_of_edge = np.float32(rng.uniform(0.02, 0.6))
+        edge = np.float32(drawn(rng, "place.plume_edge"))
+        width_of_edge = np.float32(drawn(rng, "place.plume_width"))
         share = np.clip((side - edge) / width_of_edge + 0.5, 0.0, 1.0)
         factor += np.float32(drawn(rng, "place.plume")) * share
     if "layer" in names:
@@ -461,9 +467,10 @@ def _light_map(
         found = net if found is None else found * net
     if "shade" in names:
         rng = streams("shade")
-        angle, edge = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-0.5, 0.5)
+        angle, edge = rng.uniform(0.0, 2.0 * math.pi), drawn(rng, "light.shade_edge")
         side = np.float32(math.cos(angle)) * columns + np.float32(math.sin(angle)) * rows
-        share = np.clip((side - np.float32(edge)) / np.float32(rng.uniform(0.03, 0.4)), 0.0, 1.0)
+        share = np.clip(
+            (side - np.float32(edge)) / np.float32(drawn(rng, "light.shade_width")), 0.0, 1.0)
         dim = (1.0 - np.float32(1.0 - drawn(rng, "light.shade")) * share).astype(np.float32)
         found = dim if found is None else found * dim
     return found
@@ -482,7 +489,7 @@ def _caustics(rng: np.random.Generator, ranges: Map, down: Map, columns: Map) ->
     net /= net.mean()
     scale = np.float32(tile / cells / drawn(rng, "light.caustics_cell"))
     level = np.sqrt(np.maximum(1.0 - down * down, 1e-4))
-    across = np.float32(rng.uniform(0.3, 0.7)) * columns[..., 0]
+    across = np.float32(_ACROSS) * columns[..., 0]
     mesh = cv2.remap(
         np.pad(net, ((0, 1), (0, 1)), mode="wrap"),
         np.mod(ranges * across * scale, tile).astype(np.float32),
@@ -516,7 +523,7 @@ def _add_snow(rng: np.random.Generator, irradiance: Map, light: Array) -> None:
     few = np.zeros_like(layer)
     large = max(count // 20, 1)
     few[rng.integers(height, size=large), rng.integers(width, size=large)] = (
-        strength * 12.0 * rng.random(large))
+        strength * _SPREAD * rng.random(large))
     layer += cv2.GaussianBlur(few, (0, 0), 1.5 * height / SIZE[0])
     layer = cv2.GaussianBlur(layer, (3, 3), 0.6)
     irradiance += layer[..., np.newaxis] * light.astype(np.float32)

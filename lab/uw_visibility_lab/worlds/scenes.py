@@ -19,7 +19,7 @@ from uw_visibility.images.arrays import Map
 from uw_visibility.images.files import read_image
 from uw_visibility.optics.transfer import to_linear
 from uw_visibility_lab.simulation.noise import noise_lattice
-from uw_visibility_lab.worlds.beliefs import draw, happens
+from uw_visibility_lab.worlds.beliefs import count, draw, happens
 from uw_visibility_lab.worlds.geometry import (
     AXES,
     BOUND,
@@ -60,6 +60,9 @@ Vector = Sequence[float] | NDArray[np.float64]
 
 NATURAL = ("sand", "rock", "rock", "algae", "coral", "coral", "silt")
 """Kinds of materials of natural things; those named twice are twice as frequent."""
+BRANCHED, MASSIVE = 0.0, 1.0
+"""Forms of corals, as ``shape.coral_form`` has them; the other one is a plate."""
+
 MADE = ("metal", "board", "board")
 
 
@@ -189,17 +192,17 @@ def _picture_plane(
     """Paint a picture onto a tilted plane with smooth relief, texture of the whole image."""
     height, width = size
     picture = pictures[int(rng.integers(len(pictures)))]
-    if rng.random() < 0.5:
+    if happens(rng, "shape.plane_whole"):
         colours = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
     else:
         colours = np.tile(picture, (math.ceil(height / TEXTURE), math.ceil(width / TEXTURE), 1))
         colours = colours[:height, :width]
     rows = np.linspace(-1.0, 1.0, height, dtype=np.float32)[:, np.newaxis]
     columns = np.linspace(-1.0, 1.0, width, dtype=np.float32)
-    tilt, turn = rng.uniform(0.0, 0.6), rng.uniform(-0.4, 0.4)
-    waves = rng.standard_normal((int(rng.integers(3, 9)), int(rng.integers(3, 9))))
+    tilt, turn = draw(rng, "shape.plane_tilt"), draw(rng, "shape.plane_turn")
+    waves = rng.standard_normal((count(rng, "shape.plane_waves"), count(rng, "shape.plane_waves")))
     relief = cv2.resize(waves.astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
-    inverse = 1.0 + tilt * rows + turn * columns + 0.15 * rng.random() * relief
+    inverse = 1.0 + tilt * rows + turn * columns + draw(rng, "shape.plane_relief") * relief
     # Perpendicular distance over range is 1 / (1 + tilt): the pitch of a level floor.
     pitch = math.radians(draw(rng, "camera.pitch"))
     return Scene(
@@ -224,7 +227,7 @@ class _Builder:
             self.lit(pictures[int(k)]) for k in rng.choice(len(pictures), few, replace=False)
         ] if few else []
         # The scene has a palette: few materials, which many objects share.
-        self.palette = [self.material() for _ in range(int(rng.integers(2, 7)))]
+        self.palette = [self.material() for _ in range(count(rng, "shape.palette"))]
 
     def lit(self, picture: Map) -> Map:
         """Give a picture the mean albedo of some material."""
@@ -239,16 +242,16 @@ class _Builder:
         row = np.zeros(MATERIAL_COLUMNS)
         kind = kinds[int(rng.integers(len(kinds)))]
         row[FIRST:FIRST + 3] = self.colour(kind)
-        other = kind if rng.random() < 0.6 else kinds[int(rng.integers(len(kinds)))]
+        other = kind if happens(rng, "shape.same_kind") else kinds[int(rng.integers(len(kinds)))]
         row[SECOND:SECOND + 3] = self.colour(other)
         row[PATTERN] = MIXED
-        row[CELL] = 0.15 * 8.0 ** rng.random()
+        row[CELL] = draw(rng, "shape.pattern_cell")
         # From a smooth mixture to patches with sharp edges.
-        row[SHARP] = 0.5 * 20.0 ** rng.random()
+        row[SHARP] = draw(rng, "shape.pattern_sharpness")
         if kind == "board":
             row[PATTERN] = (MIXED, CHECKED, STRIPED)[int(rng.integers(3))]
             row[SHARP] = 20.0
-        elif rng.random() < 0.15:
+        elif happens(rng, "shape.striped"):
             row[PATTERN] = STRIPED
         row[COARSE] = draw(rng, "procedural.variation")
         row[FINE] = draw(rng, "procedural.grain")
@@ -256,7 +259,7 @@ class _Builder:
         row[PICTURE] = -1
         if self.pictures and happens(rng, "procedural.picture_material"):
             row[PICTURE] = rng.integers(len(self.pictures))
-            row[COVER] = 0.4 * 10.0 ** rng.random()
+            row[COVER] = draw(rng, "shape.picture_cover")
             row[COARSE] *= 0.3
             row[FINE] *= 0.3
         self.materials.append(row)
@@ -334,14 +337,14 @@ class _Builder:
                 add()
         reflectance = np.zeros((height, width, 3), np.float32)
         ranges = np.zeros((height, width), np.float32)
-        sun = np.array([0.5 * rng.standard_normal(), 0.5 * rng.standard_normal(), 1.0])
+        sun = np.array([draw(rng, "shape.sun_slant"), draw(rng, "shape.sun_slant"), 1.0])
         levels = np.stack([picture_levels(p) for p in self.pictures]) if self.pictures else (
             np.zeros((1, 1, 3), np.float32))
         shapes = np.array(self.shapes) if self.shapes else np.zeros((0, SHAPE_COLUMNS))
         ground = np.array([self.pick(), self.pick()])
         cast(
             self.directions, shapes, self.relief, self.hollow, self.extent, self.slope, self.steep,
-            _FARTHEST, np.array(self.materials), ground, 0.3 * 10.0 ** rng.random(),
+            _FARTHEST, np.array(self.materials), ground, draw(rng, "shape.ground_cell"),
             _lattice(int(rng.integers(_LATTICES))), levels, sun / np.linalg.norm(sun),
             draw(rng, "procedural.ambient"), happens(rng, "procedural.sun"),
             1.0 / (focal * width), reflectance, ranges)
@@ -367,15 +370,15 @@ class _Builder:
         x, y = axis[np.newaxis, :], axis[:, np.newaxis]
         wavy = 2.0 * relief
         if happens(rng, "procedural.wall"):
-            away, tall = 1.0 + 2.5 * rng.random(), 1.0 + 3.0 * rng.random()
-            turn = rng.uniform(-0.8, 0.8)
+            away, tall = draw(rng, "shape.wall_distance"), draw(rng, "shape.wall_height")
+            turn = draw(rng, "shape.wall_turn")
             side = y * math.cos(turn) + x * math.sin(turn) + wavy
-            relief = relief + tall * _step((side - away) / (0.1 + 0.5 * rng.random()))
+            relief = relief + tall * _step((side - away) / draw(rng, "shape.wall_width"))
         elif happens(rng, "procedural.canyon"):
-            half, tall = 0.6 + 1.2 * rng.random(), 0.8 + 2.5 * rng.random()
-            bend = half * np.sin(0.5 * y + rng.uniform(0.0, 6.0)) - half * math.sin(0.0)
+            half, tall = draw(rng, "shape.canyon_half"), draw(rng, "shape.canyon_height")
+            bend = half * np.sin(0.5 * y + draw(rng, "shape.canyon_phase"))
             side = np.abs(x - bend * np.clip(y / 3.0, 0.0, 1.0)) + wavy
-            relief = relief + tall * _step((side - half) / (0.2 + 0.8 * rng.random()))
+            relief = relief + tall * _step((side - half) / draw(rng, "shape.canyon_width"))
         tint = np.ones_like(relief)
         if happens(rng, "procedural.rubble"):
             _add_rubble(rng, relief, tint, self.extent / _RELIEF)
@@ -396,31 +399,33 @@ class _Builder:
     def boulders(self) -> None:
         """Add rocks, half sunk."""
         rng = self.rng
-        large = 0.05 * 8.0 ** rng.random()
-        for _ in range(int(rng.integers(2, 40))):
+        large = draw(rng, "shape.boulder_radius")
+        for _ in range(count(rng, "shape.boulders")):
             x, y, z = self.place()
-            r = large * math.exp(0.5 * rng.standard_normal())
-            half = r * np.exp(0.25 * rng.standard_normal(3))
+            r = large * draw(rng, "shape.boulder_spread")
+            half = r * np.array([draw(rng, "shape.boulder_axis") for _ in range(3)])
             if math.hypot(x, y, z - 1.0) > 1.6 * half.max():
                 self.add(ELLIPSOID, (x, y, z + 0.3 * r), half, self.pick(), self.turned(0.4),
-                         bump=0.3 * rng.random())
+                         bump=draw(rng, "shape.boulder_bump"))
 
     def corals(self) -> None:
         """Add branching, massive and plate corals, and sponges."""
         rng = self.rng
-        for _ in range(int(rng.integers(1, 9))):
+        for _ in range(count(rng, "shape.corals")):
             x, y, z = self.place()
-            material, r = self.pick(), 0.06 * 4.0 ** rng.random()
+            material, r = self.pick(), draw(rng, "shape.coral_radius")
             if math.hypot(x, y, z - 1.0) < 4.0 * r:
                 continue
-            form = rng.random()
-            if form < 0.45:
-                for _ in range(int(rng.integers(4, 14))):
-                    axes = _along(0.6 * rng.standard_normal(), 0.6 * rng.standard_normal(), 1.0)
-                    long, thin = r * rng.uniform(0.8, 2.0), r * rng.uniform(0.08, 0.25)
+            form = draw(rng, "shape.coral_form")
+            if form == BRANCHED:
+                for _ in range(count(rng, "shape.coral_branches")):
+                    axes = _along(
+                        draw(rng, "shape.coral_lean"), draw(rng, "shape.coral_lean"), 1.0)
+                    long = r * draw(rng, "shape.coral_length")
+                    thin = r * draw(rng, "shape.coral_width")
                     centre = np.array([x, y, z]) + axes[2] * long
                     self.add(CAPSULE, centre, (thin, thin, long), material, axes)
-            elif form < 0.8:
+            elif form == MASSIVE:
                 self.add(ELLIPSOID, (x, y, z + 0.3 * r), (1.5 * r, 1.5 * r, r), material,
                          self.turned(0.1), bump=0.25)
             else:
@@ -431,20 +436,21 @@ class _Builder:
         """Add pipes that lie on the ground."""
         rng = self.rng
         material = self.material(MADE)
-        for _ in range(int(rng.integers(1, 4))):
+        for _ in range(count(rng, "shape.pipes")):
             x, y, z = self.place()
-            turn, r = rng.uniform(0.0, math.pi), 0.03 * 6.0 ** rng.random()
-            axes = _along(math.cos(turn), math.sin(turn), 0.03 * rng.standard_normal())
+            turn, r = rng.uniform(0.0, math.pi), draw(rng, "shape.pipe_radius")
+            axes = _along(math.cos(turn), math.sin(turn), draw(rng, "shape.pipe_slope"))
             if z + 2.0 * r < 0.8:
                 self.add(CAPSULE, (x, y, z + 0.7 * r), (r, r, 20.0), material, axes)
 
     def blocks(self) -> None:
         """Add blocks and boards."""
         rng = self.rng
-        for _ in range(int(rng.integers(1, 9))):
+        for _ in range(count(rng, "shape.blocks")):
             x, y, z = self.place()
-            half = 0.1 * 4.0 ** rng.random() * np.exp(0.5 * rng.standard_normal(3))
-            if rng.random() < 0.3:
+            half = draw(rng, "shape.block_half") * np.array([
+                draw(rng, "shape.block_side") for _ in range(3)])
+            if happens(rng, "shape.board"):
                 half[int(rng.integers(3))] = 0.01
             if math.hypot(x, y, z - 1.0) > 1.5 * math.hypot(*half):
                 self.add(BOX, (x, y, z + 0.7 * half[2]), half, self.material(MADE),
@@ -454,22 +460,23 @@ class _Builder:
         """Add poles and ropes that stand."""
         rng = self.rng
         material = self.material(MADE)
-        for _ in range(int(rng.integers(1, 6))):
+        for _ in range(count(rng, "shape.poles")):
             x, y, z = self.place()
-            r = 0.01 * 8.0 ** rng.random()
+            r = draw(rng, "shape.pole_radius")
             if math.hypot(x, y) > 0.4 + 2.0 * r:
-                axes = _along(0.1 * rng.standard_normal(), 0.1 * rng.standard_normal(), 1.0)
-                self.add(CAPSULE, (x, y, z + 1.0), (r, r, 0.5 + 2.0 * rng.random()), material, axes)
+                axes = _along(draw(rng, "shape.pole_lean"), draw(rng, "shape.pole_lean"), 1.0)
+                tall = draw(rng, "shape.pole_half")
+                self.add(CAPSULE, (x, y, z + 1.0), (r, r, tall), material, axes)
 
     def fish(self) -> None:
         """Add fish in the water."""
         rng = self.rng
         material = self.material(("metal", "coral", "board"))
-        r = 0.02 * 5.0 ** rng.random()
-        for _ in range(int(rng.integers(1, 12))):
+        r = draw(rng, "shape.fish_radius")
+        for _ in range(count(rng, "shape.fish")):
             direction = self.directions[
                 int(rng.integers(self.size[0])), int(rng.integers(self.size[1]))]
-            x, y, z = direction * rng.uniform(0.4, 2.5) + np.array([0.0, 0.0, 1.0])
+            x, y, z = direction * draw(rng, "shape.fish_range") + np.array([0.0, 0.0, 1.0])
             if z > self.height(x, y) + r:
                 self.add(ELLIPSOID, (x, y, z), (2.5 * r, 0.5 * r, r), material, self.turned(0.1))
 
@@ -477,11 +484,11 @@ class _Builder:
         """Add rocks above: an overhang, an arch or a cave's mouth."""
         rng = self.rng
         material = self.pick()
-        for _ in range(int(rng.integers(1, 4))):
-            half = rng.uniform(0.5, 2.0, 3)
+        for _ in range(count(rng, "shape.overhangs")):
+            half = np.array([draw(rng, "shape.overhang_half") for _ in range(3)])
             half[2] *= 0.6
-            x, y = rng.uniform(-2.0, 2.0), rng.uniform(0.5, 3.0)
-            z = 1.0 + half[2] * rng.uniform(0.9, 1.6)
+            x, y = draw(rng, "shape.overhang_across"), draw(rng, "shape.overhang_ahead")
+            z = 1.0 + half[2] * draw(rng, "shape.overhang_up")
             inside = (x / half[0]) ** 2 + (y / half[1]) ** 2 + ((z - 1.0) / half[2]) ** 2
             if inside > 1.5:
                 self.add(ELLIPSOID, (x, y, z), half, material, self.turned(0.1), bump=0.15)
@@ -526,9 +533,9 @@ def _add_rubble(
 ) -> None:
     """Strew stones over a relief whose cells are `cell` wide, in place; each has its brightness."""
     side = len(relief)
-    largest = 0.04 * 5.0 ** rng.random()
-    spread = 0.5 * rng.random()
-    for _ in range(int(rng.integers(100, 1500))):
+    largest = draw(rng, "shape.rubble_radius")
+    spread = draw(rng, "shape.rubble_spread")
+    for _ in range(count(rng, "shape.rubble")):
         # Before the camera: the rest of the grid is hardly seen.
         column, row = rng.integers(-side // 4, side // 4), rng.integers(0, side // 2)
         radius = largest * rng.random() ** 2 + cell
