@@ -67,7 +67,6 @@ class Status(str, Enum):
     NO_DEPTH_BY_LAMPS = (
         "lamps light the scene, which tells no depth (lighting.model; take the depth sensor's)"
     )
-    NEGATIVE_DISPARITIES = "negative disparities, are left and right swapped?"
 
     def __str__(self) -> str:
         return self.value

@@ -43,7 +43,6 @@ MEANINGS = {
     "lamps does, and nobody told of lamps.",
     Status.LEFT_TO_STEP_2: "The first step leaves the water under lamps to the second.",
     Status.NO_DEPTH_BY_LAMPS: "Depth is read from daylight's colour, and lamps light the scene.",
-    Status.NEGATIVE_DISPARITIES: "Left and right images are exchanged.",
 }
 
 REMEDIES = {
@@ -83,7 +82,6 @@ REMEDIES = {
     "lighting.positions to where they are.",
     Status.LEFT_TO_STEP_2: "Nothing: look at the result of the second step.",
     Status.NO_DEPTH_BY_LAMPS: "Take the depth sensor's; by day turn lamps off.",
-    Status.NEGATIVE_DISPARITIES: "Exchange the topics, files or camera_info of left and right.",
 }
 
 
