@@ -34,10 +34,9 @@ def outcomes(*kinds: str) -> tuple[list[dict[str, Any]], int, str]:
 def test_whatever_is_damaged_is_read_or_refused_or_counted(kind: str) -> None:
     if kind in WITH_NODES:
         pytest.importorskip("rclpy", reason="ROS is not installed")
-        lines, code, said = outcomes(kind)
-    else:
-        lines, code, said = outcomes(*(other for other in KINDS if other not in WITH_NODES))
-        lines = [line for line in lines if line["kind"] == kind]
+    together = (other for other in KINDS if (other in WITH_NODES) == (kind in WITH_NODES))
+    lines, code, said = outcomes(*together)
+    lines = [line for line in lines if line["kind"] == kind]
     # Where it ends before its last case, a case has ended it.
     assert len(lines) == KINDS[kind], said
     assert [line for line in lines if line["verdict"] not in WELL] == []
