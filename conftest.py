@@ -13,6 +13,7 @@ from __future__ import annotations
 import fcntl
 import os
 import signal
+import sys
 import tempfile
 from collections.abc import Generator
 from contextlib import ExitStack
@@ -22,6 +23,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
+from uw_visibility.compute.blas import use_one_thread
 from uw_visibility_lab.demonstration.node_process import reserved_domain
 
 WORKERS = 2
@@ -38,6 +40,12 @@ LONG = {
     "test/replay/test_calibrate_lighting.py", "test/water/lamps/test_survey.py",
 }
 
+# Files that wait for processes rather than compute, beside those that start nodes by fixtures.
+WAITING = {
+    "test/faults/test_fuzz.py", "test/faults/test_soak.py", "test/ros/test_run.py",
+    "test/ros/test_start.py",
+}
+
 # The first example of a compiled kernel includes its compilation, and how long the making of
 # examples takes is a matter of how busy the machine is. The same examples in every run; with
 # `--hypothesis-profile=explore` others, and more.
@@ -52,6 +60,11 @@ DATA = HERE.parent / "shared" / "data"
 TURNS = pytest.StashKey[tempfile.TemporaryDirectory[str]]()
 
 
+# Before NumPy is imported, here and in the processes that tests start: as the command does.
+use_one_thread()
+# Those many processes compile the modules once, and workers rewrite assertions once.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 # Before ROS is started, here and in the processes that tests start; until this process ends.
 RESERVED = ExitStack()
 os.environ["ROS_DOMAIN_ID"] = str(RESERVED.enter_context(reserved_domain()))
@@ -92,13 +105,33 @@ def pytest_configure_node(node: Any) -> None:
     node.workerinput["turns"] = stash[TURNS].name
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark as `node` what starts nodes through the fixtures that do, and what takes long."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark as `node` what starts nodes through the fixtures that do, and what takes long.
+
+    Where workers share the whole suite, files that wait are spread among those that compute:
+    in the folder's order both workers would meet in test/ros, and the processors be idle.
+    """
     for item in items:
         if str(item.path.relative_to(HERE)) in LONG:
             item.add_marker(pytest.mark.long)
         if NODE_FIXTURES & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.node)
+    if hasattr(config, "workerinput"):
+        items[:] = spread(items)
+
+
+def spread(items: list[pytest.Item]) -> list[pytest.Item]:
+    """Return tests in an order of files that has those that wait at even distances."""
+    files: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        files.setdefault(str(item.path.relative_to(HERE)), []).append(item)
+    groups: dict[bool, list[str]] = {}
+    for name, tests in files.items():
+        starts_nodes = any(NODE_FIXTURES & set(getattr(test, "fixturenames", ())) for test in tests)
+        groups.setdefault(starts_nodes or name in WAITING, []).append(name)
+    places = {name: number / len(group) for group in groups.values()
+              for number, name in enumerate(group)}
+    return [item for name in sorted(files, key=places.__getitem__) for item in files[name]]
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

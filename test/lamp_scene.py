@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,9 @@ def parameters(lamps: Any = LAMPS, model: str = "lamps") -> dict[str, Any]:
     }
 
 
+@lru_cache
 def rays() -> Array:
+    """Return the unit vectors of all pixels, (H, W, 3); not to be changed."""
     height, width = SIZE
     x = (np.arange(width) - (width - 1) / 2) / FOCAL_LENGTH
     y = (np.arange(height) - (height - 1) / 2) / FOCAL_LENGTH
@@ -96,18 +99,30 @@ def texture(seed: int, distance: Array, shift: float | Array = 0.0) -> Array:
 
 def shine(s: Array, position: Any, axis: Array, angle: float) -> tuple[Array, Array, Array]:
     """Distance from a lamp, g/r² and cosine of scattering of points along the rays."""
-    directions = rays()
-    away = directions * s[..., None] - np.array(position)
-    r = np.linalg.norm(away, axis=2)
-    theta = np.degrees(np.arccos(np.clip(away @ axis / r, -1, 1)))
+    position = np.array(position)
+    # Products of the unit vector d of each ray; from the lamp leads a = s d - position.
+    along_lamp, along_axis = rays() @ position, rays() @ axis
+    r = np.sqrt(s * s - 2 * s * along_lamp + position @ position)
+    theta = np.degrees(np.arccos(np.clip((s * along_axis - position @ axis) / r, -1, 1)))
     power = np.exp(-math.log(2) * (2 * theta / angle) ** 2) / r**2
-    return r, power, -(away * directions).sum(axis=2) / r
+    return r, power, (along_lamp - s) / r
 
 
 def light(
     distance: Array, beta: Array, lamps: Any = LAMPS, asymmetry: float = 0.9
 ) -> tuple[Array, Array]:
-    """D and S of every pixel, (H, W, 3) each, by 60 steps along every ray."""
+    """D and S of every pixel, (H, W, 3) each, by 60 steps along every ray; not to be changed."""
+    return _light(
+        np.asarray(distance, np.float64).tobytes(), tuple(beta),
+        tuple((tuple(place), tuple(axis), angle) for place, axis, angle in lamps), asymmetry)
+
+
+# Many images are of one ground in one water, and differ in texture and noise.
+@lru_cache
+def _light(
+    ranges: bytes, attenuation: tuple[float, ...], lamps: Any, asymmetry: float
+) -> tuple[Array, Array]:
+    distance, beta = np.frombuffer(ranges).reshape(SIZE), np.array(attenuation)
     direct, scattered = np.zeros((*SIZE, 3)), np.zeros((*SIZE, 3))
     steps = (np.arange(60) + 0.5) / 60
     for position, axis, angle in lamps:
@@ -122,6 +137,8 @@ def light(
                 1 + asymmetry**2 - 2 * asymmetry * cosine) ** 1.5
             scattered += (phase * power * 2 * u * distance / 60)[..., None] * np.exp(
                 -beta * (r + s)[..., None])
+    for each in (direct, scattered):
+        each.flags.writeable = False
     return direct, scattered
 
 

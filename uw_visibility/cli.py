@@ -19,6 +19,7 @@ from typing import Any, NoReturn
 
 from uw_visibility import __version__
 from uw_visibility.commands import calibrate, enhance, replay, warmup
+from uw_visibility.compute.blas import use_one_thread
 from uw_visibility.errors import InputError, needing, printable
 
 DONE, FAILED, UNUSABLE = 0, 1, 2
@@ -50,6 +51,7 @@ def run() -> NoReturn:
     While Python ends, a signal would end it by force, with results complete and told.
     """
     code = INTERRUPTED
+    use_one_thread()
     try:
         try:
             code = main()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs cases of damage in a process with bounded memory and time.
 
-    python test/faults/fuzz.py [KIND] [--minutes M | --cases N] [--first SEED]
+    python test/faults/fuzz.py [KIND...] [--minutes M | --cases N] [--first SEED] [--together]
 
 A line of JSON for each case: kind, seed, what was done to what, and what came of it.
 `make fuzz` runs all kinds for an hour and tells the bad cases alone. A case is run again
@@ -33,8 +33,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 # Numbers of cases that `make test` runs of each kind, within seconds.
 KINDS = {
-    "bags": 200, "replays": 12, "resumes": 12, "images": 500, "documents": 300, "commands": 200,
-    "pictures": 60, "messages": 40, "pairs": 20, "parameters": 20, "signals": 4,
+    "bags": 200, "replays": 12, "resumes": 12, "images": 500, "documents": 300, "commands": 100,
+    "pictures": 30, "messages": 20, "pairs": 8, "parameters": 8, "signals": 2,
 }
 # Those that need ROS.
 WITH_NODES = ("messages", "pairs", "parameters", "signals")
@@ -128,12 +128,14 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, help="go on for so long, and tell the bad cases")
     parser.add_argument("--cases", type=int, help="cases of each kind")
     parser.add_argument("--first", type=int, default=0, help="seed of the first case")
+    parser.add_argument(
+        "--together", action="store_true", help="all kinds in this process, which starts once")
     arguments = parser.parse_args()
     kinds = arguments.kinds or [
         kind for kind in KINDS if kind not in WITH_NODES or importlib.util.find_spec("rclpy")
     ]
-    if len(kinds) == 1:
-        return run_kind(kinds[0], arguments)
+    if len(kinds) == 1 or arguments.together:
+        return max(run_kind(kind, arguments) for kind in kinds)
     # Each in a process of its own, so that its memory is its own too.
     options = ["--first", str(arguments.first)]
     if arguments.cases is not None:

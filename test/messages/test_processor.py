@@ -10,12 +10,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from scenes import in_water, processed, row_ranges, stereo_pair, texture
 
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.outputs import TOPICS
-from uw_visibility.messages.processor import FrameProcessor
+from uw_visibility.messages.processor import FrameProcessor, warm_up
+from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimate import WaterEstimate
@@ -122,3 +124,15 @@ def test_threads_outlive_the_calibration() -> None:
         started.append(set(threading.enumerate()) - before)
     assert started[0] and started[0] <= started[1] <= started[2]
     assert len(started[2]) <= 2
+
+
+def test_a_process_warms_up_once_for_a_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A replay of a hundred short recordings would take frames of its own for each."""
+    shapes: list[Any] = []
+    monkeypatch.setattr(Pipeline, "warm_up", lambda self, shape, **_: shapes.append(shape))
+    warm_up.cache_clear()
+    for limit in (40, 40, 48):
+        warm_up(PipelineConfig.from_parameters({"stereo.max_disparity": limit}))
+    # What was only said to be compiled is not remembered beyond this test.
+    warm_up.cache_clear()
+    assert len(shapes) == 2

@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import io
 import json
 import pickle
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -59,21 +61,29 @@ def stop_at(number: int, method: Callable[..., Any]) -> Callable[..., Any]:
     return stopping
 
 
-@pytest.fixture
-def interrupted(
-    hard: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> Interrupted:
-    """A replay that Ctrl-C has ended."""
-    params = parameter_file(tmp_path / "p.yaml", HARD_PARAMETERS)
-    with monkeypatch.context() as patched:
+@pytest.fixture(scope="module")
+def original(hard: Path, tmp_path_factory: pytest.TempPathFactory) -> Interrupted:
+    """A replay that Ctrl-C has ended; tests have copies of it."""
+    folder = tmp_path_factory.mktemp("interrupted")
+    params = parameter_file(folder / "p.yaml", HARD_PARAMETERS)
+    started = Interrupted(hard, folder / "results" / "out", params, 0, "")
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patched, contextlib.redirect_stderr(said):
+        # As plain_report does, which serves single tests.
+        patched.setattr("uw_visibility.replay.report.report.draw_series", lambda columns: [])
         patched.setattr(
             RecordingProcessor, "answer", stop_at(INTERRUPTED_AT, RecordingProcessor.answer)
         )
-        started = Interrupted(hard, tmp_path / "results" / "out", params, 0, "")
-        done = started.again(capsys=capsys)
-        started.code, started.err = done.code, done.err
+        started.code = started.again().code
+    started.err = said.getvalue()
     return started
+
+
+@pytest.fixture
+def interrupted(original: Interrupted, tmp_path: Path) -> Interrupted:
+    """A replay that Ctrl-C has ended, to be changed and gone on from."""
+    shutil.copytree(original.out.parent, tmp_path / "results")
+    return replace(original, out=tmp_path / "results" / "out")
 
 
 def check_complete(interrupted: Interrupted, replayed: Path) -> None:

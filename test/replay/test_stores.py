@@ -34,11 +34,13 @@ def store(transect: Path, dive: Path) -> Iterator[Any]:
 def local(transect: Path, dive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What comes of the same recordings in folders."""
     out = tmp_path_factory.mktemp("local") / "day"
-    assert main(["replay", str(dive), str(transect), "-o", str(out), "--jobs", "1"]) == 0
+    assert main(["replay", str(dive), str(transect), "-o", str(out), *ALONE]) == 0
     return out
 
 
-DAY = ["replay", "memory://bucket/dives/*", "-o", "memory://bucket/day", "--jobs", "1"]
+# Without processes to start, which would take longer than all else of what is refused.
+ALONE = ["--jobs", "1"]
+DAY = ["replay", "memory://bucket/dives/*", "-o", "memory://bucket/day", *ALONE]
 
 
 def test_a_day_goes_from_store_to_store(store: Any, local: Path) -> None:
@@ -77,7 +79,7 @@ def test_one_recording_may_come_from_a_store_and_its_result_stay_here(
     store: Any, local: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = f"memory://bucket/dives/transect/{Path(store.find('/bucket/dives/transect')[1]).name}"
-    assert main(["replay", file, "-o", str(tmp_path / "out"), "--jobs", "1"]) == 0
+    assert main(["replay", file, "-o", str(tmp_path / "out"), *ALONE]) == 0
     assert (tmp_path / "out" / "frames.csv").read_bytes() == (
         local / "transect" / "frames.csv").read_bytes()
     assert main(["replay", "memory://bucket/dives/dive", "--list"]) == 0
@@ -89,7 +91,7 @@ def test_a_calibration_reads_from_a_store(
 ) -> None:
     ended, told = [], []
     for bag in (str(dive), "memory://bucket/dives/d*"):
-        ended.append(main(["calibrate", bag, "--jobs", "1"]))
+        ended.append(main(["calibrate", bag, *ALONE]))
         told.append(capsys.readouterr())
     assert ended[0] == ended[1]
     assert told[0] == told[1]
@@ -115,7 +117,7 @@ def test_what_others_have_there_is_left_alone(
 def test_what_is_not_there_is_one_sentence(
     url: str, said: str, store: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["replay", url, "-o", str(tmp_path / "out")]) == 2
+    assert main(["replay", url, "-o", str(tmp_path / "out"), *ALONE]) == 2
     told = capsys.readouterr().err
     assert said in told
     assert told.count("\n") == 1
@@ -188,7 +190,7 @@ def test_no_more_is_fetched_than_there_may_be(
         # A server need not say how much it will send.
         monkeypatch.setattr(type(store), "size", lambda *_: None)
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    assert main(["replay", "memory://bucket/dives/dive", "-o", str(tmp_path / "out")]) == 2
+    assert main(["replay", "memory://bucket/dives/dive", "-o", str(tmp_path / "out"), *ALONE]) == 2
     assert "has more than 1e-05 GB" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
@@ -197,7 +199,7 @@ def test_without_fsspec_it_is_said_how_to_get_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "fsspec.core", None)
-    assert main(["replay", "s3://bucket/dive", "-o", str(tmp_path / "out")]) == 2
+    assert main(["replay", "s3://bucket/dive", "-o", str(tmp_path / "out"), *ALONE]) == 2
     assert "s3://bucket/dive needs fsspec: install the extra stores, pip install" in (
         capsys.readouterr().err)
 
@@ -211,7 +213,7 @@ def test_a_store_does_not_choose_where_files_go(
     monkeypatch.setattr("tempfile.tempdir", str(scratch))
     store.pipe("/bucket/dives/dive/../../planted", b"from outside")
     store.pipe("/bucket/dives/dive/..", b"from outside")
-    assert main(["replay", "memory://bucket/dives/dive", "-o", str(tmp_path / "out")]) == 2
+    assert main(["replay", "memory://bucket/dives/dive", "-o", str(tmp_path / "out"), *ALONE]) == 2
     assert "an object outside of its folder" in capsys.readouterr().err
     assert not list(scratch.rglob("planted"))
 
@@ -219,7 +221,7 @@ def test_a_store_does_not_choose_where_files_go(
 def test_a_store_loses_nothing_but_results(
     store: Any, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    one = ["replay", "memory://bucket/dives/transect", "-o", "memory://bucket/one", "--jobs", "1"]
+    one = ["replay", "memory://bucket/dives/transect", "-o", "memory://bucket/one", *ALONE]
     assert main(one) == 0
     for name in ("one/notes.txt", "one/deep/in.mcap"):
         store.pipe(f"/bucket/{name}", b"mine")
@@ -240,7 +242,7 @@ def test_a_store_loses_nothing_but_results(
 
     monkeypatch.setattr(stores, "recording_here", plant)
     capsys.readouterr()
-    assert main([*one[:3], "memory://bucket/two", "--jobs", "1"]) == 2
+    assert main([*one[:3], "memory://bucket/two", *ALONE]) == 2
     assert "the result is in memory://bucket/two." in capsys.readouterr().err
     assert store.find("/bucket/two") == ["/bucket/two/notes.txt"]
     (kept,) = store.glob("/bucket/two.*.partial/replay.json")

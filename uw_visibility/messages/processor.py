@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection, Iterator
 from typing import Any
 
@@ -29,8 +30,12 @@ WARM_UP_SHAPE = (120, 160)
 LARGEST_WIDTH = 1 << 16
 
 
+@functools.cache
 def warm_up(config: PipelineConfig, *, compressed: bool = False) -> None:
-    """Compile what frames of 8 bit need and is not compiled yet, or load it."""
+    """Compile what frames of 8 bit need and is not compiled yet, or load it.
+
+    Once for a configuration: several recordings are replayed in one process.
+    """
     pipeline = Pipeline(WARM_UP_RIG, warm_up_config(config))
     pipeline.warm_up(WARM_UP_SHAPE, compressed=compressed)
     output_kernels.warm_up()

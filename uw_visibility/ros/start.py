@@ -9,6 +9,8 @@ import os
 import signal
 from collections.abc import Mapping
 
+from uw_visibility.compute.blas import use_one_thread
+
 # The C library gives large blocks back to the system when they are freed, and each frame has its
 # pages cleared anew: for a cloud of points that takes longer than filling it. See mallopt(3).
 MEMORY = {
@@ -48,6 +50,7 @@ def _start(module: str) -> int:
     # Importing takes seconds on a small computer, in which Ctrl-C would end in a traceback.
     for number in SIGNALS:
         signal.signal(number, lambda *_: os._exit(0))
+    use_one_thread()
     code = int(importlib.import_module(module).main())
     # A second Ctrl-C, or that of the launcher after the terminal's, finds the interpreter
     # on its way out, where it would end the process as killed.

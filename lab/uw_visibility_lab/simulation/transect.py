@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,6 +26,9 @@ RISE_PERIOD = 16.0
 
 METERED = 7
 """Frames of a transect under lamps that its exposure is set by."""
+
+# Making a reef takes as long as two small frames; transects of one seed over one way have the same.
+_reef = functools.lru_cache(maxsize=2)(reef)
 
 
 @dataclass(frozen=True)
@@ -71,7 +75,7 @@ class Transect:
 
     def render(self, workers: Workers | None = None) -> Iterator[TransectFrame]:
         """Render the transect's frames in turn, by a thread for each processor where absent."""
-        scene = reef(self.seed, self.length)
+        scene = _reef(self.seed, self.length)
         renderer = Renderer(
             self.camera, self.sensor, self.effects, workers or Workers(), self.camera_effects,
             self.lighting,

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -71,8 +72,12 @@ class Decoder:
         return store
 
 
+@functools.cache
 def common_types(ros1: bool) -> Any:
-    """Return the type store of the messages that come with ROS."""
+    """Return the type store of the messages that come with ROS; add no types to it.
+
+    It is made once, since it compiles a reader and a writer for each type that is used.
+    """
     return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
 
 
