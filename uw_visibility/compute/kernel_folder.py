@@ -215,7 +215,13 @@ def source_of(module: str) -> Path | None:
     loaded = sys.modules.get(package) if package.startswith(PACKAGE_FOLDER.name) else None
     if loaded is None or loaded.__file__ is None:
         return None
-    path = Path(loaded.__file__).resolve().parent.joinpath(*names)
+    return _module_file(loaded.__file__, tuple(names))
+
+
+@functools.cache
+def _module_file(package: str, names: tuple[str, ...]) -> Path | None:
+    """Return the file of a module; cached, since each kernel's module asks for all it imports."""
+    path = Path(package).resolve().parent.joinpath(*names)
     for file in (path.with_suffix(".py"), path / "__init__.py"):
         if file.is_file():
             return file
