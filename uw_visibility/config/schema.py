@@ -335,18 +335,6 @@ class PlausibilityConfig:
         1.5, "A difference within a gate that is wider than this proves nothing.",
         unit="m", minimum=0.1, maximum=100.0,
     )
-    warn_after: int = parameter(
-        3, "No longer used, and taken until version 0.4: see warn_interval.",
-        minimum=1, maximum=1000,
-    )
-    error_after: int = parameter(
-        6, "No longer used, and taken until version 0.4: see error_interval.",
-        minimum=1, maximum=1000,
-    )
-    bias_window: int = parameter(
-        0, "No longer used, and taken until version 0.4: the constant bias is always learned.",
-        minimum=0, maximum=10000,
-    )
     timeout: float = parameter(
         2.0, "Age from which estimate or sensor are stale, and longest gap between the sensor's "
         "messages that is bridged.", unit="s", minimum=0.1, maximum=60.0,
