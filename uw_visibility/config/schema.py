@@ -327,8 +327,8 @@ class PlausibilityConfig:
         unit="h", minimum=1e-3, maximum=1e6,
     )
     model_stddev: float = parameter(
-        0.25, "Standard deviation of what the estimate's own does not hold and is not constant: "
-        "what wanders with the scene, and frames that are off.",
+        0.25, "Scale of what the estimate's own standard deviation does not hold: bursts, and "
+        "frames that are off. How large they are on this scale is fitted to rendered transects.",
         unit="m", minimum=1e-3, maximum=20.0,
     )
     max_gate: float = parameter(
