@@ -110,6 +110,18 @@ def test_an_unknown_parameter_is_refused_with_the_nearest_name() -> None:
         PipelineConfig.from_parameters({"stereo.max_disparty": 96})
 
 
+@pytest.mark.parametrize(("gone", "near"), [
+    ("warn_after", "warn_interval"), ("error_after", "error_interval"), ("bias_window", ""),
+])
+def test_a_file_with_a_parameter_that_is_gone_is_refused_in_a_sentence(
+    tmp_path: Path, gone: str, near: str
+) -> None:
+    text = f"uw_visibility:\n  ros__parameters:\n    plausibility:\n      {gone}: 3\n"
+    values = read_yaml(file_with(tmp_path, text))
+    with pytest.raises(InputError, match=rf"^unknown parameter plausibility\.{gone}: .*{near}.*$"):
+        NodeConfig.from_parameters(values)
+
+
 def test_names_may_be_dotted_nested_and_under_any_node(tmp_path: Path) -> None:
     path = file_with(
         tmp_path,

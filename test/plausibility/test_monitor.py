@@ -13,6 +13,7 @@ import pytest
 
 from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.plausibility.comparison import DepthSample, Report, Verdict, interpolate
+from uw_visibility.plausibility.model import CAMERA
 from uw_visibility.plausibility.monitor import DepthMonitor
 from uw_visibility.status import Status
 
@@ -100,6 +101,28 @@ def test_recovered_sensor_is_believed_again() -> None:
     assert reports[-1].verdict is Verdict.OK
 
 
+@pytest.mark.parametrize("lasts", [4.0, 7.0])
+def test_camera_that_jumps_while_the_sensor_does_not_is_no_fault_of_the_sensor(
+    lasts: float
+) -> None:
+    # As where a near surface fills the view: the sensor's own depths show no jump.
+    def found(of_camera: float, of_sensor: float) -> list[float]:
+        monitor = DepthMonitor(CONFIG)
+        random, evidence = np.random.default_rng(0), []
+        for index in range(80):
+            time = index + 1.0
+            off = 2.0 if 60.0 < time <= 60.0 + lasts else 0.0
+            depth, noise = 6.0 - 2.0 * math.cos(0.02 * time), 0.05 * random.standard_normal(2)
+            monitor.add_sensor(sample(time, depth + of_sensor * off + noise[0], 0.05), time)
+            monitor.add_estimate(
+                sample(time, depth - of_camera * off + noise[1]), Status.OK, time)
+            evidence.append(monitor.report(time).evidence)
+        return evidence
+
+    camera, sensor = max(found(1.0, 0.0)), max(found(0.0, 1.0))
+    assert camera < 0.1 * sensor
+
+
 def test_sensor_far_beyond_a_wide_gate_is_an_error_from_the_start() -> None:
     assert run(10, fault=lambda time: 60.0)[-1].verdict is Verdict.ERROR
 
@@ -115,15 +138,21 @@ def test_false_alarms_are_as_rare_as_they_are_said_to_be() -> None:
     hours, alarms = 0.02, 0
     config = replace(CONFIG, error_interval=hours, warn_interval=hours)
     random, monitor = np.random.default_rng(3), DepthMonitor(config)
-    wander, frames = 0.0, 6_000
+    frames, stddev, precision = 6_000, CONFIG.model_stddev, 0.1
+    sizes = np.array((CAMERA.fast * precision, CAMERA.slow * stddev))
+    wander = sizes * random.standard_normal(2)
     for index in range(frames):
         time = index / RATE
-        kept = math.exp(-1.0 / RATE / 8.0)
-        wander = kept * wander + math.sqrt(1.0 - kept**2) * 0.125 * random.standard_normal()
-        off = 0.25 / math.sqrt(0.05) * random.standard_normal() * (random.random() < 0.05)
+        # Frames are taken every second: noise of those between is as they say.
+        if index % 2 == 0:
+            kept = np.exp(-1.0 / np.array((CAMERA.fast_time, CAMERA.slow_time)))
+            wander = kept * wander + np.sqrt(1.0 - kept**2) * sizes * random.standard_normal(2)
+            begun = random.random() < 1.0 - math.exp(-CAMERA.bursts)
+            wander[0] += CAMERA.burst * stddev * random.standard_normal() * begun
+            alone = CAMERA.outlier * stddev * random.standard_normal()
+            off = alone * (random.random() < CAMERA.outliers)
         monitor.add_sensor(sample(time, 5.0, 0.0), time)
-        monitor.add_estimate(
-            sample(time, 5.0 + wander + off + 0.1 * random.standard_normal()), Status.OK, time)
+        monitor.add_estimate(sample(time, 5.0 + float(wander.sum()) + off), Status.OK, time)
         if monitor.report(time).verdict is Verdict.ERROR:
             alarms += 1
             monitor.reset()

@@ -327,25 +327,13 @@ class PlausibilityConfig:
         unit="h", minimum=1e-3, maximum=1e6,
     )
     model_stddev: float = parameter(
-        0.25, "Standard deviation of what the estimate's own does not hold and is not constant: "
-        "what wanders with the scene, and frames that are off.",
+        0.25, "Scale of what the estimate's own standard deviation does not hold: bursts, and "
+        "frames that are off. How large they are on this scale is fitted to rendered transects.",
         unit="m", minimum=1e-3, maximum=20.0,
     )
     max_gate: float = parameter(
         1.5, "A difference within a gate that is wider than this proves nothing.",
         unit="m", minimum=0.1, maximum=100.0,
-    )
-    warn_after: int = parameter(
-        3, "No longer used, and taken until version 0.4: see warn_interval.",
-        minimum=1, maximum=1000,
-    )
-    error_after: int = parameter(
-        6, "No longer used, and taken until version 0.4: see error_interval.",
-        minimum=1, maximum=1000,
-    )
-    bias_window: int = parameter(
-        0, "No longer used, and taken until version 0.4: the constant bias is always learned.",
-        minimum=0, maximum=10000,
     )
     timeout: float = parameter(
         2.0, "Age from which estimate or sensor are stale, and longest gap between the sensor's "

@@ -6,11 +6,11 @@ The difference of a right sensor and the estimate is
 
     the camera's constant (white balance, kind of water), which a dive keeps,
     + its slope over the camera's own depth (kind of water),
-    + what wanders with the scene, an Ornstein-Uhlenbeck process,
+    + what wanders with the scene and with the water, two Ornstein-Uhlenbeck processes,
     + what frame and sensor are uncertain by, each for itself;
 
-a faulty sensor adds an offset that begins at any moment, of any size, and walks on. Both are Kalman
-filters with what is not known of the wandering as hypotheses (Bar-Shalom, Li and Kirubarajan,
+a faulty sensor adds an offset that begins at any moment, of any size, drifts, and walks on. Both
+are Kalman filters, with how restless a dive is as hypotheses (Bar-Shalom, Li and Kirubarajan,
 "Estimation with Applications to Tracking and Navigation", 2001, section 11.6,
 doi:10.1002/0471221279). The evidence of a fault is the statistic of Shiryaev and Roberts, of which
 the mean grows by one second a second while there is none, whatever is assumed of faults: the mean
@@ -21,32 +21,111 @@ time to a false alarm is at least the limit that it is held against (Pollak, Ann
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 Array = NDArray[np.float64]
 
-# Wander: standard deviation relative to the model's, and correlation times, s.
-SIZE = 0.5
-TIMES = (4.0, 16.0)
+
+class Camera(NamedTuple):
+    """How a camera's depths err beyond their own variance; sizes are standard deviations.
+
+    Attributes
+    ----------
+    constant, slope : float
+        Of the dive's constant and its slope, relative to what the estimate says beforehand.
+    fast : float
+        Of what wanders with the scene, relative to a frame's own.
+    fast_time, slow_time : float
+        Correlation times of what wanders with the scene and with the water, s.
+    slow : float
+        Of what wanders with the water, relative to what the estimate says of the constant.
+    bursts : float
+        Rate at which the scene throws the estimate off, 1/s; it decays as what wanders with it.
+    burst : float
+        By how much, relative to the model's (`PlausibilityConfig.model_stddev`).
+    outliers : float
+        Share of frames that are off by themselves.
+    outlier : float
+        By how much, relative to the model's.
+    spread : float
+        Factor by which wandering, bursts and outliers of a restless dive are larger than a usual
+        one's, and those of a calm dive smaller.
+    """
+
+    constant: float
+    slope: float
+    fast: float
+    fast_time: float
+    slow: float
+    slow_time: float
+    bursts: float
+    burst: float
+    outliers: float
+    outlier: float
+    spread: float
+
+
+CAMERA = Camera(
+    constant=0.82, slope=0.99, fast=0.41, fast_time=1.6, slow=0.11, slow_time=200.0,
+    bursts=0.049, burst=3.6, outliers=0.12, outlier=1.9, spread=1.6)
+"""Fitted by ``python -m uw_visibility_lab.evaluation.plausibility FOLDER``."""
+
+# Powers of `Camera.spread`: a calm, a usual and a restless dive.
+SCALES = (-1.0, 0.0, 1.0)
 # Frames closer in time see the same scene and have the same error, s.
 INTERVAL = 0.9
-# Share of outlier frames, and among these the share of wild ones.
-OUTLIERS = 0.05
-# Standard deviation of a fault or a wild frame, m, and random walk of a fault: a decimetre in a few
-# seconds, a metre in some minutes, m²/s.
-FAULT = 10.0
-WALK = 0.003
+# Standard deviation of a fault or a wild value, m: any depth that a sensor may tell; and the share
+# of wild values, one in ten minutes.
+FAULT, WILD = 10.0, 1.0 / 600.0
+# Share of faults that begin with a jump; the others drift from zero.
+JUMPS = 0.5
+# Standard deviation of the vehicle's own vertical speed, m/s: the rest of what a sensor changes by
+# at once is a jump.
+MOTION = 0.5
+# Standard deviation of a fault's drift, m/s, and its random walk, m²/s: a metre in some minutes.
+DRIFTING, WALK = 1.0 / 60.0, 0.001
+# Time over which the camera's own depth is smoothed, s: a frame's own error is not depth.
+SMOOTHED = 16.0
 # Lower limits that keep logarithms finite: of time, s, and of a weight.
 SHORTEST, LEAST_WEIGHT = 1e-6, 1e-12
+# Steps at most by which a gate is sought, and how far the last may go, relatively.
+STEPS, PRECISE = 50, 1e-6
 
-CONSTANT, SLOPE, WANDER, OFFSET = range(4)
+CONSTANT, SLOPE, FAST, SLOW, OFFSET, DRIFT = range(6)
+STATES = 6
+# Row of the difference.
+SEEN = np.array((1.0, 0.0, 1.0, 1.0, 1.0, 0.0))
 
 
-class InnovationModel:
-    """Filters of the difference of sensor and estimate, without and with a fault of the sensor.
+class Taken(NamedTuple):
+    """A difference that is to be taken.
+
+    Attributes
+    ----------
+    elapsed : float
+        Since the last one taken, s.
+    depth : float
+        As the camera tells it, m.
+    variance, sensor_variance : float
+        Of the estimate, of what differs between frames, and of the sensor, m².
+    sensor_change : float
+        Of the sensor since the last one taken, m; NaN where there is none.
+    """
+
+    elapsed: float
+    depth: float
+    variance: float
+    sensor_variance: float
+    sensor_change: float = math.nan
+
+
+class RightSensor:
+    """Filter of the difference of a right sensor and the estimate.
 
     Parameters
     ----------
@@ -56,188 +135,336 @@ class InnovationModel:
         Of what is constant over a dive, beforehand, m.
     depth : float
         As the camera tells it at first, m.
+    camera : Camera
+        How its depths err.
+    """
+
+    def __init__(
+        self, stddev: float, constant_stddev: float, depth: float, camera: Camera
+    ) -> None:
+        scales = np.square(camera.spread ** np.array(SCALES))
+        self._rate, self._outliers = camera.bursts, camera.outliers
+        self._burst = (camera.burst * stddev) ** 2 * scales
+        self._outlier = (camera.outlier * stddev) ** 2 * scales
+        self._fast = camera.fast**2 * scales
+        self._slow = (camera.slow * constant_stddev) ** 2 * scales
+        self._times = np.array((camera.fast_time, camera.slow_time))
+        self._depth = depth
+        # Another water type scales depth: its error is a share of depth beforehand.
+        slope = (camera.slope * constant_stddev / max(depth, constant_stddev)) ** 2
+        covariance = np.zeros((len(SCALES), STATES, STATES))
+        covariance[:, CONSTANT, CONSTANT] = (
+            (camera.constant * constant_stddev) ** 2 + slope * depth**2)
+        covariance[:, CONSTANT, SLOPE] = covariance[:, SLOPE, CONSTANT] = slope * depth
+        covariance[:, SLOPE, SLOPE] = slope
+        covariance[:, SLOW, SLOW] = self._slow
+        self.filter = Filter(np.zeros((len(SCALES), STATES)), covariance)
+        self.weights = np.full(len(SCALES), 1.0 / len(SCALES))
+
+    @property
+    def constant(self) -> tuple[float, float]:
+        """Constant difference at the present depth, without wander, and its stddev, m."""
+        means, covariances = self.filter
+        return _moments(self.weights, means[:, CONSTANT], covariances[:, CONSTANT, CONSTANT])
+
+    def predict(self, taken: Taken, confidence: float) -> tuple[float, float]:
+        """Predict a difference.
+
+        Returns
+        -------
+        mean, gate : float
+            Of the difference, m, and how far from it a right sensor's is with a probability.
+        """
+        means, covariances = self.filter.predict(*self.motion(taken))
+        variances = covariances @ SEEN @ SEEN + taken.sensor_variance
+        expected = means @ SEEN
+        mean, _ = _moments(self.weights, expected, variances)
+        kinds = self._kinds(taken.elapsed)
+        stddevs = np.sqrt(variances + kinds.burst + kinds.apart)
+        weights = kinds.shares[:, np.newaxis] * self.weights
+        return mean, _gate(weights, expected - mean, stddevs, confidence)
+
+    def observe(self, taken: Taken, difference: float) -> Observation:
+        """Return what a difference tells, and move to the depth at which it was."""
+        self._depth = self._smoothed(taken.elapsed, taken.depth)
+        return Observation(
+            difference, taken.sensor_variance,
+            self._kinds(taken.elapsed))
+
+    def update(self, ahead: Filter, observation: Observation) -> float:
+        """Take a difference into the filter as predicted; return its log density."""
+        self.filter, log_densities = ahead.update(observation)
+        log_weights = np.log(self.weights) + log_densities
+        log_density = float(np.logaddexp.reduce(log_weights))
+        # A dive may become restless later.
+        weights = np.maximum(np.exp(log_weights - log_density), LEAST_WEIGHT)
+        self.weights = weights / weights.sum()
+        return log_density
+
+    def motion(self, taken: Taken) -> tuple[Array, Array]:
+        """Return the transition of the states up to a difference, and the variance that it adds."""
+        kept = np.exp(-taken.elapsed / self._times)
+        deeper = self._smoothed(taken.elapsed, taken.depth) - self._depth
+        transition = np.eye(STATES)
+        transition[CONSTANT, SLOPE] = deeper
+        transition[[FAST, SLOW], [FAST, SLOW]] = kept
+        added = np.zeros((len(SCALES), STATES, STATES))
+        wander = np.stack([self._fast * taken.variance, self._slow], axis=-1)
+        added[:, [FAST, SLOW], [FAST, SLOW]] = wander * (1.0 - kept**2)
+        return transition, added
+
+    def _kinds(self, elapsed: float) -> Kinds:
+        """Kinds of frames: usual, begun burst, off by itself, wild."""
+        bursts = -math.expm1(-self._rate * elapsed)
+        alone = (1.0 - WILD) * self._outliers
+        others = 1.0 - WILD - alone
+        shares = np.array((others * (1.0 - bursts), others * bursts, alone, WILD))
+        none = np.zeros_like(self._burst)
+        return Kinds(
+            shares, np.stack([none, self._burst, none, none]),
+            np.stack([none, none, self._outlier, np.full_like(none, FAULT**2)]))
+
+    def _smoothed(self, elapsed: float, depth: float) -> float:
+        return depth + math.exp(-elapsed / SMOOTHED) * (self._depth - depth)
+
+
+class InnovationModel:
+    """Evidence of a fault of the sensor, by filters without and with one.
+
+    Parameters
+    ----------
+    stddev : float
+        Of what the estimate's own does not hold and is not constant, m.
+    constant_stddev : float
+        Of what is constant over a dive, beforehand, m.
+    depth : float
+        As the camera tells it at first, m.
+    camera : Camera
+        How its depths err.
 
     Attributes
     ----------
     stddev : float
         As given.
+    right : RightSensor
+        Filter without a fault.
     evidence : float
         Of a fault, s; a right sensor reaches it once in so long on average at most.
     """
 
-    def __init__(self, stddev: float, constant_stddev: float, depth: float) -> None:
-        self.stddev = stddev
-        self.evidence = 0.0
-        self._times = np.array(TIMES)
-        self._weights = np.full(len(TIMES), 1.0 / len(TIMES))
-        self._wander = (SIZE * stddev) ** 2
-        # Another water type scales depth; an estimate that does not follow depth has a slope of 1.
-        slope_stddev = min(constant_stddev / max(depth, constant_stddev), 1.0)
-        self._first = self._depth = depth
-        covariance = np.diag((constant_stddev**2, slope_stddev**2, self._wander, 0.0))
-        self._right = _Filter(np.zeros((len(TIMES), 4)), np.stack([covariance] * len(TIMES)))
-        # The oldest first.
-        self._faults: list[_Fault] = []
-
-    @property
-    def constant(self) -> tuple[float, float]:
-        """Constant difference at the present depth, without wander, and its stddev, m."""
-        means, covariances = self._right
-        seen = self._seen(self._depth)
-        seen[WANDER] = 0.0
-        return _moments(self._weights, means @ seen, covariances @ seen @ seen)
-
-    def predict(self, elapsed: float, depth: float, variance: float) -> tuple[float, float]:
-        """Predict the next difference.
-
-        Parameters
-        ----------
-        elapsed : float
-            Since the last one taken, s.
-        depth : float
-            As the camera tells it, m.
-        variance : float
-            Of frame and sensor, m².
-
-        Returns
-        -------
-        mean, stddev : float
-            Of the difference of a right sensor, m. Wild frames are beyond it.
-        """
-        means, covariances = self._right.predict(self._kept(elapsed), self._wander, 0.0)
-        seen = self._seen(self._smoothed(elapsed, depth))
-        variances = covariances @ seen @ seen + variance + self.stddev**2
-        return _moments(self._weights, means @ seen, variances)
-
-    def update(
-        self, elapsed: float, depth: float, difference: float, variance: float, most: float
+    def __init__(
+        self, stddev: float, constant_stddev: float, depth: float, camera: Camera = CAMERA
     ) -> None:
+        self.stddev = stddev
+        self.right = RightSensor(stddev, constant_stddev, depth, camera)
+        self.evidence = 0.0
+        self._faults = Faults.none()
+
+    def update(self, taken: Taken, difference: float, most: float) -> None:
         """Take a difference.
 
         Parameters
         ----------
-        elapsed, depth, variance : float
-            See `predict`.
+        taken : Taken
+            See there.
         difference : float
             Of sensor and estimate, m.
         most : float
             The evidence is no more than this, s, so that a sensor that recovers is believed.
         """
-        self._depth = self._smoothed(elapsed, depth)
-        kept = self._kept(elapsed)
-        taken = self._seen(self._depth), difference, variance, self.stddev
-        right, log_right = self._right.predict(kept, self._wander, 0.0).update(*taken)
-        begun, log_begun = self._right.predict(kept, self._wander, FAULT**2).update(*taken)
-        faults = [fault.update(kept, self._wander, WALK * elapsed, taken)
-                  for fault in self._faults]
+        right = self.right
+        transition, added = right.motion(taken)
+        ahead = right.filter.predict(transition, added)
+        observation = right.observe(taken, difference)
+        begun, log_begun = _begun(ahead, taken, observation)
         # In logarithms: densities of outliers underflow.
-        log_begun += np.log(max(elapsed, SHORTEST) * self._weights)
-        log_right += np.log(self._weights)
-        self._right = right
-        self._faults = _thinned([*faults, _Fault(1, begun, log_begun)])
-        total = float(np.logaddexp.reduce([fault.log_evidence for fault in self._faults], None))
-        log_right_total = float(np.logaddexp.reduce(log_right))
-        log_evidence = min(total - log_right_total, math.log(most))
-        self._faults = [
-            fault._replace(log_evidence=fault.log_evidence + (log_evidence - total))
-            for fault in self._faults]
+        log_begun = log_begun + np.log(max(taken.elapsed, SHORTEST) * right.weights)
+        log_right = right.update(ahead, observation)
+        transition[OFFSET, DRIFT] = taken.elapsed
+        added[:, OFFSET, OFFSET] = WALK * taken.elapsed
+        faults = self._faults.update(transition, added, observation).joined(begun, log_begun)
+        total = float(np.logaddexp.reduce(faults.log_evidence, None))
+        log_evidence = min(total - log_right, math.log(most))
+        self._faults = faults._replace(
+            log_evidence=faults.log_evidence + (log_evidence - total))
         self.evidence = math.exp(log_evidence)
-        weights = np.exp(log_right - log_right.max())
-        # The wander's correlation time may change later.
-        self._weights = np.maximum(weights / weights.sum(), LEAST_WEIGHT)
-
-    def _kept(self, elapsed: float) -> Array:
-        return np.exp(-elapsed / self._times)
-
-    def _smoothed(self, elapsed: float, depth: float) -> float:
-        # Smoothed: a frame's own error is not depth.
-        return depth + math.exp(-elapsed / TIMES[-1]) * (self._depth - depth)
-
-    def _seen(self, depth: float) -> Array:
-        """Observation row of the difference at a depth by the camera, m."""
-        return np.array((1.0, depth - self._first, 1.0, 1.0))
 
 
-class _Filter(NamedTuple):
-    """Mean (J, 4) and covariance (J, 4, 4) of constant, slope, wander, offset by hypothesis."""
+class Kinds(NamedTuple):
+    """Kinds of frames: shares (K,), and what is added to variances, m², (K, J).
+
+    burst : of what wanders with the scene; apart : of the frame alone.
+    """
+
+    shares: Array
+    burst: Array
+    apart: Array
+
+
+class Observation(NamedTuple):
+    """What a difference tells: its value and variance, and the kinds that it may be of."""
+
+    difference: float
+    variance: float
+    kinds: Kinds
+
+
+class Filter(NamedTuple):
+    """Means (..., J, STATES) and covariances (..., J, STATES, STATES) by hypothesis."""
 
     means: Array
     covariances: Array
 
-    def predict(self, kept: Array, wander: float, walk: float) -> _Filter:
-        """Predict: the wander decays by `kept`, and the offset walks."""
-        keep = np.ones_like(self.means)
-        keep[:, WANDER] = kept
-        covariances = self.covariances * keep[:, :, np.newaxis] * keep[:, np.newaxis]
-        covariances[:, WANDER, WANDER] += wander * (1.0 - kept**2)
-        covariances[:, OFFSET, OFFSET] += walk
-        return _Filter(self.means * keep, covariances)
+    def predict(self, transition: Array, added: Array) -> Filter:
+        """Predict: states move by a matrix, and covariances have some added."""
+        return Filter(
+            self.means @ transition.T,
+            transition @ self.covariances @ transition.T + added)
 
-    def update(
-        self, seen: Array, difference: float, variance: float, stddev: float
-    ) -> tuple[_Filter, Array]:
-        """Update by the probability that the difference is no outlier; also log density."""
-        residuals = difference - self.means @ seen
-        cross = self.covariances @ seen
-        variances = cross @ seen + variance
-        usual = math.log(1.0 - OUTLIERS) + _log_density(residuals, variances)
-        # Outliers together add the model's variance on average.
-        off = math.log(OUTLIERS) + _log_density(residuals, variances + stddev**2 / OUTLIERS)
-        wild = 2.0 * math.log(OUTLIERS) + _log_density(residuals, variances + FAULT**2)
-        log_density = np.logaddexp(np.logaddexp(usual, off), wild)
-        taken = np.exp(usual - log_density)
-        gain = cross / variances[:, np.newaxis]
-        step = gain * residuals[:, np.newaxis]
-        covariances = (
-            self.covariances - _scale(taken, _outer(gain, cross))
-            + _scale(taken * (1.0 - taken), _outer(step, step)))
-        return _Filter(self.means + taken[:, np.newaxis] * step, covariances), log_density
+    def update(self, observation: Observation) -> tuple[Filter, Array]:
+        """Update by the probabilities of the kinds of frames; also log density (..., J)."""
+        difference, variance, (shares, bursts, aparts) = observation
+        residuals = difference - self.means @ SEEN
+        cross = self.covariances @ SEEN
+        variances = cross @ SEEN + variance
+        parts, log_densities = [], []
+        for share, burst, apart in zip(shares, bursts, aparts, strict=True):
+            crossed = cross.copy()
+            crossed[..., FAST] += burst
+            total = variances + burst + apart
+            gain = crossed / total[..., np.newaxis]
+            covariances = self.covariances - _outer(gain, crossed)
+            covariances[..., FAST, FAST] += burst
+            parts.append(Filter(self.means + gain * residuals[..., np.newaxis], covariances))
+            log_densities.append(
+                math.log(max(share, LEAST_WEIGHT)) + _log_density(residuals, total))
+        log_density = np.logaddexp.reduce(log_densities)
+        return _mixed(parts, np.exp(log_densities - log_density)), log_density
 
 
-class _Fault(NamedTuple):
-    """Faults that began at so many neighbouring differences, with their evidence, ln s, (J,)."""
+def _begun(ahead: Filter, taken: Taken, observation: Observation) -> tuple[Filter, Array]:
+    """Return the filter of a fault that begins with a difference, and its log density.
 
-    onsets: int
-    filter: _Filter
+    What the sensor itself has changed by is given, and no evidence: that is of the difference
+    alone, so that its mean stays what it is whatever the vehicle does.
+    """
+    parts, log_densities = [], []
+    for share, mean, variance in _onsets(taken):
+        means, covariances = ahead.means.copy(), ahead.covariances.copy()
+        means[:, OFFSET] = mean
+        covariances[:, OFFSET, OFFSET] = variance
+        covariances[:, DRIFT, DRIFT] = DRIFTING**2
+        part, log_density = Filter(means, covariances).update(observation)
+        parts.append(part)
+        log_densities.append(math.log(share) + log_density)
+    log_density = np.logaddexp.reduce(log_densities)
+    return _mixed(parts, np.exp(log_densities - log_density)), log_density
+
+
+def _onsets(taken: Taken) -> list[tuple[float, float, float]]:
+    """Return shares, means, m, and variances, m², of a fault's offset as it begins."""
+    if not math.isfinite(taken.sensor_change):
+        return [(1.0 - JUMPS, 0.0, 0.0), (JUMPS, 0.0, FAULT**2)]
+    moved = (MOTION * taken.elapsed) ** 2 + 2.0 * taken.sensor_variance
+    return [
+        (1.0 - JUMPS, 0.0, 0.0),
+        (JUMPS * (1.0 - WILD), taken.sensor_change, min(moved, FAULT**2)),
+        (JUMPS * WILD, 0.0, FAULT**2),
+    ]
+
+
+class Faults(NamedTuple):
+    """Faults that began at so many neighbouring differences, the oldest first.
+
+    Attributes
+    ----------
+    onsets : tuple of int
+        Differences at which they began, (N,).
+    filter : Filter
+        Of leading size N.
+    log_evidence : ndarray
+        Logarithm of their evidence, s, (N, J).
+    """
+
+    onsets: tuple[int, ...]
+    filter: Filter
     log_evidence: Array
 
-    def update(
-        self, kept: Array, wander: float, walk: float,
-        taken: tuple[Array, float, float, float],
-    ) -> _Fault:
+    @classmethod
+    def none(cls) -> Faults:
+        """Return that of no difference yet."""
+        count = len(SCALES)
+        return cls(
+            (), Filter(np.zeros((0, count, STATES)), np.zeros((0, count, STATES, STATES))),
+            np.zeros((0, count)))
+
+    def update(self, transition: Array, added: Array, observation: Observation) -> Faults:
         """Predict, and take a difference."""
-        updated, log_density = self.filter.predict(kept, wander, walk).update(*taken)
-        return _Fault(self.onsets, updated, self.log_evidence + log_density)
+        updated, log_density = self.filter.predict(transition, added).update(observation)
+        return Faults(self.onsets, updated, self.log_evidence + log_density)
+
+    def joined(self, begun: Filter, log_evidence: Array) -> Faults:
+        """Return these and one that begins; of each power of two of onsets two stay at most."""
+        joined = self._with(slice(len(self.onsets), None), 1, begun, log_evidence)
+        onsets = 1
+        while joined.onsets.count(onsets) > 2:
+            at = joined.onsets.index(onsets)
+            two = joined.log_evidence[at:at + 2]
+            both = np.logaddexp.reduce(two)
+            means, covariances = joined.filter
+            parts = [Filter(means[k], covariances[k]) for k in (at, at + 1)]
+            onsets *= 2
+            joined = joined._with(
+                slice(at, at + 2), onsets, _mixed(parts, np.exp(two - both)), both)
+        return joined
+
+    def _with(self, place: slice, onsets: int, merged: Filter, log_evidence: Array) -> Faults:
+        """Put one in the place of others."""
+        def put(values: Array, value: Array) -> Array:
+            after = values[place.stop:] if place.stop is not None else values[:0]
+            return np.concatenate([values[:place.start], value[np.newaxis], after])
+
+        counts = list(self.onsets)
+        counts[place] = [onsets]
+        return Faults(
+            tuple(counts),
+            Filter(*(put(a, b) for a, b in zip(self.filter, merged, strict=True))),
+            put(self.log_evidence, log_evidence))
 
 
-def _thinned(faults: list[_Fault]) -> list[_Fault]:
-    """Merge neighbours, so that there are two of each power of two of onsets at most."""
-    onsets = 1
-    while sum(fault.onsets == onsets for fault in faults) > 2:
-        at = next(k for k, fault in enumerate(faults) if fault.onsets == onsets)
-        one, other = faults[at:at + 2]
-        log_evidence = np.logaddexp(one.log_evidence, other.log_evidence)
-        share = np.exp(one.log_evidence - log_evidence)
-        faults[at:at + 2] = [
-            _Fault(2 * onsets, _merge(one.filter, other.filter, share), log_evidence)]
-        onsets *= 2
-    return faults
+def _mixed(parts: Sequence[Filter], shares: Array) -> Filter:
+    """Merge Gaussian mixtures by moments; shares (n, J) sum to 1."""
+    means = np.stack([part.means for part in parts])
+    mean = (shares[..., np.newaxis] * means).sum(axis=0)
+    apart = means - mean
+    covariances = np.stack([part.covariances for part in parts]) + _outer(apart, apart)
+    return Filter(mean, _scale(shares, covariances).sum(axis=0))
 
 
-def _merge(one: _Filter, other: _Filter, share: Array) -> _Filter:
-    """Merge two Gaussian mixtures by moments; the first one has weight `share`."""
-    apart = one.means - other.means
-    return _Filter(
-        other.means + share[:, np.newaxis] * apart,
-        _scale(share, one.covariances) + _scale(1.0 - share, other.covariances)
-        + _scale(share * (1.0 - share), _outer(apart, apart)))
+def _gate(weights: Array, means: Array, stddevs: Array, confidence: float) -> float:
+    """Return how far from zero a mixture of Gaussians is with a probability."""
+    weights = weights / weights.sum()
+    low, high = 0.0, float((np.abs(means) + 9.0 * stddevs).max())
+    gate = math.sqrt(float((weights * (stddevs**2 + means**2)).sum()))
+    for _ in range(STEPS):
+        above, below = (gate - means) / stddevs, (-gate - means) / stddevs
+        lacking = confidence - float((weights * (ndtr(above) - ndtr(below))).sum())
+        low, high = (gate, high) if lacking > 0.0 else (low, gate)
+        density = (np.exp(-0.5 * above**2) + np.exp(-0.5 * below**2)) / stddevs
+        slope = float((weights * density).sum()) / math.sqrt(2.0 * math.pi)
+        # By Newton, or where that leads astray by halves.
+        before, gate = gate, 0.5 * (low + high)
+        if slope > 0.0 and low < before + lacking / slope < high:
+            gate = before + lacking / slope
+        if abs(gate - before) <= PRECISE * gate:
+            break
+    return gate
 
 
 def _moments(weights: Array, means: Array, variances: Array) -> tuple[float, float]:
     """Mean and standard deviation of a mixture."""
-    mean = float(weights @ means) / float(weights.sum())
-    spread = float(weights @ (variances + (means - mean) ** 2)) / float(weights.sum())
-    return mean, math.sqrt(spread)
+    mean = float(weights @ means)
+    return mean, math.sqrt(float(weights @ (variances + (means - mean) ** 2)))
 
 
 def _log_density(residuals: Array, variances: Array) -> Array:
@@ -245,8 +472,8 @@ def _log_density(residuals: Array, variances: Array) -> Array:
 
 
 def _outer(one: Array, other: Array) -> Array:
-    return one[:, :, np.newaxis] * other[:, np.newaxis]
+    return one[..., :, np.newaxis] * other[..., np.newaxis, :]
 
 
 def _scale(share: Array, matrices: Array) -> Array:
-    return share[:, np.newaxis, np.newaxis] * matrices
+    return share[..., np.newaxis, np.newaxis] * matrices

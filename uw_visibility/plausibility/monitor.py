@@ -24,7 +24,7 @@ from uw_visibility.plausibility.comparison import (
     Verdict,
     interpolate,
 )
-from uw_visibility.plausibility.model import INTERVAL, InnovationModel
+from uw_visibility.plausibility.model import CAMERA, INTERVAL, Camera, InnovationModel, Taken
 from uw_visibility.status import Status
 
 # Bounds memory: 10 s of a sensor at 200 Hz.
@@ -35,6 +35,10 @@ HOUR = 3600.0
 # Tolerance for rounding at the limit of evidence.
 REACHED = 1.0 - 1e-9
 NO_SENSOR = "no depth_sensor yet"
+# Step by which a comparison moves the logarithm of the gate, so that in the long run as many pass
+# as should whatever the camera's errors are: that of Angelopoulos, Candes and Tibshirani (2023,
+# doi:10.48550/arXiv.2307.16895), relative to the gate.
+WIDENING = 0.1
 
 # A stamp older than the newest by more than this starts a new recording, ns.
 RESTART_NANOSECONDS = 1_000_000_000
@@ -50,10 +54,16 @@ class DepthMonitor:
     ----------
     config : PlausibilityConfig
         May be replaced at any time.
+
+    Parameters
+    ----------
+    camera : Camera
+        How the camera's depths err.
     """
 
-    def __init__(self, config: PlausibilityConfig) -> None:
+    def __init__(self, config: PlausibilityConfig, camera: Camera = CAMERA) -> None:
         self.config = config
+        self._camera = camera
         self.reset()
 
     def reset(self) -> None:
@@ -61,8 +71,10 @@ class DepthMonitor:
         self._samples: deque[DepthSample] = deque(maxlen=SENSOR_SAMPLES)
         self._waiting: deque[DepthSample] = deque(maxlen=WAITING_ESTIMATES)
         self._model: InnovationModel | None = None
-        # Stamp of the last comparison that the model has taken.
-        self._taken = 0
+        # Stamp and the sensor's depth of the last comparison that the model has taken.
+        self._taken, self._sensor_taken = 0, math.nan
+        # Logarithm of the factor by which gates are wider than the model has them.
+        self._widening = 0.0
         self._status = Status.OK
         self._last: Comparison | None = None
         self._sensor_arrival = self._estimate_arrival = -math.inf
@@ -126,7 +138,7 @@ class DepthMonitor:
         self._give_up_waiting()
         verdict, reason = self._judge(now)
         model = self._model
-        bias, bias_stddev = model.constant if model is not None else (math.nan, math.nan)
+        bias, bias_stddev = model.right.constant if model is not None else (math.nan, math.nan)
         return Report(
             verdict, reason, self._last, self._compared, self._failed, self._inconclusive,
             self._unmatched, model.evidence if model is not None else 0.0, bias, bias_stddev,
@@ -161,23 +173,27 @@ class DepthMonitor:
             # The constant is at least as uncertain as the rest.
             constant = max(math.sqrt(estimate.constant_variance), config.model_stddev)
             model = self._model = InnovationModel(
-                config.model_stddev, constant, estimate.depth)
-            self._taken = estimate.stamp - RESTART_NANOSECONDS
+                config.model_stddev, constant, estimate.depth, self._camera)
+            self._taken, self._sensor_taken = estimate.stamp - RESTART_NANOSECONDS, math.nan
         elapsed = 1e-9 * abs(estimate.stamp - self._taken)
         difference = sensor.depth - estimate.depth
         # Avoids a zero variance.
-        own = max(estimate.variance + sensor.variance, 1e-12)
-        expected, stddev = model.predict(elapsed, estimate.depth, own)
+        taken = Taken(
+            elapsed, estimate.depth, max(estimate.variance, 1e-12), sensor.variance,
+            sensor.depth - self._sensor_taken)
+        expected, gate = model.right.predict(taken, config.confidence)
         if elapsed >= INTERVAL:
-            model.update(
-                elapsed, estimate.depth, difference, own, HOUR * config.error_interval)
-            self._taken = estimate.stamp
-        innovation, variance = difference - expected, stddev**2
-        gate = math.sqrt(chdtri(1, 1.0 - config.confidence) * variance)
+            model.update(taken, difference, HOUR * config.error_interval)
+            self._taken, self._sensor_taken = estimate.stamp, sensor.depth
+        gate *= math.exp(self._widening)
+        innovation = difference - expected
+        variance = gate**2 / float(chdtri(1, 1.0 - config.confidence))
         comparison = Comparison(
             estimate, sensor, innovation, variance, innovation**2 / variance, gate,
             conclusive=gate <= config.max_gate or abs(innovation) > gate,
         )
+        if model.evidence < HOUR * config.warn_interval:
+            self._widening += WIDENING * ((not comparison.passed) - (1.0 - config.confidence))
         self._last = comparison
         self._compared += 1
         self._compared_arrival = arrival
@@ -200,7 +216,7 @@ class DepthMonitor:
             return Verdict.STALE, (
                 "no depth_sensor value at the stamps of the images: are both on one clock?"
             )
-        bias, bias_stddev = model.constant
+        bias, bias_stddev = model.right.constant
         found = (
             f"sensor {last.innovation:+.2f} m from what is expected, gate {last.gate:.2f} m, "
             f"after a learned bias of {bias:+.2f} ± {bias_stddev:.2f} m"

@@ -75,11 +75,15 @@ class Transect:
 
     def render(self, workers: Workers | None = None) -> Iterator[TransectFrame]:
         """Render the transect's frames in turn, by a thread for each processor where absent."""
-        scene = _reef(self.seed, self.length)
         renderer = Renderer(
             self.camera, self.sensor, self.effects, workers or Workers(), self.camera_effects,
             self.lighting,
         )
+        yield from self.render_by(renderer)
+
+    def render_by(self, renderer: Renderer) -> Iterator[TransectFrame]:
+        """Render the transect's frames in turn by a renderer of its cameras and effects."""
+        scene = _reef(self.seed, self.length)
         exposure = self.exposure
         if self.lighting.lamps and exposure is None:
             exposure = self._meter(renderer, scene)

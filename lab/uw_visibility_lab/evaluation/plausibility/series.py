@@ -1,0 +1,214 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Series of estimated and true depth over rendered transects, kept in files."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import astuple, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from uw_visibility import __version__
+from uw_visibility.compute.threads import Workers
+from uw_visibility.config.documents import read_document
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility_lab.simulation.camera import CameraEffects, Pose, StereoCamera
+from uw_visibility_lab.simulation.frame import Effects, Renderer
+from uw_visibility_lab.simulation.lamp_image import CameraView
+from uw_visibility_lab.simulation.scene import Scene
+from uw_visibility_lab.simulation.transect import Transect
+from uw_visibility_lab.simulation.water import WaterEffects
+
+FRAMES = 240
+MAX_DISPARITY = 48
+"""Largest disparity that is searched, px: ranges from 0.56 m with the camera below."""
+STEREO = StereoCamera(240, 180, 225.0, 0.12)
+"""Small: depth comes from averages, and a transect takes two minutes on one core."""
+COOL = CameraEffects(white_balance=(0.65, 1.0, 0.9))
+"""A balance that the estimate is not told of, which shifts all its depths."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a frame tells of depth, and the truth.
+
+    Attributes
+    ----------
+    time : float
+        From the start, s.
+    truth, depth : float
+        True and estimated, m; `depth` is NaN where it is not told.
+    stddev, precision : float
+        Standard deviation of `depth`, and of what of it differs between frames, m.
+    """
+
+    time: float
+    truth: float
+    depth: float
+    stddev: float
+    precision: float
+
+
+Series = list[Seen]
+
+
+def _plan(
+    seed: int, depth: tuple[float, float], attenuation: tuple[float, float], **others: Any
+) -> Transect:
+    return Transect(FRAMES, 2.0, depth, attenuation, seed=seed, camera=STEREO, **others)
+
+
+FITTED: dict[str, Transect] = {
+    "1 grey, 2 to 6 m": _plan(11, (2.0, 6.0), (0.1, 0.25)),
+    "1 type 1C, 3 to 6 m": _plan(
+        11, (3.0, 6.0), (0.05, 0.15), water_effects=WaterEffects(water_type="1C")),
+    "1 grey, 5 to 7 m, white balance": _plan(11, (5.0, 7.0), (0.05, 0.2), camera_effects=COOL),
+    "2 type II, 5 to 12 m": _plan(
+        12, (5.0, 12.0), (0.05, 0.15), altitude=(1.0, 2.5),
+        water_effects=WaterEffects(water_type="II")),
+    "2 grey, 9 to 4 m": _plan(12, (9.0, 4.0), (0.15, 0.1), altitude=(1.0, 2.5)),
+    "2 type III, 4 m, snow": _plan(
+        12, (4.0, 4.0), (0.05, 0.1), altitude=(1.0, 2.5),
+        water_effects=WaterEffects(water_type="III"), effects=Effects(marine_snow=0.01)),
+    "4 grey, 5 to 14 m": _plan(22, (5.0, 14.0), (0.05, 0.2)),
+    "4 grey, 4 m, caustics": _plan(22, (4.0, 4.0), (0.1, 0.1), effects=Effects(caustics=0.3)),
+    "4 type IB, 8 to 3 m, white balance": _plan(
+        22, (8.0, 3.0), (0.05, 0.15), water_effects=WaterEffects(water_type="IB"),
+        camera_effects=COOL),
+}
+"""Transects that the model's constants are fitted to, by way and water."""
+
+JUDGED: dict[str, Transect] = {
+    "3 grey, 2 to 6 m": _plan(21, (2.0, 6.0), (0.05, 0.3)),
+    "3 type 1C, 3 to 6 m": _plan(
+        21, (3.0, 6.0), (0.1, 0.2), water_effects=WaterEffects(water_type="1C")),
+    "3 grey, 5 to 7 m, white balance": _plan(21, (5.0, 7.0), (0.1, 0.25), camera_effects=COOL),
+}
+"""Transects that the check is judged on, and nothing is fitted to: other ways, other waters."""
+
+
+def load_series(
+    transects: Mapping[str, Transect], folder: Path, workers: Workers | None = None
+) -> dict[str, Series]:
+    """Return the series of transects; what is not in the folder is rendered and kept there.
+
+    Parameters
+    ----------
+    transects : mapping
+        Plans by name.
+    folder : Path
+        Holds a JSON file for each, by its name.
+    workers : Workers, optional
+        Threads that render.
+
+    Raises
+    ------
+    InputError
+        If a file there is of another plan or version, or is damaged.
+    """
+    ways: dict[tuple[int, float], dict[str, Transect]] = {}
+    for name, transect in transects.items():
+        if not _path(folder, name).exists():
+            ways.setdefault((transect.seed, transect.length), {})[name] = transect
+    for way in ways.values():
+        swum = zip(*swim(list(way.values()), workers), strict=True)
+        for (name, transect), series in zip(way.items(), swum, strict=True):
+            _write(_path(folder, name), transect, series)
+    return {name: _read(_path(folder, name), plan) for name, plan in transects.items()}
+
+
+def swim(
+    transects: Sequence[Transect], workers: Workers | None = None
+) -> Iterator[tuple[Seen, ...]]:
+    """Render transects of one way, and yield what the pipeline tells of each frame's depth.
+
+    The rays of a frame are cast once for all of them: they differ in water, light and cameras'
+    effects alone, and noise of the same seed.
+    """
+    views: Views = {}
+    rendered, pipelines = [], []
+    for plan in transects:
+        rendered.append(plan.render_by(_Renderer(
+            plan.camera, plan.sensor, plan.effects, workers or Workers(), plan.camera_effects,
+            plan.lighting, views)))
+        config = PipelineConfig.from_parameters(
+            {"stereo.max_disparity": MAX_DISPARITY, "threads": 1})
+        pipelines.append(Pipeline(plan.camera.rig, config))
+    for frames in zip(*rendered, strict=True):
+        row = []
+        for pipeline, (time, frame) in zip(pipelines, frames, strict=True):
+            told = pipeline.process(frame.left, frame.right, enhance=()).visibility
+            row.append(Seen(time, frame.depth, told.depth, told.depth_stddev, told.depth_precision))
+        yield tuple(row)
+
+
+Views = dict[tuple[StereoCamera, Pose, float], CameraView]
+
+
+@dataclass(frozen=True)
+class _Renderer(Renderer):
+    """A renderer that has what another one on the same way saw from the same pose."""
+
+    views: Views = field(default_factory=dict)  # the last two: left and right
+
+    def look(self, scene: Scene, camera: StereoCamera, pose: Pose, offset: float) -> CameraView:
+        """Return what a camera sees in air; see `Renderer.look`."""
+        key = camera, pose, offset
+        if key not in self.views:
+            while len(self.views) > 1:
+                del self.views[next(iter(self.views))]
+            self.views[key] = super().look(scene, camera, pose, offset)
+        # Caustics are added in place.
+        return deepcopy(self.views[key])
+
+
+def there_and_back(series: Series) -> Series:
+    """Return a series and the same way back: the dive is twice as long."""
+    if len(series) < 2:
+        raise InputError(f"a series of {len(series)} frames has no way back: give two or more")
+    step = (series[-1].time - series[0].time) / (len(series) - 1)
+    return [
+        *series,
+        *(replace(seen, time=series[-1].time + step * (k + 1))
+          for k, seen in enumerate(reversed(series))),
+    ]
+
+
+def _path(folder: Path, name: str) -> Path:
+    return folder / f"{name.replace(', ', '_').replace(' ', '_')}.json"
+
+
+def _plan_of(transect: Transect) -> dict[str, str]:
+    return {"version": __version__, "plan": repr(transect)}
+
+
+def _write(path: Path, transect: Transect, series: Sequence[Seen]) -> None:
+    rows = [
+        [value if math.isfinite(value) else None for value in astuple(seen)] for seen in series]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".partial")
+    partial.write_text(
+        json.dumps({**_plan_of(transect), "seen": rows}) + "\n", encoding="utf-8")
+    partial.replace(path)
+
+
+def _read(path: Path, transect: Transect) -> Series:
+    content = read_document(path, "series")
+    plan = _plan_of(transect)
+    try:
+        same = {name: content[name] for name in plan} == plan
+        series = [
+            Seen(*(math.nan if value is None else float(value) for value in row))
+            for row in content["seen"]]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"series {path} is damaged: remove it") from error
+    if not same:
+        raise InputError(
+            f"series {path} is of another plan or version: remove it, or give another folder")
+    return series
