@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-import glob
 import os
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,9 +29,9 @@ def find_llvm() -> str | None:
     for version in reversed(FITTING_LLVM):
         for place in PLACES:
             for pattern in (f"libLLVM.so.{version}*", f"libLLVM-{version}.so*"):
-                found = sorted(glob.glob(f"{place}/{pattern}"))
+                found = sorted(Path(place).glob(pattern))
                 if found:
-                    return found[0]
+                    return str(found[0])
     return None
 
 

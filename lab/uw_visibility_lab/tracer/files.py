@@ -49,9 +49,13 @@ class Traced:
     ranges : ndarray
         (H, W) float32, m along the line of sight, NaN in open water.
     attenuation, attenuation_stddev : ndarray
-        (3,), 1/m: of surfaces' light, by contrast (`truth.transmissions`); this is β.
-    attenuation_total : ndarray
-        (3,), 1/m: of all light that surfaces add, the floor's light in the water included.
+        (3,), 1/m: of surfaces' light, image less black, over the surfaces' radiance. Light of the
+        floor that water scatters into the view is in it, so it is nearer to absorption than to c.
+    attenuation_contrast, attenuation_contrast_stddev : ndarray
+        (3,), 1/m: of the difference of bright and dark patches at the same range; nearer to c.
+        `truth.transmissions` has both.
+    veil_growth : ndarray
+        (3,), 1/m: rate at which the veil of black surfaces saturates with range.
     beam_attenuation, absorption, scattering : ndarray
         (3,), 1/m.
     veil : ndarray
@@ -75,7 +79,9 @@ class Traced:
     ranges: Array
     attenuation: Array
     attenuation_stddev: Array
-    attenuation_total: Array
+    attenuation_contrast: Array
+    attenuation_contrast_stddev: Array
+    veil_growth: Array
     beam_attenuation: Array
     absorption: Array
     scattering: Array
@@ -143,8 +149,8 @@ def truth_of(
     decays = {
         name: fit_decay(*transmissions(
             arrays["raw"], arrays["black"], arrays["surface"], ranges, contrast=contrast))
-        for name, contrast in (("surfaces", True), ("total", False))}
-    veil, source = veil_at_infinity(arrays["image"], arrays["black"], ranges)
+        for name, contrast in (("all", False), ("contrast", True))}
+    veil, source, growth = veil_at_infinity(arrays["image"], arrays["black"], ranges)
     water = description.water
     seen = ranges[np.isfinite(ranges)]
     return {
@@ -157,10 +163,11 @@ def truth_of(
         "scattering": list(water.scattering),
         "beam_attenuation": _listed(water.beam_attenuation),
         "single_scattering_albedo": _listed(water.albedo),
-        "attenuation": _decay(decays["surfaces"]),
-        "attenuation_total": _decay(decays["total"]),
+        "attenuation": _decay(decays["all"]),
+        "attenuation_contrast": _decay(decays["contrast"]),
         "veil": _listed(veil),
         "veil_source": source,
+        "veil_growth": _listed(growth),
         "light": _listed(scene_light(arrays["surface"], arrays["reflectance"], ranges)),
         "ranges": _listed(np.quantile(seen, [0.01, 0.5, 0.99])),
         "open_water": round(float(1.0 - np.isfinite(ranges).mean()), 5),
@@ -264,8 +271,10 @@ def load(folder: str | Path, view: str = "left") -> Traced:
             truth["description"]["kind"], truth["description"]["seed"],
             arrays["image"], arrays["ranges"],
             numbers("attenuation", "attenuation"), numbers("attenuation", "stddev"),
-            numbers("attenuation_total", "attenuation"), numbers("beam_attenuation"),
-            numbers("absorption"), numbers("scattering"), numbers("veil"), numbers("light"),
+            numbers("attenuation_contrast", "attenuation"),
+            numbers("attenuation_contrast", "stddev"), numbers("veil_growth"),
+            numbers("beam_attenuation"), numbers("absorption"), numbers("scattering"),
+            numbers("veil"), numbers("light"),
             arrays["surface"], arrays["black"], arrays["reflectance"],
             float(truth["focal_length"]), float(truth["baseline"]), truth)
     except (KeyError, TypeError) as error:

@@ -175,8 +175,9 @@ class Tracer:
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         rays, origin = rays.reshape(-1, 3), self._origin()
         if mi.variant().startswith("scalar"):
+            start = mi.Point3f(*origin.tolist())
             found = np.array([
-                self._scene.ray_intersect(mi.Ray3f(mi.Point3f(*origin.tolist()), mi.Vector3f(*ray))).t
+                self._scene.ray_intersect(mi.Ray3f(start, mi.Vector3f(*ray))).t
                 for ray in rays.tolist()])
         else:
             found = np.array(self._scene.ray_intersect(mi.Ray3f(

@@ -11,7 +11,16 @@ import numpy as np
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
-from uw_visibility_lab.tracer.files import TRUTH, exposure, truth_of, write_truth, write_view
+from uw_visibility_lab.tracer.files import (
+    TRUTH,
+    describe,
+    exposure,
+    read_truth,
+    read_view,
+    truth_of,
+    write_truth,
+    write_view,
+)
 from uw_visibility_lab.tracer.render import Tracer, denoised, focal_length
 from uw_visibility_lab.tracer.scene import Description, check_kind, draw_scene
 
@@ -72,6 +81,20 @@ def render_scene(
     write_truth(folder, truth_of(
         description, focal_length(description, size[0]), gain, samples, left))
     return True
+
+
+def refit(folder: Path) -> None:
+    """Fit the truth of a complete scene again, from the images that were kept.
+
+    Raises
+    ------
+    InputError
+        If the folder is not complete.
+    """
+    truth, arrays = read_truth(folder), read_view(folder)
+    write_truth(folder, truth_of(
+        describe(truth["description"]), truth["focal_length"], truth["gain"], truth["samples"],
+        arrays))
 
 
 def _view(
