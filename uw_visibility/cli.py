@@ -30,6 +30,7 @@ GROUP = "uw_visibility.commands"
 OF_THE_LAB = {
     "simulate": "an underwater stereo transect with its truth",
     "evaluate": "the paper's experiments, on images and renderings",
+    "render": "path-traced scenes under water with their truth",
     "demo": "simulate, run the node, play the bag into it, report",
 }
 

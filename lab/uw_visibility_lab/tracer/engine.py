@@ -70,10 +70,7 @@ def mitsuba(threads: int = 2) -> Any:
         raise missing("mitsuba") from error
     if mi.variant() is None:
         mi.set_variant("llvm_ad_mono" if library else "scalar_rgb")
-    if library:
-        drjit.set_thread_count(threads)
-    else:
-        mi.Thread.set_thread_count(threads)
+    drjit.set_thread_count(threads)
     mi.set_log_level(mi.LogLevel.Error)
     return mi
 

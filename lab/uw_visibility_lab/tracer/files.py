@@ -55,7 +55,8 @@ class Traced:
         (3,), 1/m: of the difference of bright and dark patches at the same range; nearer to c.
         `truth.transmissions` has both.
     veil_growth : ndarray
-        (3,), 1/m: rate at which the veil of black surfaces saturates with range.
+        (3,), 1/m: rate at which the veil of black surfaces saturates with range; NaN where
+        ranges are too short for that.
     beam_attenuation, absorption, scattering : ndarray
         (3,), 1/m.
     veil : ndarray
@@ -97,13 +98,14 @@ class Traced:
 
 def describe(given: dict[str, Any]) -> Description:
     """Return the description that truth.json holds."""
-    values = dict(given)
-    water = {k: tuple(v) if isinstance(v, list) else v for k, v in values.pop("water").items()}
-    lamps = tuple(
-        Lamp(**{k: tuple(v) if isinstance(v, list) else v for k, v in lamp.items()})
-        for lamp in values.pop("lamps"))
-    return Description(**{
-        **values, "daylight": tuple(values["daylight"]), "water": Water(**water), "lamps": lamps})
+    values = _tupled(given)
+    values["water"] = Water(**_tupled(values["water"]))
+    values["lamps"] = tuple(Lamp(**_tupled(lamp)) for lamp in values["lamps"])
+    return Description(**values)
+
+
+def _tupled(given: dict[str, Any]) -> dict[str, Any]:
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in given.items()}
 
 
 def _listed(values: Array) -> list[float | None]:
@@ -195,7 +197,8 @@ def write_view(folder: Path, view: str, arrays: dict[str, Array]) -> None:
         if not made:
             raise InputError(f"{folder / name}: OpenCV cannot write it")
         write_whole(folder / name, data.tobytes())
-    kept = {name: np.asarray(a, np.float32) for name, a in arrays.items() if name != "image"}
+    kept: dict[str, Any] = {
+        name: np.asarray(a, np.float32) for name, a in arrays.items() if name != "image"}
     np.savez_compressed(folder / f"{view}.npz", **kept)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from uw_visibility.errors import InputError, check_range
-from uw_visibility.images.arrays import Array
+from uw_visibility.images.arrays import Array, Image
 from uw_visibility_lab.tracer import engine
 from uw_visibility_lab.tracer.phase import HENYEY_GREENSTEIN, cosine_table
 from uw_visibility_lab.tracer.scene import Description, camera_position, shapes_of
@@ -110,7 +110,7 @@ class Tracer:
         self._scene = self.mi.load_dict(self._described(view))
         self._values = self.mi.traverse(self._scene)
 
-    def geometry(self, samples: int = 32) -> Geometry:
+    def geometry(self, samples: int = 16) -> Geometry:
         """Trace what is seen without water."""
         ranges = self._ranges()
         normals = self._traced("aov", samples, 0)[..., -3:]
@@ -279,7 +279,7 @@ class Tracer:
         return mesh
 
 
-def without_gaps(image: Array) -> Array:
+def without_gaps(image: Image) -> Image:
     """Fill pixels that are no number with the median of those around, (H, W, 3).
 
     One pixel in some 10,000 holds a path that met an edge in such a way that it has no direction.

@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from uw_visibility.errors import InputError
@@ -42,7 +43,7 @@ class Decay:
     departure: Array
 
 
-def range_bins(ranges: Array, bins: int = BINS) -> list[Array]:
+def range_bins(ranges: Array, bins: int = BINS) -> list[NDArray[np.int64]]:
     """Return the flat indices of the pixels of each bin of range, nearest first."""
     flat = np.ravel(ranges)
     seen = np.flatnonzero(np.isfinite(flat))
@@ -186,7 +187,8 @@ def veil_at_infinity(
     source : str
         "open water", or "growth over range".
     growth : ndarray
-        (3,), 1/m: β of B (1 - e^(-βd)) that comes nearest to the black surfaces' veil.
+        (3,), 1/m: β of B (1 - e^(-βd)) that comes nearest to the black surfaces' veil; NaN
+        where ranges are too short to show it.
     """
     parts = range_bins(ranges)
     distance = np.array([np.ravel(ranges)[part].mean() for part in parts])
@@ -201,9 +203,9 @@ def veil_at_infinity(
             return np.asarray(level - grown / top)
 
         fit = least_squares(residual, [0.3, -1.5], loss="soft_l1", f_scale=0.02)
-        growth[channel] = np.exp(fit.x[1])
-        # An infinity beyond three times what is seen is no measurement.
+        # An infinity beyond three times what is seen is no measurement, nor is its rate.
         if fit.x[0] < math.log(3.0):
+            growth[channel] = math.exp(fit.x[1])
             found[channel] = top * math.exp(fit.x[0])
     opened = ~np.isfinite(ranges)
     if opened.mean() >= fewest:
