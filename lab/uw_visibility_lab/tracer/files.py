@@ -148,10 +148,11 @@ def truth_of(
         In units of the image, 1/m and m.
     """
     ranges = arrays["ranges"]
+    # A denoised veil is smooth, but its mean may be off: for a sum the raw one, for a slope this.
     decays = {
         name: fit_decay(*transmissions(
-            arrays["raw"], arrays["black"], arrays["surface"], ranges, contrast=contrast))
-        for name, contrast in (("all", False), ("contrast", True))}
+            arrays["raw"], arrays[veil], arrays["surface"], ranges, contrast=contrast))
+        for name, veil, contrast in (("all", "raw_black", False), ("contrast", "black", True))}
     veil, source, growth = veil_at_infinity(arrays["image"], arrays["black"], ranges)
     water = description.water
     seen = ranges[np.isfinite(ranges)]

@@ -21,11 +21,15 @@ from uw_visibility_lab.tracer.files import (
     write_truth,
     write_view,
 )
-from uw_visibility_lab.tracer.render import Tracer, denoised, focal_length
+from uw_visibility_lab.tracer.render import (
+    AUXILIARY,
+    Tracer,
+    denoised,
+    focal_length,
+    image_guide,
+    veil_guide,
+)
 from uw_visibility_lab.tracer.scene import Description, check_kind, draw_scene
-
-AUXILIARY = 4
-"""Black and bare images have a fourth of the samples: veil and irradiance are smooth."""
 
 
 def descriptions(
@@ -105,11 +109,13 @@ def _view(
     geometry = tracer.geometry()
     raw = tracer.radiance(samples)
     fewer = max(samples // AUXILIARY, 1)
-    black = denoised(tracer.radiance(fewer, black=True), geometry, black=True)
-    surface = denoised(tracer.radiance(fewer, through_water=False), geometry)
-    image = denoised(raw, geometry)
+    raw_black = tracer.radiance(fewer, black=True)
+    black = denoised(raw_black, veil_guide(geometry))
+    surface = denoised(
+        tracer.radiance(fewer, through_water=False), geometry.reflectance, geometry.normals)
+    image = denoised(raw, image_guide(surface, geometry, description))
     gain = exposure(image) if gain is None else gain
     return {
         "gain": np.array(gain), "image": np.asarray(image * gain, np.float32), "raw": raw * gain,
-        "black": black * gain, "surface": surface * gain, "ranges": geometry.ranges,
-        "reflectance": geometry.reflectance}
+        "raw_black": raw_black * gain, "black": black * gain, "surface": surface * gain,
+        "ranges": geometry.ranges, "reflectance": geometry.reflectance}
