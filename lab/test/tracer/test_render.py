@@ -11,7 +11,8 @@ import pytest
 
 from uw_visibility.errors import InputError
 from uw_visibility_lab.tracer import load
-from uw_visibility_lab.tracer.render import without_gaps
+from uw_visibility_lab.tracer.render import Geometry, image_guide, veil_guide, without_gaps
+from uw_visibility_lab.tracer.scene import draw_scene
 
 
 def test_a_pixel_that_is_no_number_takes_those_around() -> None:
@@ -25,6 +26,19 @@ def test_a_pixel_that_is_no_number_takes_those_around() -> None:
 def test_an_image_full_of_gaps_is_refused() -> None:
     with pytest.raises(InputError, match="no number"):
         without_gaps(np.full((4, 4, 3), np.inf, np.float32))
+
+
+def test_guides_show_nothing_that_water_hides() -> None:
+    description = draw_scene(2, "reef")
+    ranges = np.array([[1.0, 40.0, np.nan]], np.float32)
+    geometry = Geometry(ranges, np.ones((1, 3, 3)), np.zeros((1, 3, 3)))
+    guide = image_guide(np.ones((1, 3, 3)), geometry, description)
+    assert guide[0, 0].min() > 0.9
+    assert guide[0, 1].max() < 1e-3
+    assert (guide[0, 2] == 0.0).all()
+    veil = veil_guide(geometry)
+    assert (np.diff(veil[0, :, 0]) < 0.0).all()
+    assert (veil[0, 2] == 0.0).all()
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +80,6 @@ def test_ranges_of_the_floor_are_those_of_a_camera_above_it(tracer) -> None:
 def test_the_right_camera_sees_the_left_ones_points_shifted() -> None:
     pytest.importorskip("mitsuba", reason="needs the lab's extra trace")
     from uw_visibility_lab.tracer.render import Tracer
-    from uw_visibility_lab.tracer.scene import draw_scene
 
     description = draw_scene(6, "boulders")
     left, right = (Tracer(description, 64, 48, view, threads=1) for view in ("left", "right"))
@@ -78,7 +91,6 @@ def test_the_right_camera_sees_the_left_ones_points_shifted() -> None:
 def test_views_and_sizes_that_do_not_exist_are_refused() -> None:
     pytest.importorskip("mitsuba", reason="needs the lab's extra trace")
     from uw_visibility_lab.tracer.render import Tracer
-    from uw_visibility_lab.tracer.scene import draw_scene
 
     with pytest.raises(InputError, match="above"):
         Tracer(draw_scene(1, "reef"), 32, 24, "above")
