@@ -31,8 +31,8 @@ GROUP = "uw_visibility.commands"
 OF_THE_LAB = {
     "simulate": "an underwater stereo transect with its truth",
     "evaluate": "the paper's experiments, on images and renderings",
+    "render": "path-traced scenes under water with their truth",
     "demo": "simulate, run the node, play the bag into it, report",
-    "render": "path-traced stereo pairs under water, with their truth",
     "judge": "one table of how good an estimator of the water is, world by world",
     "train": "a posterior of the water, trained on random views",
 }

@@ -29,7 +29,7 @@ in each folder:
   left.png, right.png     linear, 16 bit (the right one with --stereo)
   left.npz                ranges (m along the line of sight, NaN: open water), reflectance, black
                           (the veil alone: surfaces are black), surface (radiance of the surfaces
-                          with no water before them), raw (the image before it was denoised)
+                          with no water before them), raw and raw_black (before denoising)
   left_srgb.png           to look at
   truth.json              written last: absorption, scattering, phase function, attenuation of
                           surfaces' light with its σ, veil, light, calibration"""

@@ -49,9 +49,14 @@ class Traced:
     ranges : ndarray
         (H, W) float32, m along the line of sight, NaN in open water.
     attenuation, attenuation_stddev : ndarray
-        (3,), 1/m: of surfaces' light, by contrast (`truth.transmissions`); this is β.
-    attenuation_total : ndarray
-        (3,), 1/m: of all light that surfaces add, the floor's light in the water included.
+        (3,), 1/m: of surfaces' light, image less black, over the surfaces' radiance. Light of the
+        floor that water scatters into the view is in it, so it is nearer to absorption than to c.
+    attenuation_contrast, attenuation_contrast_stddev : ndarray
+        (3,), 1/m: of the difference of bright and dark patches at the same range; nearer to c.
+        `truth.transmissions` has both.
+    veil_growth : ndarray
+        (3,), 1/m: rate at which the veil of black surfaces saturates with range; NaN where
+        ranges are too short for that.
     beam_attenuation, absorption, scattering : ndarray
         (3,), 1/m.
     veil : ndarray
@@ -75,7 +80,9 @@ class Traced:
     ranges: Array
     attenuation: Array
     attenuation_stddev: Array
-    attenuation_total: Array
+    attenuation_contrast: Array
+    attenuation_contrast_stddev: Array
+    veil_growth: Array
     beam_attenuation: Array
     absorption: Array
     scattering: Array
@@ -91,13 +98,14 @@ class Traced:
 
 def describe(given: dict[str, Any]) -> Description:
     """Return the description that truth.json holds."""
-    values = dict(given)
-    water = {k: tuple(v) if isinstance(v, list) else v for k, v in values.pop("water").items()}
-    lamps = tuple(
-        Lamp(**{k: tuple(v) if isinstance(v, list) else v for k, v in lamp.items()})
-        for lamp in values.pop("lamps"))
-    return Description(**{
-        **values, "daylight": tuple(values["daylight"]), "water": Water(**water), "lamps": lamps})
+    values = _tupled(given)
+    values["water"] = Water(**_tupled(values["water"]))
+    values["lamps"] = tuple(Lamp(**_tupled(lamp)) for lamp in values["lamps"])
+    return Description(**values)
+
+
+def _tupled(given: dict[str, Any]) -> dict[str, Any]:
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in given.items()}
 
 
 def _listed(values: Array) -> list[float | None]:
@@ -140,11 +148,12 @@ def truth_of(
         In units of the image, 1/m and m.
     """
     ranges = arrays["ranges"]
+    # A denoised veil is smooth, but its mean may be off: for a sum the raw one, for a slope this.
     decays = {
         name: fit_decay(*transmissions(
-            arrays["raw"], arrays["black"], arrays["surface"], ranges, contrast=contrast))
-        for name, contrast in (("surfaces", True), ("total", False))}
-    veil, source = veil_at_infinity(arrays["image"], arrays["black"], ranges)
+            arrays["raw"], arrays[veil], arrays["surface"], ranges, contrast=contrast))
+        for name, veil, contrast in (("all", "raw_black", False), ("contrast", "black", True))}
+    veil, source, growth = veil_at_infinity(arrays["image"], arrays["black"], ranges)
     water = description.water
     seen = ranges[np.isfinite(ranges)]
     return {
@@ -157,10 +166,11 @@ def truth_of(
         "scattering": list(water.scattering),
         "beam_attenuation": _listed(water.beam_attenuation),
         "single_scattering_albedo": _listed(water.albedo),
-        "attenuation": _decay(decays["surfaces"]),
-        "attenuation_total": _decay(decays["total"]),
+        "attenuation": _decay(decays["all"]),
+        "attenuation_contrast": _decay(decays["contrast"]),
         "veil": _listed(veil),
         "veil_source": source,
+        "veil_growth": _listed(growth),
         "light": _listed(scene_light(arrays["surface"], arrays["reflectance"], ranges)),
         "ranges": _listed(np.quantile(seen, [0.01, 0.5, 0.99])),
         "open_water": round(float(1.0 - np.isfinite(ranges).mean()), 5),
@@ -188,7 +198,8 @@ def write_view(folder: Path, view: str, arrays: dict[str, Array]) -> None:
         if not made:
             raise InputError(f"{folder / name}: OpenCV cannot write it")
         write_whole(folder / name, data.tobytes())
-    kept = {name: np.asarray(a, np.float32) for name, a in arrays.items() if name != "image"}
+    kept: dict[str, Any] = {
+        name: np.asarray(a, np.float32) for name, a in arrays.items() if name != "image"}
     np.savez_compressed(folder / f"{view}.npz", **kept)
 
 
@@ -264,8 +275,10 @@ def load(folder: str | Path, view: str = "left") -> Traced:
             truth["description"]["kind"], truth["description"]["seed"],
             arrays["image"], arrays["ranges"],
             numbers("attenuation", "attenuation"), numbers("attenuation", "stddev"),
-            numbers("attenuation_total", "attenuation"), numbers("beam_attenuation"),
-            numbers("absorption"), numbers("scattering"), numbers("veil"), numbers("light"),
+            numbers("attenuation_contrast", "attenuation"),
+            numbers("attenuation_contrast", "stddev"), numbers("veil_growth"),
+            numbers("beam_attenuation"), numbers("absorption"), numbers("scattering"),
+            numbers("veil"), numbers("light"),
             arrays["surface"], arrays["black"], arrays["reflectance"],
             float(truth["focal_length"]), float(truth["baseline"]), truth)
     except (KeyError, TypeError) as error:

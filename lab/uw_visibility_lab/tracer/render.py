@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from uw_visibility.errors import InputError, check_range
-from uw_visibility.images.arrays import Array
+from uw_visibility.images.arrays import Array, Image
 from uw_visibility_lab.tracer import engine
 from uw_visibility_lab.tracer.phase import HENYEY_GREENSTEIN, cosine_table
 from uw_visibility_lab.tracer.scene import Description, camera_position, shapes_of
@@ -26,6 +26,9 @@ MOST_SCATTERED = 64
 """Events of a path. Paths end at random from `ROULETTE` events on, without bias."""
 
 ROULETTE = 8
+
+AUXILIARY = 4
+"""Black and bare images have a fourth of the samples: veil and irradiance are smooth."""
 
 CLEAR = 1e-3
 """Water that is left before a bare surface, m."""
@@ -110,7 +113,7 @@ class Tracer:
         self._scene = self.mi.load_dict(self._described(view))
         self._values = self.mi.traverse(self._scene)
 
-    def geometry(self, samples: int = 32) -> Geometry:
+    def geometry(self, samples: int = 16) -> Geometry:
         """Trace what is seen without water."""
         ranges = self._ranges()
         normals = self._traced("aov", samples, 0)[..., -3:]
@@ -175,8 +178,9 @@ class Tracer:
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         rays, origin = rays.reshape(-1, 3), self._origin()
         if mi.variant().startswith("scalar"):
+            start = mi.Point3f(*origin.tolist())
             found = np.array([
-                self._scene.ray_intersect(mi.Ray3f(mi.Point3f(*origin.tolist()), mi.Vector3f(*ray))).t
+                self._scene.ray_intersect(mi.Ray3f(start, mi.Vector3f(*ray))).t
                 for ray in rays.tolist()])
         else:
             found = np.array(self._scene.ray_intersect(mi.Ray3f(
@@ -278,7 +282,7 @@ class Tracer:
         return mesh
 
 
-def without_gaps(image: Array) -> Array:
+def without_gaps(image: Image) -> Image:
     """Fill pixels that are no number with the median of those around, (H, W, 3).
 
     One pixel in some 10,000 holds a path that met an edge in such a way that it has no direction.
@@ -373,32 +377,63 @@ def render(
         For bad sizes or views, or if Mitsuba or pyoidn is missing.
     """
     tracer = Tracer(description, width, height, view)
+    geometry = tracer.geometry()
     raw = tracer.radiance(samples, black=black, through_water=through_water)
-    return Rendering(denoised(raw, tracer.geometry(), black=black), raw)
+    if black:
+        return Rendering(denoised(raw, veil_guide(geometry)), raw)
+    if not through_water:
+        return Rendering(denoised(raw, geometry.reflectance, geometry.normals), raw)
+    bare = tracer.radiance(max(samples // AUXILIARY, 1), through_water=False)
+    surface = denoised(bare, geometry.reflectance, geometry.normals)
+    return Rendering(denoised(raw, image_guide(surface, geometry, description)), raw)
 
 
-def denoised(raw: Array, geometry: Geometry, *, black: bool = False) -> Array:
-    """Denoise an image with what is known of its scene.
+def veil_guide(geometry: Geometry) -> Image:
+    """Return what a veil follows: range, (H, W, 3), 1 at the camera, 0 in open water."""
+    far = np.where(np.isfinite(geometry.ranges), geometry.ranges, np.inf)
+    return np.repeat(np.exp(-0.3 * far)[..., None], 3, axis=-1)
+
+
+def image_guide(surface: Image, geometry: Geometry, description: Description) -> Image:
+    """Return what an image in water follows: the surfaces' light that comes straight.
+
+    Reflectance would be a guide to surfaces that water hides: its edges were found again in the
+    image, with up to three times the contrast of the raw image at the far end, and a horizon.
 
     Parameters
     ----------
-    raw : ndarray
-        (H, W, 3) float32.
+    surface : ndarray
+        (H, W, 3), radiance of the surfaces.
     geometry : Geometry
         Of the same view.
-    black : bool
-        The veil alone: it changes with range, not with reflectance.
+    description : Description
+        With the water.
+
+    Returns
+    -------
+    ndarray
+        (H, W, 3), 0 .. 1.
+    """
+    far = np.where(np.isfinite(geometry.ranges), geometry.ranges, np.inf)[..., None]
+    straight = surface * np.exp(-description.water.beam_attenuation * far)
+    top = np.maximum(np.quantile(straight, 0.995, axis=(0, 1)), 1e-12)
+    return np.asarray(np.clip(straight / top, 0.0, 1.0), np.float32)
+
+
+def denoised(raw: Image, guide: Image, normals: Image | None = None) -> Image:
+    """Denoise an image channel by channel.
+
+    Parameters
+    ----------
+    raw, guide : ndarray
+        (H, W, 3) float32, and what each channel follows, 0 .. 1.
+    normals : ndarray, optional
+        (H, W, 3) float32.
 
     Returns
     -------
     ndarray
         (H, W, 3) float32.
     """
-    guide = geometry.reflectance
-    if black:
-        far = np.exp(-0.3 * np.where(np.isfinite(geometry.ranges), geometry.ranges, np.inf))
-        guide = np.repeat(far[..., None], 3, axis=-1)
-    # The network expects radiances about 1; where light is lost a channel is 1000 times less.
-    level = np.maximum(raw.reshape(-1, 3).mean(axis=0), 1e-12)
-    normals = np.zeros_like(geometry.normals) if black else geometry.normals
-    return np.asarray(engine.denoise(raw / level, guide, normals) * level, np.float32)
+    return np.stack([
+        engine.denoise(raw[..., k], guide[..., k], normals) for k in range(3)], axis=-1)

@@ -39,6 +39,9 @@ BEAM = (0.07, 0.5)
 ALBEDO = (0.2, 0.85)
 """Single-scattering albedo of any channel; lower in red, where water itself absorbs."""
 
+TILTS = {"boulders": (5.0, 60.0), "reef": (0.0, 25.0), "poles": (0.0, 45.0)}
+"""Of the camera below the horizon, degrees: open water stays in view of a reef."""
+
 FIELD_OF_VIEW, BASELINE = 60.0, 0.12
 """Horizontal, degrees; distance of the cameras, m."""
 
@@ -188,7 +191,7 @@ def draw_scene(seed: int, kind: str, lamps: int = 0) -> Description:
     random = np.random.default_rng([seed, sorted(KINDS).index(kind)])
     water = draw_water(random)
     depth = math.exp(random.uniform(math.log(1.5), math.log(15.0)))
-    tilt = random.uniform(*{"boulders": (5.0, 60.0), "reef": (0.0, 25.0), "poles": (0.0, 45.0)}[kind])
+    tilt = random.uniform(*TILTS[kind])
     # From 60 degrees down ranges are about the altitude, from the horizontal several times that.
     altitude = random.uniform(1.0, 1.8) + random.uniform(0.0, 2.0) * tilt / 60.0
     description = Description(

@@ -11,12 +11,25 @@ import numpy as np
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
-from uw_visibility_lab.tracer.files import TRUTH, exposure, truth_of, write_truth, write_view
-from uw_visibility_lab.tracer.render import Tracer, denoised, focal_length
+from uw_visibility_lab.tracer.files import (
+    TRUTH,
+    describe,
+    exposure,
+    read_truth,
+    read_view,
+    truth_of,
+    write_truth,
+    write_view,
+)
+from uw_visibility_lab.tracer.render import (
+    AUXILIARY,
+    Tracer,
+    denoised,
+    focal_length,
+    image_guide,
+    veil_guide,
+)
 from uw_visibility_lab.tracer.scene import Description, check_kind, draw_scene
-
-AUXILIARY = 4
-"""Black and bare images have a fourth of the samples: veil and irradiance are smooth."""
 
 
 def descriptions(
@@ -74,6 +87,20 @@ def render_scene(
     return True
 
 
+def refit(folder: Path) -> None:
+    """Fit the truth of a complete scene again, from the images that were kept.
+
+    Raises
+    ------
+    InputError
+        If the folder is not complete.
+    """
+    truth, arrays = read_truth(folder), read_view(folder)
+    write_truth(folder, truth_of(
+        describe(truth["description"]), truth["focal_length"], truth["gain"], truth["samples"],
+        arrays))
+
+
 def _view(
     description: Description, size: tuple[int, int], samples: int, view: str,
     gain: float | None, threads: int,
@@ -82,11 +109,13 @@ def _view(
     geometry = tracer.geometry()
     raw = tracer.radiance(samples)
     fewer = max(samples // AUXILIARY, 1)
-    black = denoised(tracer.radiance(fewer, black=True), geometry, black=True)
-    surface = denoised(tracer.radiance(fewer, through_water=False), geometry)
-    image = denoised(raw, geometry)
+    raw_black = tracer.radiance(fewer, black=True)
+    black = denoised(raw_black, veil_guide(geometry))
+    surface = denoised(
+        tracer.radiance(fewer, through_water=False), geometry.reflectance, geometry.normals)
+    image = denoised(raw, image_guide(surface, geometry, description))
     gain = exposure(image) if gain is None else gain
     return {
         "gain": np.array(gain), "image": np.asarray(image * gain, np.float32), "raw": raw * gain,
-        "black": black * gain, "surface": surface * gain, "ranges": geometry.ranges,
-        "reflectance": geometry.reflectance}
+        "raw_black": raw_black * gain, "black": black * gain, "surface": surface * gain,
+        "ranges": geometry.ranges, "reflectance": geometry.reflectance}

@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from uw_visibility.errors import InputError
@@ -42,7 +43,7 @@ class Decay:
     departure: Array
 
 
-def range_bins(ranges: Array, bins: int = BINS) -> list[Array]:
+def range_bins(ranges: Array, bins: int = BINS) -> list[NDArray[np.int64]]:
     """Return the flat indices of the pixels of each bin of range, nearest first."""
     flat = np.ravel(ranges)
     seen = np.flatnonzero(np.isfinite(flat))
@@ -56,10 +57,10 @@ def transmissions(
 ) -> tuple[Array, Array, Array]:
     """Transmission of surfaces' light by range.
 
-    With `contrast`, it is the slope of (image - veil) over the surfaces' radiance within a bin,
-    beside a constant and a trend with range: light that the floor sends into the water adds to the
-    veil on dark and bright patches alike, and is no part of it. Without, it is the sum of image -
-    veil over the sum of the surfaces' radiance, and that light counts.
+    Without `contrast`, it is the sum of image - veil over the sum of the surfaces' radiance: all
+    that surfaces add to the image. With it, it is the slope of image - veil over the surfaces'
+    radiance within a bin, beside a constant and a trend with range: light that the floor sends
+    into the water adds to the veil on dark and bright patches alike, and is no part of it.
 
     Parameters
     ----------
@@ -167,7 +168,7 @@ def _fit(distance: Array, value: Array, noise: Array) -> tuple[float, float, flo
 
 def veil_at_infinity(
     image: Array, veil: Array, ranges: Array, fewest: float = 0.01,
-) -> tuple[Array, str]:
+) -> tuple[Array, str, Array]:
     """Veil B: open water where it is in view, else what the veil's growth with range comes to.
 
     Parameters
@@ -185,14 +186,14 @@ def veil_at_infinity(
         (3,), NaN where it cannot be told.
     source : str
         "open water", or "growth over range".
+    growth : ndarray
+        (3,), 1/m: β of B (1 - e^(-βd)) that comes nearest to the black surfaces' veil; NaN
+        where ranges are too short to show it.
     """
-    opened = ~np.isfinite(ranges)
-    if opened.mean() >= fewest:
-        return np.median(image[opened], axis=0), "open water"
     parts = range_bins(ranges)
     distance = np.array([np.ravel(ranges)[part].mean() for part in parts])
     flat = np.asarray(veil, float).reshape(-1, 3)
-    found = np.full(3, np.nan)
+    found, growth = np.full(3, np.nan), np.full(3, np.nan)
     for channel in range(3):
         grown = np.array([flat[part, channel].mean() for part in parts])
         top = max(float(grown.max()), 1e-12)
@@ -202,10 +203,14 @@ def veil_at_infinity(
             return np.asarray(level - grown / top)
 
         fit = least_squares(residual, [0.3, -1.5], loss="soft_l1", f_scale=0.02)
-        # An infinity beyond three times what is seen is no measurement.
+        # An infinity beyond three times what is seen is no measurement, nor is its rate.
         if fit.x[0] < math.log(3.0):
+            growth[channel] = math.exp(fit.x[1])
             found[channel] = top * math.exp(fit.x[0])
-    return found, "growth over range"
+    opened = ~np.isfinite(ranges)
+    if opened.mean() >= fewest:
+        return np.median(image[opened], axis=0), "open water", growth
+    return found, "growth over range", growth
 
 
 def scene_light(surface: Array, reflectance: Array, ranges: Array) -> Array:

@@ -1,0 +1,113 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Traced light against closed forms, at a few pixels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uw_visibility.errors import InputError
+from uw_visibility_lab.tracer import load
+from uw_visibility_lab.tracer.render import Geometry, image_guide, veil_guide, without_gaps
+from uw_visibility_lab.tracer.scene import draw_scene
+
+
+def test_a_pixel_that_is_no_number_takes_those_around() -> None:
+    image = np.ones((8, 20, 3), np.float32)
+    image[3, 4, 1] = np.nan
+    filled = without_gaps(image)
+    assert (filled == 1.0).all()
+    assert np.isnan(image[3, 4, 1])
+
+
+def test_an_image_full_of_gaps_is_refused() -> None:
+    with pytest.raises(InputError, match="no number"):
+        without_gaps(np.full((4, 4, 3), np.inf, np.float32))
+
+
+def test_guides_show_nothing_that_water_hides() -> None:
+    description = draw_scene(2, "reef")
+    ranges = np.array([[1.0, 40.0, np.nan]], np.float32)
+    geometry = Geometry(ranges, np.ones((1, 3, 3)), np.zeros((1, 3, 3)))
+    guide = image_guide(np.ones((1, 3, 3)), geometry, description)
+    assert guide[0, 0].min() > 0.9
+    assert guide[0, 1].max() < 1e-3
+    assert (guide[0, 2] == 0.0).all()
+    veil = veil_guide(geometry)
+    assert (np.diff(veil[0, :, 0]) < 0.0).all()
+    assert (veil[0, 2] == 0.0).all()
+
+
+@pytest.fixture(scope="module")
+def tracer():
+    """Return a traced scene in water that only absorbs."""
+    pytest.importorskip("mitsuba", reason="needs the lab's extra trace")
+    from uw_visibility_lab.tracer.render import Tracer
+    from uw_visibility_lab.tracer.scene import Description, Water
+
+    water = Water((0.3, 0.1, 0.05), (1e-9, 1e-9, 1e-9))
+    return Tracer(Description("boulders", 2, water, 5.0, 1.8, 40.0), 32, 24, threads=1)
+
+
+def test_without_scattering_light_falls_by_absorption(tracer) -> None:
+    seen = tracer.radiance(128)
+    bare = tracer.radiance(128, through_water=False)
+    ranges = tracer.geometry(4).ranges[..., None]
+    near = np.isfinite(ranges[..., 0])
+    expected = bare * np.exp(-np.array([0.3, 0.1, 0.05]) * ranges)
+    # Noise of 100,000 paths is below 1 %; ranges that differ within a pixel are left.
+    ratio = seen[near].sum(axis=0) / expected[near].sum(axis=0)
+    assert ratio == pytest.approx(1.0, abs=0.03)
+
+
+def test_black_surfaces_leave_no_light_where_nothing_scatters(tracer) -> None:
+    assert tracer.radiance(4, black=True).max() < 1e-6
+
+
+def test_ranges_of_the_floor_are_those_of_a_camera_above_it(tracer) -> None:
+    geometry = tracer.geometry(4)
+    assert geometry.ranges.shape == (24, 32)
+    # The lowest row looks 40 + 23° down from 1.8 m.
+    lowest = np.nanmedian(geometry.ranges[-1])
+    assert 0.7 * 1.8 / np.sin(np.radians(63.0)) < lowest < 1.3 * 1.8 / np.sin(np.radians(63.0))
+    known = np.isfinite(geometry.ranges)
+    assert (geometry.reflectance[known] > 0.0).mean() > 0.99
+
+
+def test_the_right_camera_sees_the_left_ones_points_shifted() -> None:
+    pytest.importorskip("mitsuba", reason="needs the lab's extra trace")
+    from uw_visibility_lab.tracer.render import Tracer
+
+    description = draw_scene(6, "boulders")
+    left, right = (Tracer(description, 64, 48, view, threads=1) for view in ("left", "right"))
+    across = right._origin() - left._origin()
+    assert across == pytest.approx([0.0, -description.baseline, 0.0])
+    assert np.nanmedian(left._ranges()) == pytest.approx(np.nanmedian(right._ranges()), rel=0.1)
+
+
+def test_views_and_sizes_that_do_not_exist_are_refused() -> None:
+    pytest.importorskip("mitsuba", reason="needs the lab's extra trace")
+    from uw_visibility_lab.tracer.render import Tracer
+
+    with pytest.raises(InputError, match="above"):
+        Tracer(draw_scene(1, "reef"), 32, 24, "above")
+    with pytest.raises(InputError, match="px"):
+        Tracer(draw_scene(1, "reef"), 4, 24)
+
+
+def test_a_series_is_taken_up_where_it_ended(tmp_path: Path) -> None:
+    pytest.importorskip("mitsuba", reason="needs the lab's extra trace")
+    pytest.importorskip("pyoidn", reason="needs the lab's extra trace")
+    from uw_visibility_lab.tracer.series import descriptions, render_scene
+
+    [(name, description)] = descriptions(1, 2, ["boulders"])
+    folder = tmp_path / name
+    assert render_scene(folder, description, (64, 48), 4, stereo=True, threads=1)
+    assert not render_scene(folder, description, (64, 48), 4, threads=1)
+    left, right = load(folder), load(folder, "right")
+    assert left.image.shape == right.image.shape == (48, 64, 3)
+    assert left.seed == 2
+    assert not np.array_equal(left.image, right.image)

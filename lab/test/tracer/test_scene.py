@@ -1,0 +1,63 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Drawn scenes: believable waters, nothing at the camera, the same for the same seed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from uw_visibility.errors import InputError
+from uw_visibility_lab.tracer.scene import (
+    ALBEDO,
+    BEAM,
+    KINDS,
+    camera_position,
+    draw_scene,
+    draw_water,
+    shapes_of,
+)
+
+
+def test_waters_are_within_what_is_asked_for_and_red_is_lost_first() -> None:
+    random = np.random.default_rng(4)
+    waters = [draw_water(random) for _ in range(200)]
+    beam = np.array([w.beam_attenuation for w in waters])
+    albedo = np.array([w.albedo for w in waters])
+    assert beam.min() >= BEAM[0] - 1e-5
+    assert beam.max() <= BEAM[1] + 1e-5
+    assert albedo.min() >= ALBEDO[0] - 1e-4
+    assert albedo.max() <= ALBEDO[1] + 1e-4
+    # Clear and thick, blue and green waters are among them.
+    assert beam[:, 1].min() < 0.13 < 0.3 < beam[:, 1].max()
+    assert 0.2 < (np.argmin(beam, axis=1) == 2).mean() < 0.8
+    assert {w.phase for w in waters} == {"henyey-greenstein", "fournier-forand"}
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_a_scene_is_its_seeds_and_leaves_the_camera_room(kind: str) -> None:
+    first, again, other = draw_scene(7, kind), draw_scene(7, kind), draw_scene(8, kind)
+    assert first == again
+    assert first.water != other.water
+    shapes = shapes_of(first)
+    np.testing.assert_array_equal(shapes[-1].vertices, shapes_of(again)[-1].vertices)
+    camera = camera_position(first)
+    for shape in shapes:
+        assert np.isfinite(shape.vertices).all()
+        assert shape.faces.max() < len(shape.vertices)
+        assert shape.reflectance.shape == (len(shape.vertices), 3)
+        assert np.linalg.norm(shape.vertices - camera, axis=1).min() > 0.5
+        # All is below the surface.
+        assert shape.vertices[:, 2].max() < first.altitude + first.depth
+
+
+def test_lamps_take_the_place_of_daylight() -> None:
+    night = draw_scene(3, "reef", lamps=2)
+    assert night.daylight == (0.0, 0.0, 0.0)
+    assert len(night.lamps) == 2
+    assert night.lamps[0].position[0] == -night.lamps[1].position[0]
+
+
+def test_an_unknown_kind_is_refused_with_those_there_are() -> None:
+    with pytest.raises(InputError, match="boulders, poles, reef"):
+        draw_scene(1, "wreck")
