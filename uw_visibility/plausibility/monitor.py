@@ -50,13 +50,10 @@ class DepthMonitor:
     An estimate waits until the sensor's values enclose its stamp. Times of
     arrival are of any clock that only goes forward, and tell what is stale.
 
-    Attributes
-    ----------
-    config : PlausibilityConfig
-        May be replaced at any time.
-
     Parameters
     ----------
+    config : PlausibilityConfig
+        Limits; the attribute of that name may be replaced at any time.
     camera : Camera
         How the camera's depths err.
     """

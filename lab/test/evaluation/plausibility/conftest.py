@@ -23,18 +23,20 @@ def draw() -> Callable[..., Series]:
     def drawn(camera: Camera, seed: int, frames: int = 240, rate: float = 1.0) -> Series:
         random, stddev = np.random.default_rng(seed), PlausibilityConfig().model_stddev
         constant = camera.constant * CONSTANT * random.standard_normal()
-        sizes = np.array((camera.fast * PRECISION, camera.slow * stddev))
+        told = math.hypot(CONSTANT, PRECISION)
+        sizes = np.array((camera.fast * PRECISION, camera.slow * CONSTANT))
         kept = np.exp(-1.0 / rate / np.array((camera.fast_time, camera.slow_time)))
         wander = sizes * random.standard_normal(2)
         series = []
         for index in range(frames):
             wander = kept * wander + sizes * np.sqrt(1.0 - kept**2) * random.standard_normal(2)
-            noise = camera.noise * PRECISION * random.standard_normal()
-            if random.random() < camera.outliers:
-                noise += camera.outlier * stddev * random.standard_normal()
+            if random.random() < -math.expm1(-camera.bursts / rate):
+                wander[0] += camera.burst * stddev * random.standard_normal()
+            noise = camera.outlier * stddev * random.standard_normal() * (
+                random.random() < camera.outliers)
             truth = 6.0 - 3.0 * math.cos(0.02 * index / rate)
             error = constant + float(wander.sum()) + noise
             series.append(Seen(
-                index / rate, truth, truth - error, math.hypot(CONSTANT, PRECISION), PRECISION))
+                index / rate, truth, truth - error, told, PRECISION))
         return series
     return drawn

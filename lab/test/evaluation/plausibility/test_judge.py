@@ -13,8 +13,8 @@ from uw_visibility_lab.evaluation.plausibility.judge import HEAD, JUMPS, judge, 
 from uw_visibility_lab.evaluation.plausibility.series import Series
 
 CALM = Camera(
-    constant=1.0, slope=0.1, noise=0.8, fast=0.5, fast_time=3.0, slow=0.2, slow_time=60.0,
-    outliers=0.02, outlier=4.0, spread=1.5)
+    constant=1.0, slope=0.1, fast=0.8, fast_time=2.0, slow=0.01, slow_time=60.0,
+    bursts=0.01, burst=2.0, outliers=0.02, outlier=2.0, spread=1.5)
 
 
 def test_right_sensor_passes_and_wrong_ones_are_found(draw: Callable[..., Series]) -> None:

@@ -27,7 +27,7 @@ from uw_visibility_lab.evaluation.plausibility.series import (
 )
 from uw_visibility_lab.simulation.camera import StereoCamera
 
-SMALL = StereoCamera(120, 90, 112.0, 0.12)
+SMALL = StereoCamera(96, 72, 90.0, 0.12)
 WAY = {
     name: replace(transect, frames=2, camera=SMALL, seed=3)
     for name, transect in (*FITTED.items(), *JUDGED.items())
