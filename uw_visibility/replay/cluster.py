@@ -66,7 +66,8 @@ def replay_on_cluster(
         options = replace(options, several=True)
     # Each kind of address raises other errors; tls:// without settings a TypeError.
     with refusing(f"cannot reach the scheduler {address}", Exception):
-        client = distributed.Client(address, timeout=TIMEOUT)
+        # What else computes with dask in this process, such as xarray, does not ask the cluster.
+        client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
     with client:
         _check_workers(client)
         futures = {
@@ -76,7 +77,8 @@ def replay_on_cluster(
             for bag, target in targets.items() if bag not in refused
         }
         try:
-            for done, _ in enumerate(distributed.as_completed(list(futures.values())), 1):
+            waiting = distributed.as_completed(list(futures.values()), loop=client.loop)
+            for done, _ in enumerate(waiting, 1):
                 print(f"{done} of {len(futures)} recordings", file=sys.stderr, flush=True)
             return settle(targets, [
                 refused.get(bag) or _outcome(bag, futures[bag], distributed.KilledWorker)
