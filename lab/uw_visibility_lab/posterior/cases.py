@@ -44,8 +44,8 @@ def traced(folder: Path, seed: int = 0) -> Iterator[Case]:
         noise = np.random.default_rng((seed, index)).normal(0.0, 1.0, scene.image.shape)
         codes = np.clip(np.rint(scene.image * 255.0 + noise), 0, 255).astype(np.uint8)
         yield Case(
-            codes, scene.ranges.astype(np.float32), 0.0, "linear", usual_clear_water(), scene.attenuation,
-            place.name)
+            codes, scene.ranges.astype(np.float32), 0.0, "linear", usual_clear_water(),
+            scene.attenuation, place.name)
 
 
 def traced_scenes(folder: Path) -> list[Path]:
