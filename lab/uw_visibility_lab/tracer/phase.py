@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.integrate import trapezoid
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
@@ -92,4 +93,4 @@ def cosine_table(phase: str, entries: int = ENTRIES) -> Array:
 def mean_cosine(table: Array) -> float:
     """Return the mean cosine of the scattering angle of a table, trapezium rule."""
     cosine = np.linspace(-1.0, 1.0, len(table))
-    return float(np.trapezoid(table * cosine, cosine) / np.trapezoid(table, cosine))
+    return float(trapezoid(table * cosine, cosine) / trapezoid(table, cosine))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.status import Status
-from uw_visibility.water.daylight.validation import compare_steps
+from uw_visibility.water.daylight.validation import compare_steps, refute_clearness
 from uw_visibility.water.estimate import WaterEstimate
 
 BETA = np.array([0.4, 0.2, 0.15])
@@ -52,3 +52,18 @@ def test_a_step_that_knows_nothing_contradicts_nothing():
     assert compare_steps(second, nothing) is nothing
     part = estimate(np.array([np.nan, 0.2, 0.15]))
     assert compare_steps(part, second) is second
+
+
+@pytest.mark.parametrize(("below", "expected"), [
+    # In deviations: one channel far below; all a little, which is far together; two of three not.
+    ((4.0, -9.0, -9.0), Status.CLEARER_THAN_CLEAR_WATER),
+    ((2.0, 2.0, 2.0), Status.CLEARER_THAN_CLEAR_WATER),
+    ((2.0, 2.0, -2.0), Status.OK),
+    ((np.nan, 2.0, 2.0), Status.OK),
+])
+def test_water_is_refuted_that_is_clearer_in_one_channel_or_in_all_together(
+    below: tuple[float, ...], expected: Status
+) -> None:
+    clear_water, stddev = np.array((0.22, 0.066, 0.0245)), 0.005
+    attenuation = clear_water - stddev * np.array(below)
+    assert refute_clearness(attenuation, np.eye(3) * stddev**2, clear_water) is expected
