@@ -75,7 +75,8 @@ def check_products(day: Path, names: set[str]) -> Any:
     geopandas, pandas = pytest.importorskip("geopandas"), pytest.importorskip("pandas")
     xarray, mcap = pytest.importorskip("xarray"), pytest.importorskip("mcap.reader")
     # Python's own reading of numbers gives back what was written.
-    table = pandas.read_csv(day / "frames.csv", parse_dates=["datetime"], engine="python")
+    table = pandas.read_csv(day / "frames.csv", parse_dates=["datetime"], converters=dict.fromkeys(
+        ("visibility_distance", "longitude"), lambda text: float(text or "nan")))
     assert set(table["transect"]) == names
     described = json.loads((day / "frames.csv-metadata.json").read_text(encoding="utf-8"))
     assert [c["name"] for c in described["tableSchema"]["columns"]] == list(table.columns)
