@@ -30,6 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from uw_visibility.plausibility.comparison import DepthSample
+
 Array = NDArray[np.float64]
 
 
@@ -139,11 +141,17 @@ class RightSensor:
         As the camera tells it at first, m.
     camera : Camera
         How its depths err.
+
+    Attributes
+    ----------
+    stddev : float
+        As given.
     """
 
     def __init__(
         self, stddev: float, constant_stddev: float, depth: float, camera: Camera
     ) -> None:
+        self.stddev = stddev
         scales = np.square(camera.spread ** np.array(SCALES))
         self._rate, self._outliers = camera.bursts, camera.outliers
         self._burst = (camera.burst * stddev) ** 2 * scales
@@ -162,6 +170,13 @@ class RightSensor:
         covariance[:, SLOW, SLOW] = self._slow
         self.filter = Filter(np.zeros((len(SCALES), STATES)), covariance)
         self.weights = np.full(len(SCALES), 1.0 / len(SCALES))
+
+    @classmethod
+    def before(cls, estimate: DepthSample, stddev: float, camera: Camera) -> RightSensor:
+        """Return the filter before a dive's first estimate is compared."""
+        # The constant is at least as uncertain as the rest.
+        constant = max(math.sqrt(estimate.constant_variance), stddev)
+        return cls(stddev, constant, estimate.depth, camera)
 
     @property
     def constant(self) -> tuple[float, float]:
@@ -189,9 +204,7 @@ class RightSensor:
     def observe(self, taken: Taken, difference: float) -> Observation:
         """Return what a difference tells, and move to the depth at which it was."""
         self._depth = self._smoothed(taken.elapsed, taken.depth)
-        return Observation(
-            difference, taken.sensor_variance,
-            self._kinds(taken.elapsed))
+        return Observation(difference, taken.sensor_variance, self._kinds(taken.elapsed))
 
     def update(self, ahead: Filter, observation: Observation) -> float:
         """Take a difference into the filter as predicted; return its log density."""
@@ -233,32 +246,16 @@ class RightSensor:
 class InnovationModel:
     """Evidence of a fault of the sensor, by filters without and with one.
 
-    Parameters
-    ----------
-    stddev : float
-        Of what the estimate's own does not hold and is not constant, m.
-    constant_stddev : float
-        Of what is constant over a dive, beforehand, m.
-    depth : float
-        As the camera tells it at first, m.
-    camera : Camera
-        How its depths err.
-
     Attributes
     ----------
-    stddev : float
-        As given.
     right : RightSensor
         Filter without a fault.
     evidence : float
         Of a fault, s; a right sensor reaches it once in so long on average at most.
     """
 
-    def __init__(
-        self, stddev: float, constant_stddev: float, depth: float, camera: Camera = CAMERA
-    ) -> None:
-        self.stddev = stddev
-        self.right = RightSensor(stddev, constant_stddev, depth, camera)
+    def __init__(self, right: RightSensor) -> None:
+        self.right = right
         self.evidence = 0.0
         self._faults = Faults.none()
 

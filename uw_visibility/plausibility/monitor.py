@@ -24,7 +24,14 @@ from uw_visibility.plausibility.comparison import (
     Verdict,
     interpolate,
 )
-from uw_visibility.plausibility.model import CAMERA, INTERVAL, Camera, InnovationModel, Taken
+from uw_visibility.plausibility.model import (
+    CAMERA,
+    INTERVAL,
+    Camera,
+    InnovationModel,
+    RightSensor,
+    Taken,
+)
 from uw_visibility.status import Status
 
 # Bounds memory: 10 s of a sensor at 200 Hz.
@@ -166,11 +173,9 @@ class DepthMonitor:
 
     def _compare(self, estimate: DepthSample, sensor: DepthSample, arrival: float) -> Comparison:
         config, model = self.config, self._model
-        if model is None or model.stddev != config.model_stddev:
-            # The constant is at least as uncertain as the rest.
-            constant = max(math.sqrt(estimate.constant_variance), config.model_stddev)
+        if model is None or model.right.stddev != config.model_stddev:
             model = self._model = InnovationModel(
-                config.model_stddev, constant, estimate.depth, self._camera)
+                RightSensor.before(estimate, config.model_stddev, self._camera))
             self._taken, self._sensor_taken = estimate.stamp - RESTART_NANOSECONDS, math.nan
         elapsed = 1e-9 * abs(estimate.stamp - self._taken)
         difference = sensor.depth - estimate.depth

@@ -68,8 +68,7 @@ def _of_series(camera: Camera, series: Series) -> float:
         if not math.isfinite(sample.depth):
             continue
         if right is None:
-            constant = max(math.sqrt(sample.constant_variance), model_stddev)
-            right, last = RightSensor(model_stddev, constant, seen.depth, camera), seen.time - 1.0
+            right, last = RightSensor.before(sample, model_stddev, camera), seen.time - 1.0
         elapsed = seen.time - last
         if elapsed < INTERVAL:
             continue
