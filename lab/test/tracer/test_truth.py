@@ -77,6 +77,15 @@ def test_without_open_water_the_veil_grows_towards_it() -> None:
     assert veil == pytest.approx(VEIL, rel=0.05)
 
 
+def test_the_growth_of_the_veil_does_not_depend_on_the_precision_of_ranges() -> None:
+    """Files hold them in 32 bit; versions of NumPy compute on with those in different precision."""
+    image, black, _, ranges = view()
+    single = ranges.astype(np.float32)
+    one, other = (veil_at_infinity(image, black, r) for r in (single, single.astype(np.float64)))
+    np.testing.assert_array_equal(one[0], other[0])
+    np.testing.assert_array_equal(one[2], other[2])
+
+
 def test_the_light_is_radiance_over_reflectance() -> None:
     reflectance = np.random.default_rng(1).uniform(0.1, 0.5, (20, 20, 3))
     ranges = np.ones((20, 20))

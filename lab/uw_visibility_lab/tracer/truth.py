@@ -191,7 +191,10 @@ def veil_at_infinity(
         where ranges are too short to show it.
     """
     parts = range_bins(ranges)
-    distance = np.array([np.ravel(ranges)[part].mean() for part in parts])
+    # In 64 bit: NumPy 1 computes an array of 32 with scalars of 64 in 32 bit, NumPy 2 in 64, and
+    # derivatives by differences need 64.
+    along = np.ravel(ranges).astype(float)
+    distance = np.array([along[part].mean() for part in parts])
     flat = np.asarray(veil, float).reshape(-1, 3)
     found, growth = np.full(3, np.nan), np.full(3, np.nan)
     for channel in range(3):
