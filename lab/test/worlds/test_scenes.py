@@ -137,6 +137,24 @@ def test_middlebury_scenes_are_filled_and_metric(tmp_path: object) -> None:
     assert scene.reflectance == pytest.approx(0.2)
 
 
+def test_middlebury_rows_without_disparity_are_as_the_nearest_row(tmp_path: object) -> None:
+    disparity = np.full((40, 60), 90, np.uint8)
+    disparity[20:] = 180
+    disparity[17:20] = 0
+    cv2.imwrite(str(tmp_path / "disp1.png"), disparity)
+    cv2.imwrite(str(tmp_path / "view1.png"), np.full((40, 60, 3), 51, np.uint8))
+    scene = middlebury(tmp_path)
+    expected = 3740 / 3 * 0.16 / np.array([30, 60])
+    assert scene.range[[17, 19], 30] == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_middlebury_scene_without_any_disparity_is_refused(tmp_path: object) -> None:
+    cv2.imwrite(str(tmp_path / "disp1.png"), np.zeros((40, 60), np.uint8))
+    cv2.imwrite(str(tmp_path / "view1.png"), np.full((40, 60, 3), 51, np.uint8))
+    with pytest.raises(InputError, match="no pixel with a disparity"):
+        middlebury(tmp_path)
+
+
 def test_recorded_scenes_are_read(shared_data: object) -> None:
     scene = middlebury(shared_data / "middlebury" / "art")
     assert scene.name == "art" and scene.kind == "rgbd"

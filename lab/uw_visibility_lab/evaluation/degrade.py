@@ -71,17 +71,16 @@ def load_scene(folder: str | Path) -> Scene:
     """Load a scene of the Middlebury 2005 or 2006 form.
 
     ``view1`` and ``view5`` are the left and the right image, ``disp1.png`` and ``disp5.png``
-    their disparities, 0 where unknown. The width of the image tells the size of the scene:
-    below 500 px third size, whose disparity is the value / 3; below 800 px half size,
-    value / 2; else full size. Without ``disp5.png`` the left disparity is warped to the right.
+    their disparities, 0 where unknown. The width of the image tells the size of the scene, see
+    `size_divisor`. Without ``disp5.png`` the left disparity is warped to the right.
     """
     folder = Path(folder)
     left, right = (_read_image(folder, name) for name in ("view1", "view5"))
     height, width = left.shape[:2]
-    scale = 3 if width < 500 else 2 if width < 800 else 1
-    disparity_left = _read_disparity(folder / "disp1.png", scale)
+    scale = size_divisor(width)
+    disparity_left = read_disparity(folder / "disp1.png", scale)
     if (folder / "disp5.png").is_file():
-        disparity_right = _read_disparity(folder / "disp5.png", scale)
+        disparity_right = read_disparity(folder / "disp5.png", scale)
     else:
         disparity_right = warp_to_right(disparity_left)
     if not right.shape[:2] == disparity_left.shape == disparity_right.shape == (height, width):
@@ -95,6 +94,22 @@ def load_scene(folder: str | Path) -> Scene:
         rig=StereoRig(
             FULL_SIZE_FOCAL_LENGTH / scale, BASELINE, ((width - 1) / 2, (height - 1) / 2)),
     )
+
+
+def size_divisor(width: int) -> int:
+    """Return by what a scene is smaller than full size, told by its width in px.
+
+    Below 500 px it is 3, below 800 px 2, else 1.
+    """
+    return 3 if width < 500 else 2 if width < 800 else 1
+
+
+def read_disparity(path: Path, scale: int) -> DisparityMap:
+    """Read a disparity map of a scene, px: the value / `scale`; NaN where the value is 0."""
+    values = cv2.cvtColor(shown(read_image(path)), cv2.COLOR_RGB2GRAY)
+    disparity = values.astype(np.float32) / np.float32(scale)
+    disparity[values == 0] = np.nan
+    return disparity
 
 
 def degrade(
@@ -160,13 +175,6 @@ def _read_image(folder: Path, name: str) -> Image8:
     raise InputError(
         f"scene {folder} has no {name}{IMAGE_SUFFIXES[0]} (or {', '.join(IMAGE_SUFFIXES[1:])})"
     )
-
-
-def _read_disparity(path: Path, scale: int) -> DisparityMap:
-    values = cv2.cvtColor(shown(read_image(path)), cv2.COLOR_RGB2GRAY)
-    disparity = values.astype(np.float32) / np.float32(scale)
-    disparity[values == 0] = np.nan
-    return disparity
 
 
 def sensor_of(noise: str) -> Sensor:

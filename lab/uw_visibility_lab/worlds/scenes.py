@@ -18,6 +18,13 @@ from uw_visibility.errors import InputError, refusing
 from uw_visibility.images.arrays import Map
 from uw_visibility.images.files import read_image
 from uw_visibility.optics.transfer import to_linear
+from uw_visibility_lab.evaluation.degrade import (
+    BASELINE,
+    FULL_SIZE_FOCAL_LENGTH,
+    fill_from_background,
+    read_disparity,
+    size_divisor,
+)
 from uw_visibility_lab.simulation.noise import noise_lattice
 from uw_visibility_lab.worlds.beliefs import count, draw, happens
 from uw_visibility_lab.worlds.geometry import (
@@ -95,57 +102,38 @@ class Scene:
     focal_length: float = math.nan
 
 
-# Middlebury 2005 and 2006 (Scharstein and Pal, doi 10.1109/CVPR.2007.383191): full size.
-FULL_SIZE_FOCAL_LENGTH = 3740.0
-BASELINE = 0.160
-
-
 def middlebury(folder: Path) -> Scene:
     """Read a Middlebury scene: view1, taken as linear reflectance, and ranges of disp1.
 
     Parameters
     ----------
     folder : Path
-        Holds ``view1`` and ``disp1.png``; the width tells the scale: below 500 px a third, below
-        800 px a half. Pixels without disparity take the farther neighbour of their row.
+        Holds ``view1`` and ``disp1.png``, as `uw_visibility_lab.evaluation.degrade.load_scene`
+        has them. Pixels without disparity are filled by `fill_from_background`.
 
     Raises
     ------
     InputError
-        If a file is missing, or the sizes differ.
+        If a file is missing, the sizes differ, or no pixel has a disparity.
     """
     found = sorted(Path(folder).glob("view1.*"))
     if not found:
         raise InputError(f"{folder} holds no view1: give the folder of a Middlebury scene")
     image = read_image(found[0])
-    values = read_image(Path(folder) / "disp1.png")
-    values = values[..., 0] if values.ndim == 3 else values
     height, width = image.shape[:2]
-    if values.shape != (height, width):
+    scale = size_divisor(width)
+    disparity = read_disparity(Path(folder) / "disp1.png", scale)
+    if disparity.shape != (height, width):
         raise InputError(f"scene {folder} has an image and disparities of different size")
-    scale = 3 if width < 500 else 2 if width < 800 else 1
-    disparity = _fill_rows(values.astype(np.float32) / np.float32(scale))
+    if not np.isfinite(disparity).any():
+        raise InputError(f"scene {folder} has no pixel with a disparity: give another disp1.png")
     focal = FULL_SIZE_FOCAL_LENGTH / scale
     x = (np.arange(width) - (width - 1) / 2) / focal
     y = ((np.arange(height) - (height - 1) / 2) / focal)[:, np.newaxis]
-    ranges = focal * BASELINE / disparity * np.sqrt(1.0 + x * x + y * y)
+    ranges = focal * BASELINE / fill_from_background(disparity) * np.sqrt(1.0 + x * x + y * y)
     return Scene(
         Path(folder).resolve().name, "rgbd", image.astype(np.float32) / np.float32(255.0),
         ranges.astype(np.float32), pitch=0.0, focal_length=focal / width)
-
-
-def _fill_rows(disparity: Map) -> Map:
-    """Give pixels without disparity (0) the lesser of the next ones to the left and right."""
-    known = disparity > 0.0
-    height, width = disparity.shape
-    column = np.arange(width)
-    before = np.maximum.accumulate(np.where(known, column, -1), axis=1)
-    after = np.minimum.accumulate(np.where(known, column, width)[:, ::-1], axis=1)[:, ::-1]
-    padded = np.pad(np.where(known, disparity, np.inf), ((0, 0), (1, 1)), constant_values=np.inf)
-    row = np.arange(height)[:, np.newaxis]
-    filled = np.minimum(padded[row, before + 1], padded[row, after + 1])
-    # A row without any disparity is as far as the farthest.
-    return np.where(np.isfinite(filled), filled, disparity[known].min()).astype(np.float32)
 
 
 def procedural(
