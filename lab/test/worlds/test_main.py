@@ -24,5 +24,7 @@ def test_a_pool_is_made_and_looked_at(tmp_path: Path) -> None:
 def test_bad_input_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["pool", "--count", "0", "-o", str(tmp_path)]) == 2
     assert "--count is 0" in capsys.readouterr().err
+    assert main(["pool", "--count", "1", "-o", str(tmp_path / "pool"), "--jobs", "0"]) == 2
+    assert "--jobs is 0" in capsys.readouterr().err
     assert main(["sheet", str(tmp_path), "-o", str(tmp_path / "x.png")]) == 2
     assert "holds no scene" in capsys.readouterr().err

@@ -103,6 +103,16 @@ def test_a_pool_is_its_seed(tmp_path: object, pictures: object) -> None:
     assert np.median(a[0].range[known]) == pytest.approx(1.0, rel=2e-3)
 
 
+def test_a_pool_is_the_same_for_any_number_of_jobs(tmp_path: object, pictures: object) -> None:
+    one, two = tmp_path / "one", tmp_path / "two"
+    make_pool(5, 3, one, pictures, SIZE)
+    make_pool(5, 3, two, pictures, SIZE, jobs=2)
+    assert [path.name for path in pool(one)] == [path.name for path in sorted(two.iterdir())]
+    assert len(pool(one)) == 5
+    for first, second in zip(pool(one), pool(two), strict=True):
+        assert first.read_bytes() == second.read_bytes()
+
+
 def test_pictures_are_textures_and_objects_have_their_own(pictures: object) -> None:
     textures = read_pictures(pictures)
     assert len(textures) == 3 and textures[0].shape == (TEXTURE, TEXTURE, 3)

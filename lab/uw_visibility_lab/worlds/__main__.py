@@ -11,12 +11,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, check_range
 from uw_visibility_lab.worlds.draw import EFFECTS, RANDOM, draw
 from uw_visibility_lab.worlds.scenes import SIZE, load_scene, make_pool, pool
 
 COLUMNS = 6
 """Views in a row of a contact sheet."""
+MOST_JOBS = 256
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -32,6 +33,9 @@ def main(arguments: list[str] | None = None) -> int:
     making.add_argument(
         "--size", type=int, nargs=2, default=SIZE, metavar=("ROWS", "COLUMNS"),
         help=f"default: {SIZE[0]} {SIZE[1]}")
+    making.add_argument(
+        "--jobs", type=int, default=1, metavar="N",
+        help="processes that make them; the scenes are the same for any number (1)")
     looking = parts.add_parser("sheet", help="draw views of a pool onto a contact sheet")
     looking.add_argument("pool", type=Path, help="folder of scenes")
     looking.add_argument("--count", type=int, default=24, metavar="N", help="views (24)")
@@ -44,9 +48,10 @@ def main(arguments: list[str] | None = None) -> int:
         if options.part == "pool":
             if options.count < 1:
                 raise InputError(f"--count is {options.count}: give 1 or more")
+            check_range("--jobs", options.jobs, 1, MOST_JOBS)
             make_pool(
                 options.count, options.seed, options.output, options.pictures,
-                tuple(options.size))
+                tuple(options.size), options.jobs)
         else:
             _sheet(options)
     except InputError as error:

@@ -25,6 +25,7 @@ from uw_visibility_lab.evaluation.degrade import (
     read_disparity,
     size_divisor,
 )
+from uw_visibility_lab.evaluation.parallel import run_all
 from uw_visibility_lab.simulation.noise import noise_lattice
 from uw_visibility_lab.worlds.beliefs import count, draw, happens
 from uw_visibility_lab.worlds.geometry import (
@@ -606,7 +607,7 @@ def read_pictures(folder: Path) -> list[Map]:
 
 def make_pool(
     count: int, seed: int, folder: Path, pictures: Path | None = None,
-    size: tuple[int, int] = SIZE,
+    size: tuple[int, int] = SIZE, jobs: int = 1,
 ) -> None:
     """Make a pool of procedural scenes, each of which depends on its number and the seed alone.
 
@@ -622,6 +623,8 @@ def make_pool(
         Folder of colour photographs, see `read_pictures`.
     size : (int, int)
         Rows and columns.
+    jobs : int
+        Processes that share the scenes out.
 
     Raises
     ------
@@ -629,15 +632,25 @@ def make_pool(
         If a folder cannot be read or written.
     """
     textures = read_pictures(pictures) if pictures is not None else []
+    jobs = max(1, min(jobs, count))
+    # A share for each process: the pictures are handed over as often.
+    shares = [range(first, count, jobs) for first in range(jobs)]
     with refusing(f"cannot write a pool to {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
-        for number in range(count):
-            path = folder / f"{number:06d}.npz"
-            if path.exists():
-                continue
-            rng = np.random.default_rng([seed, number])
-            save_scene(replace(
-                procedural(rng, textures, size), name=f"pool {seed}.{number}"), path)
+        run_all(
+            _make_scenes, shares, (seed, folder, textures, size), jobs, lambda done, _: done)
+
+
+def _make_scenes(
+    numbers: range, seed: int, folder: Path, textures: Sequence[Map], size: tuple[int, int]
+) -> None:
+    for number in numbers:
+        path = folder / f"{number:06d}.npz"
+        if path.exists():
+            continue
+        rng = np.random.default_rng([seed, number])
+        save_scene(replace(
+            procedural(rng, textures, size), name=f"pool {seed}.{number}"), path)
 
 
 def save_scene(scene: Scene, path: Path) -> None:
