@@ -15,7 +15,8 @@ from uw_visibility_lab.posterior.cases import drawn, halves, sea, traced
 from uw_visibility_lab.posterior.estimators import Todays
 from uw_visibility_lab.posterior.examples import draw_all, load, save
 from uw_visibility_lab.posterior.judge import Case
-from uw_visibility_lab.worlds.scenes import make_pool
+from uw_visibility_lab.worlds.scenes import load_scene, make_pool
+from uw_visibility_lab.worlds.scenes import pool as scenes_of
 
 SEA = Path(__file__).resolve().parents[4] / "shared" / "data" / "flsea"
 
@@ -74,6 +75,7 @@ def test_todays_estimator_answers_clear_cases() -> None:
 def test_halves_of_a_frame_of_the_sea_make_the_whole() -> None:
     case = next(iter(sea(SEA)))
     left, right = halves(case)
+    assert (left.name, right.name) == (f"{case.name} left", f"{case.name} right")
     np.testing.assert_array_equal(np.concatenate((left.image, right.image), axis=1), case.image)
     np.testing.assert_array_equal(np.concatenate((left.ranges, right.ranges), axis=1), case.ranges)
     # Lines of sight are longer than Z.
@@ -83,9 +85,6 @@ def test_halves_of_a_frame_of_the_sea_make_the_whole() -> None:
 
 
 def test_drawn_cases_repeat(pool: Path) -> None:
-    from uw_visibility_lab.worlds.scenes import load_scene
-    from uw_visibility_lab.worlds.scenes import pool as scenes_of
-
     scenes = [load_scene(path) for path in scenes_of(pool)]
     first, second = list(drawn(scenes, 4, 1)), list(drawn(scenes, 4, 1))
     for a, b in zip(first, second, strict=True):

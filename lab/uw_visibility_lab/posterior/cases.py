@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -89,10 +90,9 @@ def usual_clear_water() -> Array:
 
 
 def _part(case: Case, columns: slice, name: str) -> Case:
-    return Case(
-        np.ascontiguousarray(case.image[:, columns]),
-        np.ascontiguousarray(case.ranges[:, columns]), case.range_error, case.transfer,
-        case.clear_water, case.attenuation, f"{case.name} {name}")
+    return replace(
+        case, image=np.ascontiguousarray(case.image[:, columns]),
+        ranges=np.ascontiguousarray(case.ranges[:, columns]), name=f"{case.name} {name}")
 
 
 def _along_the_ray(z: NDArray[np.float32]) -> NDArray[np.float32]:
