@@ -5,9 +5,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from uw_visibility.commands.options import Options, add_described
 from uw_visibility.errors import InputError, check_range
@@ -68,11 +70,11 @@ def run(arguments: argparse.Namespace) -> None:
 
     estimator = _estimator(arguments.estimator)
     say(table([]))
-    for name, number, cases in _kinds(arguments):
-        row = judge(estimator, progress_bar(cases, name, number))
-        say(table([(name, row)]).splitlines()[1])
-        if name.endswith("all effects"):
-            changed, moved = flips(estimator, list(_again(arguments, name)))
+    for kind in _kinds(arguments):
+        row = judge(estimator, progress_bar(kind.cases(kind.number), kind.name, kind.number))
+        say(table([(kind.name, row)]).splitlines()[1])
+        if kind.disturbed:
+            changed, moved = flips(estimator, list(kind.cases(max(kind.number // 4, 1))))
             say(f"{'':24} told or not changes in {changed:.3f} of the frames that differ in "
                 f"nothing, ln d by {moved:.2f} σ")
     if arguments.sea:
@@ -85,31 +87,36 @@ def _estimator(name: str) -> Estimator:
     return Todays(name) if name in ("free", "paper") else Learnt(Path(name))
 
 
-def _kinds(arguments: argparse.Namespace) -> Iterator[tuple[str, int, Iterator[Case]]]:
-    """Name, number and cases of each row."""
+class _Kind(NamedTuple):
+    """A row of the table: `cases` makes the first so many of its cases, `number` are judged.
+
+    Where `disturbed`, a quarter of them is judged again with changes that should do nothing.
+    """
+
+    name: str
+    number: int
+    cases: Callable[[int], Iterator[Case]]
+    disturbed: bool = False
+
+
+def _kinds(arguments: argparse.Namespace) -> Iterator[_Kind]:
     from uw_visibility_lab.posterior.cases import drawn, traced, traced_scenes
-    from uw_visibility_lab.worlds.draw import EFFECTS
+    from uw_visibility_lab.worlds.draw import EFFECTS, RANDOM
 
     number, seed = arguments.cases, arguments.seed
     for name in ("scenes", "middlebury"):
         folder = getattr(arguments, name)
         if folder is None:
             continue
-        scenes = _scenes(name, folder)
-        yield f"{name}, no effect", number, drawn(scenes, number, seed, ())
-        yield f"{name}, all effects", number, drawn(scenes, number, seed)
+        views = partial(drawn, _scenes(name, folder), seed=seed)
+        yield _Kind(f"{name}, no effect", number, partial(views, effects=()))
+        yield _Kind(f"{name}, all effects", number, partial(views, effects=RANDOM), True)
         for effect in EFFECTS if arguments.each else ():
-            yield f"{name}, {effect}"[:24], number, drawn(scenes, number, seed, (effect,))
+            yield _Kind(f"{name}, {effect}"[:24], number, partial(views, effects=(effect,)))
     if arguments.traced:
-        yield "traced", len(traced_scenes(arguments.traced)), traced(arguments.traced, seed)
-
-
-def _again(arguments: argparse.Namespace, name: str) -> Iterator[Case]:
-    from uw_visibility_lab.posterior.cases import drawn
-
-    kind = name.partition(",")[0]
-    return drawn(
-        _scenes(kind, getattr(arguments, kind)), max(arguments.cases // 4, 1), arguments.seed)
+        yield _Kind(
+            "traced", len(traced_scenes(arguments.traced)),
+            lambda first: islice(traced(arguments.traced, seed), first))
 
 
 def _scenes(name: str, folder: Path) -> list:  # type: ignore[type-arg]
