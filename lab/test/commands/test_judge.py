@@ -6,9 +6,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from uw_visibility.cli import main
+from uw_visibility_lab.posterior.network import ARRAYS, COMPONENTS
 from uw_visibility_lab.worlds.scenes import make_pool
 
 
@@ -51,10 +53,56 @@ def test_what_cannot_be_trained_is_one_sentence(
     assert sentence in capsys.readouterr().err
 
 
-def test_networks_that_are_there_are_kept(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.fixture
+def kept(tmp_path: Path) -> Path:
+    """Return a folder with a scene, statistics of views, networks, and a file of somebody else."""
+    make_pool(1, 1, tmp_path / "pool", size=(60, 80))
+    (tmp_path / "views.npz").write_bytes(b"views")
+    (tmp_path / "link.npz").symlink_to(tmp_path / "pool" / "000000.npz")
+    layers = {f"0_{k}": np.zeros((2, COMPONENTS)) for k in range(ARRAYS)}
+    np.savez(
+        tmp_path / "networks.npz", networks=np.array(1), centre=np.zeros(2), spread=np.ones(2),
+        **layers)
+    (tmp_path / "mine.npz").write_text("mine")
+    return tmp_path
+
+
+@pytest.mark.parametrize(("name", "sentence"), [
+    ("pool/000000.npz", "would replace the input"),
+    ("link.npz", "would replace the input"),
+    ("views.npz", "would replace the input"),
+    ("mine.npz", "holds no trained networks"),
+    ("pool", "would replace the input"),
+])
+def test_nothing_but_networks_is_replaced(
+    name: str, sentence: str, kept: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    output = tmp_path / "weights.npz"
-    output.write_text("mine")
-    assert main(["train", str(tmp_path), "-o", str(output)]) == 2
-    assert "--force" in capsys.readouterr().err and output.read_text() == "mine"
+    # What is not refused ends here, before hours of training.
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    before = {path: path.read_bytes() for path in kept.rglob("*.npz")}
+    given = ["train", str(kept / "pool"), "--views-file", str(kept / "views.npz"), "--force"]
+    assert main([*given, "-o", str(kept / name)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert sentence in line and f"{kept / name}" in line
+    assert {path: path.read_bytes() for path in kept.rglob("*.npz")} == before
+
+
+def test_statistics_that_are_not_there_yet_have_a_file_of_their_own(
+    kept: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    new = str(kept / "new.npz")
+    assert main(["train", str(kept / "pool"), "--views-file", new, "-o", new]) == 2
+    assert "would replace the input" in capsys.readouterr().err
+
+
+def test_networks_that_are_there_are_replaced_by_force_only(
+    kept: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    given = ["train", str(kept / "pool"), "-o", str(kept / "networks.npz")]
+    assert main(given) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main([*given, "--force"]) == 2
+    assert "needs PyTorch" in capsys.readouterr().err

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from uw_visibility.commands.options import Options, add_described
+from uw_visibility.config.files import refuse_inputs
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.replay.progress import say
 
@@ -40,7 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("pool", metavar="POOL", type=Path, help="folder of scenes")
     parser.add_argument(
         "-o", "--output", metavar="NPZ", type=Path, required=True, help="file for the networks")
-    parser.add_argument("--force", action="store_true", help="replace the file")
+    parser.add_argument("--force", action="store_true", help="replace networks that are there")
     add_described(parser, OPTIONS)
 
 
@@ -50,8 +51,7 @@ def run(arguments: argparse.Namespace) -> None:
     check_range("--networks", arguments.networks, 1, 16)
     check_range("--epochs", arguments.epochs, 0.1, 1000.0)
     check_range("--jobs", arguments.jobs, 1, 256)
-    if arguments.output.exists() and not arguments.force:
-        raise InputError(f"{arguments.output} exists: give another name, or --force")
+    _check_output(arguments)
     if importlib.util.find_spec("torch") is None:
         raise InputError("train needs PyTorch: pip install 'uw_visibility_lab[train]'")
     from uw_visibility_lab.posterior import examples
@@ -68,6 +68,24 @@ def run(arguments: argparse.Namespace) -> None:
     arrays = train(views, arguments.networks, arguments.epochs, say)
     write(arrays, arguments.output, provenance(arguments.pool, arguments.seed, views))
     say(f"networks: {arguments.output}")
+
+
+def _check_output(arguments: argparse.Namespace) -> None:
+    """Refuse to replace an input or a foreign file; trained networks, unless forced."""
+    output: Path = arguments.output
+    refuse_inputs([*arguments.pool.glob("*.npz"), arguments.views_file], [output])
+    if not output.exists():
+        return
+    from uw_visibility_lab.posterior import network
+
+    try:
+        network.load(output)
+    except InputError as error:
+        raise InputError(
+            f"{output} exists already and holds no trained networks of this version: move it, or "
+            "give another name") from error
+    if not arguments.force:
+        raise InputError(f"{output} exists already: give another name, or --force to replace")
 
 
 def _tell(done: Iterator[Any], blocks: int) -> Iterator[Any]:
