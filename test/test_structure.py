@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from pathlib import Path
 
@@ -13,6 +14,8 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "uw_visibility"
 FILES = sorted(PACKAGE.rglob("*.py"))
 FOLDERS = sorted({file.parent for file in FILES})
+# To parse all files takes seconds, which each process that collects tests would spend.
+MAY_HAVE_KERNELS = [file for file in FILES if "njit" in file.read_text(encoding="utf-8")]
 
 
 def name_of(path: Path) -> str:
@@ -32,6 +35,7 @@ def test_the_top_holds_folders_and_little_else() -> None:
     assert top == {"__init__", "cli", "errors", "status"}
 
 
+@functools.cache
 def kernels(file: Path) -> list[ast.FunctionDef]:
     tree = ast.parse(file.read_text(encoding="utf-8"))
     return [
@@ -41,7 +45,7 @@ def kernels(file: Path) -> list[ast.FunctionDef]:
     ]
 
 
-@pytest.mark.parametrize("file", [f for f in FILES if kernels(f)], ids=name_of)
+@pytest.mark.parametrize("file", MAY_HAVE_KERNELS, ids=name_of)
 def test_arrays_of_kernels_are_annotated_as_any(file: Path) -> None:
     """Numba takes any array; which one is meant, the docstring says."""
     for kernel in kernels(file):
@@ -86,7 +90,7 @@ def is_whole(argument: ast.expr, listed: set[str]) -> bool:
     return whole or written in listed or written.startswith("index_of(")
 
 
-@pytest.mark.parametrize("file", [f for f in FILES if kernels(f)], ids=name_of)
+@pytest.mark.parametrize("file", MAY_HAVE_KERNELS, ids=name_of)
 def test_kernels_make_indices_of_floats_by_the_one_helper(file: Path) -> None:
     listed = WHOLE.get(str(file.relative_to(PACKAGE)), set())
     found = [

@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import ctypes
+import functools
+import inspect
 import json
 import os
 import shutil
@@ -16,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from prepared import Prepared
 
 from uw_visibility.compute import kernel_folder
 
@@ -50,8 +53,8 @@ from uw_visibility.compute.kernel_folder import writable_folder
 from uw_visibility.outer import outer
 print(json.dumps([outer(3), counts.loaded, counts.compiled, str(writable_folder())]))
 """
-# prctl(2) and capabilities(7).
-PR_CAPBSET_DROP, CAP_DAC_OVERRIDE = 24, 1
+# capset(2) and capabilities(7).
+CAPABILITY_VERSION, CAP_DAC_OVERRIDE = 0x20080522, 1
 
 
 @dataclass
@@ -101,25 +104,65 @@ class Install:
             for path in [folder, *folder.rglob("*")]:
                 path.chmod(0o555 if path.is_dir() else 0o444)
 
-    def run(self, *, code: str = CALL, cwd: Path | None = None, **environment: str) -> Outcome:
-        """Call the outer kernel in a new process, which permissions bind."""
+    def run(
+        self, *, code: str = CALL, cwd: Path | None = None, fresh: bool = False,
+        **environment: str,
+    ) -> Outcome:
+        """Call the outer kernel in a new process, which permissions bind.
+
+        A fresh one imports numba itself.
+        """
         kept = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA", "XDG"))}
-        process = subprocess.run(
-            [sys.executable, "-P", "-c", code], capture_output=True, text=True, check=False,
-            cwd=cwd or self.root, preexec_fn=obey_permissions, env={
-                **kept, "PYTHONPATH": str(self.root / "lib"), "HOME": str(self.home),
-                "PYTHONDONTWRITEBYTECODE": "1", **environment,
-            },
-        )
-        assert process.returncode == 0, process.stderr
-        value, loaded, compiled, folder = json.loads(process.stdout)
-        return Outcome(value, loaded, compiled, Path(folder), process.stderr)
+        environment = {
+            **kept, "PYTHONPATH": str(self.root / "lib"), "HOME": str(self.home),
+            "PYTHONDONTWRITEBYTECODE": "1", **environment,
+        }
+        output, errors = self.root / "output", self.root / "errors"
+        for file in (output, errors):
+            file.write_text("")
+        if fresh:
+            with output.open("w") as said, errors.open("w") as warned:
+                returncode = subprocess.run(
+                    [sys.executable, "-P", "-c", BOUND + code], stdout=said, stderr=warned,
+                    cwd=cwd or self.root, env=environment, check=False,
+                ).returncode
+        else:
+            returncode = with_numba().start(
+                BOUND + SET + code, environment=environment, cwd=cwd or self.root,
+                output=output, errors=errors, path=[self.root / "lib"],
+            ).wait(300)
+        assert returncode == 0, errors.read_text()
+        value, loaded, compiled, folder = json.loads(output.read_text())
+        return Outcome(value, loaded, compiled, Path(folder), errors.read_text())
+
+
+@functools.cache
+def with_numba() -> Prepared:
+    """A process that has imported numba, and has compiled something."""
+    return Prepared("import numba\nnumba.njit(lambda x: x + 1)(3)\n", {
+        k: v for k, v in os.environ.items() if not k.startswith(("NUMBA", "XDG", "PYTHONPATH"))})
 
 
 def obey_permissions() -> None:
-    """Take from root what lets it write where permissions say no; called in the child."""
-    if os.getuid() == 0 and ctypes.CDLL(None).prctl(PR_CAPBSET_DROP, CAP_DAC_OVERRIDE, 0, 0, 0):
-        raise OSError("root without CAP_SETPCAP cannot be bound by permissions")
+    """Take from root what lets it write where permissions say no."""
+    header, sets = (ctypes.c_uint32 * 2)(CAPABILITY_VERSION, 0), (ctypes.c_uint32 * 6)()
+    library = ctypes.CDLL(None)
+    if library.capget(header, sets):
+        raise OSError("the capabilities of the process are not known")
+    # The effective and the permitted ones.
+    sets[0], sets[1] = (each & ~(1 << CAP_DAC_OVERRIDE) for each in sets[:2])
+    if library.capset(header, sets):
+        raise OSError("a process cannot be bound by permissions")
+
+
+BOUND = f"""\
+import ctypes
+CAPABILITY_VERSION, CAP_DAC_OVERRIDE = {CAPABILITY_VERSION}, {CAP_DAC_OVERRIDE}
+{inspect.getsource(obey_permissions)}
+obey_permissions()
+"""
+# Numba was imported with other environment variables.
+SET = "import numba\nnumba.core.config.reload_config()\n"
 
 
 @pytest.fixture

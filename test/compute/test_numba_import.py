@@ -34,11 +34,11 @@ def test_numbas_settings_in_the_current_folder_change_nothing(
         "assert not numba.config.DISABLE_JIT and not numba.config.CACHE_DIR\n"
         "assert numba.config.OPT == 3 and os.getcwd().endswith('downloaded')\n"
     )
-    outcome = warm.run(code=warm.call + check, cwd=downloaded)
+    outcome = warm.run(code=warm.call + check, cwd=downloaded, fresh=True)
     assert (outcome.value, outcome.loaded, outcome.folder) == (107, 1, warm.kernels)
     assert {path.name for path in downloaded.iterdir()} == {".numba_config.yaml", "hostile.py"}
 
 
 def test_the_users_own_settings_hold(warm: Any) -> None:
-    outcome = warm.run(NUMBA_DISABLE_JIT="1")
+    outcome = warm.run(fresh=True, NUMBA_DISABLE_JIT="1")
     assert (outcome.value, outcome.loaded, outcome.compiled) == (107, 0, 0)

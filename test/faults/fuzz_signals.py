@@ -53,7 +53,7 @@ class Cases:
         self._client = self._parts.Client(live.topics(), namespace)
         node = self._parts.NodeProcess(
             self._folder, "-r", f"__ns:={namespace}", "-p", "stereo.max_disparity:=40",
-            code=NODE.format(name),
+            code=NODE.format(name), fresh=True,
         )
         try:
             moments[moment](node, rng, name)

@@ -59,7 +59,7 @@ def test_places_of_lamps_are_found_and_written_as_parameters(
 def test_ground_at_one_range_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bag = simulate(tmp_path / "bag", "--frames", "10", "--altitude", "2")
+    bag = simulate(tmp_path / "bag", "--frames", "4", "--altitude", "2")
     capsys.readouterr()
     assert main(["calibrate", "--lighting", str(bag), "--lamps", "2"]) == 2
     assert "the ranges differ too little to find lamps" in capsys.readouterr().err

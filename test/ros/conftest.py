@@ -22,6 +22,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from prepared import Forked, Prepared
 from scenes import in_water, row_ranges, stereo_pair, texture
 
 from uw_visibility.config.schema import NodeConfig
@@ -29,6 +30,7 @@ from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.stereo.rig import StereoRig
 
+ROOT = Path(__file__).resolve().parents[2]
 # Set by the conftest above, for this process and the nodes alike.
 DOMAIN = int(os.environ["ROS_DOMAIN_ID"])
 ENVIRONMENT = {
@@ -87,21 +89,48 @@ def double(scene: KnownScene) -> KnownScene:
     return KnownScene(left, right, disparity, scene.attenuation, scene.ambient_light)
 
 
+# As the installed executables do.
+START = "import sys; from uw_visibility.ros.start import {0}; sys.exit({0}())"
+EXECUTABLES = {"node": "node", "lifecycle": "lifecycle_node"}
+
+
+@functools.cache
+def with_modules() -> Prepared:
+    """A process that has imported what the nodes do but ROS, which starts threads."""
+    return Prepared(
+        "import uw_visibility.messages.estimates, uw_visibility.messages.processor\n"
+        "import numba\nnumba.njit(lambda x: x + 1)(3)\n",
+        # As the current folder is for who starts `python -m`.
+        ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(
+            filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))},
+    )
+
+
 class NodeProcess:
-    """The real node, started as a user would start it."""
+    """The real node.
+
+    A fresh one is started as a user would start it; others begin where all modules are
+    imported.
+    """
 
     def __init__(
-        self, folder: Path, *arguments: str, module: str = "node", code: str = ""
+        self, folder: Path, *arguments: str, module: str = "node", code: str = "",
+        fresh: bool = False,
     ) -> None:
         self._log = folder / f"node_{time.monotonic_ns()}.log"
+        given = ["--ros-args", *arguments] if arguments else []
+        self.process: Forked | subprocess.Popen[bytes]
+        if not fresh:
+            self.process = with_modules().start(
+                code or START.format(EXECUTABLES[module]), given, environment=ENVIRONMENT,
+                cwd=ROOT, output=self._log,
+            )
+            return
         started = ["-c", code] if code else ["-m", f"uw_visibility.ros.{module}"]
-        command = [sys.executable, *started]
-        if arguments:
-            command += ["--ros-args", *arguments]
         with self._log.open("w") as output:
             self.process = subprocess.Popen(
-                command, stdout=output, stderr=subprocess.STDOUT, env=ENVIRONMENT,
-                cwd=Path(__file__).resolve().parents[2],
+                [sys.executable, *started, *given], stdout=output, stderr=subprocess.STDOUT,
+                env=ENVIRONMENT, cwd=ROOT,
             )
 
     @property
@@ -362,10 +391,11 @@ def start_node(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..
     nodes: list[NodeProcess] = []
 
     def start(
-        *arguments: str, ready: bool = True, module: str = "node", code: str = ""
+        *arguments: str, ready: bool = True, module: str = "node", code: str = "",
+        fresh: bool = False,
     ) -> NodeProcess:
         folder = tmp_path_factory.mktemp("node")
-        nodes.append(NodeProcess(folder, *arguments, module=module, code=code))
+        nodes.append(NodeProcess(folder, *arguments, module=module, code=code, fresh=fresh))
         if ready:
             nodes[-1].wait_for("ready after", READY_TIMEOUT)
         return nodes[-1]

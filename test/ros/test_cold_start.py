@@ -18,7 +18,7 @@ def test_says_that_it_compiles_and_how_far_it_is(
 ) -> None:
     client = make_client(namespace="/cold")
     monkeypatch.setitem(client.environment, "NUMBA_CACHE_DIR", str(tmp_path))
-    node = start_node("-r", "__ns:=/cold", ready=False)
+    node = start_node("-r", "__ns:=/cold", ready=False, fresh=True)
     node.wait_for(f"kernels are kept in {tmp_path / 'uw_visibility'}")
     first = client.diagnosed("pipeline", "the pipeline is being compiled, ").message
     client.wait(lambda: client.diagnosis("pipeline").message != first, "another count", 100.0)

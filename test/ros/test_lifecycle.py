@@ -146,7 +146,7 @@ def test_managed_node_that_crashed_goes_on_by_itself(
         # As respawn starts it: with the same arguments, at once.
         process = start_node(
             "-r", "__ns:=/crashed", "-p", "stereo.max_disparity:=40", "-p", "autostart:=true",
-            module="lifecycle",
+            module="lifecycle", fresh=crash is None,
         )
         client.connect(*parts)
         client.result(client.publish(*parts), "disparity")

@@ -24,7 +24,8 @@ IMAGES = [topic for topic in STAMPED if not topic.startswith("visibility/")]
 
 @pytest.fixture(scope="module")
 def node(start_node: Callable[..., Any]) -> Any:
-    return start_node("-p", "stereo.max_disparity:=40", "-p", "depth_frame:=odom")
+    return start_node(
+        "-p", "stereo.max_disparity:=40", "-p", "depth_frame:=odom", fresh=True)
 
 
 @pytest.fixture(scope="module")
@@ -329,7 +330,7 @@ def test_burst_ends_with_its_newest_frame(client: Any, scene: Any, image: Any, i
 def test_signal_ends_the_node_soon_and_quietly(
     start_node: Callable[..., Any], number: int, ready: bool
 ) -> None:
-    node = start_node(ready=ready)
+    node = start_node(ready=ready, fresh=True)
     node.wait_for("preparing the pipeline")
     code, seconds = node.stop(number)
     assert (code, "Traceback" in node.log) == (0, False), node.log
@@ -365,7 +366,7 @@ def test_signal_ends_a_busy_node_soon(
 def test_bad_start_is_one_sentence_and_exit_code_2(
     start_node: Callable[..., Any], arguments: tuple[str, ...], message: str
 ) -> None:
-    node = start_node(*arguments, ready=False)
+    node = start_node(*arguments, ready=False, fresh="--params-file" in arguments)
     assert node.process.wait(timeout=60) == 2
     said = [line for line in node.log.splitlines() if line.startswith("uw_visibility: ")]
     assert len(said) == 1 and message in said[0], node.log
