@@ -50,7 +50,7 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
         NAME: ["py.typed"],
-        f"{NAME}.data": ["*.csv", "*.txt"],
+        f"{NAME}.data": ["*.csv", "*.npz", "*.txt"],
         f"{NAME}.replay.report": ["templates/*"],
         f"{NAME}.ros": ["*.xml"],
     },

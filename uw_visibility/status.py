@@ -52,6 +52,10 @@ class Status(str, Enum):
         "dark patches over range follow no single water and veil "
         "(check camera.vignetting, camera.transfer; a layer, or a veil that is brighter above?)"
     )
+    UNLIKE_TRAINING = (
+        "the image is unlike any that the estimator knows "
+        "(check camera.transfer, exposure, calibration)"
+    )
     STEPS_DISAGREE = (
         "ranges before and after dense matching tell different water "
         "(check calibration and stereo.max_disparity)"
@@ -74,6 +78,7 @@ class Status(str, Enum):
 
 REFUTING = frozenset((
     Status.CLEARER_THAN_CLEAR_WATER, Status.OTHER_TRANSFER, Status.UNEVEN_RADIUS,
-    Status.UNEVEN_SIDES, Status.CUES_DISAGREE, Status.NOT_ONE_WATER, Status.NO_COLOUR,
+    Status.UNEVEN_SIDES, Status.CUES_DISAGREE, Status.NOT_ONE_WATER, Status.UNLIKE_TRAINING,
+    Status.NO_COLOUR,
 ))
 """Reasons by which a frame shows that water, light or camera are not what is assumed."""

@@ -80,8 +80,9 @@ def check_outputs(folder: Path, image: NDArray[Any]) -> dict[str, Any]:
     report = report_of(folder)
     assert set(report) == {
         "status", "step1", "step2", "clear_water_attenuation", "mean_attenuation",
-        "mean_attenuation_stddev", "visibility_distance", "visibility_distance_stddev", "depth",
-        "depth_stddev", "matched_fraction", "timing_ms", "white", "channels",
+        "mean_attenuation_stddev", "visibility_distance", "visibility_distance_stddev",
+        "visibility_distance_low", "visibility_distance_high", "depth", "depth_stddev",
+        "matched_fraction", "timing_ms", "white", "channels",
     }
     assert set(report["step1"]) == {"attenuation", "ambient_light", "support_points", "coverage"}
     assert set(report["step2"]) == {

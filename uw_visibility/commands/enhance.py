@@ -285,6 +285,8 @@ def frame_report(result: FrameResult) -> dict[str, Any]:
         "mean_attenuation_stddev": _number(visibility.mean_attenuation_stddev),
         "visibility_distance": _number(visibility.distance),
         "visibility_distance_stddev": _number(visibility.distance_stddev),
+        "visibility_distance_low": _number(visibility.distance_low),
+        "visibility_distance_high": _number(visibility.distance_high),
         "depth": _number(visibility.depth),
         "depth_stddev": _number(visibility.depth_stddev),
         "white": None if result.images.scene_light is None else {

@@ -17,8 +17,10 @@ class WaterConfig:
     method: str = parameter(
         "lower_envelope",
         "Fit of the dark envelope: lower_envelope (asymmetric loss, darkest patches), or "
-        "paper (symmetric loss, 1 % quantile).",
-        choices=("lower_envelope", "paper"),
+        "paper (symmetric loss, 1 % quantile); or posterior (experimental: networks that were "
+        "trained on random views infer attenuation, veil and light; by daylight, with water.veil "
+        "free; a survey takes lower_envelope).",
+        choices=("lower_envelope", "paper", "posterior"),
     )
     veil: str = parameter(
         "free",

@@ -165,6 +165,14 @@ def _visibility(prefix: str, source: str, of: str) -> dict[str, Column]:
             "names, 5 % if not changed, in the clearest channel: "
             "ln((1 - C)/(2 C) + 1)/min β, 2.35/min β (Roser et al. 2014, eq. 11-12)",
             status="" if prefix else "visibility_status"),
+        **{
+            f"{prefix}visibility_distance_{end}": _number(
+                f"{source}.visibility.distance_{end}",
+                f"visibility distance{of}, {quantile} % quantile", "m",
+                "Attenuation is uncertain by a factor, so that the distance is farther above its "
+                "median than below")
+            for end, quantile in (("low", 16), ("high", 84))
+        },
         **_with_stddev(
             f"{prefix}depth", f"{source}.visibility.depth",
             f"depth of the camera by the colour of daylight{of}", "m",

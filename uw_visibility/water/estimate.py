@@ -17,6 +17,9 @@ from uw_visibility.water.lamps.cells import Cells
 from uw_visibility.water.lamps.tracks import GroundView
 from uw_visibility.water.observations import Envelopes
 
+# Quantiles one standard deviation below, and above, the middle of a normal distribution.
+ONE_SIGMA = np.array((0.16, 0.5, 0.84))
+
 
 @dataclass(frozen=True)
 class LampLight:
@@ -82,6 +85,9 @@ class WaterEstimate:
     cues : dict of str to tuple of (3,) float64 ndarray
         What each cue alone says of β, and its standard deviation: ``"open water"`` or
         ``"dark envelope"``, and ``"contrast"``. Empty with the paper's model.
+    clearest : (3,) float64 ndarray or None
+        16, 50 and 84 % of −ln min β over the channels, β in 1/m; None where it is as β and
+        its covariance say.
     open_water : float
         Part of the image that is open water.
     lamps : LampLight or None
@@ -108,6 +114,7 @@ class WaterEstimate:
     light: Array | None = None
     light_stddev: Array | None = None
     cues: dict[str, tuple[Array, Array]] = field(default_factory=dict)
+    clearest: Array | None = None
     open_water: float = 0.0
     lamps: LampLight | None = None
     grey_on_average: bool = False

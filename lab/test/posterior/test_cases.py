@@ -12,7 +12,7 @@ import pytest
 
 from uw_visibility.errors import InputError
 from uw_visibility_lab.posterior.cases import drawn, halves, sea, traced
-from uw_visibility_lab.posterior.estimators import Todays
+from uw_visibility_lab.posterior.estimators import OnBoard
 from uw_visibility_lab.posterior.examples import draw_all, load, save
 from uw_visibility_lab.posterior.judge import Case
 from uw_visibility_lab.worlds.scenes import load_scene, make_pool
@@ -61,12 +61,12 @@ def test_todays_estimator_answers_clear_cases() -> None:
     case = Case(
         (image * 255).astype(np.uint8), ranges.astype(np.float32), 0.0, "linear",
         np.array((0.228, 0.066, 0.0245)), attenuation)
-    answer = Todays("paper")(case)
+    answer = OnBoard("paper")(case)
     assert answer.told
     off = answer.log_attenuation - np.log(attenuation)
     assert (np.abs(off) < 0.3).all() and (np.abs(off) < 3.0 * answer.stddev).all()
     assert answer.log_distance == -answer.log_attenuation.min()
-    dark = Todays()(Case(
+    dark = OnBoard()(Case(
         np.zeros_like(case.image), case.ranges, 0.0, "linear", case.clear_water, attenuation))
     assert not dark.told and dark.status == "too dark"
 

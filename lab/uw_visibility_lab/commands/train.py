@@ -22,8 +22,8 @@ as the estimator would, and train networks that infer attenuation, veil and ligh
 statistics. The same pool, seed and number of views give the same statistics; PyTorch's rounding
 may differ from one processor to another.
 
-`uw_visibility judge` compares the result with other estimators. The estimator of the package does
-not use it."""
+`uw_visibility judge` compares the result with other estimators. What `water.method: posterior` uses
+is the package's `data/daylight_posterior.npz`."""
 
 OPTIONS: Options = {
     "--views N": (50_000, "views to draw; a second a core draws some 30"),
@@ -76,7 +76,7 @@ def _check_output(arguments: argparse.Namespace) -> None:
     refuse_inputs([*arguments.pool.glob("*.npz"), arguments.views_file], [output])
     if not output.exists():
         return
-    from uw_visibility_lab.posterior import network
+    from uw_visibility.water.daylight import network
 
     try:
         network.load(output)

@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 from uw_visibility.config.files import write_whole
 from uw_visibility.errors import InputError
 from uw_visibility.images.view import View as CameraView
-from uw_visibility_lab.evaluation.parallel import Progress, run_all
-from uw_visibility_lab.posterior.statistics import (
+from uw_visibility.water.daylight.statistics import (
     BINS,
     OF_BIN,
     OF_IMAGE,
     Statistics,
+    reduce_to_blocks,
     summarise,
 )
+from uw_visibility_lab.evaluation.parallel import Progress, run_all
 from uw_visibility_lab.worlds.draw import View, draw
 from uw_visibility_lab.worlds.scenes import load_scene
 from uw_visibility_lab.worlds.scenes import pool as scenes_of
@@ -38,23 +39,29 @@ class Examples(NamedTuple):
     Attributes
     ----------
     of_bins : (N, 3, BINS, OF_BIN) float32 ndarray
+    of_tiles : (N, 4, TILES, BINS) float32 ndarray
     of_channels : (N, 3, OF_CHANNEL) float32 ndarray
     of_image : (N, OF_IMAGE) float32 ndarray
     truth : (N, 3, 3) float32 ndarray
         For each channel ln βd̃, ln B/b̂, ln W/b̂: see `network`.
+    other_curve : (N,) bool ndarray
+        Whether the camera's curve is another than the one that is told.
     """
 
     of_bins: NDArray[np.float32]
+    of_tiles: NDArray[np.float32]
     of_channels: NDArray[np.float32]
     of_image: NDArray[np.float32]
     truth: NDArray[np.float32]
+    other_curve: NDArray[np.bool_]
 
 
 def statistics_of(view: View) -> Statistics | None:
     """Statistics of a drawn view, as the estimator takes them."""
     samples = CameraView.of(view.image, view.transfer).colour
     assert samples is not None
-    return summarise(samples, view.ranges, None, view.range_error, view.clear_water)
+    return summarise(
+        reduce_to_blocks(samples, view.ranges, None), view.range_error, view.clear_water)
 
 
 def truth_of(view: View, statistics: Statistics) -> NDArray[np.float32]:
@@ -88,7 +95,7 @@ def draw_all(
 
 def _draw_block(
     block: range, places: Sequence[Path], seed: int
-) -> list[tuple[Statistics, NDArray[np.float32]]]:
+) -> list[tuple[Statistics, NDArray[np.float32], bool]]:
     rows = []
     for index in block:
         rng = np.random.default_rng((seed, index))
@@ -98,15 +105,17 @@ def _draw_block(
             continue
         truth = truth_of(view, statistics)
         if np.isfinite(truth).all():
-            rows.append((statistics, truth))
+            rows.append((statistics, truth, "foreign curve" in view.effects))
     return rows
 
 
-def gather(rows: Sequence[tuple[Statistics, NDArray[np.float32]]]) -> Examples:
+def gather(rows: Sequence[tuple[Statistics, NDArray[np.float32], bool]]) -> Examples:
     """Stack statistics and truths."""
     return Examples(
-        np.stack([s.of_bins for s, _ in rows]), np.stack([s.of_channels for s, _ in rows]),
-        np.stack([s.of_image for s, _ in rows]), np.stack([t for _, t in rows]))
+        np.stack([s.of_bins for s, _, _ in rows]), np.stack([s.of_tiles for s, _, _ in rows]),
+        np.stack([s.of_channels for s, _, _ in rows]),
+        np.stack([s.of_image for s, _, _ in rows]),
+        np.stack([t for _, t, _ in rows]), np.array([other for _, _, other in rows]))
 
 
 def save(examples: Examples, path: Path) -> None:

@@ -17,9 +17,9 @@ from torch import nn
 
 from uw_visibility import __version__
 from uw_visibility.config.files import write_whole
-from uw_visibility_lab.posterior.curves import OF_CURVES
-from uw_visibility_lab.posterior.examples import Examples
-from uw_visibility_lab.posterior.network import (
+from uw_visibility.water.daylight.curves import OF_CURVES
+from uw_visibility.water.daylight.inference import infer
+from uw_visibility.water.daylight.network import (
     COMPONENTS,
     FACTORS,
     LEAST_LOG_DEVIATION,
@@ -28,37 +28,55 @@ from uw_visibility_lab.posterior.network import (
     OF_COMPONENT,
     OUTPUTS,
     UNKNOWNS,
+    Network,
     features_of,
+    of_arrays,
 )
-from uw_visibility_lab.posterior.statistics import BINS, COMPARED, OF_BIN, OF_CHANNEL, QUANTILES
+from uw_visibility.water.daylight.statistics import (
+    BINS,
+    COMPARED,
+    OF_BIN,
+    OF_CHANNEL,
+    QUANTILES,
+    Statistics,
+)
+from uw_visibility_lab.posterior.examples import Examples
 
+# Views whose features are calculated at a time.
+BLOCK = 1024
 HIDDEN = (144, 96, 64)
 BATCH = 256
 LEARNING_RATE, WEIGHT_DECAY = 2e-3, 3e-2
 # Noise on the features, in deviations, and the part of them that is left out in each step.
 FEATURE_NOISE, DROPPED = 0.03, 0.1
+# A view that nothing explains does not turn the others.
+MOST_LOSS = 50.0
 # Part of the examples that tells when to stop.
 HELD_BACK = 0.08
+# Part of them that is like the others, and whose images are as predicted; the others are refused.
+USUAL = 0.997
+MOST_OF_LIMITS = 6000
 
 
 class Net(nn.Module):
-    """The network of `uw_visibility_lab.posterior.network`, to be trained."""
+    """The network of `uw_visibility.water.daylight.network`, to be trained."""
 
     def __init__(self, features: int) -> None:
         super().__init__()
         first, second, third = HIDDEN
         self.parts = nn.ModuleList((
             nn.Linear(features, first), nn.Linear(2 * first, second), nn.Linear(second, third),
-            nn.Linear(third, OUTPUTS), nn.Linear(third, COMPONENTS)))
+            nn.Linear(third, OUTPUTS), nn.Linear(third, COMPONENTS), nn.Linear(third, 1)))
         self.act = nn.GELU(approximate="tanh")
 
-    def forward(self, x: Any) -> tuple[Any, Any]:
-        """Outputs (N, 3, OUTPUTS) and logits (N, K)."""
-        first, second, third, last, of = self.parts
+    def forward(self, x: Any) -> tuple[Any, Any, Any]:
+        """Outputs (N, 3, OUTPUTS), logits (N, K), and logits (N,) of another curve."""
+        first, second, third, last, of, curve = self.parts
         hidden = self.act(first(x))
         mixed = torch.cat((hidden, hidden.mean(1, keepdim=True).expand_as(hidden)), -1)
         hidden = self.act(third(self.act(second(mixed))))
-        return last(hidden), of(hidden.mean(1))
+        together = hidden.mean(1)
+        return last(hidden), of(together), curve(together)[:, 0]
 
 
 def negative_log_likelihood(outputs: Any, logits: Any, truth: Any) -> Any:
@@ -81,8 +99,10 @@ def negative_log_likelihood(outputs: Any, logits: Any, truth: Any) -> Any:
     loaded = torch.linalg.solve_triangular(
         lower, loading.view(n, COMPONENTS, 3, 3, FACTORS), upper=False).reshape(
             n, COMPONENTS, 9, FACTORS)
-    inner = torch.eye(FACTORS) + loaded.transpose(-1, -2) @ loaded
-    projected = (loaded.transpose(-1, -2) @ white.unsqueeze(-1))
+    # In 64 bit: of large and nearly equal loadings, 32 bit leave no positive determinant.
+    loaded, white = loaded.double(), white.double()
+    inner = torch.eye(FACTORS, dtype=torch.float64) + loaded.transpose(-1, -2) @ loaded
+    projected = loaded.transpose(-1, -2) @ white.unsqueeze(-1)
     root = torch.linalg.cholesky(inner)
     half = torch.linalg.solve_triangular(root, projected, upper=False)
     square = (white**2).sum(-1) - (half**2).sum((-1, -2))
@@ -92,9 +112,10 @@ def negative_log_likelihood(outputs: Any, logits: Any, truth: Any) -> Any:
     return -torch.logsumexp(torch.log_softmax(logits, -1) + log_density, -1)
 
 
-def _loss(net: Net, x: Any, truth: Any) -> Any:
-    outputs, logits = net(x)
-    return negative_log_likelihood(outputs, logits, truth)
+def _loss(net: Net, x: Any, truth: Any, other_curve: Any) -> Any:
+    outputs, logits, other = net(x)
+    return negative_log_likelihood(outputs, logits, truth).clamp(max=MOST_LOSS) + (
+        nn.functional.binary_cross_entropy_with_logits(other, other_curve, reduction="none"))
 
 
 def mirrored_columns() -> NDArray[np.intp]:
@@ -113,19 +134,22 @@ def train(
     examples: Examples, seeds: int = 3, epochs: float = 40.0, say: Any = print
 ) -> dict[str, NDArray[Any]]:
     """Train networks; return their arrays as `network.load` reads them."""
-    x = features_of(examples.of_bins, examples.of_channels, examples.of_image)
+    x = np.concatenate([
+        features_of(*(each[at:at + BLOCK] for each in examples[:4]))
+        for at in range(0, len(examples.truth), BLOCK)])
     flat = x.reshape(-1, x.shape[2])
     centre, spread = flat.mean(0), flat.std(0) + 1e-3
     x = np.clip((x - centre) / spread, -MOST_DEVIATIONS, MOST_DEVIATIONS)
-    held = np.random.default_rng(0).random(len(x)) < HELD_BACK
+    held = held_back(len(x))
     columns = mirrored_columns()
     columns = np.concatenate((columns, columns + channel_columns()))
     sign = np.ones(x.shape[2], np.float32)
     sign[columns] = -1.0
     # A mirrored feature is mirrored about its own zero, not about its mean.
     shift = np.where(sign < 0, -2.0 * centre / spread, 0.0).astype(np.float32)
-    xs, ys = torch.from_numpy(x[~held]), torch.from_numpy(examples.truth[~held])
-    xv, yv = torch.from_numpy(x[held]), torch.from_numpy(examples.truth[held])
+    other = examples.other_curve.astype(np.float32)
+    xs, *rest = (torch.from_numpy(each[~held]) for each in (x, examples.truth, other))
+    aside = [torch.from_numpy(each[held]) for each in (x, examples.truth, other)]
     flip, flip_shift = torch.from_numpy(sign), torch.from_numpy(shift)
     steps = int(epochs * len(xs) / BATCH)
     arrays: dict[str, NDArray[Any]] = {
@@ -144,7 +168,7 @@ def train(
             if step % 1000 == 0 or step == steps:
                 net.eval()
                 with torch.no_grad():
-                    loss = float(_loss(net, xv, yv).clamp(max=50.0).mean())
+                    loss = float(_loss(net, *aside).mean())
                 if loss < best:
                     best, kept = loss, {k: v.clone() for k, v in net.state_dict().items()}
                 say(f"network {seed}, step {step} of {steps}: {loss:.3f} held back "
@@ -157,7 +181,7 @@ def train(
             mask = (torch.rand(batch.shape) > DROPPED).float() / (1.0 - DROPPED)
             batch = batch * mask + FEATURE_NOISE * torch.randn(batch.shape)
             optimiser.zero_grad()
-            loss = _loss(net, batch, ys[at]).clamp(max=50.0).mean()
+            loss = _loss(net, batch, *(each[at] for each in rest)).mean()
             loss.backward()
             nn.utils.clip_grad_norm_(net.parameters(), 1.0)
             optimiser.step()
@@ -167,7 +191,24 @@ def train(
             assert isinstance(layer, nn.Linear)
             arrays[f"{seed}_{2 * i}"] = layer.weight.detach().numpy().T.astype(np.float16)
             arrays[f"{seed}_{2 * i + 1}"] = layer.bias.detach().numpy().astype(np.float16)
-    return arrays
+    return arrays | {"limits": limits(of_arrays(arrays), examples)}
+
+
+def limits(network: Network, examples: Examples) -> NDArray[np.float64]:
+    """`Network.most_unlike` and `Network.most_misfit` by views that were held back, (2,)."""
+    held = np.flatnonzero(held_back(len(examples.truth)))[:MOST_OF_LIMITS]
+    found = []
+    for i in held:
+        posterior = infer(network, Statistics(
+            examples.of_bins[i], examples.of_tiles[i], examples.of_channels[i],
+            examples.of_image[i], np.ones(3), 1.0))
+        found.append((posterior.unlike, posterior.misfit))
+    return np.quantile(found, USUAL, axis=0)
+
+
+def held_back(number: int) -> NDArray[np.bool_]:
+    """(N,): the examples that are not trained on, the same for each number of them."""
+    return np.random.default_rng(0).random(number) < HELD_BACK
 
 
 def provenance(pool: Path, seed: int, examples: Examples) -> str:

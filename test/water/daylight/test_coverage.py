@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -12,9 +12,13 @@ import pytest
 
 from uw_visibility.config.schema import AssessmentConfig
 from uw_visibility.config.water import WaterConfig
+from uw_visibility.images.view import View
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
+from uw_visibility.water.daylight.inference import infer
+from uw_visibility.water.daylight.network import trained
+from uw_visibility.water.daylight.statistics import reduce_to_blocks, summarise
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor
 
@@ -69,10 +73,11 @@ def draw(seed: int, ratio: float | None = 1.0, open_water: bool = False) -> Draw
 
 
 def estimates(
-    model: str, ratio: float | None, open_water: bool = False
+    model: str, ratio: float | None, open_water: bool = False, method: str = "lower_envelope"
 ) -> list[tuple[Draw, WaterEstimate]]:
     """Estimate the water of each draw."""
-    estimator = WaterEstimator(WaterConfig(veil=model), KAPPA, daylight=ASSESSOR.daylight)
+    estimator = WaterEstimator(
+        WaterConfig(veil=model, method=method), KAPPA, daylight=ASSESSOR.daylight)
     draws = [draw(seed, ratio, open_water) for seed in range(DRAWS)]
     return [(one, estimator.estimate(one.image, one.range, range_error=0.0)) for one in draws]
 
@@ -137,6 +142,82 @@ class TestFreeVeil:
             veil = np.array([e.veil / one.veil for one, e in found if e.status is Status.OK])
             assert np.median(np.abs(np.log(veil))) < 0.05
             assert (distances[:, 1] < 0.2 * distances[:, 0]).mean() > 0.75
+
+
+@pytest.mark.parametrize("ratio", [1.0, 0.4, None])
+@pytest.mark.parametrize("open_water", [False, True])
+class TestPosterior:
+    """The trained posterior, which has not seen these scenes."""
+
+    def test_coverage(self, ratio, open_water):
+        found = estimates("free", ratio, open_water, "posterior")
+        told = [(one, e) for one, e in found if e.status is Status.OK]
+        assert len(told) > 0.85 * DRAWS
+        log_error = np.array([np.log(e.attenuation / one.attenuation) for one, e in told])
+        stddev = np.array([e.attenuation_stddev / e.attenuation for _, e in told])
+        within(log_error / stddev, 2.0, 0.95)
+        within(log_error / stddev, 3.0, 0.99)
+        assert np.sqrt(((log_error / stddev) ** 2).mean()) > 0.3
+        assert np.median(np.abs(log_error)) < 0.15
+        # Distances are in their intervals as often as these say.
+        seen = [(one, ASSESSOR.assess(e)) for one, e in told]
+        inside = [
+            v.distance_low < 2.351 / one.attenuation.min() < v.distance_high
+            for one, v in seen if v.status is Status.OK]
+        assert len(inside) > 0.75 * DRAWS
+        assert np.mean(inside) > 0.68 - 3.0 * np.sqrt(0.68 * 0.32 / len(inside))
+
+
+class TestRefusalsOfThePosterior:
+    """It goes through the same door, and two doors of its own."""
+
+    def estimator(self, **limits: float) -> WaterEstimator:
+        return WaterEstimator(
+            WaterConfig(method="posterior"), KAPPA, network=replace(trained(), **limits))
+
+    @pytest.mark.parametrize(("limit", "reason"), [
+        ("most_unlike", Status.UNLIKE_TRAINING), ("most_misfit", Status.NOT_ONE_WATER)])
+    def test_beyond_its_limits_it_tells_nothing(self, limit, reason):
+        one = draw(1)
+        ok = self.estimator().estimate(one.image, one.range, range_error=0.0)
+        assert ok.status is Status.OK
+        refused = self.estimator(**{limit: 0.0}).estimate(one.image, one.range, range_error=0.0)
+        assert refused.status is reason
+        assert np.isnan(refused.attenuation).all()
+
+    def test_surfaces_darker_than_their_veil_are_a_misfit(self):
+        """A shadow that swallows the veil too: no water does."""
+        one = draw(1)
+        dark = one.image.copy()
+        dark[:, one.range.shape[1] // 2:] //= 12
+        even, uneven = (
+            infer(trained(), summarise(reduce_to_blocks(
+                View.of(image).colour, one.range, None), 0.0, KAPPA)).misfit
+            for image in (one.image, dark))
+        assert uneven > 10.0 * even
+
+    def test_what_no_estimator_tells_it_does_not_tell(self):
+        one = draw(1)
+        for image, ranges, reason in (
+            (np.zeros_like(one.image), one.range, Status.TOO_DARK),
+            (np.repeat(one.image[..., :1], 3, axis=2), one.range, Status.NO_COLOUR),
+            (one.image, np.full_like(one.range, 3.0), Status.RANGE_SPREAD_TOO_SMALL),
+            (one.image, np.full_like(one.range, np.nan), Status.TOO_FEW_OBSERVATIONS),
+        ):
+            found = self.estimator().estimate(image, ranges, range_error=0.0)
+            assert found.status is reason
+
+    def test_water_without_red_is_told_by_green_and_blue(self):
+        one = draw(1)
+        image = one.image.copy()
+        image[..., 0] = 0
+        found = self.estimator().estimate(image, one.range, range_error=0.0)
+        assert found.status is Status.OK and np.isnan(found.attenuation[0])
+        error = np.log(found.attenuation / one.attenuation)[1:]
+        assert (np.abs(error) < 3.0 * (found.attenuation_stddev / found.attenuation)[1:]).all()
+        seen = ASSESSOR.assess(found)
+        assert seen.channels == "GB"
+        assert seen.distance_low < seen.distance < seen.distance_high
 
 
 def estimate(image: np.ndarray, distance: np.ndarray, transfer: str = "linear") -> WaterEstimate:

@@ -4,6 +4,7 @@
 
 import dataclasses
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from uw_visibility.config.schema import AssessmentConfig
-from uw_visibility.optics.light_model import ambient_light_at_depth
+from uw_visibility.optics.light_model import ambient_light_at_depth, visibility_distance
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
@@ -89,11 +90,29 @@ def test_standard_deviations_are_those_of_samples(depth):
 
 
 @pytest.mark.parametrize("part", [0.05, 0.2, 0.4])
-def test_the_deviation_of_distance_is_half_the_span_between_attenuations_one_off(part):
+def test_a_distance_lies_in_the_interval_of_attenuations_one_deviation_off(part):
     covariance = np.tile(np.diag([(0.3 * part) ** 2, 1e-6]), (3, 1, 1))
     seen = ASSESSOR.assess(estimate([0.5, 0.4, 0.3], [0.5, 0.6, 0.7], covariance))
-    nearer, farther = (seen.distance / (1 + off) for off in (part, -part))
+    # Attenuation is uncertain by a factor.
+    drawn = 0.3 * np.exp(part * np.random.default_rng(0).standard_normal(100_000))
+    nearer, farther = np.quantile(seen.distance * 0.3 / drawn, (0.16, 0.84))
+    assert seen.distance_low == pytest.approx(nearer, rel=0.01)
+    assert seen.distance_high == pytest.approx(farther, rel=0.01)
     assert seen.distance_stddev == pytest.approx((farther - nearer) / 2, rel=0.03)
+
+
+def test_a_distance_has_the_interval_that_the_posterior_tells():
+    covariance = np.tile(np.diag([1e-4, 1e-6]), (3, 1, 1))
+    told = replace(
+        estimate([0.5, 0.4, 0.3], [0.5, 0.6, 0.7], covariance),
+        clearest=-np.log((0.4, 0.3, 0.25)))
+    seen = ASSESSOR.assess(told)
+    found = np.array((seen.distance_low, seen.distance, seen.distance_high))
+    np.testing.assert_allclose(
+        found, [visibility_distance(beta, 0.05) for beta in (0.4, 0.3, 0.25)])
+    wide = ASSESSOR.assess(replace(told, clearest=-np.log((0.6, 0.3, 0.2))))
+    assert wide.status is Status.RANGE_SPREAD_TOO_SMALL
+    assert math.isnan(wide.distance_low) and math.isnan(wide.distance)
 
 
 def test_channels_count_as_independent_without_a_joint_covariance():

@@ -33,6 +33,8 @@ MEANINGS = {
     "single water explains.",
     Status.NOT_ONE_WATER: "Dark patches lighten with range otherwise than any single water and "
     "veil would make them: a layer, vignetting, or a veil that changes over the image.",
+    Status.UNLIKE_TRAINING: "The image is farther from all that the estimator was trained on than "
+    "three in a thousand of those are: its answer may be anything.",
     Status.STEPS_DISAGREE: "The coarse mesh of step 1 and the dense disparities of step 2 give "
     "different attenuations, so that one of them has wrong ranges.",
     Status.RANGES_OF_ANOTHER_SCENE: "Edges of the image and steps of the ranges lie at other "
@@ -72,6 +74,8 @@ REMEDIES = {
     Status.CUES_DISAGREE: "Check camera.transfer and the calibration; turn lamps off.",
     Status.NOT_ONE_WATER: "Set camera.vignetting or camera.flat_field, check camera.transfer; let "
     "some open water be in view, which shows how the veil changes.",
+    Status.UNLIKE_TRAINING: "Look at the frame: a mosaic that was not interpolated, exchanged "
+    "channels or another image than of a scene under water?",
     Status.STEPS_DISAGREE: "Check the calibration and stereo.max_disparity; look at the "
     "disparity for repeated patterns.",
     Status.RANGES_OF_ANOTHER_SCENE: "Give the ranges of this very image: the same stamp, size and "

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import logit
 
 from uw_visibility.config.schema import WaterConfig
 from uw_visibility.errors import InputError
@@ -29,11 +30,21 @@ from uw_visibility.water.daylight.dark_fit import (
 from uw_visibility.water.daylight.dark_gradient import LEAST_SHARE, bend_of, find_gradients, unbent
 from uw_visibility.water.daylight.fit import Fit, blank
 from uw_visibility.water.daylight.grey_average import colour_balance
+from uw_visibility.water.daylight.inference import infer
+from uw_visibility.water.daylight.network import Network, trained
 from uw_visibility.water.daylight.open_water import OpenWater
 from uw_visibility.water.daylight.position import compare_halves
 from uw_visibility.water.daylight.priors import Daylight, fuse
+from uw_visibility.water.daylight.statistics import (
+    OPEN_WATER,
+    Blocks,
+    reduce_to_blocks,
+    summarise,
+)
 from uw_visibility.water.daylight.transfer_check import LEAST_ODDS
 from uw_visibility.water.daylight.validation import (
+    MAX_RELATIVE_STDDEV,
+    MAX_STDDEV,
     least_ambient_light,
     lit_by_lamps,
     refuse_channel,
@@ -50,7 +61,13 @@ from uw_visibility.water.daylight.veil import (
 )
 from uw_visibility.water.daylight.veil_components import RatioFits
 from uw_visibility.water.daylight.veil_gradient import UNCERTAIN, VeilGradient
-from uw_visibility.water.estimate import WaterEstimate, assemble, overall_status, refuse
+from uw_visibility.water.estimate import (
+    ONE_SIGMA,
+    WaterEstimate,
+    assemble,
+    overall_status,
+    refuse,
+)
 from uw_visibility.water.observations import Envelopes, observe
 
 # Place of the veil in an image without open water.
@@ -86,16 +103,19 @@ class WaterEstimator:
         Camera transfer function, ``"linear"`` or ``"srgb"``.
     daylight : Daylight, optional
         Prior of the colour of the ambient light.
+    network : Network, optional
+        What infers the posterior; that of the package where absent.
     """
 
     def __init__(
         self, config: WaterConfig, clear_water_attenuation: ArrayLike, transfer: str = "linear",
-        daylight: Daylight | None = None,
+        daylight: Daylight | None = None, network: Network | None = None,
     ) -> None:
         self._config = config
         self._clear_water = np.array(clear_water_attenuation, dtype=np.float64)
         self._transfer = transfer
         self._daylight = daylight
+        self._network = network
 
     def estimate(
         self, image: NDArray[Any], range_map: NDArray[np.floating], valid: Mask | None = None,
@@ -142,14 +162,27 @@ class WaterEstimator:
         envelope = self._observe(colour, range_map, view.valid, range_error, coarse)
         if envelope.pixels == 0 and not colour.pixels.any():
             return WaterEstimate.not_assessable(Status.TOO_DARK, envelope)
-        estimate = self._estimate(
-            envelope, self._fewest_pixels(colour), start,
-            lambda active: coarse_cues(envelope, active) if coarse else gather_cues(
-                colour, np.asarray(range_map, np.float32), view.valid, envelope, active,
-                lambda pixels: self._observe(
-                    pixels, range_map, view.valid, range_error, coarse)))
+        if self._config.method == "posterior" and self._config.veil == "free":
+            ranges, valid = colour.reduce(np.asarray(range_map, np.float32), view.valid)
+            estimate = self._infer(
+                reduce_to_blocks(colour, ranges, valid), envelope, self._fewest_pixels(colour),
+                range_error)
+        else:
+            estimate = self._fit(
+                colour, range_map, view.valid, envelope, start, range_error, coarse)
         balance = colour_balance(view.pixels)
         return replace(estimate, grey_on_average=balance.grey, blue_as_green=balance.blue_as_green)
+
+    def _fit(
+        self, colour: ColourSamples, range_map: NDArray[np.floating], valid: Mask | None,
+        envelope: Envelopes, start: WaterEstimate | None, range_error: float, coarse: bool,
+    ) -> WaterEstimate:
+        """Estimate by fits of the envelopes."""
+        return self._estimate(
+            envelope, self._fewest_pixels(colour), start,
+            lambda active: coarse_cues(envelope, active) if coarse else gather_cues(
+                colour, np.asarray(range_map, np.float32), valid, envelope, active,
+                lambda pixels: self._observe(pixels, range_map, valid, range_error, coarse)))
 
     def estimate_envelope(
         self, envelope: Envelopes, contrast: Decay | None = None
@@ -163,17 +196,10 @@ class WaterEstimator:
         cues: Callable[[Mask], Cues],
     ) -> WaterEstimate:
         """Validate, fit, validate the fit; `cues` returns the cues beside the envelopes."""
-        reason = refuse_frame(envelope, fewest_pixels, self._config.min_range_ratio)
-        if reason is not Status.OK:
-            return WaterEstimate.not_assessable(reason, envelope)
-        status = [refuse_channel(envelope, channel) for channel in range(3)]
-        if lit_by_lamps(envelope, np.array([s is not Status.TOO_DARK for s in status])):
-            return WaterEstimate.not_assessable(Status.LIT_BY_LAMPS, envelope)
-        if envelope.grey:
-            return WaterEstimate.not_assessable(Status.NO_COLOUR, envelope)
+        status = self._validate(envelope, fewest_pixels)
+        if isinstance(status, Status):
+            return WaterEstimate.not_assessable(status, envelope)
         active = np.array([reason is Status.OK for reason in status])
-        if not active.any():
-            return WaterEstimate.not_assessable(overall_status(status), envelope)
         if self._config.method != "paper" and self._config.veil == "free":
             return self._estimate_free_veil(envelope, status, active, cues(active))
         fit = fit_one_light(
@@ -196,6 +222,65 @@ class WaterEstimator:
         clearer = refute_clearness(
             attenuation, np.nan_to_num(fit.covariance[0::2, 0::2]), self._clear_water)
         return assemble(fit, envelope, refuse(status, clearer))
+
+    def _infer(
+        self, blocks: Blocks, envelope: Envelopes, fewest_pixels: int, range_error: float
+    ) -> WaterEstimate:
+        """Estimate by the trained posterior.
+
+        `envelope` is that of the same pixels, for refusals; `range_error` in 1/m.
+        """
+        status = self._validate(envelope, fewest_pixels)
+        if isinstance(status, Status):
+            return WaterEstimate.not_assessable(status, envelope)
+        statistics = summarise(blocks, range_error, self._clear_water)
+        if statistics is None:
+            return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS, envelope)
+        network = self._network or trained()
+        posterior = infer(network, statistics)
+        if posterior.unlike > network.most_unlike:
+            status = refuse(status, Status.UNLIKE_TRAINING)
+        if posterior.misfit > network.most_misfit:
+            status = refuse(status, Status.NOT_ONE_WATER)
+        attenuation, veil, light = np.exp(posterior.mean).T
+        scale = np.stack((attenuation, veil), axis=1).ravel()
+        of_both = np.array([0, 1, 3, 4, 6, 7])
+        log_covariance = posterior.covariance[np.ix_(of_both, of_both)]
+        covariance = log_covariance * np.outer(scale, scale)
+        stddev = np.sqrt(np.diag(log_covariance)[0::2])
+        for channel in range(3):
+            least = max(MAX_STDDEV, MAX_RELATIVE_STDDEV * attenuation[channel])
+            if stddev[channel] * attenuation[channel] > least:
+                status[channel] = refuse(
+                    status[channel:channel + 1], Status.RANGE_SPREAD_TOO_SMALL)[0]
+        shown = np.where([reason is Status.OK for reason in status], attenuation, np.nan)
+        status = refuse(status, refute_clearness(shown, covariance[0::2, 0::2], self._clear_water))
+        fit = Fit(np.stack((attenuation, veil), axis=1), covariance, 1, True)
+        estimate = assemble(fit, envelope, status)
+        known = np.isfinite(estimate.attenuation)
+        light_stddev = light * np.sqrt(np.diag(posterior.covariance)[2::3])
+        return replace(
+            estimate, light=np.where(known, light, np.nan),
+            light_stddev=np.where(known, light_stddev, np.nan),
+            clearest=posterior.clearest(known, ONE_SIGMA) if known.any() else None,
+            open_water=float(statistics.of_image[OPEN_WATER]),
+            transfer_log_odds=float(logit(posterior.other_curve)))
+
+    def _validate(
+        self, envelope: Envelopes, fewest_pixels: int
+    ) -> Status | list[Status]:
+        """Validate the observations: why the frame is refused, or the status of each channel."""
+        reason = refuse_frame(envelope, fewest_pixels, self._config.min_range_ratio)
+        if reason is not Status.OK:
+            return reason
+        status = [refuse_channel(envelope, channel) for channel in range(3)]
+        if lit_by_lamps(envelope, np.array([s is not Status.TOO_DARK for s in status])):
+            return Status.LIT_BY_LAMPS
+        if envelope.grey:
+            return Status.NO_COLOUR
+        if all(reason is not Status.OK for reason in status):
+            return overall_status(status)
+        return status
 
     def _estimate_free_veil(
         self, envelope: Envelopes, status: list[Status], active: Mask, cues: Cues

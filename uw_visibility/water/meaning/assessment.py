@@ -19,8 +19,9 @@ from uw_visibility.water.daylight.validation import MIN_CODES
 from uw_visibility.water.estimate import WaterEstimate, joint_covariance
 from uw_visibility.water.meaning.depth import DepthModel
 
-# A distance or depth whose standard deviation is beyond this fraction of it, or
-# of the largest depth, says nothing.
+# A distance says nothing if its 16 and 84 % differ by more than this factor, a depth if its
+# standard deviation is beyond this fraction of the largest.
+WIDEST_INTERVAL = 2.5
 MAX_RELATIVE_STDDEV = 0.5
 # Light whose colour is farther from that of any daylight below water tells no depth.
 MAX_COLOUR_ERROR = 3.0
@@ -39,7 +40,10 @@ class Visibility:
     mean_attenuation, mean_attenuation_stddev : float
         α (eq. 9), 1/m, the mean over `channels`.
     distance, distance_stddev : float
-        Visibility distance (eq. 12), m.
+        Visibility distance (eq. 12), m: its median, and half of the interval from 16 to 84 %.
+    distance_low, distance_high : float
+        Where it is with 16 and 84 % probability at most, m. Attenuation is uncertain by a factor,
+        so that the distance is farther above the median than below.
     depth, depth_stddev : float
         Depth (eq. 13), m, positive down.
     depth_precision : float
@@ -58,6 +62,8 @@ class Visibility:
     depth: float = math.nan
     depth_stddev: float = math.nan
     depth_precision: float = math.nan
+    distance_low: float = math.nan
+    distance_high: float = math.nan
     channels: str = ""
 
 
@@ -119,12 +125,12 @@ class Assessor:
         alpha = alpha_stddev = math.nan
         if seen.any() and not estimate.refused_in_light.any():
             alpha, alpha_stddev = self._mean_attenuation(estimate, covariance, seen)
-        status, distance, distance_stddev = estimate.status, math.nan, math.nan
+        status, low, distance, high = estimate.status, math.nan, math.nan, math.nan
         if seen.any() and not estimate.refused_in_light.any():
-            distance, distance_stddev = self._distance(estimate, covariance)
-            if not distance_stddev <= MAX_RELATIVE_STDDEV * distance:
-                status, distance, distance_stddev = _first(
-                    status, Status.RANGE_SPREAD_TOO_SMALL), math.nan, math.nan
+            low, distance, high = self._distance(estimate, covariance)
+            if not high <= WIDEST_INTERVAL * low:
+                status, low, distance, high = _first(
+                    status, Status.RANGE_SPREAD_TOO_SMALL), math.nan, math.nan, math.nan
         depth_status, depth = estimate.status, (math.nan, math.nan, math.nan)
         if not self._by_daylight:
             depth_status = Status.NO_DEPTH_BY_LAMPS
@@ -138,7 +144,8 @@ class Assessor:
             if depth_status is Status.OK and not depth[1] <= largest:
                 depth_status, depth = Status.AMBIENT_LIGHT_UNBOUNDED, (math.nan,) * 3
         return Visibility(
-            status, depth_status, alpha, alpha_stddev, distance, distance_stddev, *depth,
+            status, depth_status, alpha, alpha_stddev, distance, 0.5 * (high - low), *depth,
+            distance_low=low, distance_high=high,
             channels="".join(name for name, there in zip("RGB", seen, strict=True) if there))
 
     def _assess_depth(
@@ -180,16 +187,23 @@ class Assessor:
         own = covariance[0::2, 0::2][np.ix_(seen, seen)]
         return alpha, math.sqrt(own.sum()) / int(seen.sum())
 
-    def _distance(self, estimate: WaterEstimate, covariance: Array) -> tuple[float, float]:
-        """Distance at which contrast falls to the threshold, in the best channel (eq. 12)."""
-        contrast = self._config.contrast
+    def _distance(
+        self, estimate: WaterEstimate, covariance: Array
+    ) -> tuple[float, float, float]:
+        """Distance at which contrast falls to the threshold, in the best channel (eq. 12).
+
+        Returns its 16, 50 and 84 %, m.
+        """
+        factor = visibility_distance(1.0, self._config.contrast)
+        if estimate.clearest is not None:
+            low, middle, high = (factor * math.exp(value) for value in estimate.clearest)
+            return low, middle, high
         best = int(np.nanargmin(estimate.attenuation))
         attenuation = float(estimate.attenuation[best])
-        distance = visibility_distance(attenuation, contrast)
+        # β is uncertain by a factor (log-normal), and with it the distance.
         part = math.sqrt(covariance[2 * best, 2 * best]) / attenuation
-        # The distance goes as 1/β: where β is uncertain it is farther more than nearer, which
-        # the second order of half the difference between both says.
-        return distance, distance * part * (1.0 + part**2)
+        distance = factor / attenuation
+        return distance * math.exp(-part), distance, distance * math.exp(part)
 
 
 def _least_light(estimate: WaterEstimate) -> Array:

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Statistics of an image over range, from which the posterior is inferred.
 
-The image is reduced to blocks of some 200 × 150. Blocks are binned by range; each bin and channel
-has quantiles of irradiance, local contrast, and the differences between halves of the image.
-Irradiance is relative to the channel's brightest, range to the median range, so that neither
-exposure nor the unit of length matters.
+The image is reduced to blocks of some 160 × 120. Blocks are binned by range; each bin and channel
+has quantiles of irradiance, local contrast, and the differences between halves of the image; each
+bin of each tile of the image has a mean. Irradiance is relative to the channel's brightest, range
+to the median range, so that neither exposure nor the unit of length matters.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from uw_visibility.images.view import ColourSamples
 from uw_visibility.optics.transfer import linear_table
 from uw_visibility.water.observations import MAX_RANGE, MIN_RANGE
 
-# Blocks of an image at most. More would show finer dark patches, and more noise.
-BLOCKS = 40_000
+# Blocks of an image at most: those of the views that the networks are trained on, so that a patch
+# of an image is as many blocks there as here.
+BLOCKS = 20_000
 # Fewest blocks with a range that are a picture of the water.
 FEWEST_BLOCKS = 600
 BINS = 12
@@ -37,6 +38,11 @@ QUANTILES = np.array((0.003, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99))
 COMPARED = (2, 4)
 # Left and right, top and bottom, middle and surroundings.
 HALVES = 3
+# Tiles along rows and columns of the image: within one, surfaces are more alike.
+TILES_ACROSS = 4
+TILES = TILES_ACROSS**2
+# A tile's mean of so many blocks has half of the weight of one of many.
+HALF_WEIGHT = 20.0
 # What is added before a logarithm, relative to the brightest: about one 8-bit code value.
 FLOOR = 0.004
 # Quantile of a channel's irradiance that stands for its brightest, and the least it may be.
@@ -55,8 +61,17 @@ LEVELS = 768
 LOWEST = math.log(FLOOR)
 PER_LEVEL = LEVELS / (math.log(4.0) - LOWEST)
 OF_BIN = len(QUANTILES) + 1 + len(COMPARED) * HALVES + 1
-OF_CHANNEL = 10
-OF_IMAGE = 10 + 2 * BINS
+OF_CHANNEL = 12
+# Part of the image that is open water, and mean rows of its upper and lower half, by place in
+# `Statistics.of_image`.
+OPEN_WATER, UPPER_ROW, LOWER_ROW = 4, 6, 7
+# Places in `Statistics.of_image`, after its scalars: of bins, ln range over the median, ln count
+# over the mean, and mean row, -0.5 above to 0.5 below.
+SCALARS = 11
+RANGES = slice(SCALARS, SCALARS + BINS)
+COUNTS = slice(SCALARS + BINS, SCALARS + 2 * BINS)
+ROWS = slice(SCALARS + 2 * BINS, SCALARS + 3 * BINS)
+OF_IMAGE = SCALARS + 3 * BINS
 
 
 class Statistics(NamedTuple):
@@ -67,10 +82,12 @@ class Statistics(NamedTuple):
     of_bins : (3, BINS, OF_BIN) float32 ndarray
         For each channel and bin: logarithms of the quantiles of irradiance, of local contrast;
         differences between halves; whether the bin has statistics.
+    of_tiles : (4, TILES, BINS) float32 ndarray
+        Mean irradiance of each channel by tile and bin; its weight, 0..1.
     of_channels : (3, OF_CHANNEL) float32 ndarray
         Open water, noise, brightness, clipped parts, and ln of clear water's optical thickness.
     of_image : (OF_IMAGE,) float32 ndarray
-        Median range, known part, range error, open water, ranges and counts of bins.
+        Median range, known part, range error, open water, ranges, counts and rows of bins.
     brightest : (3,) float64 ndarray
         Irradiance that the quantiles are relative to.
     median_range : float
@@ -78,6 +95,7 @@ class Statistics(NamedTuple):
     """
 
     of_bins: NDArray[np.float32]
+    of_tiles: NDArray[np.float32]
     of_channels: NDArray[np.float32]
     of_image: NDArray[np.float32]
     brightest: Array
@@ -97,6 +115,10 @@ class Blocks(NamedTuple):
         Part of the counted blocks whose range is known, surfaces that meet among them.
     clipped, black : (3,) float64 ndarray
         Part of the pixels at the largest and at the smallest code value.
+    noise : (3,) float64 ndarray
+        Standard deviation of a pixel's noise, irradiance at middle grey.
+    encoded, deep : bool
+        Whether codes are sRGB, and of 16 bit.
     """
 
     light: NDArray[np.float32]
@@ -104,33 +126,27 @@ class Blocks(NamedTuple):
     known: float
     clipped: Array
     black: Array
+    noise: Array
+    encoded: bool
+    deep: bool
 
 
-def summarise(
-    samples: ColourSamples, range_map: NDArray[np.floating], valid: Mask | None,
-    range_error: float, clear_water: Array,
-) -> Statistics | None:
+def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statistics | None:
     """Summarise an image and its ranges; None where too few ranges are known.
 
     Parameters
     ----------
-    samples : ColourSamples
-    range_map : (H, W) ndarray of float
-        Range along the line of sight, m, of each sample; NaN where unknown.
-    valid : (H, W) bool ndarray or None
-        Samples that count.
+    blocks : Blocks
     range_error : float
         Standard deviation of range over its square, 1/m.
     clear_water : (3,) float64 ndarray
         κ, 1/m.
     """
-    blocks = reduce_to_blocks(samples, range_map, valid)
     counted = np.isfinite(blocks.light[..., 0])
     near = np.isfinite(blocks.range) & counted
     if near.sum() < FEWEST_BLOCKS:
         return None
     light = blocks.light[counted]
-    code = linear_table(samples.transfer, samples.pixels.dtype)
     brightest: Array = np.maximum(np.quantile(light, BRIGHTEST, axis=0), LEAST_BRIGHTEST)
     relative = np.ascontiguousarray(blocks.light / brightest, np.float32)
     contrast = _contrast(relative)
@@ -147,16 +163,19 @@ def summarise(
     water[len(water) // 2:] = False
     of_channels = np.zeros((3, OF_CHANNEL), np.float32)
     seen_water = int(water.sum())
-    rows = 0.0
+    upper_row, lower_row = 0.0, 0.0
     if seen_water >= FEWEST_OF_WATER:
+        # By rows: the first half is nearer the zenith, the second nearer the far surfaces.
         shown = relative[water]
+        half = seen_water // 2
+        of_channels[:, 10] = np.log(np.median(shown[:half], axis=0) + FLOOR)
+        of_channels[:, 11] = np.log(np.median(shown[half:], axis=0) + FLOOR)
         of_channels[:, 0] = np.log(np.median(shown, axis=0) + FLOOR)
         of_channels[:, 1] = np.log(shown.std(axis=0) + FLOOR)
         of_channels[:, 2] = 1.0
-        rows = float(np.nonzero(water)[0].mean() / len(water))
-    middle = len(code) // 2
-    step = float(code[middle] - code[middle - 1])
-    of_channels[:, 3] = np.log(samples.noise * step / brightest + FLOOR / 4)
+        at = np.nonzero(water)[0] / len(water) - 0.5
+        upper_row, lower_row = float(at[:half].mean()), float(at[half:].mean())
+    of_channels[:, 3] = np.log(blocks.noise / brightest + FLOOR / 4)
     of_channels[:, 4] = np.log(np.nanmedian(contrast.reshape(-1, 3), axis=0) + FLOOR / 4)
     of_channels[:, 5] = np.log(brightest / brightest.mean())
     of_channels[:, 6] = np.log(brightest)
@@ -166,17 +185,28 @@ def summarise(
     of_image = np.concatenate((
         (math.log(median), blocks.known, float(near.mean()),
          math.log(range_error * median + 1e-3), float(seen_water / counted.sum()),
-         float(seen_water >= FEWEST_OF_WATER), rows, float(samples.transfer == "srgb"),
-         float(len(code) > 256), math.log(counted.sum())),
-        np.log(mean_range / median), np.log1p(count) - math.log1p(len(ranges) / BINS)))
+         float(seen_water >= FEWEST_OF_WATER), upper_row, lower_row, float(blocks.encoded),
+         float(blocks.deep), float(counted.mean())),
+        np.log(mean_range / median), np.log1p(count) - math.log1p(len(ranges) / BINS),
+        _mean_rows(place)))
     return Statistics(
-        of_bins, of_channels, of_image.astype(np.float32), brightest, median)
+        of_bins, _means_of_tiles(relative, place), of_channels, of_image.astype(np.float32),
+        brightest, median)
 
 
 def reduce_to_blocks(
     samples: ColourSamples, range_map: NDArray[np.floating], valid: Mask | None
 ) -> Blocks:
-    """Average irradiance and range over blocks of pixels."""
+    """Average irradiance and range over blocks of pixels.
+
+    Parameters
+    ----------
+    samples : ColourSamples
+    range_map : (H, W) ndarray of float
+        Range along the line of sight, m, of each sample; NaN where unknown.
+    valid : (H, W) bool ndarray or None
+        Samples that count.
+    """
     image = samples.pixels
     size = max(1, math.ceil(math.sqrt(range_map.size / BLOCKS)))
     height, width = range_map.shape[0] // size, range_map.shape[1] // size
@@ -184,12 +214,16 @@ def reduce_to_blocks(
     ranges = np.empty((height, width), np.float32)
     extreme = np.zeros((2, 3))
     table = linear_table(samples.transfer, image.dtype)
-    mask = np.ones((1, 1), np.bool_) if valid is None else valid
+    mask = np.ones((1, 1), np.bool_) if valid is None else np.ascontiguousarray(valid)
     counted, known = _reduce(
         image, np.ascontiguousarray(range_map, np.float32), mask, valid is not None, table, size,
         light, ranges, extreme)
     share = 1.0 / max(counted * size * size, 1)
-    return Blocks(light, ranges, known / max(counted, 1), extreme[0] * share, extreme[1] * share)
+    middle = len(table) // 2
+    return Blocks(
+        light, ranges, known / max(counted, 1), extreme[0] * share, extreme[1] * share,
+        samples.noise * float(table[middle] - table[middle - 1]), samples.transfer == "srgb",
+        len(table) > 256)
 
 
 @njit(nogil=True)
@@ -323,6 +357,32 @@ def _summarise_bins(relative: Any, contrast: Any, place: Any, quantiles: Any, of
                     row[number + 1 + half * len(COMPARED) + j] = (
                         _quantile(one, inside, q) - _quantile(other, total - inside, q))
             row[number + 1 + HALVES * len(COMPARED)] = 1.0
+
+
+def _means_of_tiles(
+    relative: NDArray[np.float32], place: NDArray[np.int8]
+) -> NDArray[np.float32]:
+    """Mean irradiance and weight by tile and bin, (4, TILES, BINS); see `Statistics`."""
+    height, width = place.shape
+    tile = ((np.arange(height) * TILES_ACROSS // height)[:, np.newaxis] * TILES_ACROSS
+            + np.arange(width) * TILES_ACROSS // width)
+    there = place >= 0
+    at = tile[there] * BINS + place[there]
+    count = np.bincount(at, minlength=TILES * BINS)
+    means = [
+        np.bincount(at, weights=relative[there, c], minlength=TILES * BINS)
+        / np.maximum(count, 1) for c in range(3)]
+    found = np.stack((*means, count / (count + HALF_WEIGHT)))
+    return found.reshape(4, TILES, BINS).astype(np.float32)
+
+
+def _mean_rows(place: NDArray[np.int8]) -> Array:
+    """Mean row of each bin, -0.5 above to 0.5 below; 0 for an empty one."""
+    there = place >= 0
+    row = np.nonzero(there)[0] / len(place) - 0.5
+    count = np.bincount(place[there], minlength=BINS)
+    return np.asarray(
+        np.bincount(place[there], weights=row, minlength=BINS) / np.maximum(count, 1))
 
 
 @njit(nogil=True)

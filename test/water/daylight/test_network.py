@@ -13,19 +13,20 @@ import pytest
 from scipy.stats import norm
 
 from uw_visibility.errors import InputError
-from uw_visibility_lab.posterior.inference import DRAWS, Posterior, infer
-from uw_visibility_lab.posterior.network import (
+from uw_visibility.water.daylight.inference import DRAWS, Posterior, infer
+from uw_visibility.water.daylight.network import (
     COMPONENTS,
     OUTPUTS,
     Network,
     features_of,
     load,
 )
-from uw_visibility_lab.posterior.statistics import (
+from uw_visibility.water.daylight.statistics import (
     BINS,
     OF_BIN,
     OF_CHANNEL,
     OF_IMAGE,
+    TILES,
     Statistics,
 )
 
@@ -37,17 +38,18 @@ def statistics_of(seed: int = 0) -> Statistics:
     of_bins = rng.normal(-1.0, 0.5, (3, BINS, OF_BIN)).astype(np.float32)
     of_bins[..., -1] = 1.0
     of_image = rng.normal(0.0, 0.3, OF_IMAGE).astype(np.float32)
+    of_tiles = rng.uniform(0.2, 0.8, (4, TILES, BINS)).astype(np.float32)
     return Statistics(
-        of_bins, rng.normal(size=(3, OF_CHANNEL)).astype(np.float32), of_image,
+        of_bins, of_tiles, rng.normal(size=(3, OF_CHANNEL)).astype(np.float32), of_image,
         np.array((0.2, 0.5, 0.8)), 4.0)
 
 
 def network(seed: int = 0) -> Network:
     rng = np.random.default_rng(seed)
     one = statistics_of()
-    inputs = features_of(one.of_bins, one.of_channels, one.of_image).shape[1]
+    inputs = features_of(*one[:4]).shape[1]
     sizes = [(inputs, HIDDEN[0]), (2 * HIDDEN[0], HIDDEN[1]), HIDDEN[1:],
-             (HIDDEN[2], OUTPUTS), (HIDDEN[2], COMPONENTS)]
+             (HIDDEN[2], OUTPUTS), (HIDDEN[2], COMPONENTS), (HIDDEN[2], 1)]
     layers = []
     for size in sizes:
         layers += [rng.normal(0.0, 0.7 / math.sqrt(size[0]), size), rng.normal(0.0, 0.1, size[1])]
@@ -66,8 +68,8 @@ def test_the_mixture_is_a_distribution() -> None:
 def test_exchanged_channels_exchange_the_answer() -> None:
     one, order = statistics_of(), [2, 0, 1]
     other = one._replace(
-        of_bins=one.of_bins[order], of_channels=one.of_channels[order],
-        brightest=one.brightest[order])
+        of_bins=one.of_bins[order], of_tiles=one.of_tiles[[*order, 3]],
+        of_channels=one.of_channels[order], brightest=one.brightest[order])
     first, second = infer(network(), one), infer(network(), other)
     np.testing.assert_allclose(first.mean[order], second.mean, atol=1e-6)
     at = np.concatenate([np.arange(3 * c, 3 * c + 3) for c in order])
@@ -80,12 +82,14 @@ def test_units_are_metres_and_irradiance() -> None:
     first, second = infer(network(), one), infer(network(), other)
     np.testing.assert_allclose(second.mean - first.mean, -math.log(2.0), rtol=1e-9)
     np.testing.assert_allclose(second.draws - first.draws, -math.log(2.0), rtol=1e-9)
-    np.testing.assert_allclose(first.weight @ first.draws, first.mean[:, 0], atol=1e-9)
+    np.testing.assert_allclose(
+        np.tensordot(first.weight, first.draws, 1), first.mean, atol=1e-9)
 
 
 def test_the_clearest_channel_tells_the_distance() -> None:
     rng = np.random.default_rng(1)
     draws = rng.normal((-1.0, -2.0, -5.0), (0.1, 0.2, 0.1), (20 * DRAWS, 3))
+    draws = np.stack((draws, draws, draws), axis=2)
     posterior = Posterior(
         np.zeros((3, 3)), np.eye(9), draws, np.full(len(draws), 1.0 / len(draws)))
     seen = np.array((True, True, False))
@@ -96,7 +100,8 @@ def test_the_clearest_channel_tells_the_distance() -> None:
 
 def save(path: Path, found: Network, **changed: object) -> Path:
     arrays: dict[str, object] = {
-        "networks": np.array(len(found.layers)), "centre": found.centre, "spread": found.spread}
+        "networks": np.array(len(found.layers)), "centre": found.centre, "spread": found.spread,
+        "limits": np.array((9.0, 9.0)), "provenance": np.array("a test")}
     for i, layers in enumerate(found.layers):
         arrays |= {f"{i}_{j}": layer for j, layer in enumerate(layers)}
     np.savez(path, **(arrays | changed))  # type: ignore[arg-type]

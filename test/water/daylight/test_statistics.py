@@ -9,14 +9,17 @@ import pytest
 from numpy.typing import NDArray
 
 from uw_visibility.images.view import View
-from uw_visibility_lab.posterior.curves import ALL, DARK, THICKNESS, curves
-from uw_visibility_lab.posterior.statistics import (
+from uw_visibility.water.daylight.curves import ALL, DARK, GUESSES, THICKNESS, curves
+from uw_visibility.water.daylight.statistics import (
     BINS,
     COMPARED,
     FLOOR,
     OF_BIN,
+    OF_CHANNEL,
     OF_IMAGE,
     QUANTILES,
+    RANGES,
+    TILES,
     Statistics,
     reduce_to_blocks,
     summarise,
@@ -49,7 +52,8 @@ def summary(
 ) -> Statistics:
     samples = View.of(np.ascontiguousarray(image)).colour
     assert samples is not None
-    found = summarise(samples, np.ascontiguousarray(ranges), None, 0.01, clear_water)
+    found = summarise(
+        reduce_to_blocks(samples, np.ascontiguousarray(ranges), None), 0.01, clear_water)
     assert found is not None
     return found
 
@@ -66,8 +70,9 @@ def test_the_unit_of_length_changes_the_median_range_alone() -> None:
     image, ranges = picture(), ranges_of()
     samples = View.of(image).colour
     assert samples is not None
-    one = summarise(samples, ranges, None, 0.03, CLEAR)
-    other = summarise(samples, 3.0 * ranges, None, 0.01, CLEAR / 3.0)
+    one = summarise(reduce_to_blocks(samples, ranges, None), 0.03, CLEAR)
+    other = summarise(
+        reduce_to_blocks(samples, np.float32(3.0) * ranges, None), 0.01, CLEAR / 3.0)
     assert one is not None and other is not None
     np.testing.assert_array_equal(one.of_bins, other.of_bins)
     np.testing.assert_allclose(one.of_channels, other.of_channels, atol=1e-5)
@@ -102,7 +107,7 @@ def test_quantiles_are_those_of_the_bin() -> None:
     assert samples is not None
     found = summary(image, ranges)
     blocks = reduce_to_blocks(samples, ranges, None)
-    middle = np.exp(found.of_image[OF_IMAGE - 2 * BINS + 6]) * found.median_range
+    middle = np.exp(found.of_image[RANGES][6]) * found.median_range
     there = np.abs(np.log(blocks.range / middle)) < 0.03
     expected = np.quantile(blocks.light[there], (0.05, 0.5, 0.95), axis=0).T
     seen = (np.exp(found.of_bins[:, 6, [2, 4, 6]]) - FLOOR) * found.brightest[:, np.newaxis]
@@ -116,8 +121,7 @@ def test_a_channel_without_light_and_odd_ranges_are_numbers() -> None:
     ranges[210:215] = -1.0
     ranges[215:220] = 1e30
     found = summary(image, ranges)
-    for values in (found.of_bins, found.of_channels, found.of_image, curves(
-            found.of_bins, found.of_image)):
+    for values in (*found[:4], curves(*found[:4])):
         assert np.isfinite(values).all()
     assert found.of_channels[0, 8] == 1.0
 
@@ -126,27 +130,37 @@ def test_a_channel_without_light_and_odd_ranges_are_numbers() -> None:
 def test_without_ranges_there_is_nothing(unknown: float) -> None:
     samples = View.of(picture()).colour
     assert samples is not None
-    assert summarise(samples, np.full(SHAPE, unknown, np.float32), None, 0.0, CLEAR) is None
+    nowhere = reduce_to_blocks(samples, np.full(SHAPE, unknown, np.float32), None)
+    assert summarise(nowhere, 0.0, CLEAR) is None
 
 
 @pytest.mark.parametrize("attenuation", [0.1, 0.3, 0.7])
 def test_residuals_are_least_at_the_water_that_made_the_quantiles(attenuation: float) -> None:
     distance = np.geomspace(0.5, 2.5, BINS)
     left = np.exp(-attenuation * distance)
-    reflectance = np.array((0.0, 0.02, 0.05, 0.2, 0.4, 0.6, 0.9, 1.0))
+    reflectance = np.array((0.0, 0.0, 0.05, 0.2, 0.4, 0.6, 0.9, 1.0))
     quantiles = 0.4 * (1.0 - left[:, np.newaxis]) + 0.9 * reflectance * left[:, np.newaxis]
     of_bins = np.zeros((3, BINS, OF_BIN), np.float32)
     of_bins[..., :len(QUANTILES)] = np.log(quantiles + FLOOR)
     of_bins[..., -1] = 1.0
     of_image = np.zeros(OF_IMAGE, np.float32)
-    of_image[OF_IMAGE - 2 * BINS:OF_IMAGE - BINS] = np.log(distance)
-    found = curves(of_bins, of_image)
+    of_image[RANGES] = np.log(distance)
+    of_tiles = np.zeros((4, TILES, BINS), np.float32)
+    of_tiles[:3] = 0.4 * (1.0 - left) + 0.9 * np.linspace(0.1, 0.9, TILES)[:, np.newaxis] * left
+    of_tiles[3] = 1.0
+    of_channels = np.zeros((3, OF_CHANNEL), np.float32)
+    of_channels[:, 2], of_channels[:, 10:12] = 1.0, np.log(0.4 + FLOOR)
+    found = curves(of_bins, of_tiles, of_channels, of_image)
     grid = len(THICKNESS)
     nearest = int(np.abs(np.log(THICKNESS / attenuation)).argmin())
-    for first in (0, 2 * grid + 1):
+    # All quantiles, the dark ones, those with open water, with its gradient, and tiles.
+    for first in (0, 2 * grid + 1, 5 * grid + 3, 6 * grid + 4, 7 * grid + 5):
         assert int(found[1, first:first + grid].argmin()) in (nearest - 1, nearest, nearest + 1)
     veil = np.exp(found[1, grid + 1 + nearest])
     assert veil == pytest.approx(0.4, rel=0.3)
     assert len(ALL) > len(DARK)
     # Contrast falls as e^(−βd).
-    np.testing.assert_allclose(found[:, -8], -attenuation, atol=0.02)
+    np.testing.assert_allclose(found[:, -8 - GUESSES], -attenuation, atol=0.02)
+    guesses = np.exp(found[1, -GUESSES:])
+    np.testing.assert_allclose(guesses[:6], attenuation, rtol=0.05)
+    np.testing.assert_allclose(guesses[6:], 0.4, rtol=0.1)

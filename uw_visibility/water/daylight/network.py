@@ -15,18 +15,24 @@ Louppe 2020, doi:10.1073/pnas.1912789117).
 
 from __future__ import annotations
 
+import math
 import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
+from uw_visibility import data as package_data
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
-from uw_visibility_lab.posterior.curves import curves
-from uw_visibility_lab.posterior.statistics import Statistics
+from uw_visibility.water.daylight.curves import OF_CURVES, curves
+from uw_visibility.water.daylight.statistics import BINS, OF_BIN, OF_CHANNEL, OF_IMAGE, Statistics
 
 COMPONENTS = 3
 FACTORS = 2
@@ -34,12 +40,16 @@ FACTORS = 2
 UNKNOWNS = 3
 OF_COMPONENT = UNKNOWNS + 6 + UNKNOWNS * FACTORS
 OUTPUTS = COMPONENTS * OF_COMPONENT
+# Of each channel: its own, the mean of the others', and those of the image.
+FEATURES = 2 * (BINS * OF_BIN + OF_CHANNEL + OF_CURVES) + OF_IMAGE
 # Features are standardised, and cut at so many deviations.
 MOST_DEVIATIONS = 6.0
 # Bounds of the logarithm of a component's deviation.
 LEAST_LOG_DEVIATION, MOST_LOG_DEVIATION = -4.0, 1.5
-# Arrays of a network: weights and biases of five layers.
-ARRAYS = 10
+# Written by `uw_visibility train`.
+WEIGHTS = "daylight_posterior.npz"
+# Arrays of a network: weights and biases of six layers.
+ARRAYS = 12
 
 
 class Mixture(NamedTuple):
@@ -50,11 +60,17 @@ class Mixture(NamedTuple):
     weight : (K,) float64 ndarray
     mean : (K, 9) float64 ndarray
     covariance : (K, 9, 9) float64 ndarray
+    other_curve : float
+        Probability that the camera's curve is another than the one that was told.
+    unlike : float
+        Mean square of the features, in deviations from those of training: about 1.
     """
 
     weight: Array
     mean: Array
     covariance: Array
+    other_curve: float
+    unlike: float
 
 
 @dataclass(frozen=True)
@@ -67,33 +83,43 @@ class Network:
         Mean and deviation of the features in training.
     layers : tuple of tuple of ndarray
         Weights and biases of each network.
+    most_unlike, most_misfit : float
+        What `Posterior.unlike` and `Posterior.misfit` are for nearly all views of training.
+    provenance : str
+        What they were trained on.
     """
 
     centre: Array
     spread: Array
     layers: tuple[tuple[Array, ...], ...]
+    most_unlike: float = math.inf
+    most_misfit: float = math.inf
+    provenance: str = ""
 
     def infer(self, statistics: Statistics) -> Mixture:
         """Infer the posterior of an image's statistics."""
-        features = standardise(
-            features_of(statistics.of_bins, statistics.of_channels, statistics.of_image),
-            self.centre, self.spread)
-        parts = [_components(*_run(layers, features)) for layers in self.layers]
+        features = standardise(features_of(*statistics[:4]), self.centre, self.spread)
+        found = [_run(layers, features) for layers in self.layers]
+        parts = [_components(outputs, logits) for outputs, logits, _ in found]
         return Mixture(
             np.concatenate([weight for weight, _, _ in parts]) / len(parts),
             np.concatenate([mean for _, mean, _ in parts]),
-            np.concatenate([covariance for _, _, covariance in parts]))
+            np.concatenate([covariance for _, _, covariance in parts]),
+            float(np.mean([expit(other) for _, _, other in found])),
+            float(np.mean(features**2)))
 
 
 def features_of(
-    of_bins: NDArray[np.float32], of_channels: NDArray[np.float32], of_image: NDArray[np.float32]
+    of_bins: NDArray[np.float32], of_tiles: NDArray[np.float32], of_channels: NDArray[np.float32],
+    of_image: NDArray[np.float32],
 ) -> NDArray[np.float32]:
     """What the network sees of each channel: its own statistics, the others' mean, the image's.
 
     Takes the arrays of `Statistics`, with any axes before; returns (..., 3, D).
     """
     flat = of_bins.reshape(*of_bins.shape[:-2], -1)
-    own = np.concatenate((flat, of_channels, curves(of_bins, of_image)), axis=-1)
+    own = np.concatenate(
+        (flat, of_channels, curves(of_bins, of_tiles, of_channels, of_image)), axis=-1)
     others = 0.5 * (own.sum(axis=-2, keepdims=True) - own)
     image = np.broadcast_to(
         of_image[..., np.newaxis, :], (*own.shape[:-1], of_image.shape[-1]))
@@ -105,14 +131,17 @@ def standardise(features: NDArray[Any], centre: Array, spread: Array) -> Array:
     return np.asarray(np.clip((features - centre) / spread, -MOST_DEVIATIONS, MOST_DEVIATIONS))
 
 
-def _run(layers: tuple[Array, ...], features: Array) -> tuple[Array, Array]:
-    """Outputs (3, OUTPUTS) of the channels, and logits (K,) of the components."""
-    first, first_bias, second, second_bias, third, third_bias, last, last_bias, of, of_bias = layers
+def _run(layers: tuple[Array, ...], features: Array) -> tuple[Array, Array, float]:
+    """Outputs (3, OUTPUTS) of the channels, logits (K,) of the components, and of another curve."""
+    (first, first_bias, second, second_bias, third, third_bias, last, last_bias, of, of_bias,
+     curve, curve_bias) = layers
     hidden = gelu(features @ first + first_bias)
     mixed = np.concatenate((hidden, np.broadcast_to(hidden.mean(axis=0), hidden.shape)), axis=1)
     hidden = gelu(mixed @ second + second_bias)
     hidden = gelu(hidden @ third + third_bias)
-    return hidden @ last + last_bias, hidden.mean(axis=0) @ of + of_bias
+    together = hidden.mean(axis=0)
+    other = float((together @ curve + curve_bias)[0])
+    return hidden @ last + last_bias, together @ of + of_bias, other
 
 
 def gelu(x: Array) -> Array:
@@ -151,14 +180,30 @@ def load(path: Path) -> Network:
     """
     try:
         with np.load(path, allow_pickle=False) as data:
-            layers = tuple(
-                tuple(data[f"{i}_{j}"].astype(np.float64) for j in range(ARRAYS))
-                for i in range(int(data["networks"])))
-            centre, spread = (data[name].astype(np.float64) for name in ("centre", "spread"))
+            network = of_arrays(data)
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(
             f"{path} holds no trained networks: give what `uw_visibility train` wrote") from error
-    for first, *others in layers:
-        if first.shape[0] != len(centre) or others[-2].shape[1] != COMPONENTS:
+    for first, *others in network.layers:
+        sizes = first.shape[0], len(network.centre), others[-4].shape[1]
+        if sizes != (FEATURES, FEATURES, COMPONENTS):
             raise InputError(f"{path} is of networks of another form: train anew")
-    return Network(centre, spread, layers)
+    return network
+
+
+def of_arrays(data: Mapping[str, NDArray[Any]]) -> Network:
+    """Networks of the arrays that training gives; without limits nothing is beyond them."""
+    layers = tuple(
+        tuple(data[f"{i}_{j}"].astype(np.float64) for j in range(ARRAYS))
+        for i in range(int(data["networks"])))
+    unlike, misfit = (float(x) for x in data["limits"]) if "limits" in data else (math.inf,) * 2
+    return Network(
+        data["centre"].astype(np.float64), data["spread"].astype(np.float64), layers, unlike,
+        misfit, str(data["provenance"]) if "provenance" in data else "")
+
+
+@lru_cache(maxsize=1)
+def trained() -> Network:
+    """Networks that come with the package."""
+    with resources.as_file(resources.files(package_data) / WEIGHTS) as path:
+        return load(path)

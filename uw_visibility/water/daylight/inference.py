@@ -1,0 +1,116 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Posterior of attenuation, veil and light of one image, and its check against the image."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from uw_visibility.images.arrays import Array, Mask
+from uw_visibility.water.daylight.network import UNKNOWNS, Mixture, Network
+from uw_visibility.water.daylight.statistics import FLOOR, QUANTILES, RANGES, Statistics
+
+# Draws of each component, for quantiles that have no closed form.
+DRAWS = 128
+# Quantiles of irradiance that no surface is darker, or brighter, than; by place in QUANTILES.
+DARKEST, LIGHTEST = 1, len(QUANTILES) - 1
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Posterior of the logarithms of attenuation, veil and light.
+
+    Attributes
+    ----------
+    mean : (3, 3) float64 ndarray
+        For each channel the means of ln β (1/m), ln B and ln W (irradiance).
+    covariance : (9, 9) float64 ndarray
+        Of the same, channel by channel.
+    draws : (D, 3, 3) float64 ndarray
+        Draws of the same.
+    weight : (D,) float64 ndarray
+        Of the draws; sums to 1.
+    other_curve : float
+        Probability that the camera's curve is another than the one that was told.
+    unlike : float
+        Mean square of the statistics, in deviations from those of training: about 1.
+    misfit : float
+        How far the image is from what the draws predict, see `_misfit`.
+    """
+
+    mean: Array
+    covariance: Array
+    draws: Array
+    weight: Array
+    other_curve: float = 0.0
+    unlike: float = 0.0
+    misfit: float = 0.0
+
+    def clearest(self, seen: Mask, quantiles: Array) -> Array:
+        """Quantiles of −ln min β over the channels seen; β in 1/m."""
+        values = -self.draws[:, seen, 0].min(axis=1)
+        order = np.argsort(values)
+        reached = np.cumsum(self.weight[order]) - 0.5 * self.weight[order]
+        return np.interp(quantiles, reached, values[order])
+
+
+def infer(network: Network, statistics: Statistics) -> Posterior:
+    """Infer the posterior of an image's statistics."""
+    mixture = network.infer(statistics)
+    units = np.zeros((3, UNKNOWNS))
+    units[:, 0] = -math.log(statistics.median_range)
+    units[:, 1:] = np.log(statistics.brightest)[:, np.newaxis]
+    mean = mixture.weight @ mixture.mean
+    away = mixture.mean - mean
+    covariance = (
+        np.tensordot(mixture.weight, mixture.covariance, 1)
+        + (mixture.weight[:, np.newaxis] * away).T @ away)
+    draws, weight = _draw(mixture)
+    return Posterior(
+        mean.reshape(3, UNKNOWNS) + units, covariance, draws + units, weight,
+        mixture.other_curve, mixture.unlike, _misfit(draws, weight, statistics))
+
+
+def _draw(mixture: Mixture) -> tuple[Array, Array]:
+    """Draws (D, 3, 3), the same number of each component, and their weights."""
+    standard = _standard_normal()
+    draws = [
+        mean + standard @ np.linalg.cholesky(covariance).T
+        for mean, covariance in zip(mixture.mean, mixture.covariance, strict=True)]
+    return (
+        np.concatenate(draws).reshape(-1, 3, UNKNOWNS),
+        np.repeat(mixture.weight / DRAWS, DRAWS))
+
+
+@lru_cache(maxsize=1)
+def _standard_normal() -> Array:
+    """(DRAWS, 9): draws whose mean is 0 and whose covariance is 1, the same in every run."""
+    half = np.random.default_rng(0).standard_normal((DRAWS // 2, 3 * UNKNOWNS))
+    draws = np.concatenate((half, -half))
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(np.cov(draws.T, bias=True)), draws.T).T)
+
+
+def _misfit(draws: Array, weight: Array, statistics: Statistics) -> float:
+    """Posterior predictive discrepancy (Gelman, Meng and Stern 1996): 0 where all fits.
+
+    No surface is darker than the veil before it, B (1 − e^(−βd)), and none brighter than white,
+    W e^(−βd) + B (1 − e^(−βd)) (eq. 4). Mean over bins, channels and draws of the square of ln
+    irradiance beyond these bounds. `draws` are in the units of the statistics.
+    """
+    there = statistics.of_bins[..., -1] > 0
+    if not there.any():
+        return 0.0
+    distance = np.exp(statistics.of_image[RANGES])
+    attenuation, veil, light = np.exp(np.clip(np.moveaxis(draws, 2, 0), -20.0, 20.0))[
+        ..., np.newaxis]
+    left = np.exp(-attenuation * distance)
+    black = np.log(veil * (1.0 - left) + FLOOR)
+    white = np.log(veil * (1.0 - left) + light * left + FLOOR)
+    below = np.maximum(black - statistics.of_bins[..., DARKEST], 0.0)
+    above = np.maximum(statistics.of_bins[..., LIGHTEST] - white, 0.0)
+    beyond = ((below**2 + above**2) * there).sum(axis=(1, 2)) / there.sum()
+    return float(weight @ beyond)
