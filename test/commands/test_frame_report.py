@@ -33,7 +33,8 @@ def visibility(**changes: Any) -> SimpleNamespace:
     fields: dict[str, Any] = {
         "status": Status.OK, "depth_status": Status.OK,
         "mean_attenuation": 0.2, "mean_attenuation_stddev": 0.01,
-        "distance": 23.5, "distance_stddev": 1.5, "depth": 3.0, "depth_stddev": 0.5,
+        "distance": 23.5, "distance_stddev": 1.5, "distance_low": 22.0,
+        "distance_high": 25.0, "depth": 3.0, "depth_stddev": 0.5,
         "channels": "RGB",
     }
     return SimpleNamespace(**{**fields, **changes})
@@ -73,6 +74,7 @@ def test_the_report_holds_every_estimate_in_its_place() -> None:
         "mean_attenuation": 0.2, "mean_attenuation_stddev": 0.01,
         "channels": "RGB",
         "visibility_distance": 23.5, "visibility_distance_stddev": 1.5,
+        "visibility_distance_low": 22.0, "visibility_distance_high": 25.0,
         "depth": 3.0, "depth_stddev": 0.5,
         "white": {"scene_light": [0.25, 0.5, 0.75], "from_camera": 0.5},
         "matched_fraction": {"original": 0.25, "enhanced": 0.75},

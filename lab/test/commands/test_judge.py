@@ -4,13 +4,13 @@
 
 from __future__ import annotations
 
+from importlib import resources
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from uw_visibility.cli import main
-from uw_visibility_lab.posterior.network import ARRAYS, COMPONENTS
+from uw_visibility.water.daylight.network import WEIGHTS
 from uw_visibility_lab.worlds.scenes import make_pool
 
 
@@ -59,10 +59,8 @@ def kept(tmp_path: Path) -> Path:
     make_pool(1, 1, tmp_path / "pool", size=(60, 80))
     (tmp_path / "views.npz").write_bytes(b"views")
     (tmp_path / "link.npz").symlink_to(tmp_path / "pool" / "000000.npz")
-    layers = {f"0_{k}": np.zeros((2, COMPONENTS)) for k in range(ARRAYS)}
-    np.savez(
-        tmp_path / "networks.npz", networks=np.array(1), centre=np.zeros(2), spread=np.ones(2),
-        **layers)
+    trained = resources.files("uw_visibility.data") / WEIGHTS
+    (tmp_path / "networks.npz").write_bytes(trained.read_bytes())
     (tmp_path / "mine.npz").write_text("mine")
     return tmp_path
 

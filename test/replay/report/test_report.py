@@ -197,6 +197,7 @@ def test_a_refused_distance_or_depth_is_told_though_the_water_was_assessed(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(assessment, "MAX_RELATIVE_STDDEV", 1e-9)
+    monkeypatch.setattr(assessment, "WIDEST_INTERVAL", 1.0)
     done = run(transect, tmp_path / "out", "--every", "3", capsys=capsys)
     assert {row["status"] for row in done.rows} == {"ok"}
     unbounded = "the depth is not assessable: ambient light unbounded"

@@ -135,9 +135,10 @@ class TestFreeVeil:
         # And so is the distance of visibility, which few of them make too long.
         seen = [(one, ASSESSOR.assess(e)) for one, e in found if e.status is Status.OK]
         distances = np.array([
-            (v.distance, v.distance_stddev, 2.351 / one.attenuation.min())
+            (v.distance, v.distance_stddev, 2.351 / one.attenuation.min(),
+             0.5 * np.log(v.distance_high / v.distance_low))
             for one, v in seen if v.status is Status.OK])
-        within((distances[:, 0] - distances[:, 2]) / distances[:, 1], 2.0, 0.95)
+        within(np.log(distances[:, 0] / distances[:, 2]) / distances[:, 3], 2.0, 0.95)
         if open_water:
             veil = np.array([e.veil / one.veil for one, e in found if e.status is Status.OK])
             assert np.median(np.abs(np.log(veil))) < 0.05
