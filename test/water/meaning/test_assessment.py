@@ -101,6 +101,15 @@ def test_a_distance_lies_in_the_interval_of_attenuations_one_deviation_off(part)
     assert seen.distance_stddev == pytest.approx((farther - nearer) / 2, rel=0.03)
 
 
+@pytest.mark.parametrize("variance", [1.0, 1e6, 1e300])
+def test_a_distance_of_which_nothing_is_known_is_refused(variance):
+    """The exponential of its deviation is beyond any number."""
+    covariance = np.tile(np.diag([variance, 1e-6]), (3, 1, 1))
+    seen = ASSESSOR.assess(estimate([0.5, 0.4, 0.3], [0.5, 0.6, 0.7], covariance))
+    assert seen.status is Status.RANGE_SPREAD_TOO_SMALL
+    assert math.isnan(seen.distance) and math.isnan(seen.distance_high)
+
+
 def test_a_distance_has_the_interval_that_the_posterior_tells():
     covariance = np.tile(np.diag([1e-4, 1e-6]), (3, 1, 1))
     told = replace(

@@ -43,12 +43,11 @@ from uw_visibility.water.daylight.statistics import (
 )
 from uw_visibility.water.daylight.transfer_check import LEAST_ODDS
 from uw_visibility.water.daylight.validation import (
-    MAX_RELATIVE_STDDEV,
-    MAX_STDDEV,
     least_ambient_light,
     lit_by_lamps,
     refuse_channel,
     refuse_frame,
+    refuse_spread,
     refute_clearness,
     validate_fit,
 )
@@ -248,11 +247,10 @@ class WaterEstimator:
         log_covariance = posterior.covariance[np.ix_(of_both, of_both)]
         covariance = log_covariance * np.outer(scale, scale)
         stddev = np.sqrt(np.diag(log_covariance)[0::2])
-        for channel in range(3):
-            least = max(MAX_STDDEV, MAX_RELATIVE_STDDEV * attenuation[channel])
-            if stddev[channel] * attenuation[channel] > least:
-                status[channel] = refuse(
-                    status[channel:channel + 1], Status.RANGE_SPREAD_TOO_SMALL)[0]
+        status = [
+            refuse_spread(float(value), float(value * spread))
+            if reason is Status.OK else reason
+            for reason, value, spread in zip(status, attenuation, stddev, strict=True)]
         shown = np.where([reason is Status.OK for reason in status], attenuation, np.nan)
         status = refuse(status, refute_clearness(shown, covariance[0::2, 0::2], self._clear_water))
         fit = Fit(np.stack((attenuation, veil), axis=1), covariance, 1, True)

@@ -163,9 +163,15 @@ def validate_fit(fit: Fit, envelope: Envelopes, channel: int) -> Status:
     thickness = attenuation * envelope.range[-1]
     if radiance < MIN_NEAR_RADIANCE and thickness < MIN_OPTICAL_THICKNESS:
         return Status.AMBIENT_LIGHT_UNBOUNDED
-    if np.sqrt(variance[0]) > max(MAX_STDDEV, MAX_RELATIVE_STDDEV * attenuation):
-        return Status.RANGE_SPREAD_TOO_SMALL
-    return Status.OK
+    return refuse_spread(float(attenuation), float(np.sqrt(variance[0])))
+
+
+def refuse_spread(
+    attenuation: float, stddev: float, most_relative: float = MAX_RELATIVE_STDDEV
+) -> Status:
+    """Refuse an attenuation that is too uncertain; OK otherwise."""
+    certain = stddev <= max(MAX_STDDEV, most_relative * attenuation)
+    return Status.OK if certain else Status.RANGE_SPREAD_TOO_SMALL
 
 
 def refute_clearness(attenuation: Array, covariance: Array, clear_water: Array) -> Status:

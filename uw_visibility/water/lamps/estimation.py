@@ -35,7 +35,7 @@ from uw_visibility.water.daylight.priors import (
 )
 from uw_visibility.water.daylight.validation import (
     MAX_CLIPPED_FRACTION,
-    MAX_STDDEV,
+    refuse_spread,
     refute_clearness,
 )
 from uw_visibility.water.estimate import (
@@ -60,8 +60,8 @@ from uw_visibility.water.lamps.tracks import GroundView
 
 Rays = Callable[[Array, Array], Array]
 
-# Attenuation is not assessable when its standard deviation is beyond this part of it, and beyond
-# `MAX_STDDEV`. Ground straight below is at one range; of its frames, those in which noise makes
+# Attenuation is not assessable when its standard deviation is beyond this part of it, see
+# `refuse_spread`. Ground straight below is at one range; of its frames, those in which noise makes
 # attenuation too large look well known, and told three times the true one.
 MAX_RELATIVE_STDDEV = 1.0 / 3.0
 # What no image can tell, as a part of β: the scale of range, the transfer, a beam's form.
@@ -129,8 +129,7 @@ class CellEstimator:
         deviation = np.sqrt(np.diag(covariance))
         beta, covariance = self._above_clear_water(beta, covariance, seen)
         for c in np.flatnonzero(seen).tolist():
-            if deviation[c] > max(MAX_STDDEV, MAX_RELATIVE_STDDEV * beta[c]):
-                status[c] = Status.RANGE_SPREAD_TOO_SMALL
+            status[c] = refuse_spread(float(beta[c]), float(deviation[c]), MAX_RELATIVE_STDDEV)
         known = np.array([reason is Status.OK for reason in status])
         clearer = refute_clearness(np.where(known, beta, np.nan), covariance, self._clear_water)
         if clearer is not Status.OK:

@@ -23,6 +23,9 @@ from uw_visibility.water.meaning.depth import DepthModel
 # standard deviation is beyond this fraction of the largest.
 WIDEST_INTERVAL = 2.5
 MAX_RELATIVE_STDDEV = 0.5
+# Relative standard deviations of β are cut at this: its exponential is finite, and no distance is
+# told long before.
+MOST_SPREAD = 10.0
 # Light whose colour is farther from that of any daylight below water tells no depth.
 MAX_COLOUR_ERROR = 3.0
 
@@ -201,9 +204,10 @@ class Assessor:
         best = int(np.nanargmin(estimate.attenuation))
         attenuation = float(estimate.attenuation[best])
         # β is uncertain by a factor (log-normal), and with it the distance.
-        part = math.sqrt(covariance[2 * best, 2 * best]) / attenuation
-        distance = factor / attenuation
-        return distance * math.exp(-part), distance, distance * math.exp(part)
+        spread = math.sqrt(covariance[2 * best, 2 * best]) / attenuation
+        factors = np.exp(np.clip(spread, 0.0, MOST_SPREAD) * np.array((-1.0, 0.0, 1.0)))
+        low, middle, high = (factor / attenuation * factors).tolist()
+        return low, middle, high
 
 
 def _least_light(estimate: WaterEstimate) -> Array:
