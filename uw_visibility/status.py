@@ -33,23 +33,11 @@ class Status(str, Enum):
         "(check camera.transfer, white balance, camera.response, calibration)"
     )
     OTHER_TRANSFER = (
-        "dark patches over range fit the other transfer far better "
-        "(check camera.transfer, flat field; are there any dark patches?)"
-    )
-    UNEVEN_RADIUS = (
-        "dark patches at equal range depend on the distance from the image's middle "
-        "(vignetting? check camera.vignetting, camera.flat_field, lamps)"
-    )
-    UNEVEN_SIDES = (
-        "dark patches at equal range differ between halves of the image "
-        "(a plume, a layer, shade or lamps to one side?)"
-    )
-    CUES_DISAGREE = (
-        "cues disagree: envelope and contrast decay at different rates "
-        "(check camera.transfer, calibration, lamps)"
+        "light over range fits another transfer than the one that was told "
+        "(check camera.transfer, flat field)"
     )
     NOT_ONE_WATER = (
-        "dark patches over range follow no single water and veil "
+        "dark and bright patches over range follow no single water and veil "
         "(check camera.vignetting, camera.transfer; a layer, or a veil that is brighter above?)"
     )
     UNLIKE_TRAINING = (
@@ -77,8 +65,7 @@ class Status(str, Enum):
 
 
 REFUTING = frozenset((
-    Status.CLEARER_THAN_CLEAR_WATER, Status.OTHER_TRANSFER, Status.UNEVEN_RADIUS,
-    Status.UNEVEN_SIDES, Status.CUES_DISAGREE, Status.NOT_ONE_WATER, Status.UNLIKE_TRAINING,
-    Status.NO_COLOUR,
+    Status.CLEARER_THAN_CLEAR_WATER, Status.OTHER_TRANSFER, Status.NOT_ONE_WATER,
+    Status.UNLIKE_TRAINING, Status.NO_COLOUR,
 ))
 """Reasons by which a frame shows that water, light or camera are not what is assumed."""

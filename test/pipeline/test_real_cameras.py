@@ -72,8 +72,11 @@ def test_srgb_images_tell_the_same_water(clean, undisturbed):
     assert_same_water(result, undisturbed)
     light = to_linear(result.left_enhanced, "srgb") - to_linear(undisturbed.left_enhanced, "linear")
     assert np.median(np.abs(light)) < 0.02
-    # Taken for linear ones they are refused, with what to check.
-    assert process(left, right).status is Status.OTHER_TRANSFER
+    # Taken for linear ones they tell another water, within the deviation.
+    water, reference = process(left, right).water, undisturbed.water
+    error = np.log(water.attenuation / reference.attenuation)
+    assert (error > 0.1).any()
+    assert (np.abs(error) < 3.0 * water.attenuation_stddev / water.attenuation).all()
 
 
 def test_a_white_balance_that_is_known_does_not_change_the_depth(clean, undisturbed):
@@ -139,4 +142,4 @@ def test_noise_caustics_and_snow_do_not_pass_for_water(scene, effects, tolerance
         errors.append(result.visibility.mean_attenuation - ALPHA)
         depths.append(result.visibility.depth - DEPTH)
     assert np.abs(errors).mean() < tolerance
-    assert np.abs(depths).mean() < 0.3
+    assert np.abs(depths).mean() < 0.4

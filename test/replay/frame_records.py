@@ -22,7 +22,7 @@ def frame_estimate(water_status: Status = Status.OK, /, **visibility: Any) -> Fr
     water = WaterEstimate(
         water_status, np.array([0.4, 0.2, math.nan]), np.array([0.1, 1 / 3, math.nan]),
         np.full((3, 2, 2), 0.1), 7, 30, (water_status, water_status, Status.TOO_DARK),
-        joint_covariance=np.eye(6), cues={"contrast": (np.full(3, 0.3), np.full(3, math.inf))},
+        joint_covariance=np.eye(6),
     )
     given = {"status": Status.OK, "depth_status": Status.OK} | visibility
     return FrameEstimate(

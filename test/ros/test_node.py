@@ -87,11 +87,12 @@ def test_every_topic_of_a_known_scene(
         name: np.array([getattr(messages[f"visibility/{name}"].vector, c) for c in "xyz"])
         for name in ("attenuation", "attenuation_stddev", "ambient_light")
     }
-    np.testing.assert_allclose(vectors["attenuation"], scene.attenuation, atol=0.12)
+    off = np.abs(vectors["attenuation"] - scene.attenuation)
+    assert (off < 2.0 * vectors["attenuation_stddev"]).all()
+    assert (vectors["attenuation_stddev"] < 0.5 * vectors["attenuation"]).all()
     np.testing.assert_allclose(vectors["ambient_light"], scene.ambient_light, atol=0.08)
-    assert (vectors["attenuation_stddev"] > 0).all()
     distance = messages["visibility/distance"]
-    assert distance.range == pytest.approx(2.351 / vectors["attenuation"].min(), rel=1e-3)
+    assert distance.range == pytest.approx(2.351 / vectors["attenuation"].min(), rel=0.05)
     assert distance.variance > 0
     position = messages["visibility/depth"].pose.pose.position
     assert position.z <= 0 and math.isfinite(position.z)
@@ -215,12 +216,15 @@ def test_mosaics_give_the_attenuation_of_the_scene(
             ),
             info("left", scale=2), info("right", scale=2),
         )
-        disparity, attenuation = client.result(stamp, "disparity", "visibility/raw/attenuation")
+        disparity, attenuation, stddev = client.result(
+            stamp, "disparity", "visibility/raw/attenuation", "visibility/raw/attenuation_stddev")
         error = np.abs(40.0 / depths(disparity) - large_scene.disparity)
         assert np.nanmedian(error) < 0.5
-        found.append(vector(attenuation))
+        found.append((vector(attenuation), vector(stddev)))
     # Two thirds of a mosaic's values are interpolated.
-    np.testing.assert_allclose(found[1:], found[:1] * 2, rtol=0.08)
+    whole, deviation = found[0]
+    for mosaic, _ in found[1:]:
+        assert (np.abs(mosaic - whole) < deviation).all()
 
 
 def flat(value: int) -> Callable[..., tuple[Any, Any, Any, Any]]:

@@ -16,17 +16,17 @@ class WaterConfig:
 
     method: str = parameter(
         "lower_envelope",
-        "Fit of the dark envelope: lower_envelope (asymmetric loss, darkest patches), or "
-        "paper (symmetric loss, 1 % quantile); or posterior (experimental: networks that were "
-        "trained on random views infer attenuation, veil and light; by daylight, with water.veil "
-        "free; a survey takes lower_envelope).",
-        choices=("lower_envelope", "paper", "posterior"),
+        "Fit of the dark envelope, with water.veil paper: lower_envelope (asymmetric loss, "
+        "darkest patches), or paper (symmetric loss, 1 % quantile, without priors and with any "
+        "water.veil).",
+        choices=("lower_envelope", "paper"),
     )
     veil: str = parameter(
         "free",
-        "Veil, what the water adds, and light on the scene: free (each of its own, from open "
-        "water, contrast and envelopes), or paper (one ambient light for both, for water "
-        "that is lit as the scene is; more precise where that holds).",
+        "Veil, what the water adds, and light on the scene: free (each of its own; networks "
+        "that were trained on random views infer both and attenuation), or paper (one ambient "
+        "light for both, by a fit, for water that is lit as the scene is; more precise where "
+        "that holds).",
         choices=("free", "paper"),
     )
     bins: int = parameter(

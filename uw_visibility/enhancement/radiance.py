@@ -24,7 +24,7 @@ _LEAST_ATTENUATION = 1e-9
 # However noisy an image and unsure its veil, this much optical thickness is made up for.
 _LEAST_THICKNESS = 0.5
 # Largest standard deviation of radiance by that of the veil, as part of white.
-_MOST_VEIL = 0.2
+_MOST_VEIL = 0.5
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Restorer:
         limited : (H, W) bool ndarray
             Where the range is unknown, or the gain of a channel was limited: to `max_gain`, or to
             what
-            keeps noise below `max_noise` and an error of the veil below a fifth of white.
+            keeps noise below `max_noise` and an error of the veil below half of white.
         """
         planes = as_channels(image, range_map)
         decode = linear_table(self._transfer, image.dtype)

@@ -23,6 +23,7 @@ from uw_visibility.messages.estimates import ImageHeader
 from uw_visibility.replay.records import FrameEstimate, FrameRecord
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.daylight.statistics import Blocks
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.lamps.cells import Cells
 from uw_visibility.water.lamps.tracks import GroundView
@@ -31,18 +32,19 @@ from uw_visibility.water.observations import Envelopes
 
 NAME = "frames.jsonl"
 
-# A frame takes some 20 kB.
+# A frame takes some 60 kB.
 _LONGEST_LINE = 1 << 22
-_DTYPES = ("<f8", "<i8")
+_DTYPES = ("<f8", "<f4", "<i8")
 _CLASSES: dict[str, type[Any]] = {
     kind.__name__: kind for kind in (
         FrameRecord, FrameEstimate, WaterEstimate, LampLight, Cells, Envelopes, Visibility,
-        StereoRig, ImageHeader,
+        StereoRig, ImageHeader, Blocks,
     )
 }
 _SHAPES = {
     "attenuation": (3,), "ambient_light": (3,), "covariance": (3, 2, 2),
-    "joint_covariance": (6, 6), "light": (3,), "light_stddev": (3,),
+    "joint_covariance": (6, 6), "light": (3,), "light_stddev": (3,), "clearest": (3,),
+    "light_covariance": (3, 3),
     "power": (3,), "scattering": (3,), "daylight": (3,), "veil": (3,),
 }
 
@@ -138,8 +140,12 @@ def _made(kind: type[Any], found: dict[str, Any]) -> Any:
             found[name] = Status(found[name])
         elif name in found and not _is_a(found[name], hint):
             raise TypeError(name)
-        elif name in _SHAPES and found[name] is not None and found[name].shape != _SHAPES[name]:
+        elif kind is not Blocks and name in _SHAPES and found[name] is not None and (
+            found[name].shape != _SHAPES[name]
+        ):
             raise ValueError(name)
+    if kind is Blocks and found["light"].shape != (*found["range"].shape, 3):
+        raise ValueError("light")
     if kind is WaterEstimate:
         found["channel_status"] = tuple(Status(status) for status in found["channel_status"])
     return kind(**found)
@@ -152,6 +158,6 @@ def _is_a(value: Any, hint: Any) -> bool:
 
 
 def _names(kind: type[Any]) -> tuple[str, ...]:
-    if kind is ImageHeader:
-        return ImageHeader._fields
+    if kind in (ImageHeader, Blocks):
+        return tuple(get_type_hints(kind))
     return tuple(field.name for field in fields(kind))

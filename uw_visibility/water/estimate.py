@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.fit import Fit, blank
+from uw_visibility.water.daylight.statistics import Blocks
 from uw_visibility.water.lamps.cells import Cells
 from uw_visibility.water.lamps.tracks import GroundView
 from uw_visibility.water.observations import Envelopes
@@ -82,14 +83,15 @@ class WaterEstimate:
         `scene_light`.
     light_stddev : (3,) float64 ndarray or None
         Its standard deviation.
-    cues : dict of str to tuple of (3,) float64 ndarray
-        What each cue alone says of β, and its standard deviation: ``"open water"`` or
-        ``"dark envelope"``, and ``"contrast"``. Empty with the paper's model.
+    light_covariance : (3, 3) float64 ndarray or None
+        Covariance of ln W: channels are off alike, so that the light's colour is better known than
+        its level. None where W follows the veil.
     clearest : (3,) float64 ndarray or None
         16, 50 and 84 % of −ln min β over the channels, β in 1/m; None where it is as β and
         its covariance say.
-    open_water : float
-        Part of the image that is open water.
+    blocks : Blocks or None
+        Some of what the posterior was inferred from, for a survey to take with that of other
+        frames.
     lamps : LampLight or None
         Light of the lamps, where they light the scene.
     grey_on_average : bool
@@ -113,9 +115,9 @@ class WaterEstimate:
     joint_covariance: Array | None = None
     light: Array | None = None
     light_stddev: Array | None = None
-    cues: dict[str, tuple[Array, Array]] = field(default_factory=dict)
+    light_covariance: Array | None = None
     clearest: Array | None = None
-    open_water: float = 0.0
+    blocks: Blocks | None = None
     lamps: LampLight | None = None
     grey_on_average: bool = False
     blue_as_green: bool = False

@@ -32,12 +32,6 @@ def cauchy_weight(residual: Any, scale: Any, weight: Any = 1.0) -> Any:
     return weight / (1.0 + (residual / scale) ** 2)
 
 
-@register_jitable
-def cauchy_weight_by_precision(residual: Any, precision: Any, scale: Any) -> Any:
-    """Weight by Cauchy's loss of a residual with an inverse variance, `precision`."""
-    return precision / (1.0 + precision * (residual / scale) ** 2)
-
-
 def charbonnier_weight(residual: Array) -> Array:
     """Weight by Charbonnier's loss of residuals over their scale."""
     return np.asarray(1.0 / np.sqrt(1.0 + residual**2))

@@ -47,8 +47,8 @@ OPTIONS: Options = {
     "--traced FOLDER": (None, "scenes that `uw_visibility render` made", Path),
     "--sea FOLDER": (None, "frames of FLSea with their ranges", Path),
     "--estimator NAME": (
-        "free", "free or paper, for the package's fits with that water.veil; posterior; or a file "
-        "that `uw_visibility train` wrote"),
+        "free", "free or paper, for the package's with that water.veil; or a file that "
+        "`uw_visibility train` wrote"),
     "--cases N": (100, "views of each kind"),
     "--seed S": (0, "of the views"),
 }
@@ -84,8 +84,7 @@ def run(arguments: argparse.Namespace) -> None:
 def _estimator(name: str) -> Estimator:
     from uw_visibility_lab.posterior.estimators import OnBoard
 
-    known = ("free", "paper", "posterior")
-    return OnBoard(name) if name in known else OnBoard(weights=Path(name))
+    return OnBoard(name) if name in ("free", "paper") else OnBoard(weights=Path(name))
 
 
 class _Kind(NamedTuple):

@@ -22,8 +22,8 @@ as the estimator would, and train networks that infer attenuation, veil and ligh
 statistics. The same pool, seed and number of views give the same statistics; PyTorch's rounding
 may differ from one processor to another.
 
-`uw_visibility judge` compares the result with other estimators. What `water.method: posterior` uses
-is the package's `data/daylight_posterior.npz`."""
+`uw_visibility judge` compares the result with other estimators. What the package's estimator uses
+is its `data/daylight_posterior.npz`."""
 
 OPTIONS: Options = {
     "--views N": (50_000, "views to draw; a second a core draws some 30"),

@@ -20,20 +20,10 @@ NOTHING = np.full(3, np.nan)
 
 
 class OnBoard:
-    """The package's estimator.
+    """The package's estimator; with other networks where they are given."""
 
-    Parameters
-    ----------
-    name : str
-        ``free`` or ``paper``, the veil of the fits, or ``posterior``.
-    weights : Path, optional
-        Networks of another posterior than the package's.
-    """
-
-    def __init__(self, name: str = "free", weights: Path | None = None) -> None:
-        by_posterior = name == "posterior" or weights is not None
-        self._config = (
-            WaterConfig(method="posterior") if by_posterior else WaterConfig(veil=name))
+    def __init__(self, veil: str = "free", weights: Path | None = None) -> None:
+        self._config = WaterConfig(veil=veil)
         self._daylight = Assessor.from_config(PipelineConfig()).daylight
         self._network = None if weights is None else network.load(weights)
 

@@ -39,7 +39,7 @@ class Examples(NamedTuple):
     Attributes
     ----------
     of_bins : (N, 3, BINS, OF_BIN) float32 ndarray
-    of_tiles : (N, 4, TILES, BINS) float32 ndarray
+    of_tiles : (N, 5, TILES, BINS) float32 ndarray
     of_channels : (N, 3, OF_CHANNEL) float32 ndarray
     of_image : (N, OF_IMAGE) float32 ndarray
     truth : (N, 3, 3) float32 ndarray

@@ -33,18 +33,18 @@ from uw_visibility.water.daylight.network import (
     of_arrays,
 )
 from uw_visibility.water.daylight.statistics import (
+    BETWEEN_HALVES,
     BINS,
     COMPARED,
     OF_BIN,
     OF_CHANNEL,
-    QUANTILES,
     Statistics,
 )
 from uw_visibility_lab.posterior.examples import Examples
 
 # Views whose features are calculated at a time.
 BLOCK = 1024
-HIDDEN = (144, 96, 64)
+HIDDEN = (128, 96, 64)
 BATCH = 256
 LEARNING_RATE, WEIGHT_DECAY = 2e-3, 3e-2
 # Noise on the features, in deviations, and the part of them that is left out in each step.
@@ -120,14 +120,14 @@ def _loss(net: Net, x: Any, truth: Any, other_curve: Any) -> Any:
 
 def mirrored_columns() -> NDArray[np.intp]:
     """Columns of a channel's own features that change sign where left and right change places."""
-    first = len(QUANTILES) + 1
+    first = BETWEEN_HALVES
     return np.concatenate([
         i * OF_BIN + np.arange(first, first + len(COMPARED)) for i in range(BINS)])
 
 
 def channel_columns() -> int:
     """Number of a channel's own features."""
-    return BINS * OF_BIN + OF_CHANNEL + OF_CURVES
+    return OF_CURVES + OF_CHANNEL
 
 
 def train(

@@ -38,7 +38,7 @@ def statistics_of(seed: int = 0) -> Statistics:
     of_bins = rng.normal(-1.0, 0.5, (3, BINS, OF_BIN)).astype(np.float32)
     of_bins[..., -1] = 1.0
     of_image = rng.normal(0.0, 0.3, OF_IMAGE).astype(np.float32)
-    of_tiles = rng.uniform(0.2, 0.8, (4, TILES, BINS)).astype(np.float32)
+    of_tiles = rng.uniform(0.2, 0.8, (5, TILES, BINS)).astype(np.float32)
     return Statistics(
         of_bins, of_tiles, rng.normal(size=(3, OF_CHANNEL)).astype(np.float32), of_image,
         np.array((0.2, 0.5, 0.8)), 4.0)
@@ -68,7 +68,7 @@ def test_the_mixture_is_a_distribution() -> None:
 def test_exchanged_channels_exchange_the_answer() -> None:
     one, order = statistics_of(), [2, 0, 1]
     other = one._replace(
-        of_bins=one.of_bins[order], of_tiles=one.of_tiles[[*order, 3]],
+        of_bins=one.of_bins[order], of_tiles=one.of_tiles[[*order, 3, 4]],
         of_channels=one.of_channels[order], brightest=one.brightest[order])
     first, second = infer(network(), one), infer(network(), other)
     np.testing.assert_allclose(first.mean[order], second.mean, atol=1e-6)

@@ -9,17 +9,28 @@ import pytest
 from numpy.typing import NDArray
 
 from uw_visibility.images.view import View
-from uw_visibility.water.daylight.curves import ALL, DARK, GUESSES, THICKNESS, curves
+from uw_visibility.water.daylight.curves import KEPT, OF_CURVES, THICKNESS, curves, level
 from uw_visibility.water.daylight.statistics import (
+    BETWEEN_HALVES,
     BINS,
     COMPARED,
     FLOOR,
+    IS_WATER,
+    LOCAL,
+    LOWER_ROW,
+    LOWER_WATER,
     OF_BIN,
     OF_CHANNEL,
     OF_IMAGE,
     QUANTILES,
     RANGES,
+    ROW,
+    ROWS,
     TILES,
+    UPPER_ROW,
+    UPPER_WATER,
+    WEIGHT,
+    WITHIN_TILE,
     Statistics,
     reduce_to_blocks,
     summarise,
@@ -84,8 +95,7 @@ def test_a_mirrored_image_changes_the_sign_of_left_and_right_alone() -> None:
     image, ranges = picture(), ranges_of()
     image[:, 160:] //= np.uint16(2)
     one, other = summary(image, ranges), summary(image[:, ::-1], ranges[:, ::-1])
-    first = len(QUANTILES) + 1
-    sides = slice(first, first + len(COMPARED))
+    sides = slice(BETWEEN_HALVES, BETWEEN_HALVES + len(COMPARED))
     assert (one.of_bins[..., sides] > 0.3).all()
     np.testing.assert_allclose(one.of_bins[..., sides], -other.of_bins[..., sides], atol=1e-5)
     rest = np.delete(np.arange(OF_BIN), np.arange(OF_BIN)[sides])
@@ -134,33 +144,125 @@ def test_without_ranges_there_is_nothing(unknown: float) -> None:
     assert summarise(nowhere, 0.0, CLEAR) is None
 
 
-@pytest.mark.parametrize("attenuation", [0.1, 0.3, 0.7])
-def test_residuals_are_least_at_the_water_that_made_the_quantiles(attenuation: float) -> None:
-    distance = np.geomspace(0.5, 2.5, BINS)
+# Fits in the order of `curves`, and whether the veil is kept of each.
+FITS = {
+    "all": True, "dark": False, "black": True, "open water": False, "black, open water": False,
+    "tiles, open water": False, "all, gradient": True, "black, gradient": True, "tiles": True,
+    "tiles, gradient": True, "local contrast": False, "contrast within tiles": False}
+
+
+def guesses(found: NDArray[np.float32]) -> tuple[dict[str, float], dict[str, float]]:
+    """Attenuation and veil where the residuals of each fit are least, of one channel."""
+    grid, kept = len(THICKNESS), len(THICKNESS[KEPT])
+    attenuations, veils, at = {}, {}, BINS * OF_BIN + 1
+    for name, keeps_veil in FITS.items():
+        residual = found[at:at + grid]
+        assert residual.min() == 0.0
+        attenuations[name] = float(np.exp(found[at + grid + 1]))
+        at += grid + 2
+        if keeps_veil:
+            veils[name] = float(np.exp(found[at + kept]))
+            at += kept + 1
+    assert at + 8 == len(found)
+    return attenuations, veils
+
+
+def made_of(
+    attenuation: float, gradient: float = 0.0, noise: float = 0.0, water: bool = True
+) -> list[NDArray[np.float32]]:
+    """Statistics of a floor whose range falls from the upper to the lower rows, exactly."""
+    distance = np.geomspace(2.5, 0.5, BINS)
+    rows = np.linspace(-0.1, 0.5, BINS)
     left = np.exp(-attenuation * distance)
+    veil = 0.4 * (1.0 - gradient * rows)
     reflectance = np.array((0.0, 0.0, 0.05, 0.2, 0.4, 0.6, 0.9, 1.0))
-    quantiles = 0.4 * (1.0 - left[:, np.newaxis]) + 0.9 * reflectance * left[:, np.newaxis]
+    quantiles = (veil * (1.0 - left))[:, np.newaxis] + 0.9 * reflectance * left[:, np.newaxis]
     of_bins = np.zeros((3, BINS, OF_BIN), np.float32)
     of_bins[..., :len(QUANTILES)] = np.log(quantiles + FLOOR)
+    of_bins[..., LOCAL] = 0.5 * np.log(0.01 * left**2 + noise**2)
+    of_bins[..., WITHIN_TILE] = 0.5 * np.log(0.04 * left**2 + noise**2)
     of_bins[..., -1] = 1.0
     of_image = np.zeros(OF_IMAGE, np.float32)
-    of_image[RANGES] = np.log(distance)
-    of_tiles = np.zeros((4, TILES, BINS), np.float32)
-    of_tiles[:3] = 0.4 * (1.0 - left) + 0.9 * np.linspace(0.1, 0.9, TILES)[:, np.newaxis] * left
-    of_tiles[3] = 1.0
+    of_image[RANGES], of_image[ROWS] = np.log(distance), rows
+    of_tiles = np.zeros((5, TILES, BINS), np.float32)
+    of_tiles[:3] = veil * (1.0 - left) + 0.9 * np.linspace(
+        0.1, 0.9, TILES)[:, np.newaxis] * left
+    of_tiles[WEIGHT], of_tiles[ROW] = 1.0, rows
     of_channels = np.zeros((3, OF_CHANNEL), np.float32)
-    of_channels[:, 2], of_channels[:, 10:12] = 1.0, np.log(0.4 + FLOOR)
-    found = curves(of_bins, of_tiles, of_channels, of_image)
-    grid = len(THICKNESS)
-    nearest = int(np.abs(np.log(THICKNESS / attenuation)).argmin())
-    # All quantiles, the dark ones, those with open water, with its gradient, and tiles.
-    for first in (0, 2 * grid + 1, 5 * grid + 3, 6 * grid + 4, 7 * grid + 5):
-        assert int(found[1, first:first + grid].argmin()) in (nearest - 1, nearest, nearest + 1)
-    veil = np.exp(found[1, grid + 1 + nearest])
-    assert veil == pytest.approx(0.4, rel=0.3)
-    assert len(ALL) > len(DARK)
+    if water:
+        of_image[UPPER_ROW], of_image[LOWER_ROW] = -0.45, -0.25
+        of_channels[:, IS_WATER] = 1.0
+        of_channels[:, UPPER_WATER] = np.log(0.4 * (1.0 + 0.45 * gradient) + FLOOR)
+        of_channels[:, LOWER_WATER] = np.log(0.4 * (1.0 + 0.25 * gradient) + FLOOR)
+    return [of_bins, of_tiles, of_channels, of_image]
+
+
+@pytest.mark.parametrize("attenuation", [0.1, 0.3, 0.7])
+@pytest.mark.parametrize("water", [True, False])
+def test_residuals_are_least_at_the_water_that_made_the_statistics(
+    attenuation: float, water: bool
+) -> None:
+    found = curves(*made_of(attenuation, water=water))
+    assert found.shape == (3, OF_CURVES)
+    attenuations, veils = guesses(found[1])
+    for name, seen in attenuations.items():
+        if "contrast" in name or (name.endswith("open water") and not water):
+            continue
+        assert seen == pytest.approx(attenuation, rel=0.06), name
+    for name, seen in veils.items():
+        assert seen == pytest.approx(0.4, rel=0.12), name
     # Contrast falls as e^(−βd).
-    np.testing.assert_allclose(found[:, -8 - GUESSES], -attenuation, atol=0.02)
-    guesses = np.exp(found[1, -GUESSES:])
-    np.testing.assert_allclose(guesses[:6], attenuation, rtol=0.05)
-    np.testing.assert_allclose(guesses[6:], 0.4, rtol=0.1)
+    np.testing.assert_allclose(found[:, -8], -attenuation, atol=0.02)
+
+
+@pytest.mark.parametrize("attenuation", [0.3, 0.7])
+@pytest.mark.parametrize("water", [True, False])
+def test_a_veil_that_is_brighter_above_is_one_of_the_models(
+    attenuation: float, water: bool
+) -> None:
+    """What far surfaces gain by it looks like slower decay where the veil is one."""
+    attenuations, veils = guesses(curves(*made_of(attenuation, gradient=0.5, water=water))[1])
+    for name in ("all", "black", "tiles"):
+        assert attenuations[f"{name}, gradient"] == pytest.approx(attenuation, rel=0.05), name
+        assert veils[f"{name}, gradient"] == pytest.approx(0.4, rel=0.04), name
+    if not water:
+        assert attenuations["black"] < 0.6 * attenuation
+
+
+@pytest.mark.parametrize("attenuation", [0.3, 0.7])
+def test_open_water_tells_the_gradient_of_the_veil_and_levels_it(attenuation: float) -> None:
+    even, sloping = (level(*made_of(attenuation, gradient=g)) for g in (0.0, 0.5))
+    np.testing.assert_allclose(even.slope, 0.0, atol=1e-6)
+    np.testing.assert_allclose(sloping.slope, -0.2, rtol=0.03)
+    np.testing.assert_allclose(sloping.water, 0.4, rtol=0.01)
+    for one, other in ((even.of_bins, sloping.of_bins), (even.of_tiles, sloping.of_tiles)):
+        np.testing.assert_allclose(one, other, atol=0.05)
+    none = level(*made_of(attenuation, gradient=0.5, water=False))
+    np.testing.assert_allclose(none.of_bins, made_of(attenuation, gradient=0.5)[0], atol=1e-5)
+    assert not none.slope.any() and not none.water.any()
+
+
+def test_noise_does_not_slow_the_decay_of_contrast() -> None:
+    found = curves(*made_of(0.8, noise=0.02))
+    attenuations, _ = guesses(found[1])
+    assert attenuations["local contrast"] == pytest.approx(0.8, rel=0.05)
+    assert attenuations["contrast within tiles"] == pytest.approx(0.8, rel=0.05)
+    assert found[1, -2] > -0.7
+
+
+def test_contrast_within_tiles_is_that_of_the_blocks() -> None:
+    """A step between tiles is none within one."""
+    image, ranges = picture(), np.full(SHAPE, 3.0, np.float32)
+    ranges[:, ::2] = 3.001
+    even = np.full_like(image, 20000)
+    even[:, 160:] = 5000
+    contrast = summary(even, ranges).of_bins[..., WITHIN_TILE]
+    assert (contrast == np.log(np.float32(0.5 * FLOOR))).all()
+    samples = View.of(image).colour
+    assert samples is not None
+    found = summary(image, ranges_of())
+    blocks = reduce_to_blocks(samples, ranges_of(), None)
+    middle = np.exp(found.of_image[RANGES][6]) * found.median_range
+    there = np.abs(np.log(blocks.range / middle)) < 0.03
+    expected = blocks.light[there].std(axis=0) / found.brightest
+    np.testing.assert_allclose(np.exp(found.of_bins[:, 6, WITHIN_TILE]), expected, rtol=0.15)

@@ -119,7 +119,7 @@ def test_a_distance_has_the_interval_that_the_posterior_tells():
     found = np.array((seen.distance_low, seen.distance, seen.distance_high))
     np.testing.assert_allclose(
         found, [visibility_distance(beta, 0.05) for beta in (0.4, 0.3, 0.25)])
-    wide = ASSESSOR.assess(replace(told, clearest=-np.log((0.6, 0.3, 0.2))))
+    wide = ASSESSOR.assess(replace(told, clearest=-np.log((0.8, 0.3, 0.15))))
     assert wide.status is Status.RANGE_SPREAD_TOO_SMALL
     assert math.isnan(wide.distance_low) and math.isnan(wide.distance)
 

@@ -54,7 +54,7 @@ def test_what_is_filtered_is_assessed_too() -> None:
 
 
 def test_a_distance_that_is_no_longer_known_is_refused_for_the_reason_of_the_frame() -> None:
-    kept = WaterFilter(PipelineConfig())
+    kept = WaterFilter(PipelineConfig.from_parameters({"tracking.unseen_rate": 0.2}))
     kept.update(water(), 0.0)
     blind = WaterEstimate.not_assessable(Status.TOO_DARK)
     found = [kept.update(blind, time) for time in (0.2, 4.5)]

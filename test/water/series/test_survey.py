@@ -17,6 +17,7 @@ from uw_visibility.optics.light_model import ambient_light_at_depth
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor
 from uw_visibility.water.series.survey import FrameWindow, Survey
 
@@ -78,22 +79,22 @@ def survey_frames(seed, mean_attenuation, *, frames=60, amplitude=0.3, exposure=
         yield float(k), codes, distance.astype(np.float32)
 
 
-def observed(frames):
+def observed(frames, model="paper"):
     """What the estimator says of each frame alone."""
     return [
-        (stamp, ESTIMATOR.estimate(image, distance, range_error=RANGE_ERROR))
+        (stamp, ESTIMATORS[model].estimate(image, distance, range_error=RANGE_ERROR))
         for stamp, image, distance in frames]
 
 
 @functools.cache
-def observed_survey(seed, alpha, **options):
-    return observed(survey_frames(seed, alpha, **options))
+def observed_survey(seed, alpha, model="paper", **options):
+    return observed(survey_frames(seed, alpha, **options), model)
 
 
-def surveyed(frames, estimator=ESTIMATOR, **config):
-    survey = Survey(SurveyConfig(**config), estimator)
+def surveyed(frames, model="paper", **config):
+    survey = Survey(SurveyConfig(**config), ESTIMATORS[model])
     for stamp, alone in frames:
-        survey.add(alone.envelope, stamp)
+        survey.add(alone, stamp)
     return survey, alone
 
 
@@ -119,33 +120,32 @@ def test_a_survey_at_two_metres_shows_the_water(alpha, light):
 
 
 @pytest.mark.parametrize(("alpha", "veil", "most"), [
-    (0.3, 1.0, 0.3), (0.1, 1.0, 0.47), (0.3, 0.5, 0.45), (0.1, 0.5, 0.6),
+    (0.3, 1.0, 0.4), (0.1, 1.0, 0.6), (0.3, 0.5, 0.6), (0.1, 0.5, 0.75),
 ])
 def test_where_the_veil_may_differ_from_the_light_a_survey_says_less(alpha, veil, most):
     errors, relative = [], []
     for seed in range(3):
-        frames = observed_survey(seed, alpha, **({} if veil == 1.0 else {"veil": veil}))
-        water = surveyed(frames, ESTIMATORS["free"])[0].estimate().water
+        frames = observed_survey(seed, alpha, "free", veil=veil)
+        water = surveyed(frames, "free")[0].estimate().water
         assert water.status is Status.OK
-        errors.append((water.attenuation - KAPPA - alpha) / water.attenuation_stddev)
         relative.append(water.attenuation_stddev / water.attenuation)
+        errors.append(np.log(water.attenuation / (KAPPA + alpha)) / relative[-1])
     assert np.max(np.abs(errors)) < 3.0
     assert np.mean(relative) < most
 
 
-@pytest.mark.parametrize("veil", ["free", "paper"])
 @pytest.mark.parametrize("alpha", [0.1, 0.3])
-def test_over_sand_without_anything_dark_the_estimate_holds_or_is_refused(alpha, veil, monkeypatch):
+def test_over_sand_without_anything_dark_the_deviation_holds(alpha, monkeypatch):
     def sand(rng, length):
         grain = cv2.GaussianBlur(rng.standard_normal((2 * HEIGHT, length)), (0, 0), 2.0)
         shade = np.clip(0.45 + 0.07 * grain / grain.std(), 0.3, 0.6)
         return (shade[..., np.newaxis] * np.ones(3)).astype(np.float32)
 
     monkeypatch.setitem(globals(), "sea_floor", sand)
-    survey, _ = surveyed(observed(survey_frames(1, alpha)), ESTIMATORS[veil])
+    survey, _ = surveyed(observed(survey_frames(1, alpha), "free"), "free")
     water = survey.estimate().water
     error = (water.attenuation - KAPPA - alpha) / water.attenuation_stddev
-    assert water.status is Status.CUES_DISAGREE or np.max(np.abs(error)) < 3.0
+    assert np.max(np.abs(error)) < 3.0
 
 
 def test_ambient_light_is_that_of_the_newest_frame():
@@ -175,9 +175,9 @@ def test_frames_leave_the_window_and_a_clock_set_back_begins_anew():
     survey, _ = surveyed(frames, window=24.0)
     found = survey.estimate()
     assert (found.frames, found.duration) == (25, 24.0)
-    survey.add(frames[0][1].envelope, 29.0)
+    survey.add(frames[0][1], 29.0)
     assert survey.estimate().frames == 1
-    survey.add(None, 30.0)
+    survey.add(WaterEstimate.not_assessable(Status.NO_COLOUR), 30.0)
     assert survey.estimate().frames == 1
 
 
@@ -187,7 +187,7 @@ def test_an_estimate_is_made_once_in_a_second_of_the_stamps():
     first = survey.estimate()
     _, image, distance = next(survey_frames(0, 0.3))
     image = image // 2
-    dim = ESTIMATOR.estimate(image, distance, range_error=RANGE_ERROR).envelope
+    dim = ESTIMATOR.estimate(image, distance, range_error=RANGE_ERROR)
     survey.add(dim, 29.5)
     second = survey.estimate()
     np.testing.assert_array_equal(second.water.attenuation, first.water.attenuation)

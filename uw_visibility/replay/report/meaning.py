@@ -23,14 +23,10 @@ MEANINGS = {
     "them, while water would have taken the red: the colour of daylight, which tells the depth, "
     "is lost.",
     Status.OTHER_TRANSFER: "Images look encoded the other way than configured: linear or sRGB.",
-    Status.UNEVEN_RADIUS: "The image darkens or brightens from its middle outwards, as by the "
-    "lens or by lamps.",
-    Status.UNEVEN_SIDES: "The halves of the image show different water: a plume, a layer, or light "
-    "from one side.",
     Status.CLEARER_THAN_CLEAR_WATER: "The water would be clearer than pure sea water: a camera "
     "setting or the calibration is wrong.",
-    Status.CUES_DISAGREE: "Contrast and darkness fade with range at different rates, which no "
-    "single water explains.",
+    Status.UNLIKE_TRAINING: "The image is farther from all that the estimator was trained on than "
+    "three in a thousand of those are: its answer may be anything.",
     Status.NOT_ONE_WATER: "Dark patches lighten with range otherwise than any single water and "
     "veil would make them: a layer, vignetting, or a veil that changes over the image.",
     Status.UNLIKE_TRAINING: "The image is farther from all that the estimator was trained on than "
@@ -67,11 +63,10 @@ REMEDIES = {
     "fixed under water find camera.white_reference with uw_visibility calibrate.",
     Status.OTHER_TRANSFER: "Set camera.transfer to the other value; where it is right, set "
     "camera.flat_field.",
-    Status.UNEVEN_RADIUS: "Set camera.vignetting or camera.flat_field; turn lamps off.",
-    Status.UNEVEN_SIDES: "Wait until the plume has passed, or keep lamps and shade symmetrical.",
     Status.CLEARER_THAN_CLEAR_WATER: "Check camera.transfer, camera.response, the white balance, "
     "and that the rig was calibrated under water.",
-    Status.CUES_DISAGREE: "Check camera.transfer and the calibration; turn lamps off.",
+    Status.UNLIKE_TRAINING: "Look at the frame: a mosaic that was not interpolated, exchanged "
+    "channels or another image than of a scene under water?",
     Status.NOT_ONE_WATER: "Set camera.vignetting or camera.flat_field, check camera.transfer; let "
     "some open water be in view, which shows how the veil changes.",
     Status.UNLIKE_TRAINING: "Look at the frame: a mosaic that was not interpolated, exchanged "

@@ -14,8 +14,4 @@ active : (3,) bool ndarray
     Channels that are fitted.
 range_error : float
     Standard deviation of range over its square, 1/m.
-contrast : Decay or None
-    Decay of contrast with range.
-open_water, water : OpenWater or None
-    Open water in view.
 """

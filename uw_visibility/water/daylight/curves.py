@@ -1,65 +1,145 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""How well the light model fits the quantiles over range, for a grid of attenuations.
+"""How well the light model fits the statistics over range, for a grid of attenuations.
 
 If surfaces at all ranges are alike, each quantile of irradiance follows
 
-    q_k(d) = B + c_k e^(−βd),
+    q_k(d) = B(v) (1 − e^(−βd)) + c_k e^(−βd),
 
-with one veil B and one β (eq. 4 for any reflectance). For a given β that is linear in B and c_k.
-So do the means of a tile of the image, whose surfaces are more alike than those of all the image.
-Where open water is in view, it shows B. The network sees the residuals over β, with the veil that
-belongs to each, and need not learn what an exponential is.
+with one β and a veil B that may change with the row v, B(v) = B_0 + B_1 v (eq. 4 for any
+reflectance). For a given β that is linear in B_0, B_1 and c_k. So do the means of a tile of the
+image, whose surfaces are more alike than those of all the image. Open water shows B where nothing
+is left of surfaces. Contrast follows C² e^(−2βd) + N², with noise N, whatever the veil. The network
+sees the residuals over β, with the veil that belongs to each, and need not learn what an
+exponential is.
 """
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.jit import njit
 from uw_visibility.water.daylight.statistics import (
+    BINS,
     FLOOR,
+    IS_WATER,
+    LOCAL,
     LOWER_ROW,
+    LOWER_WATER,
+    OF_BIN,
     QUANTILES,
     RANGES,
+    ROW,
     ROWS,
     UPPER_ROW,
+    UPPER_WATER,
+    WEIGHT,
+    WITHIN_TILE,
 )
 
 # Optical thickness at the median range, of the grid.
 THICKNESS = np.geomspace(0.03, 4.0, 18).astype(np.float32)
 LOG_THICKNESS = np.log(THICKNESS)
 STEP = float(LOG_THICKNESS[1] - LOG_THICKNESS[0])
-# Quantiles of the fits, by place in QUANTILES: of the dark ones, and of all but the extremes.
-DARK = (1, 2, 3)
-ALL = (1, 2, 3, 4, 5, 6)
+# Quantiles of the fits, by place in QUANTILES: of the dark ones, of all but the extremes, and the
+# one that is taken for black.
+DARK, ALL, BLACK = (1, 2, 3), (1, 2, 3, 4, 5, 6), (1,)
 # Pairs of quantiles whose difference shows contrast.
 SPREADS = ((6, 2), (5, 3), (4, 1))
-# Places in `Statistics.of_channels`: whether open water is in view, its light above, and near the
-# scene.
-IS_WATER, SKY_WATER, SEEN_WATER = 2, 10, 11
-# Halves of open water are taken to be at least so many heights apart, and its light to change by
-# this logarithm at most.
-LEAST_APART, MOST_CHANGE = 0.02, 0.7
-# Rounding and noise, relative to the brightest: residuals below it say nothing.
-PRECISION = 0.003
-# Guesses of ln βd̃: where the residuals of all quantiles, the dark ones, black, open water, its
-# gradient, and tiles are least; and ln B of those of black and of tiles.
-GUESSES = 8
-OF_CURVES = 9 * len(THICKNESS) + 6 + 2 * (len(SPREADS) + 1) + GUESSES
+# Weight of open water in a fit, in bins: it decides on the veil and its gradient, or has a part.
+FIXED, FREE = 1000.0, 30.0
+# Rounding and noise, relative to the brightest, and relative error of a contrast: smaller residuals
+# say nothing.
+PRECISION, CONTRAST_PRECISION = 0.003, 0.05
+# Change of the veil from the upper to the lower edge, relative to the brightest, that is as likely
+# as a residual of PRECISION in one bin.
+GRADIENT = 0.5
+# Halves of open water that are so many heights apart tell half of the veil's gradient.
+LEAST_APART = 0.03
+# Open water counts half where ln of the mean squared residual is so much worse with it, and how
+# steeply that changes.
+MOST_WORSE, STEEP = 0.6, 5.0
+# Of the veil every third value of the grid is kept.
+KEPT = slice(1, None, 3)
+FITS, VEILS, CONTRASTS = 10, 6, 2
+OF_CURVES = (
+    BINS * OF_BIN + 1 + (FITS + CONTRASTS) * (len(THICKNESS) + 2)
+    + VEILS * (len(THICKNESS[KEPT]) + 1) + 2 * (len(SPREADS) + 1))
 
+
+class Levelled(NamedTuple):
+    """Statistics without the gradient of the veil that open water shows.
+
+    Attributes
+    ----------
+    of_bins : (..., 3, BINS, OF_BIN) float32 ndarray
+    of_tiles : (..., 5, TILES, BINS) float32 ndarray
+        See `Statistics`.
+    water : (..., 3, 2) float32 ndarray
+        Light of the two halves of open water; near 0 without.
+    slope : (..., 3) float32 ndarray
+        B_1 that was taken away, relative to the brightest.
+    """
+
+    of_bins: NDArray[np.float32]
+    of_tiles: NDArray[np.float32]
+    water: NDArray[np.float32]
+    slope: NDArray[np.float32]
+
+
+def level(
+    of_bins: NDArray[np.floating], of_tiles: NDArray[np.floating],
+    of_channels: NDArray[np.floating], of_image: NDArray[np.floating],
+) -> Levelled:
+    """Take the gradient of the veil away, so that it looks as in the middle row everywhere.
+
+    Between the halves of open water B changes by B_1 a row; before surfaces by B_1 v (1 − e^(−βd)),
+    with the β that fits the tiles best with that veil. What looks like open water may be a smooth
+    surface that was not matched: where that veil fits the tiles worse than any other, it does not
+    count. For the arrays see `curves`.
+    """
+    distance = np.exp(of_image[..., RANGES])
+    there = of_channels[..., IS_WATER, np.newaxis]
+    seen = (np.exp(of_channels[..., (UPPER_WATER, LOWER_WATER)]) - FLOOR) * there
+    rows = of_image[..., (UPPER_ROW, LOWER_ROW)]
+    tiles = (
+        of_tiles[..., :3, :, :], of_tiles[..., np.newaxis, WEIGHT, :, :],
+        of_tiles[..., np.newaxis, ROW, :, :], distance, seen, rows)
+    of_seen = np.broadcast_to(there, seen.shape)
+    residual, _ = _over_batch(*tiles, FIXED * of_seen, True, False)
+    without, _ = _over_batch(*tiles, 0.0 * of_seen, False, False)
+    worse = residual.min(axis=-1) - without.min(axis=-1)
+    apart = np.maximum(rows[..., 1] - rows[..., 0], 0.0)
+    sure = (apart / (apart**2 + LEAST_APART**2))[..., np.newaxis] / (
+        1.0 + np.exp(STEEP * np.clip(worse - MOST_WORSE, -9.0, 9.0)))
+    most = seen.max(axis=-1)
+    slope = np.clip((seen[..., 1] - seen[..., 0]) * sure, -most, most)
+    thickness = np.exp(_least(residual))
+    lost = slope[..., np.newaxis] * (
+        1.0 - np.exp(-thickness[..., np.newaxis] * distance[..., np.newaxis, :]))
+    bins = np.array(of_bins, np.float32)
+    light = np.exp(bins[..., :len(QUANTILES)]) - FLOOR
+    light -= (lost * of_image[..., np.newaxis, ROWS])[..., np.newaxis]
+    bins[..., :len(QUANTILES)] = np.log(np.maximum(light, 0.0) + FLOOR) * bins[..., -1:]
+    level_tiles = np.array(of_tiles, np.float32)
+    level_tiles[..., :3, :, :] -= lost[..., np.newaxis, :] * of_tiles[..., np.newaxis, ROW, :, :]
+    water = seen - slope[..., np.newaxis] * rows[..., np.newaxis, :]
+    return Levelled(bins, level_tiles, water.astype(np.float32), slope.astype(np.float32))
 
 
 def curves(
     of_bins: NDArray[np.floating], of_tiles: NDArray[np.floating],
     of_channels: NDArray[np.floating], of_image: NDArray[np.floating],
 ) -> NDArray[np.float32]:
-    """Fit the quantiles over range for each attenuation of a grid.
+    """Fit the statistics over range for each attenuation of a grid.
 
     Parameters
     ----------
     of_bins : (..., 3, BINS, OF_BIN) float32 ndarray
-    of_tiles : (..., 4, TILES, BINS) float32 ndarray
+    of_tiles : (..., 5, TILES, BINS) float32 ndarray
     of_channels : (..., 3, OF_CHANNEL) float32 ndarray
     of_image : (..., OF_IMAGE) float32 ndarray
         See `Statistics`.
@@ -67,36 +147,58 @@ def curves(
     Returns
     -------
     (..., 3, OF_CURVES) float32 ndarray
-        Logarithms of residuals and of veils over the grid, the decay of contrast, and guesses of
-        attenuation and veil.
+        Statistics of the bins and what was taken away, see `level`; logarithms of residuals and of
+        veils over the grid, where residuals are least, and the decay of contrast.
     """
     distance = np.exp(of_image[..., RANGES])
-    weight = of_bins[..., -1]
+    of_bins, of_tiles, seen, slope = level(of_bins, of_tiles, of_channels, of_image)
+    there = of_bins[..., -1]
     q = np.exp(of_bins[..., :len(QUANTILES)]) - FLOOR
-    parts, minima, veils = [], [], []
-    for chosen, black in ((ALL, False), (DARK, False), (DARK[:1], True)):
-        residual, veil = _fit(q[..., chosen], distance, weight, black)
-        least = residual.min(axis=-1, keepdims=True)
-        parts += [residual - least, least]
-        minima.append(_least(residual))
-        if chosen is not DARK:
-            parts.append(veil)
-    veils.append(_at(veil, minima[-1]))
-    there = of_channels[..., IS_WATER, np.newaxis]
-    near = of_channels[..., SEEN_WATER, np.newaxis]
-    for log_veil in (near, near + _gradient(of_channels, of_image)):
-        residual = _fit_to_water(q[..., ALL], distance, weight, np.exp(log_veil) - FLOOR)
-        least = residual.min(axis=-1, keepdims=True)
-        parts += [(residual - least) * there, least * there]
-        minima.append(_least(residual) * there[..., 0])
-    residual, veil = _fit_tiles(of_tiles[..., :3, :, :], distance, of_tiles[..., 3, :, :])
-    least = residual.min(axis=-1, keepdims=True)
-    parts += [residual - least, least, veil]
-    minima.append(_least(residual))
-    veils.append(_at(veil, minima[-1]))
-    parts.append(_decay(q, of_bins[..., len(QUANTILES)], distance, weight))
-    parts.append(np.stack((*minima, *veils), axis=-1))
+    water = of_channels[..., IS_WATER]
+    # Groups that have a c of their own: quantiles, (..., 3, K, BINS), or tiles.
+    bins = there[..., np.newaxis, :], of_image[..., np.newaxis, np.newaxis, ROWS]
+    tiles = (of_tiles[..., np.newaxis, WEIGHT, :, :], of_tiles[..., np.newaxis, ROW, :, :])
+    rows = of_image[..., (UPPER_ROW, LOWER_ROW)]
+    parts = [of_bins.reshape(*of_bins.shape[:-2], -1), slope[..., np.newaxis]]
+    for chosen, (weight, row), of_water, gradient, black, keep_veil in (
+        (ALL, bins, 0.0, False, False, True),
+        (DARK, bins, 0.0, False, False, False),
+        (BLACK, bins, 0.0, False, True, True),
+        (ALL, bins, FIXED, False, False, False),
+        (BLACK, bins, FIXED, False, True, False),
+        ((), tiles, FIXED, False, False, False),
+        (ALL, bins, FREE, True, False, True),
+        (BLACK, bins, FREE, True, True, True),
+        ((), tiles, 0.0, False, False, True),
+        ((), tiles, FREE, True, False, True),
+    ):
+        mean = np.moveaxis(q[..., chosen], -1, -2) if chosen else of_tiles[..., :3, :, :]
+        of_seen = np.stack((water, water), axis=-1) * of_water
+        residual, veil = _over_batch(
+            mean, weight, row, distance, seen, rows, of_seen, gradient, black)
+        if of_water == FIXED:
+            residual = residual * water[..., np.newaxis]
+        parts += _features(residual)
+        if keep_veil:
+            log_veil = np.log(np.clip(veil, 0.5 * FLOOR, 8.0))
+            parts += [log_veil[..., KEPT], _at(log_veil, parts[-1][..., 0])[..., np.newaxis]]
+    for place in (LOCAL, WITHIN_TILE):
+        shape = (*there.shape[:-1], len(THICKNESS))
+        residual = np.zeros(shape, np.float32)
+        _fit_contrasts(
+            *(np.ascontiguousarray(each, np.float32).reshape(-1, each.shape[-1]) for each in (
+                np.exp(2.0 * of_bins[..., place]), there,
+                np.broadcast_to(distance[..., np.newaxis, :], there.shape))),
+            residual.reshape(-1, shape[-1]))
+        parts += _features(residual)
+    parts.append(_decay(q, of_bins[..., LOCAL], distance, there))
     return np.concatenate(parts, axis=-1).astype(np.float32)
+
+
+def _features(residual: NDArray[np.floating]) -> list[NDArray[np.floating]]:
+    """Residuals over their least, the least, and ln thickness where it is, (..., n) each."""
+    least = residual.min(axis=-1, keepdims=True)
+    return [residual - least, least, _least(residual)[..., np.newaxis]]
 
 
 def _least(residual: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -117,92 +219,123 @@ def _at(values: NDArray[np.floating], log_thickness: NDArray[np.floating]) -> ND
     return np.asarray(first + (place - below[..., 0]) * (second - first))
 
 
-def _gradient(
-    of_channels: NDArray[np.floating], of_image: NDArray[np.floating]
-) -> NDArray[np.floating]:
-    """ln of open water's light at the rows of the bins, over that near the scene, (..., 3, BINS).
+def _over_batch(
+    mean: NDArray[np.floating], weight: NDArray[np.floating], row: NDArray[np.floating],
+    distance: NDArray[np.floating], seen: NDArray[np.floating], rows: NDArray[np.floating],
+    of_seen: NDArray[np.floating], gradient: bool, black: bool,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """`_fit_veil` for `mean` (..., 3, K, N): residuals and veils, (..., 3, G) each."""
+    before, (groups, bins) = mean.shape[:-2], mean.shape[-2:]
+    flat = [
+        np.ascontiguousarray(np.broadcast_to(each, (*before, *end)), np.float32).reshape(-1, *end)
+        for each, end in (
+            (mean, (groups, bins)), (weight, (groups, bins)), (row, (groups, bins)),
+            (distance[..., np.newaxis, :], (bins,)), (seen, (2,)), (rows[..., np.newaxis, :], (2,)),
+            (of_seen, (2,)))]
+    residual = np.empty((len(flat[0]), len(THICKNESS)), np.float32)
+    veil = np.empty_like(residual)
+    _fit_veil(*flat, gradient, black, residual, veil)
+    shape = (*before, len(THICKNESS))
+    return residual.reshape(shape), veil.reshape(shape)
 
-    The slope between the halves of open water is taken to go on below it.
+
+@njit(nogil=True)
+def _fit_veil(
+    mean: Any, weight: Any, row: Any, distance: Any, seen: Any, rows: Any, of_seen: Any,
+    gradient: bool, black: bool, residual: Any, veil: Any,
+) -> None:
+    """ln of the mean squared residual, and B_0, for each thickness.
+
+    With `black`, c is −B: surfaces reflect nothing. Without `gradient`, B_1 is 0. `seen` is what
+    two parts of open water show at `rows`, with the weights `of_seen`.
     """
-    upper, lower = of_image[..., UPPER_ROW], of_image[..., LOWER_ROW]
-    apart = np.minimum(upper - lower, -LEAST_APART)[..., np.newaxis]
-    slope = (of_channels[..., SKY_WATER] - of_channels[..., SEEN_WATER]) / apart
-    below = of_image[..., np.newaxis, ROWS] - lower[..., np.newaxis, np.newaxis]
-    return np.clip(slope[..., np.newaxis] * below, -MOST_CHANGE, MOST_CHANGE)
+    many, groups, bins = mean.shape
+    for i in range(many):
+        for g in range(len(THICKNESS)):
+            # Normal equations of B_0 and B_1.
+            a00, a01, a11, b0, b1, energy, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for k in range(groups):
+                ll, l0, l1, ly = 0.0, 0.0, 0.0, 0.0
+                for n in range(bins):
+                    w = weight[i, k, n]
+                    if w <= 0.0:
+                        continue
+                    left = np.exp(-THICKNESS[g] * distance[i, n])
+                    y = mean[i, k, n]
+                    # What B_0 and B_1 are multiplied with; c includes −B_0.
+                    of_0 = 1.0 - left if black else 1.0
+                    of_1 = row[i, k, n] * (1.0 - left)
+                    total += w
+                    energy += w * y * y
+                    a00 += w * of_0 * of_0
+                    a01 += w * of_0 * of_1
+                    a11 += w * of_1 * of_1
+                    b0 += w * of_0 * y
+                    b1 += w * of_1 * y
+                    if not black:
+                        ll += w * left * left
+                        l0 += w * left * of_0
+                        l1 += w * left * of_1
+                        ly += w * left * y
+                if ll > 1e-12:
+                    energy -= ly * ly / ll
+                    a00 -= l0 * l0 / ll
+                    a01 -= l0 * l1 / ll
+                    a11 -= l1 * l1 / ll
+                    b0 -= l0 * ly / ll
+                    b1 -= l1 * ly / ll
+            for j in range(2):
+                w = of_seen[i, j]
+                energy += w * seen[i, j] ** 2
+                a00 += w
+                a01 += w * rows[i, j]
+                a11 += w * rows[i, j] ** 2
+                b0 += w * seen[i, j]
+                b1 += w * rows[i, j] * seen[i, j]
+            a11 += (PRECISION / GRADIENT) ** 2
+            a00 = max(a00, 1e-9)
+            slope = 0.0
+            if gradient:
+                determinant = a00 * a11 - a01 * a01
+                if determinant > 1e-9 * a00 * a11:
+                    slope = (a00 * b1 - a01 * b0) / determinant
+            level = (b0 - a01 * slope) / a00
+            rest = energy - 2.0 * (level * b0 + slope * b1) + (
+                level * level * a00 + 2.0 * level * slope * a01 + slope * slope * a11)
+            residual[i, g] = np.log(max(rest, 0.0) / max(total, 1e-3) + PRECISION**2)
+            veil[i, g] = level
 
 
-def _fit_to_water(
-    q: NDArray[np.floating], distance: NDArray[np.floating], weight: NDArray[np.floating],
-    veil: NDArray[np.floating],
-) -> NDArray[np.floating]:
-    """ln of the mean squared residual, (..., 3, G), with the veil (..., 3, BINS or 1) of water."""
-    own = (q - veil[..., np.newaxis]) * weight[..., np.newaxis]
-    total = np.maximum(weight.sum(axis=-1), 1.0) * q.shape[-1]
-    energy = (own**2).sum(axis=(-1, -2))
-    residuals = []
-    for thickness in THICKNESS:
-        left = np.exp(-thickness * distance)[..., np.newaxis, :] * weight
-        square = np.maximum((left**2).sum(axis=-1), 1e-12)
-        along = np.einsum("...ik,...i->...k", own, left)
-        residuals.append((energy - (along**2).sum(axis=-1) / square) / total)
-    return np.log(np.maximum(np.stack(residuals, axis=-1), 0.0) + PRECISION**2)
-
-
-def _fit_tiles(
-    mean: NDArray[np.floating], distance: NDArray[np.floating], weight: NDArray[np.floating]
-) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """ln of the mean squared residual and ln B, (..., 3, G), with a c for each tile.
-
-    `mean` (..., 3, TILES, BINS), `weight` (..., TILES, BINS).
-    """
-    residuals, veils = [], []
-    total = np.maximum(weight.sum(axis=(-1, -2)), 1e-3)[..., np.newaxis]
-    of_all = weight.sum(axis=-1)
-    shown = weight[..., np.newaxis, :, :] * mean
-    first, square = shown.sum(axis=-1), (shown * mean).sum(axis=-1)
-    for thickness in THICKNESS:
-        left = np.exp(-thickness * distance)
-        weighed = weight * left[..., np.newaxis, :]
-        one_left, left_left = weighed.sum(axis=-1), np.maximum(
-            (weighed * left[..., np.newaxis, :]).sum(axis=-1), 1e-12)
-        own_left = np.einsum("...cti,...ti->...ct", mean, weighed)
-        part = one_left / left_left
-        # Inner products of what e^(−βd) leaves of 1 and of the means.
-        one_one = np.maximum((of_all - one_left * part).sum(axis=-1), 1e-9)[..., np.newaxis]
-        one_own = (first - own_left * part[..., np.newaxis, :]).sum(axis=-1)
-        own_own = (square - own_left**2 / left_left[..., np.newaxis, :]).sum(axis=-1)
-        veil = one_own / one_one
-        residuals.append(np.maximum(own_own - veil * one_own, 0.0) / total)
-        veils.append(veil)
-    residual = np.log(np.stack(residuals, axis=-1) + PRECISION**2)
-    return residual, np.log(np.clip(np.stack(veils, axis=-1), 0.5 * FLOOR, 8.0))
-
-
-def _fit(
-    q: NDArray[np.floating], distance: NDArray[np.floating], weight: NDArray[np.floating],
-    black: bool,
-) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """ln of the mean squared residual and ln B, (..., 3, G); with `black`, c is −B."""
-    residuals, veils = [], []
-    total = np.maximum(weight.sum(axis=-1), 1.0)
-    for thickness in THICKNESS:
-        left = np.exp(-thickness * distance)[..., np.newaxis, :] * weight
-        one = weight.copy()
-        if black:
-            one = one - left
-            own = q * weight[..., np.newaxis]
-        else:
-            square = np.maximum((left**2).sum(axis=-1), 1e-12)[..., np.newaxis]
-            one = one - left * (one * left).sum(axis=-1, keepdims=True) / square
-            along = np.einsum("...ik,...i->...k", q, left) / square
-            own = q * weight[..., np.newaxis] - left[..., np.newaxis] * along[..., np.newaxis, :]
-        norm = np.maximum((one**2).sum(axis=-1), 1e-9)
-        veil = np.einsum("...ik,...i->...", own, one) / (norm * q.shape[-1])
-        off = own - veil[..., np.newaxis, np.newaxis] * one[..., np.newaxis]
-        residuals.append((off**2).sum(axis=(-1, -2)) / (total * q.shape[-1]))
-        veils.append(veil)
-    residual = np.log(np.stack(residuals, axis=-1) + PRECISION**2)
-    return residual, np.log(np.clip(np.stack(veils, axis=-1), 0.5 * FLOOR, 8.0))
+@njit(nogil=True)
+def _fit_contrasts(square: Any, weight: Any, distance: Any, residual: Any) -> None:
+    """ln of the mean squared relative residual of C² e^(−2βd) + N², neither below 0."""
+    many, bins = square.shape
+    for i in range(many):
+        total = weight[i].sum()
+        for g in range(len(THICKNESS)):
+            a00, a01, a11, b0, b1 = 0.0, 0.0, 0.0, 0.0, 0.0
+            for n in range(bins):
+                if weight[i, n] <= 0.0:
+                    continue
+                one = 1.0 / max(square[i, n], 1e-12)
+                left = np.exp(-2.0 * THICKNESS[g] * distance[i, n]) * one
+                a00 += left * left
+                a01 += left * one
+                a11 += one * one
+                b0 += left
+                b1 += one
+            contrast, noise = 0.0, 0.0
+            determinant = a00 * a11 - a01 * a01
+            if determinant > 1e-9 * a00 * a11:
+                contrast = (a11 * b0 - a01 * b1) / determinant
+                noise = (a00 * b1 - a01 * b0) / determinant
+            if noise <= 0.0 and a00 > 0.0:
+                contrast, noise = b0 / a00, 0.0
+            elif contrast < 0.0 and a11 > 0.0:
+                contrast, noise = 0.0, b1 / a11
+            rest = total - 2.0 * (contrast * b0 + noise * b1) + (
+                contrast * contrast * a00 + 2.0 * contrast * noise * a01 + noise * noise * a11)
+            residual[i, g] = np.log(max(rest, 0.0) / max(total, 1.0) + CONTRAST_PRECISION**2)
 
 
 def _decay(

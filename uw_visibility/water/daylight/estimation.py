@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -18,31 +16,29 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.images.pair import check_valid
 from uw_visibility.images.view import ColourSamples, View
+from uw_visibility.optics.light_model import contrast_gain, radiance_of
 from uw_visibility.status import Status
-from uw_visibility.water.daylight.contrast import Decay
-from uw_visibility.water.daylight.cues import Cues, Observations, coarse_cues, gather_cues
-from uw_visibility.water.daylight.dark_fit import (
-    brightest,
-    fit_of_veil,
-    fit_one_light,
-    fit_other_transfer,
-)
-from uw_visibility.water.daylight.dark_gradient import LEAST_SHARE, bend_of, find_gradients, unbent
-from uw_visibility.water.daylight.fit import Fit, blank
+from uw_visibility.water.daylight.dark_fit import fit_one_light
+from uw_visibility.water.daylight.fit import Fit
 from uw_visibility.water.daylight.grey_average import colour_balance
-from uw_visibility.water.daylight.inference import infer
+from uw_visibility.water.daylight.inference import Posterior, infer
 from uw_visibility.water.daylight.network import Network, trained
-from uw_visibility.water.daylight.open_water import OpenWater
-from uw_visibility.water.daylight.position import compare_halves
-from uw_visibility.water.daylight.priors import Daylight, fuse
+from uw_visibility.water.daylight.priors import (
+    BRIGHT_RADIANCE,
+    WHITE_DEVIATION,
+    Daylight,
+    fuse,
+)
 from uw_visibility.water.daylight.statistics import (
-    OPEN_WATER,
+    BLOCKS_KEPT,
+    FEWEST_BLOCKS,
     Blocks,
     reduce_to_blocks,
     summarise,
+    thinned,
 )
-from uw_visibility.water.daylight.transfer_check import LEAST_ODDS
 from uw_visibility.water.daylight.validation import (
+    brightest_patch,
     least_ambient_light,
     lit_by_lamps,
     refuse_channel,
@@ -51,15 +47,6 @@ from uw_visibility.water.daylight.validation import (
     refute_clearness,
     validate_fit,
 )
-from uw_visibility.water.daylight.veil import (
-    CONTRADICTION,
-    MISTAKEN_AREA,
-    VeilFit,
-    average,
-    fit_free_veil,
-)
-from uw_visibility.water.daylight.veil_components import RatioFits
-from uw_visibility.water.daylight.veil_gradient import UNCERTAIN, VeilGradient
 from uw_visibility.water.estimate import (
     ONE_SIGMA,
     WaterEstimate,
@@ -69,8 +56,6 @@ from uw_visibility.water.estimate import (
 )
 from uw_visibility.water.observations import Envelopes, observe
 
-# Place of the veil in an image without open water.
-MIDDLE = np.array((0.5, 0.5))
 # Quantile of the dark envelope, and the fewest pixels below it. The paper takes 1 % (eq. 4). The
 # darkest 5 pixels are a patch rather than a speck. Interpolated or measured ranges are partly
 # wrong, and a dark near thing taken for a far one is darker than all there. With one light, bins
@@ -85,9 +70,8 @@ BRIGHT_QUANTILE = 0.99
 # fit knows of noise alone.
 ATTENUATION_ERROR = 0.02
 AMBIENT_ERROR = 0.01
-# Relative error of attenuation by an undeclared JPEG in a channel without light: it rounds colour,
-# and so the dim channels, to the light of the bright one.
-COMPRESSION_ERROR = 0.45
+# The brightest patch near by is at least so bright: of a darker one noise decides.
+LEAST_RADIANCE = 0.05
 
 
 class WaterEstimator:
@@ -101,7 +85,7 @@ class WaterEstimator:
     transfer : str
         Camera transfer function, ``"linear"`` or ``"srgb"``.
     daylight : Daylight, optional
-        Prior of the colour of the ambient light.
+        Prior of the colour of the ambient light, with one light for veil and scene.
     network : Network, optional
         What infers the posterior; that of the package where absent.
     """
@@ -161,46 +145,92 @@ class WaterEstimator:
         envelope = self._observe(colour, range_map, view.valid, range_error, coarse)
         if envelope.pixels == 0 and not colour.pixels.any():
             return WaterEstimate.not_assessable(Status.TOO_DARK, envelope)
-        if self._config.method == "posterior" and self._config.veil == "free":
+        if self.by_posterior:
             ranges, valid = colour.reduce(np.asarray(range_map, np.float32), view.valid)
-            estimate = self._infer(
-                reduce_to_blocks(colour, ranges, valid), envelope, self._fewest_pixels(colour),
-                range_error)
+            blocks = reduce_to_blocks(colour, ranges, valid)
+            estimate = replace(
+                self.estimate_blocks(blocks, envelope, range_error),
+                blocks=thinned(blocks, BLOCKS_KEPT))
         else:
-            estimate = self._fit(
-                colour, range_map, view.valid, envelope, start, range_error, coarse)
+            estimate = self._estimate(envelope, self._fewest_pixels(colour), start)
         balance = colour_balance(view.pixels)
         return replace(estimate, grey_on_average=balance.grey, blue_as_green=balance.blue_as_green)
 
-    def _fit(
-        self, colour: ColourSamples, range_map: NDArray[np.floating], valid: Mask | None,
-        envelope: Envelopes, start: WaterEstimate | None, range_error: float, coarse: bool,
-    ) -> WaterEstimate:
-        """Estimate by fits of the envelopes."""
-        return self._estimate(
-            envelope, self._fewest_pixels(colour), start,
-            lambda active: coarse_cues(envelope, active) if coarse else gather_cues(
-                colour, np.asarray(range_map, np.float32), valid, envelope, active,
-                lambda pixels: self._observe(pixels, range_map, valid, range_error, coarse)))
+    @property
+    def by_posterior(self) -> bool:
+        """Whether veil and light are apart, and so the trained posterior tells them."""
+        return self._config.method != "paper" and self._config.veil == "free"
 
-    def estimate_envelope(
-        self, envelope: Envelopes, contrast: Decay | None = None
+    def estimate_envelope(self, envelope: Envelopes) -> WaterEstimate:
+        """Estimate from envelopes alone, with one light for veil and scene, as of many frames."""
+        return self._estimate(envelope, self._config.min_bin_pixels, None)
+
+    def estimate_blocks(
+        self, blocks: Blocks, envelope: Envelopes, range_error: float
     ) -> WaterEstimate:
-        """Estimate from envelopes and the decay of contrast alone, as those of many frames."""
-        return self._estimate(
-            envelope, self._config.min_bin_pixels, None, lambda active: Cues(contrast))
+        """Estimate by the trained posterior, from blocks of one image or of several.
+
+        `envelope` is that of the same pixels, for refusals; `range_error` in 1/m.
+        """
+        status = self._validate(
+            envelope, min(self._config.min_bin_pixels, FEWEST_BLOCKS))
+        if isinstance(status, Status):
+            return WaterEstimate.not_assessable(status, envelope)
+        statistics = summarise(blocks, range_error, self._clear_water)
+        if statistics is None:
+            return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS, envelope)
+        network = self._network or trained()
+        posterior = infer(network, statistics)
+        if posterior.unlike > network.most_unlike:
+            status = refuse(status, Status.UNLIKE_TRAINING)
+        if posterior.misfit > network.most_misfit:
+            status = refuse(status, Status.NOT_ONE_WATER)
+        attenuation, veil, _ = np.exp(posterior.mean).T
+        scale = np.stack((attenuation, veil), axis=1).ravel()
+        of_both = np.array([0, 1, 3, 4, 6, 7])
+        log_covariance = posterior.covariance[np.ix_(of_both, of_both)]
+        covariance = log_covariance * np.outer(scale, scale)
+        stddev = np.sqrt(np.diag(log_covariance)[0::2])
+        status = [
+            refuse_spread(float(value), float(value * spread))
+            if reason is Status.OK else reason
+            for reason, value, spread in zip(status, attenuation, stddev, strict=True)]
+        shown = np.where([reason is Status.OK for reason in status], attenuation, np.nan)
+        status = refuse(status, refute_clearness(shown, covariance[0::2, 0::2], self._clear_water))
+        fit = Fit(np.stack((attenuation, veil), axis=1), covariance, 1, True)
+        estimate = assemble(fit, envelope, status)
+        known = np.isfinite(estimate.attenuation)
+        light, light_covariance = _light(posterior, envelope, known)
+        return replace(
+            estimate, light=light, light_stddev=light * np.sqrt(np.diag(light_covariance)),
+            light_covariance=light_covariance,
+            clearest=posterior.clearest(known, ONE_SIGMA) if known.any() else None,
+            transfer_log_odds=float(logit(posterior.other_curve)))
+
+    def _validate(
+        self, envelope: Envelopes, fewest_pixels: int
+    ) -> Status | list[Status]:
+        """Validate the observations: why the frame is refused, or the status of each channel."""
+        reason = refuse_frame(envelope, fewest_pixels, self._config.min_range_ratio)
+        if reason is not Status.OK:
+            return reason
+        status = [refuse_channel(envelope, channel) for channel in range(3)]
+        if lit_by_lamps(envelope, np.array([s is not Status.TOO_DARK for s in status])):
+            return Status.LIT_BY_LAMPS
+        if envelope.grey:
+            return Status.NO_COLOUR
+        if all(reason is not Status.OK for reason in status):
+            return overall_status(status)
+        return status
 
     def _estimate(
-        self, envelope: Envelopes, fewest_pixels: int, start: WaterEstimate | None,
-        cues: Callable[[Mask], Cues],
+        self, envelope: Envelopes, fewest_pixels: int, start: WaterEstimate | None
     ) -> WaterEstimate:
-        """Validate, fit, validate the fit; `cues` returns the cues beside the envelopes."""
+        """Estimate with one light for veil and scene: validate, fit, validate the fit."""
         status = self._validate(envelope, fewest_pixels)
         if isinstance(status, Status):
             return WaterEstimate.not_assessable(status, envelope)
         active = np.array([reason is Status.OK for reason in status])
-        if self._config.method != "paper" and self._config.veil == "free":
-            return self._estimate_free_veil(envelope, status, active, cues(active))
         fit = fit_one_light(
             envelope, active, start, envelope.range_error, self._clear_water,
             self._config.method == "paper")
@@ -221,198 +251,6 @@ class WaterEstimator:
         clearer = refute_clearness(
             attenuation, np.nan_to_num(fit.covariance[0::2, 0::2]), self._clear_water)
         return assemble(fit, envelope, refuse(status, clearer))
-
-    def _infer(
-        self, blocks: Blocks, envelope: Envelopes, fewest_pixels: int, range_error: float
-    ) -> WaterEstimate:
-        """Estimate by the trained posterior.
-
-        `envelope` is that of the same pixels, for refusals; `range_error` in 1/m.
-        """
-        status = self._validate(envelope, fewest_pixels)
-        if isinstance(status, Status):
-            return WaterEstimate.not_assessable(status, envelope)
-        statistics = summarise(blocks, range_error, self._clear_water)
-        if statistics is None:
-            return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS, envelope)
-        network = self._network or trained()
-        posterior = infer(network, statistics)
-        if posterior.unlike > network.most_unlike:
-            status = refuse(status, Status.UNLIKE_TRAINING)
-        if posterior.misfit > network.most_misfit:
-            status = refuse(status, Status.NOT_ONE_WATER)
-        attenuation, veil, light = np.exp(posterior.mean).T
-        scale = np.stack((attenuation, veil), axis=1).ravel()
-        of_both = np.array([0, 1, 3, 4, 6, 7])
-        log_covariance = posterior.covariance[np.ix_(of_both, of_both)]
-        covariance = log_covariance * np.outer(scale, scale)
-        stddev = np.sqrt(np.diag(log_covariance)[0::2])
-        status = [
-            refuse_spread(float(value), float(value * spread))
-            if reason is Status.OK else reason
-            for reason, value, spread in zip(status, attenuation, stddev, strict=True)]
-        shown = np.where([reason is Status.OK for reason in status], attenuation, np.nan)
-        status = refuse(status, refute_clearness(shown, covariance[0::2, 0::2], self._clear_water))
-        fit = Fit(np.stack((attenuation, veil), axis=1), covariance, 1, True)
-        estimate = assemble(fit, envelope, status)
-        known = np.isfinite(estimate.attenuation)
-        light_stddev = light * np.sqrt(np.diag(posterior.covariance)[2::3])
-        return replace(
-            estimate, light=np.where(known, light, np.nan),
-            light_stddev=np.where(known, light_stddev, np.nan),
-            clearest=posterior.clearest(known, ONE_SIGMA) if known.any() else None,
-            open_water=float(statistics.of_image[OPEN_WATER]),
-            transfer_log_odds=float(logit(posterior.other_curve)))
-
-    def _validate(
-        self, envelope: Envelopes, fewest_pixels: int
-    ) -> Status | list[Status]:
-        """Validate the observations: why the frame is refused, or the status of each channel."""
-        reason = refuse_frame(envelope, fewest_pixels, self._config.min_range_ratio)
-        if reason is not Status.OK:
-            return reason
-        status = [refuse_channel(envelope, channel) for channel in range(3)]
-        if lit_by_lamps(envelope, np.array([s is not Status.TOO_DARK for s in status])):
-            return Status.LIT_BY_LAMPS
-        if envelope.grey:
-            return Status.NO_COLOUR
-        if all(reason is not Status.OK for reason in status):
-            return overall_status(status)
-        return status
-
-    def _estimate_free_veil(
-        self, envelope: Envelopes, status: list[Status], active: Mask, cues: Cues
-    ) -> WaterEstimate:
-        """Estimate with the veil apart from the light."""
-        fitted = self._fit_veil(Observations(envelope, cues.contrast, cues.halves), active, cues)
-        if fitted is None:
-            return WaterEstimate.not_assessable(Status.FIT_FAILED, envelope)
-        found, (envelope, _, halves) = self._level_rows(*fitted, active, cues)
-        covariance = found.fit.covariance.copy()
-        for channel in np.flatnonzero(active):
-            status[channel] = validate_fit(found.fit, envelope, int(channel))
-        if found.disagreement > CONTRADICTION:
-            status = refuse(status, Status.CUES_DISAGREE)
-        if halves is not None:
-            parameters = found.fit.parameters.copy()
-            uneven = compare_halves(
-                halves.of_channels(active), parameters[active, 0], parameters[active, 1],
-                found.scene_light[active])
-            status = refuse(status, uneven.refutes(parameters[active, 0]))
-            stddev = np.zeros(3)
-            parameters[active, 0], stddev[active] = uneven.averaged(parameters[active, 0])
-            covariance[0::2, 0::2] += np.outer(stddev, stddev)
-            found = replace(found, fit=replace(found.fit, parameters=parameters))
-        if cues.compressed:
-            light = np.where(active, brightest(envelope, active), 0.0)
-            error = COMPRESSION_ERROR * (1.0 - light / light.max()) * found.fit.parameters[:, 0]
-            covariance[0::2, 0::2] += np.diag(error**2)
-        other = None if cues.coarse else fit_other_transfer(
-            envelope, active, self._clear_water, self._transfer, found,
-            cues.certain_water)
-        if other is not None and other.certain:
-            status = refuse(status, Status.OTHER_TRANSFER)
-        elif other is not None and not cues.compressed:
-            # A JPEG bends the envelopes of dim channels too, and its error is in already.
-            parameters, covariance = other.averaged(found.fit.parameters, covariance)
-            found = replace(found, fit=replace(found.fit, parameters=parameters))
-        log_odds = math.nan
-        if not cues.coarse and not cues.compressed:
-            log_odds = LEAST_ODDS if other is None else other.log_odds
-        if found.refuted and not cues.coarse:
-            status = refuse(status, Status.NOT_ONE_WATER)
-        shown = np.where(active, found.fit.parameters[:, 0], np.nan)
-        status = refuse(status, refute_clearness(shown, covariance[0::2, 0::2], self._clear_water))
-        blanked = replace(found.fit, covariance=blank(covariance, active))
-        estimate = assemble(blanked, envelope, status)
-        known = np.isfinite(estimate.attenuation)
-        return replace(
-            estimate, light=np.where(known, found.scene_light, np.nan),
-            light_stddev=np.where(known, found.scene_light_stddev, np.nan), cues=found.cues,
-            open_water=0.0 if cues.certain_water is None else cues.certain_water.fraction,
-            transfer_log_odds=log_odds)
-
-    def _fit_veil(
-        self, seen: Observations, active: Mask, cues: Cues
-    ) -> tuple[VeilFit, Observations] | None:
-        """Fit with the gradient of open water levelled; also return the observations of the fit."""
-        certain = cues.certain_water
-        found = self._fit_observations(seen, active, certain, cues.coarse)
-        if found is None or cues.open_water is None or (certain and cues.level is None):
-            return None if found is None else (found, seen)
-        level = cues.level or seen
-        in_water = self._fit_observations(
-            level, active, cues.open_water, cues.coarse, found.ratios if level is seen else None)
-        if in_water is None:
-            return None if certain else (found, seen)
-        if cues.level is not None:
-            change = UNCERTAIN * (in_water.fit.parameters - found.fit.parameters).ravel()
-            in_water = replace(in_water, fit=replace(
-                in_water.fit, covariance=in_water.fit.covariance + np.outer(change, change)))
-        log_odds = in_water.likelihood - found.likelihood
-        if certain:
-            # Of a small area, what differs in it need not be the veil's gradient.
-            log_odds += math.log(certain.fraction / MISTAKEN_AREA)
-        averaged = average(found, in_water, log_odds)
-        if not certain:
-            # What refutes an estimate without open water is not made good by what may be a wall.
-            averaged = replace(
-                averaged, misfit=found.misfit, durbin_watson=found.durbin_watson,
-                disagreement=max(found.disagreement, in_water.disagreement))
-        return averaged, level if log_odds > 0 else seen
-
-    def _level_rows(
-        self, found: VeilFit, seen: Observations, active: Mask, cues: Cues
-    ) -> tuple[VeilFit, Observations]:
-        """Average with fits that level a vertical gradient of veil or attenuation."""
-        if seen.halves is None or cues.places is None or cues.level_by is None:
-            return found, seen
-        attenuation, veil = found.fit.parameters.T
-        gradients = find_gradients(seen.halves, active, attenuation, veil, found.scene_light)
-        if gradients is None:
-            return found, seen
-        of_veil, of_attenuation = gradients
-        shares = np.array((of_veil.odds, of_attenuation.odds))
-        shares /= 1.0 + shares.sum()
-        if shares[1] > LEAST_SHARE:
-            bend = bend_of(of_attenuation, cues.places, seen.envelope)
-            found = replace(found, fit=unbent(found.fit, bend, shares[1], self._clear_water))
-        # What open water shows of the veil is not asked of dark patches again.
-        if shares[0] < LEAST_SHARE or seen is cues.level:
-            return found, seen
-        water = cues.certain_water
-        level = cues.level_by(VeilGradient(
-            np.tile((of_veil.slope, 0.0), (3, 1)),
-            MIDDLE if water is None else water.gradient.place))
-        levelled = self._fit_observations(level, active, water, cues.coarse)
-        if levelled is None:
-            return found, seen
-        change = (levelled.fit.parameters - found.fit.parameters).ravel()
-        change *= of_veil.stddev / of_veil.slope
-        levelled = replace(levelled, fit=replace(
-            levelled.fit, covariance=levelled.fit.covariance + np.outer(change, change)))
-        log_odds = math.log(shares[0] / max(1.0 - shares[0], 1e-9))
-        return average(found, levelled, log_odds), level if log_odds > 0 else seen
-
-    def _fit_observations(
-        self, seen: Observations, active: Mask, water: OpenWater | None,
-        coarse: bool, ratios: RatioFits | None = None,
-    ) -> VeilFit | None:
-        """Fit with the veil apart from the light; None where there is no fit."""
-        # Levelled pixels may be saturated, or too few.
-        if any(refuse_channel(seen.envelope, int(c)) is not Status.OK
-               for c in np.flatnonzero(active)):
-            return None
-
-        def fuse_priors(found: Fit, light: Array, veil: Array, tolerance: Array) -> Fit:
-            return fuse(
-                found, self._clear_water, np.full(3, 1e-6), self._daylight,
-                self._config.daylight_tolerance, light, veil, tolerance)
-
-        return fit_free_veil(
-            fit_of_veil(seen.envelope, active, self._clear_water), fuse_priors, seen.envelope,
-            active, brightest(seen.envelope, active), self._clear_water, seen.contrast, water,
-            coarse, ratios)
 
     def estimate_grey_view(
         self, view: View, range_map: NDArray[np.floating], *, range_error: float
@@ -467,6 +305,28 @@ class WaterEstimator:
 
     def _fewest_pixels(self, samples: ColourSamples) -> int:
         return int(samples.count(self._config.min_bin_pixels))
+
+
+def _light(posterior: Posterior, envelope: Envelopes, known: Mask) -> tuple[Array, Array]:
+    """Light W on the scene, (3,), and covariance of ln W, (3, 3); NaN for unknown channels.
+
+    The image hardly tells its level: scenes may be bright in dim light. So that of the posterior
+    is fused with the expectation that the brightest patch near by is nearly white (eq. 5).
+    """
+    attenuation, veil, light = np.exp(posterior.mean).T
+    covariance = posterior.covariance[2::3, 2::3]
+    white = light.copy()
+    for c in np.flatnonzero(known).tolist():
+        irradiance, distance = brightest_patch(envelope, c)
+        gain = contrast_gain(attenuation[c], distance)
+        radiance = radiance_of(irradiance, gain, veil[c], light[c])
+        white[c] = light[c] * max(radiance, LEAST_RADIANCE) / BRIGHT_RADIANCE
+    noise = np.eye(3) * WHITE_DEVIATION**2
+    weight = covariance @ np.linalg.inv(covariance + noise)
+    fused = light * np.exp(weight @ np.log(white / light))
+    fused[~known] = np.nan
+    rest = covariance - weight @ covariance
+    return fused, np.where(np.outer(known, known), 0.5 * (rest + rest.T), np.nan)
 
 
 def check_arrays(

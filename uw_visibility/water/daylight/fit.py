@@ -4,21 +4,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
-from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.light_model import transmission, veil_of
 
 ATTENUATION_BOUNDS = (1e-4, 10.0)
 # Above the largest code: open water may be overexposed.
 AMBIENT_LIGHT_MAX = 2.0
-
-# Least ambient light over that before, where a measurement of attenuation moves it.
-LEAST_LIGHT = 0.3
 
 # Plain fit: residuals beyond this irradiance lose weight (soft L1).
 PLAIN_SCALE = 0.01
@@ -37,22 +32,12 @@ class Fit:
     iterations : int
         Largest number over the channels.
     converged : bool
-    cost : float
-        Minus twice the log likelihood of the bins, up to a constant and as if they
-        were independent; 0 for the plain fit.
-    misfit : float
-        Its part by residuals, per bin; 0 for the plain fit.
-    durbin_watson : float
-        See `lower_envelope.durbin_watson`; 2 for the plain fit.
     """
 
     parameters: Array
     covariance: Array
     iterations: int
     converged: bool
-    cost: float = 0.0
-    misfit: float = 0.0
-    durbin_watson: float = 2.0
 
 
 def fit_plain(distance: Array, dark: Array, ambient_min: Array, start: Array, active: Mask) -> Fit:
@@ -93,49 +78,6 @@ def _residual(parameters: Array, distance: Array, observed: Array) -> Array:
 def _jacobian(parameters: Array, distance: Array, observed: Array) -> Array:
     transmitted = transmission(parameters[0], distance)
     return np.stack((parameters[1] * distance * transmitted, 1 - transmitted), axis=1)
-
-
-def moved(fit: Fit, step: Array, known: Array) -> Fit:
-    """Add a step to the parameters, and subtract known information from their covariance."""
-    values, covariance = move(fit.parameters, fit.covariance, step, known)
-    return replace(fit, parameters=values, covariance=covariance)
-
-
-@njit(nogil=True)
-def move(parameters: Any, covariance: Any, step: Any, known: Any) -> tuple[Any, Any]:
-    """Parameters and covariance after a step; within bounds, and symmetric."""
-    least, largest = ATTENUATION_BOUNDS
-    values, rest = np.empty((3, 2)), np.empty((6, 6))
-    for c in range(3):
-        values[c, 0] = min(max(parameters[c, 0] + step[2 * c], least), largest)
-        values[c, 1] = max(parameters[c, 1] + step[2 * c + 1], LEAST_LIGHT * parameters[c, 1])
-    for i in range(6):
-        for j in range(6):
-            rest[i, j] = 0.5 * ((covariance[i, j] - known[i, j]) + (covariance[j, i] - known[j, i]))
-    return values, rest
-
-
-@njit(nogil=True)
-def measure(
-    parameters: Any, covariance: Any, attenuation: Any, noise: Any
-) -> tuple[Any, Any, Any, Any]:
-    """Measure the attenuations, (3,) 1/m, with a noise covariance, (3, 3): Kalman's update.
-
-    Returns step (6,) and known (6, 6) for `move`, the inverse of the innovation's covariance (3,
-    3), and the squared distance of the measurement from the fit, in standard deviations.
-    """
-    total = np.empty((3, 3))
-    off = np.empty(3)
-    for a in range(3):
-        off[a] = attenuation[a] - parameters[a, 0]
-        for b in range(3):
-            total[a, b] = covariance[2 * a, 2 * b] + noise[a, b]
-    information = np.linalg.inv(total)
-    weighted = information @ off
-    seen = np.empty((3, 6))
-    for a in range(3):
-        seen[a] = covariance[2 * a]
-    return seen.T @ weighted, seen.T @ (information @ seen), information, off @ weighted
 
 
 def blank(covariance: Array, known: Mask) -> Array:

@@ -11,8 +11,13 @@ from functools import lru_cache
 import numpy as np
 
 from uw_visibility.images.arrays import Array, Mask
-from uw_visibility.water.daylight.network import UNKNOWNS, Mixture, Network
-from uw_visibility.water.daylight.statistics import FLOOR, QUANTILES, RANGES, Statistics
+from uw_visibility.water.daylight.network import UNKNOWNS, Mixture, Network, lit
+from uw_visibility.water.daylight.statistics import (
+    FLOOR,
+    QUANTILES,
+    RANGES,
+    Statistics,
+)
 
 # Draws of each component, for quantiles that have no closed form.
 DRAWS = 128
@@ -101,7 +106,8 @@ def _misfit(draws: Array, weight: Array, statistics: Statistics) -> float:
     W e^(−βd) + B (1 − e^(−βd)) (eq. 4). Mean over bins, channels and draws of the square of ln
     irradiance beyond these bounds. `draws` are in the units of the statistics.
     """
-    there = statistics.of_bins[..., -1] > 0
+    # A channel without light shows no veil.
+    there = (statistics.of_bins[..., -1] > 0) & lit(statistics)[:, np.newaxis]
     if not there.any():
         return 0.0
     distance = np.exp(statistics.of_image[RANGES])

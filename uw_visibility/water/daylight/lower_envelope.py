@@ -8,8 +8,8 @@ rounding and wrong ranges; above it, scenes that lack black. So bins below the c
 noise; bins above it count little, and less the farther they are.
 
 In the kernels, p is (6,): β_R, I∞_R, β_G, I∞_G, β_B, I∞_B; distance (m), dark and deviation
-(irradiance) and known are (3, N) over channels and bins; left is their transmission; light is (3,)
-W / B; scale is (SCALES, 3, N) as `set_scales` fills it.
+(irradiance) and known are (3, N) over channels and bins; left is their transmission; scale is
+(SCALES, 3, N) as `set_scales` fills it.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ SCALES = 6
 DARKNESS_BELOW = 0.01
 DARKNESS_ABOVE = 0.2
 # Residuals lose weight beyond so many of their scales. Below the curve they can only be wrong.
-# Where veil and light are one, the brightest patch tells the level, and measured ranges count less:
-# a few wrong matches in a bin would weigh as much as all bins above the curve.
+# The brightest patch tells the level, and measured ranges count less: a few wrong matches in a bin
+# would weigh as much as all bins above the curve.
 OUTLIER_ABOVE = 0.25
 OUTLIER_BELOW = 5.0
 OUTLIER_BELOW_MEASURED = 2.0
@@ -42,18 +42,9 @@ OUTLIER_BELOW_MEASURED = 2.0
 EXPECTED_DARKNESS = 0.2
 DARKNESS_DEVIATION = 0.2
 DARKNESS_DEVIATION_MIN = 0.015
-# The deviation grows with the light over the veil, up to this,
-BRIGHTEST_LIGHT = 4.0
-# and with how far the brightest patch is below a bright one.
+# It grows with how far the brightest patch is below a bright one.
 BRIGHT_RADIANCE = 0.8
 DULLNESS_DEVIATION = 0.3
-# With a free veil the deviation is at most this: the average over veils holds the dullness. Near
-# black some patches are black, so that it grows faster than in proportion.
-FREE_DARKNESS_MIN = 0.012
-FREE_DARKNESS = 0.05
-FREE_DARKNESS_GROWTH = 0.4
-FREE_BRIGHT_RADIANCE = 0.75
-FREE_DULLNESS = 0.2
 # Bins show darkness where direct light is so many times the noise.
 INFORMATIVE = 5.0
 UNKNOWN_DARKNESS = 0.3
@@ -66,7 +57,6 @@ class _Bins(NamedTuple):
     dark: Array
     deviation: Array
     known: Mask
-    light: Array
     range_error: float
     # Scales below the curve beyond which a bin loses weight.
     outlier: float
@@ -86,13 +76,12 @@ def set_scales(p: Any, bins: Any, left: Any, darkness: float, scale: Any) -> Non
 
     `darkness` is the expected distance of the darkest patches from black over their scatter.
     """
-    distance, deviation, light = bins.distance, bins.deviation, bins.light
+    distance, deviation = bins.distance, bins.deviation
     for c in range(3):
         for i in range(distance.shape[1]):
             d = distance[c, i]
-            veil = p[2 * c + 1] * left[c, i]
-            direct = light[c] * veil
-            displacement = bins.range_error * d * d * p[2 * c] * veil
+            direct = p[2 * c + 1] * left[c, i]
+            displacement = bins.range_error * d * d * p[2 * c] * direct
             variance = deviation[c, i] ** 2 + displacement * displacement
             scale[NOISE, c, i] = np.sqrt(variance)
             scale[BELOW, c, i] = np.sqrt(variance + (DARKNESS_BELOW * direct) ** 2)
@@ -102,22 +91,21 @@ def set_scales(p: Any, bins: Any, left: Any, darkness: float, scale: Any) -> Non
     typical = typical_darkness(p, bins, left, scale)
     for c in range(3):
         shown = np.isfinite(typical[c])
-        scale[EXPECTED, c, :] = darkness * light[c] * typical[c] if shown else 0.0
+        scale[EXPECTED, c, :] = darkness * typical[c] if shown else 0.0
 
 
 @njit(nogil=True)
 def typical_darkness(p: Any, bins: Any, left: Any, scale: Any) -> Any:
     """Median radiance of the darkest patches of bins, (3,); NaN where none shows."""
-    dark, known, light = bins.dark, bins.known, bins.light
+    dark, known = bins.dark, bins.known
     result = np.empty(3)
     radiance = np.empty(dark.shape[1])
     for c in range(3):
         number = 0
         for i in range(dark.shape[1]):
-            veil = p[2 * c + 1] * left[c, i]
-            direct = light[c] * veil
+            direct = p[2 * c + 1] * left[c, i]
             if known[c, i] and direct > INFORMATIVE * scale[NOISE, c, i]:
-                excess = dark[c, i] - p[2 * c + 1] + veil
+                excess = dark[c, i] - p[2 * c + 1] + direct
                 radiance[number] = min(max(excess / direct, 0.0), 1.0)
                 number += 1
         result[c] = np.median(radiance[:number]) if number > 0 else np.nan
@@ -140,57 +128,6 @@ def loss(r: float, scale: Any, c: int, i: int) -> tuple[float, float]:
     sigma, limit = scale[ABOVE, c, i], scale[LIMIT_ABOVE, c, i]
     q = 1.0 + (r / limit) ** 2
     return (limit / sigma) ** 2 * np.log(q), 1.0 / (q * sigma * sigma)
-
-
-@njit(nogil=True)
-def deviance(p: Any, bins: Any, left: Any, scale: Any) -> tuple[float, float]:
-    """Minus twice the log likelihood of independent bins, and the residuals' part per bin.
-
-    The loss alone is no likelihood: distant bins cost nothing. Here residuals follow Cauchy's law
-    above the curve, and Student's law with three degrees of freedom below it.
-    """
-    dark, known = bins.dark, bins.known
-    residuals, widths, bins = 0.0, 0.0, 0
-    for c in range(3):
-        for i in range(dark.shape[1]):
-            if not known[c, i]:
-                continue
-            above = np.hypot(scale[NOISE, c, i], OUTLIER_ABOVE * scale[ABOVE, c, i])
-            below = scale[BELOW, c, i]
-            r = residual(p, left, dark, scale, c, i)
-            if r < 0:
-                residuals += 4.0 * np.log1p((r / below) ** 2 / 3.0)
-            else:
-                residuals += 2.0 * np.log1p((r / above) ** 2)
-            # Areas below Cauchy's half, and Student's.
-            widths += 2.0 * np.log(0.5 * np.pi * above + 1.36 * below)
-            bins += 1
-    return residuals + widths, residuals / max(bins, 1)
-
-
-@njit(nogil=True)
-def durbin_watson(p: Any, bins: Any, left: Any, scale: Any) -> float:
-    """Durbin-Watson statistic of the bins' residuals over range, the median channel's.
-
-    Squared differences of neighbours over squares: 2 for independent residuals, less for smooth
-    ones (Durbin and Watson 1950, doi:10.1093/biomet/37.3-4.409). Residuals are compressed (inverse
-    hyperbolic sine) and taken from their median.
-    """
-    dark, known = bins.dark, bins.known
-    statistics = np.full(3, np.nan)
-    course = np.empty(dark.shape[1])
-    for c in range(3):
-        bins = 0
-        for i in range(dark.shape[1]):
-            if known[c, i]:
-                course[bins] = np.arcsinh(residual(p, left, dark, scale, c, i) / scale[BELOW, c, i])
-                bins += 1
-        if bins == 0:
-            continue
-        away = course[:bins] - np.median(course[:bins])
-        squares = (away**2).sum()
-        statistics[c] = (np.diff(away) ** 2).sum() / squares if squares > 0.0 else 2.0
-    return float(np.nanmedian(statistics))
 
 
 @njit(nogil=True)
@@ -239,23 +176,14 @@ def differentiate(
 
 
 @njit(nogil=True)
-def darkness_deviation(typical: float, brightest: float, light: float, one_light: bool) -> float:
+def darkness_deviation(typical: float, brightest: float) -> float:
     """Standard deviation of how far from black a scene's darkest patches are.
 
     A dull scene lacks black as well as white.
     """
     shown = typical if np.isfinite(typical) else UNKNOWN_DARKNESS
-    # A veil that is dimmer than the light leaves more of what is not black to be seen, and
-    # says less of what is.
-    over = min(max(light, 1.0), BRIGHTEST_LIGHT)
     dullness = min(max(BRIGHT_RADIANCE - brightest, 0.0), 1.0)
-    most = (
-        DARKNESS_DEVIATION_MIN * over + DARKNESS_DEVIATION * shown + DULLNESS_DEVIATION * dullness)
-    if one_light:
-        return most
-    dullness = min(max(FREE_BRIGHT_RADIANCE - brightest, 0.0), 1.0)
-    part = FREE_DARKNESS * over**2 + FREE_DARKNESS_GROWTH * (shown + dullness)
-    return min(most, FREE_DARKNESS_MIN * over**2 + part * shown + FREE_DULLNESS * over * dullness)
+    return DARKNESS_DEVIATION_MIN + DARKNESS_DEVIATION * shown + DULLNESS_DEVIATION * dullness
 
 
 MAX_ITERATIONS = 60
@@ -271,8 +199,7 @@ DARK_BINS_ALIKE = 3.0
 def fit_lower_envelope(
     distance: Array, dark: Array, deviation: Array, ambient_min: Array, start: Array,
     clear_water: Array, active: Mask, range_error: float = 0.0, bright: Array | None = None,
-    light: Array | None = None, ambient_max: Array | None = None, patches: Array | None = None,
-    attenuation: Array | None = None,
+    patches: Array | None = None,
 ) -> Fit:
     """Robust fit of the lower envelope of dark patches, all channels together.
 
@@ -296,15 +223,9 @@ def fit_lower_envelope(
     bright : (3, 2) float64 ndarray, optional
         Irradiance and range of the brightest near patch, per channel. The
         less white it is, the less the darkest patches may be trusted to be black.
-    light : (3,) float64 ndarray, optional
-        W / B; 1 as in the paper where absent.
-    ambient_max : (3,) float64 ndarray, optional
-        Upper bound of I∞.
     patches : (3, N, 3) float64 ndarray, optional
-        Range, irradiance and code step of the bright envelope, where veil and light are
-        one: see `priors.add_white_prior`. I∞ is near its lower bound where absent.
-    attenuation : (3,) float64 ndarray, optional
-        Known β, 1/m: I∞ alone is fitted.
+        Range, irradiance and code step of the bright envelope: see `priors.add_white_prior`.
+        I∞ is near its lower bound where absent.
 
     Returns
     -------
@@ -314,20 +235,15 @@ def fit_lower_envelope(
     """
     lower, upper = np.empty((2, 6))
     lower[0::2], upper[0::2] = ATTENUATION_BOUNDS
-    if attenuation is not None:
-        lower[0::2] = upper[0::2] = attenuation
     lower[1::2] = ambient_min
-    upper[1::2] = (
-        AMBIENT_LIGHT_MAX if ambient_max is None else np.maximum(ambient_max, ambient_min))
+    upper[1::2] = AMBIENT_LIGHT_MAX
     # One kernel for arrays of any order in memory.
     distance, dark, deviation = (np.ascontiguousarray(a) for a in (distance, dark, deviation))
     known = active[:, np.newaxis] & np.isfinite(dark)
-    one_light = ambient_max is None
     bins = _Bins(
         np.where(known, distance, 1.0), np.where(known, dark, 0.0),
-        np.where(known, deviation, 1.0), known, np.ones(3) if light is None else light,
-        float(range_error),
-        OUTLIER_BELOW_MEASURED if one_light and range_error > 0.0 else OUTLIER_BELOW)
+        np.where(known, deviation, 1.0), known, float(range_error),
+        OUTLIER_BELOW_MEASURED if range_error > 0.0 else OUTLIER_BELOW)
     found = _minimise(
         bins, active, np.minimum(np.maximum(start.ravel(), lower), upper), lower, upper,
         clear_water, np.full((3, 2), np.inf) if bright is None else bright,
@@ -335,8 +251,7 @@ def fit_lower_envelope(
     parameters = np.where(active[:, np.newaxis], found.parameters.reshape(3, 2), np.nan)
     return Fit(
         parameters, blank(found.covariance, active), int(found.iterations),
-        bool(found.converged), float(found.cost), float(found.misfit),
-        float(found.durbin_watson))
+        bool(found.converged))
 
 
 class _Minimum(NamedTuple):
@@ -346,9 +261,6 @@ class _Minimum(NamedTuple):
     covariance: Array
     iterations: int
     converged: bool
-    cost: float
-    misfit: float
-    durbin_watson: float
 
 
 @njit(nogil=True)
@@ -400,11 +312,9 @@ def _minimise(
                 break
             damping *= 10.0
     set_scales(p, bins, left, EXPECTED_DARKNESS, scale)
-    cost, misfit = deviance(p, bins, left, scale)
     covariance = _covariance(
         p, bins, left, active, clear_water, lower, bright, patches, scale)
-    trend = durbin_watson(p, bins, left, scale)
-    return _Minimum(p, covariance, iterations, converged, cost, misfit, trend)
+    return _Minimum(p, covariance, iterations, converged)
 
 
 @njit(nogil=True)
@@ -435,7 +345,7 @@ def _covariance(
     patches: Any, scale: Any,
 ) -> Any:
     """Sandwich covariance, plus the effect of darkest patches that are not black."""
-    distance, dark, known, light = bins.distance, bins.dark, bins.known, bins.light
+    distance, dark, known = bins.distance, bins.dark, bins.known
     curvature = np.zeros((6, 6))
     slope = np.zeros(6)
     tolerance = weak_channel_tolerance(p, active, clear_water)
@@ -447,19 +357,17 @@ def _covariance(
     spread = curvature.copy()
     add_normal_equations(p, bins, left, scale, curvature, slope)
     typical = typical_darkness(p, bins, left, scale)
-    one_light = patches.shape[1] > 0
     common = np.zeros(6)
     derivative = np.empty(2)
     for c in range(3):
-        darkness = darkness_deviation(
-            typical[c], _radiance(p, bright[c], light[c], c), light[c], one_light)
+        darkness = darkness_deviation(typical[c], _radiance(p, bright[c], c))
         for i in range(distance.shape[1]):
             if not known[c, i]:
                 continue
             r = residual(p, left, dark, scale, c, i)
             _, weight = loss(r, scale, c, i)
             differentiate(p, distance, left, scale, c, i, derivative)
-            direct = light[c] * p[2 * c + 1] * left[c, i]
+            direct = p[2 * c + 1] * left[c, i]
             for j in range(2):
                 common[2 * c + j] += weight * derivative[j] * darkness * direct
                 for k in range(2):
@@ -475,9 +383,9 @@ def _covariance(
 
 
 @njit(nogil=True)
-def _radiance(p: Any, patch: Any, light: float, c: int) -> float:
+def _radiance(p: Any, patch: Any, c: int) -> float:
     """Radiance of a patch of known irradiance and range (eq. 8); at most 1."""
     if not np.isfinite(patch[0]):
         return 1.0
     gain = contrast_gain(p[2 * c], patch[1])
-    return min(radiance_of(patch[0], gain, p[2 * c + 1], light * p[2 * c + 1]), 1.0)
+    return min(radiance_of(patch[0], gain, p[2 * c + 1], p[2 * c + 1]), 1.0)

@@ -30,9 +30,16 @@ from scipy.special import expit
 
 from uw_visibility import data as package_data
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Array
+from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.water.daylight.curves import OF_CURVES, curves
-from uw_visibility.water.daylight.statistics import BINS, OF_BIN, OF_CHANNEL, OF_IMAGE, Statistics
+from uw_visibility.water.daylight.statistics import (
+    BINS,
+    OF_BIN,
+    OF_CHANNEL,
+    OF_IMAGE,
+    ZEROS,
+    Statistics,
+)
 
 COMPONENTS = 3
 FACTORS = 2
@@ -41,7 +48,13 @@ UNKNOWNS = 3
 OF_COMPONENT = UNKNOWNS + 6 + UNKNOWNS * FACTORS
 OUTPUTS = COMPONENTS * OF_COMPONENT
 # Of each channel: its own, the mean of the others', and those of the image.
-FEATURES = 2 * (BINS * OF_BIN + OF_CHANNEL + OF_CURVES) + OF_IMAGE
+OWN = OF_CURVES + OF_CHANNEL
+FEATURES = 2 * OWN + OF_IMAGE
+# Features that tell whether an image is like those of training: its statistics, not how well the
+# light model fits them, since none can be fitted too well.
+COMPARED = np.r_[:BINS * OF_BIN, OF_CURVES:OWN, 2 * OWN:FEATURES]
+# A channel of which more pixels than this part have the code 0 has no light.
+MOST_ZEROS = 0.5
 # Features are standardised, and cut at so many deviations.
 MOST_DEVIATIONS = 6.0
 # Bounds of the logarithm of a component's deviation.
@@ -63,7 +76,7 @@ class Mixture(NamedTuple):
     other_curve : float
         Probability that the camera's curve is another than the one that was told.
     unlike : float
-        Mean square of the features, in deviations from those of training: about 1.
+        Mean square of the statistics, in deviations from those of training: about 1.
     """
 
     weight: Array
@@ -106,7 +119,7 @@ class Network:
             np.concatenate([mean for _, mean, _ in parts]),
             np.concatenate([covariance for _, _, covariance in parts]),
             float(np.mean([expit(other) for _, _, other in found])),
-            float(np.mean(features**2)))
+            unlike(features, lit(statistics)))
 
 
 def features_of(
@@ -117,13 +130,22 @@ def features_of(
 
     Takes the arrays of `Statistics`, with any axes before; returns (..., 3, D).
     """
-    flat = of_bins.reshape(*of_bins.shape[:-2], -1)
     own = np.concatenate(
-        (flat, of_channels, curves(of_bins, of_tiles, of_channels, of_image)), axis=-1)
+        (curves(of_bins, of_tiles, of_channels, of_image), of_channels), axis=-1)
     others = 0.5 * (own.sum(axis=-2, keepdims=True) - own)
     image = np.broadcast_to(
         of_image[..., np.newaxis, :], (*own.shape[:-1], of_image.shape[-1]))
     return np.concatenate((own, others, image), axis=-1)
+
+
+def lit(statistics: Statistics) -> Mask:
+    """(3,): channels that have light."""
+    return np.asarray(statistics.of_channels[:, ZEROS] < MOST_ZEROS)
+
+
+def unlike(features: Array, seen: Mask) -> float:
+    """Mean square of the compared features of the channels seen; 0 without any."""
+    return float(np.mean(features[np.ix_(seen, COMPARED)]**2)) if seen.any() else 0.0
 
 
 def standardise(features: NDArray[Any], centre: Array, spread: Array) -> Array:

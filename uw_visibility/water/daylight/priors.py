@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gaussian priors on attenuation and ambient light, in the fit and fused with its outcome.
 
-In clear water the image alone tells neither how bright the ambient light is nor its
-colour: there is little of it between the camera and the scene. Three things are known
-beforehand, each roughly, and they decide as far as the image's own covariance lets
-them: particles and dissolved matter attenuate the channels alike, more or less (eq. 3);
-the brightest patch is nearly white (eq. 5), which tells the light's level where veil and
-light are one; and the ambient light is daylight that has come through the water above
-(eq. 2), whose three channels have two unknowns, brightness and depth.
+In clear water the image alone tells neither how bright the ambient light is nor its colour: there
+is little of it between the camera and the scene. Three things are known beforehand, each roughly,
+and they decide as far as the image's own covariance lets them: particles and dissolved matter
+attenuate the channels alike, more or less (eq. 3); the brightest patch is nearly white (eq. 5),
+which tells the light's level; and the ambient light is daylight that has come through the water
+above (eq. 2), whose three channels have two unknowns, brightness and depth.
 """
 
 from __future__ import annotations
@@ -30,21 +29,20 @@ CHANNEL_TOLERANCE = 0.3
 CHANNEL_TOLERANCE_MIN = 0.02
 WEAK_CHANNEL_TOLERANCE = 0.5
 WEAK_CHANNEL_TOLERANCE_MIN = 0.05
-# Radiance of the brightest patch, and its deviation: of one near by, and of the whole scene.
+# Radiance of the brightest patch of a scene, and its deviation.
 BRIGHT_RADIANCE = 0.9
-BRIGHT_DEVIATION = 0.15
 WHITE_DEVIATION = 0.27
-# Relative deviation of a free veil above its lower bound.
+# Relative deviation of the light above its lower bound, where no brightest patch is given.
 WEAK_BRIGHT_TOLERANCE = 0.5
 # Attenuation is at least that of clear water (eq. 3), known to about a tenth.
 CLEAR_WATER_TOLERANCE = 0.1
 # Cauchy's scale of contradicted expectations, in deviations.
 LIMIT = 2.0
 ITERATIONS = 5
-# Tolerance that leaves the light's colour or brightness to the image.
+# Tolerance that leaves the light's colour to the image.
 NOTHING_EXPECTED = 10.0
-# Expectations: the channels' attenuations, their brightness, the colour of the light.
-ROWS = 7
+# Expectations: the channels' attenuations, and the colour of the light.
+ROWS = 4
 
 
 @dataclass(frozen=True)
@@ -65,8 +63,7 @@ class Daylight:
 
 def fuse(
     fit: Fit, clear_water: Array, ambient_min: Array, daylight: Daylight | None,
-    daylight_tolerance: float, light: Array | None = None, veil: Array | None = None,
-    veil_tolerance: Array | None = None,
+    daylight_tolerance: float,
 ) -> Fit:
     """Fuse the fit of all three channels with Gaussian priors.
 
@@ -86,10 +83,6 @@ def fuse(
         None for no prior of colour.
     daylight_tolerance : float
         Standard deviation of the logarithms of the ambient lights about those of daylight.
-    light : (3,) float64 ndarray, optional
-        W / B; 1 as in the paper where absent.
-    veil, veil_tolerance : (3,) float64 ndarray, optional
-        Prior of I∞, and the standard deviation of its logarithm.
     """
     off_colour = np.zeros(3)
     colour = 0.0
@@ -97,14 +90,9 @@ def fuse(
         above = daylight.diffuse_attenuation
         off_colour = _perpendicular(fit.parameters[:, 0] if above is None else above)
         colour = float(off_colour @ np.log(daylight.white_reference))
-    if light is not None:
-        # Daylight is what lights the scene, not the veil.
-        colour -= float(off_colour @ np.log(light))
-    log_veil = np.log(ambient_min if veil is None else veil)
-    tolerance = np.full(3, NOTHING_EXPECTED) if veil_tolerance is None else veil_tolerance
     parameters, covariance = _combine(
-        fit.parameters.ravel(), fit.covariance, clear_water, log_veil, tolerance, off_colour,
-        colour, daylight_tolerance)
+        fit.parameters.ravel(), fit.covariance, clear_water, off_colour, colour,
+        daylight_tolerance)
     values = parameters.reshape(3, 2)
     values[:, 0] = np.clip(values[:, 0], *ATTENUATION_BOUNDS)
     values[:, 1] = np.maximum(values[:, 1], ambient_min)
@@ -120,8 +108,8 @@ def _perpendicular(rate: Array) -> Array:
 
 @njit(nogil=True)
 def _combine(
-    fitted: Any, covariance: Any, clear_water: Any, log_veil: Any, veil_tolerance: Any,
-    off_colour: Any, colour: float, colour_tolerance: float,
+    fitted: Any, covariance: Any, clear_water: Any, off_colour: Any, colour: float,
+    colour_tolerance: float,
 ) -> tuple[Any, Any]:
     """Combine β and ln I∞ with the expectations; contradicted ones lose weight."""
     first = fitted.copy()
@@ -137,12 +125,9 @@ def _combine(
         rows[c, 0::2] = -1.0 / 3.0
         rows[c, 2 * c] += 1.0
         expected[c] = clear_water[c] - clear_water.mean()
-        rows[3 + c, 2 * c + 1] = 1.0
-        expected[3 + c] = log_veil[c]
-        deviation[3 + c] = veil_tolerance[c]
-        rows[6, 2 * c + 1] = off_colour[c]
-    expected[6] = colour
-    deviation[6] = colour_tolerance
+        rows[3, 2 * c + 1] = off_colour[c]
+    expected[3] = colour
+    deviation[3] = colour_tolerance
     p = first.copy()
     gain = np.zeros((6, ROWS))
     for _ in range(ITERATIONS):

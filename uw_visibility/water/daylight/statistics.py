@@ -3,14 +3,15 @@
 """Statistics of an image over range, from which the posterior is inferred.
 
 The image is reduced to blocks of some 160 × 120. Blocks are binned by range; each bin and channel
-has quantiles of irradiance, local contrast, and the differences between halves of the image; each
-bin of each tile of the image has a mean. Irradiance is relative to the channel's brightest, range
+has quantiles of irradiance, contrast, and the differences between halves of the image; each bin of
+each tile of the image has a mean. Irradiance is relative to the channel's brightest, range
 to the median range, so that neither exposure nor the unit of length matters.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +27,8 @@ from uw_visibility.water.observations import MAX_RANGE, MIN_RANGE
 # Blocks of an image at most: those of the views that the networks are trained on, so that a patch
 # of an image is as many blocks there as here.
 BLOCKS = 20_000
+# Blocks that are kept of a frame, for a survey to take with those of others.
+BLOCKS_KEPT = 1500
 # Fewest blocks with a range that are a picture of the water.
 FEWEST_BLOCKS = 600
 BINS = 12
@@ -60,16 +63,24 @@ MIDDLE = 0.5 / math.pi
 LEVELS = 768
 LOWEST = math.log(FLOOR)
 PER_LEVEL = LEVELS / (math.log(4.0) - LOWEST)
-OF_BIN = len(QUANTILES) + 1 + len(COMPARED) * HALVES + 1
-OF_CHANNEL = 12
-# Part of the image that is open water, and mean rows of its upper and lower half, by place in
-# `Statistics.of_image`.
-OPEN_WATER, UPPER_ROW, LOWER_ROW = 4, 6, 7
+# Places of a bin's statistics: after the quantiles, contrast between neighbours, and within a tile;
+# then the halves; last, whether there are any.
+LOCAL = len(QUANTILES)
+WITHIN_TILE = LOCAL + 1
+BETWEEN_HALVES = LOCAL + 2
+OF_BIN = BETWEEN_HALVES + len(COMPARED) * HALVES + 1
+OF_CHANNEL = 13
+# Places in `Statistics.of_channels`: whether open water is in view, its light above, and near the
+# scene; part of the pixels with the code 0.
+IS_WATER, UPPER_WATER, LOWER_WATER, ZEROS = 2, 10, 11, 8
+# Mean rows of the upper and lower half of open water, by place in `Statistics.of_image`.
+UPPER_ROW, LOWER_ROW = 6, 7
+# Places in `Statistics.of_tiles`, after the channels: weight and mean row.
+WEIGHT, ROW = 3, 4
 # Places in `Statistics.of_image`, after its scalars: of bins, ln range over the median, ln count
 # over the mean, and mean row, -0.5 above to 0.5 below.
 SCALARS = 11
 RANGES = slice(SCALARS, SCALARS + BINS)
-COUNTS = slice(SCALARS + BINS, SCALARS + 2 * BINS)
 ROWS = slice(SCALARS + 2 * BINS, SCALARS + 3 * BINS)
 OF_IMAGE = SCALARS + 3 * BINS
 
@@ -80,10 +91,11 @@ class Statistics(NamedTuple):
     Attributes
     ----------
     of_bins : (3, BINS, OF_BIN) float32 ndarray
-        For each channel and bin: logarithms of the quantiles of irradiance, of local contrast;
-        differences between halves; whether the bin has statistics.
-    of_tiles : (4, TILES, BINS) float32 ndarray
-        Mean irradiance of each channel by tile and bin; its weight, 0..1.
+        For each channel and bin: logarithms of the quantiles of irradiance, of contrast between
+        neighbours and within tiles; differences between halves; whether the bin has statistics.
+    of_tiles : (5, TILES, BINS) float32 ndarray
+        Mean irradiance of each channel by tile and bin; its weight, 0..1; mean row, -0.5 above
+        to 0.5 below.
     of_channels : (3, OF_CHANNEL) float32 ndarray
         Open water, noise, brightness, clipped parts, and ln of clear water's optical thickness.
     of_image : (OF_IMAGE,) float32 ndarray
@@ -155,6 +167,7 @@ def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statist
     place, mean_range, count = _place(blocks.range, near, ranges)
     of_bins = np.zeros((3, BINS, OF_BIN), np.float32)
     _summarise_bins(relative, contrast, place, QUANTILES, of_bins)
+    of_tiles, of_bins[..., WITHIN_TILE] = _summarise_tiles(relative, place)
     smooth = contrast.mean(axis=2)
     known_smooth = np.isfinite(smooth)
     limit = np.quantile(smooth[known_smooth], SMOOTHEST) if known_smooth.any() else 0.0
@@ -168,11 +181,13 @@ def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statist
         # By rows: the first half is nearer the zenith, the second nearer the far surfaces.
         shown = relative[water]
         half = seen_water // 2
-        of_channels[:, 10] = np.log(np.median(shown[:half], axis=0) + FLOOR)
-        of_channels[:, 11] = np.log(np.median(shown[half:], axis=0) + FLOOR)
+        of_channels[:, UPPER_WATER] = np.log(np.median(shown[:half], axis=0) + FLOOR)
+        of_channels[:, LOWER_WATER] = np.log(np.median(shown[half:], axis=0) + FLOOR)
         of_channels[:, 0] = np.log(np.median(shown, axis=0) + FLOOR)
         of_channels[:, 1] = np.log(shown.std(axis=0) + FLOOR)
-        of_channels[:, 2] = 1.0
+        of_channels[:, IS_WATER] = 1.0
+        steps = contrast[water]
+        of_channels[:, 12] = np.log(np.sqrt(np.nanmean(steps**2, axis=0)) + 0.5 * FLOOR)
         at = np.nonzero(water)[0] / len(water) - 0.5
         upper_row, lower_row = float(at[:half].mean()), float(at[half:].mean())
     of_channels[:, 3] = np.log(blocks.noise / brightest + FLOOR / 4)
@@ -180,7 +195,7 @@ def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statist
     of_channels[:, 5] = np.log(brightest / brightest.mean())
     of_channels[:, 6] = np.log(brightest)
     of_channels[:, 7] = blocks.clipped
-    of_channels[:, 8] = blocks.black
+    of_channels[:, ZEROS] = blocks.black
     of_channels[:, 9] = np.log(clear_water * median)
     of_image = np.concatenate((
         (math.log(median), blocks.known, float(near.mean()),
@@ -190,8 +205,7 @@ def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statist
         np.log(mean_range / median), np.log1p(count) - math.log1p(len(ranges) / BINS),
         _mean_rows(place)))
     return Statistics(
-        of_bins, _means_of_tiles(relative, place), of_channels, of_image.astype(np.float32),
-        brightest, median)
+        of_bins, of_tiles, of_channels, of_image.astype(np.float32), brightest, median)
 
 
 def reduce_to_blocks(
@@ -224,6 +238,30 @@ def reduce_to_blocks(
         light, ranges, known / max(counted, 1), extreme[0] * share, extreme[1] * share,
         samples.noise * float(table[middle] - table[middle - 1]), samples.transfer == "srgb",
         len(table) > 256)
+
+
+def thinned(blocks: Blocks, number: int) -> Blocks:
+    """Every so many-th row of blocks, so that some `number` of them are left."""
+    step = max(1, round(blocks.range.size / number))
+    rows = slice(step // 2, None, step)
+    return blocks._replace(light=blocks.light[rows].copy(), range=blocks.range[rows].copy())
+
+
+def stacked(frames: Sequence[tuple[Blocks, Array]]) -> Blocks:
+    """Blocks of frames of one size as those of one image, each with a gain of its channels.
+
+    Rows of the frames alternate, so that what is above in a frame stays above.
+    """
+    parts = [blocks for blocks, _ in frames]
+    light = np.stack([blocks.light * gain.astype(np.float32) for blocks, gain in frames], axis=1)
+    together = np.stack([blocks.range for blocks in parts], axis=1)
+    width = together.shape[2]
+    return parts[-1]._replace(
+        light=light.reshape(-1, width, 3), range=together.reshape(-1, width),
+        known=float(np.mean([blocks.known for blocks in parts])),
+        clipped=np.mean([blocks.clipped for blocks in parts], axis=0),
+        black=np.mean([blocks.black for blocks in parts], axis=0),
+        noise=np.mean([blocks.noise * gain for blocks, gain in frames], axis=0))
 
 
 @njit(nogil=True)
@@ -333,7 +371,6 @@ def _summarise_bins(relative: Any, contrast: Any, place: Any, quantiles: Any, of
                 if step < MOST_CONTRAST:
                     energy[i, c] += step * step
                     steps[i, c] += 1
-    number = len(quantiles)
     other = np.empty(LEVELS, np.int32)
     for i in range(BINS):
         for c in range(3):
@@ -342,9 +379,9 @@ def _summarise_bins(relative: Any, contrast: Any, place: Any, quantiles: Any, of
             if total < FEWEST_OF_BIN:
                 continue
             row = of_bins[c, i]
-            for q in range(number):
+            for q in range(len(quantiles)):
                 row[q] = _quantile(whole, total, quantiles[q])
-            row[number] = np.log(np.sqrt(energy[i, c] / max(steps[i, c], 1)) + 0.5 * FLOOR)
+            row[LOCAL] = np.log(np.sqrt(energy[i, c] / max(steps[i, c], 1)) + 0.5 * FLOOR)
             for half in range(HALVES):
                 one = levels[i, c, 1 + half]
                 inside = one.sum()
@@ -354,26 +391,33 @@ def _summarise_bins(relative: Any, contrast: Any, place: Any, quantiles: Any, of
                     other[level] = whole[level] - one[level]
                 for j in range(len(COMPARED)):
                     q = quantiles[COMPARED[j]]
-                    row[number + 1 + half * len(COMPARED) + j] = (
+                    row[BETWEEN_HALVES + half * len(COMPARED) + j] = (
                         _quantile(one, inside, q) - _quantile(other, total - inside, q))
-            row[number + 1 + HALVES * len(COMPARED)] = 1.0
+            row[OF_BIN - 1] = 1.0
 
 
-def _means_of_tiles(
+def _summarise_tiles(
     relative: NDArray[np.float32], place: NDArray[np.int8]
-) -> NDArray[np.float32]:
-    """Mean irradiance and weight by tile and bin, (4, TILES, BINS); see `Statistics`."""
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Means, weights and rows by tile and bin, and contrast within tiles (3, BINS)."""
     height, width = place.shape
     tile = ((np.arange(height) * TILES_ACROSS // height)[:, np.newaxis] * TILES_ACROSS
             + np.arange(width) * TILES_ACROSS // width)
     there = place >= 0
     at = tile[there] * BINS + place[there]
+    shown = (*(relative[there, c] for c in range(3)), np.nonzero(there)[0] / height - 0.5)
     count = np.bincount(at, minlength=TILES * BINS)
     means = [
-        np.bincount(at, weights=relative[there, c], minlength=TILES * BINS)
-        / np.maximum(count, 1) for c in range(3)]
-    found = np.stack((*means, count / (count + HALF_WEIGHT)))
-    return found.reshape(4, TILES, BINS).astype(np.float32)
+        np.bincount(at, weights=values, minlength=TILES * BINS) / np.maximum(count, 1)
+        for values in shown]
+    found = np.stack((*means[:3], count / (count + HALF_WEIGHT), means[3]))
+    of_bin, total = place[there], np.maximum(np.bincount(place[there], minlength=BINS), 1)
+    variance = [
+        np.bincount(of_bin, weights=(values - mean[at]) ** 2, minlength=BINS) / total
+        for values, mean in zip(shown[:3], means, strict=False)]
+    return (
+        found.reshape(5, TILES, BINS).astype(np.float32),
+        np.log(np.sqrt(variance) + 0.5 * FLOOR).astype(np.float32))
 
 
 def _mean_rows(place: NDArray[np.int8]) -> Array:

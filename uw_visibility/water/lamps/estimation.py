@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import erfcx
 
 from uw_visibility.config.lighting import LightingConfig
 from uw_visibility.config.schema import WaterConfig
@@ -26,7 +27,6 @@ from uw_visibility.optics.lamps import (
     trilinear,
 )
 from uw_visibility.status import Status
-from uw_visibility.water.daylight.clear_water import inverse_mills
 from uw_visibility.water.daylight.fit import blank
 from uw_visibility.water.daylight.priors import (
     CHANNEL_TOLERANCE,
@@ -113,9 +113,7 @@ class CellEstimator:
             Fit of ground points over many frames.
         """
         fit = fit_contrast(cells, self._lighting.model == "both", self._clear_water)
-        cues = {"contrast": (fit.attenuation, np.sqrt(np.diag(fit.covariance)))}
         if tracks is not None:
-            cues["tracks"] = tracks.attenuation, np.sqrt(np.diag(tracks.covariance))
             fit = _joined(fit, tracks)
         status = list(refused or [Status.OK] * 3)
         for c in range(3):
@@ -135,8 +133,7 @@ class CellEstimator:
         if clearer is not Status.OK:
             status = [clearer if reason is Status.OK else reason for reason in status]
             known[:] = False
-        water = self._assembled(cells, fit, np.where(known, beta, np.nan), covariance, status)
-        return replace(water, cues=cues)
+        return self._assembled(cells, fit, np.where(known, beta, np.nan), covariance, status)
 
     def _join_channels(self, fit: ContrastFit, seen: Mask) -> tuple[Array, Array]:
         """Fuse β with the prior that channels are alike."""
@@ -343,7 +340,8 @@ def _raised(
     """
     stddev = math.sqrt(covariance[c, c] + tolerance**2)
     below = (least - mean[c]) / stddev
-    ratio = inverse_mills(below)
+    # Inverse Mills ratio φ(a) / (1 − Φ(a)): mean of a normal law that is truncated at a.
+    ratio = math.sqrt(2.0 / math.pi) / float(erfcx(below / math.sqrt(2.0)))
     gain = covariance[:, c] / stddev
     fresh = covariance - ratio * (ratio - below) * np.outer(gain, gain)
     return mean + below * gain, 0.5 * (fresh + fresh.T)

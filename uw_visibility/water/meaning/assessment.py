@@ -19,9 +19,9 @@ from uw_visibility.water.daylight.validation import MIN_CODES
 from uw_visibility.water.estimate import WaterEstimate, joint_covariance
 from uw_visibility.water.meaning.depth import DepthModel
 
-# A distance says nothing if its 16 and 84 % differ by more than this factor, a depth if its
-# standard deviation is beyond this fraction of the largest.
-WIDEST_INTERVAL = 2.5
+# A distance says nothing if its 16 and 84 % differ by more than this factor, twice as far and half
+# as far as its middle; a depth if its standard deviation is beyond this fraction of the largest.
+WIDEST_INTERVAL = 4.0
 MAX_RELATIVE_STDDEV = 0.5
 # Relative standard deviations of β are cut at this: its exponential is finite, and no distance is
 # told long before.
@@ -166,12 +166,14 @@ class Assessor:
             attenuation, light, covariance_with_light(estimate)[np.ix_(both, both)])
         if estimate.light is None:
             return Status.OK, (depth, precision, precision)
-        patches = np.zeros((len(light) * 2,) * 2)
-        # The veil's part of it is in the precision.
-        of_veil = estimate.ambient_light_stddev[seen] * light / estimate.veil[seen]
-        patches[1::2, 1::2] = np.diag(
-            np.maximum(estimate.scene_light_stddev[seen]**2 - of_veil**2, 0.0))
-        _, scene = model.depth(attenuation, light, patches)
+        scene = 0.0
+        if estimate.light_covariance is None:
+            patches = np.zeros((len(light) * 2,) * 2)
+            # The veil's part of it is in the precision.
+            of_veil = estimate.ambient_light_stddev[seen] * light / estimate.veil[seen]
+            patches[1::2, 1::2] = np.diag(
+                np.maximum(estimate.scene_light_stddev[seen]**2 - of_veil**2, 0.0))
+            _, scene = model.depth(attenuation, light, patches)
         of_model, colour_error = model.model_stddev(
             depth, attenuation, estimate.attenuation_stddev[seen], light)
         stddev = math.hypot(precision, scene, of_model)
@@ -219,10 +221,18 @@ def _least_light(estimate: WaterEstimate) -> Array:
 
 
 def covariance_with_light(estimate: WaterEstimate) -> Array:
-    """`joint_covariance` with the scene light in the place of I∞, scaled like it."""
+    """`joint_covariance` with the scene light in the place of I∞.
+
+    Scaled like it, or that of the light's own where it is known.
+    """
     scale = np.ones(6)
     scale[1::2] = estimate.scene_light / estimate.ambient_light
-    return np.asarray(joint_covariance(estimate) * np.outer(scale, scale))
+    joint = np.asarray(joint_covariance(estimate) * np.outer(scale, scale))
+    if estimate.light_covariance is not None:
+        light = estimate.scene_light
+        joint[1::2, :] = joint[:, 1::2] = 0.0
+        joint[1::2, 1::2] = estimate.light_covariance * np.outer(light, light)
+    return joint
 
 
 def _first(status: Status, other: Status) -> Status:

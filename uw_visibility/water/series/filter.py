@@ -16,13 +16,13 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.status import REFUTING, Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.grey_average import ColourBalance, GreyFrames
-from uw_visibility.water.daylight.transfer_check import TransferVote
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.lamps.estimation import CellEstimator
 from uw_visibility.water.lamps.survey import LampSurvey
 from uw_visibility.water.meaning.assessment import Assessor, Visibility
 from uw_visibility.water.series.survey import Survey, SurveyEstimate
 from uw_visibility.water.series.tracking import TrackingEvent, WaterTracker
+from uw_visibility.water.series.transfer_vote import TransferVote
 
 # A frame that the state is not taken from.
 _UNSEEN = (TrackingEvent.PREDICTED, TrackingEvent.NOT_ASSESSABLE)
@@ -143,10 +143,7 @@ class WaterFilter:
         """Add a frame to the survey; return its estimate where the filter has none."""
         if not self.config.survey.enabled:
             return None
-        if isinstance(self._survey, LampSurvey):
-            self._survey.add(water, stamp)
-        else:
-            self._survey.add(water.envelope, stamp)
+        self._survey.add(water, stamp)
         if isinstance(self._survey, LampSurvey):
             return self._surveyed_under_lamps(filtered)
         if event is not TrackingEvent.NOT_ASSESSABLE:

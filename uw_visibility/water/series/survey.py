@@ -4,16 +4,14 @@
 
 Above a flat sea floor a frame's ranges are too alike to show how light decays with
 range, but a vehicle climbs, sinks and pitches: over a minute the ranges differ enough.
-The frames' envelopes are pooled and estimated from like those of one frame.
+The frames' pixels, reduced to blocks, are taken together and estimated from like those of one
+frame; with one light for veil and scene (`water.veil: paper`), their envelopes are.
 
 Frames that follow one another show the same ground, so their errors are alike. The
 covariance comes from leaving out blocks of frames in turn (delete-a-group jackknife:
 Künsch 1989, doi:10.1214/aos/1176347265), beside the estimate's own.
 
-Two things else show whether the estimate holds. Relative contrast decays with range as
-βB over the bright envelope, whatever exposure and scene are: over a floor without anything
-dark, whose level would be taken for the veil's, it contradicts the estimate. And blocks
-of frames differ where the water changes within the window.
+Blocks of frames also differ where the water changes within the window.
 """
 
 from __future__ import annotations
@@ -32,6 +30,7 @@ from uw_visibility.images.arrays import Array
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.fit import blank
+from uw_visibility.water.daylight.statistics import Blocks, stacked
 from uw_visibility.water.daylight.validation import LAMP_SLOPE
 from uw_visibility.water.estimate import (
     WaterEstimate,
@@ -116,19 +115,22 @@ class FrameEnvelopes:
     ----------
     level : (3,) float64 ndarray
         Geometric mean of the bright envelope over range, in each channel.
+    blocks : Blocks or None
+        Some rows of the frame's blocks of pixels; None without a posterior.
     """
 
     envelope: Envelopes
     level: Array
+    blocks: Blocks | None = None
 
     @classmethod
-    def of(cls, envelope: Envelopes) -> FrameEnvelopes | None:
+    def of(cls, envelope: Envelopes, blocks: Blocks | None = None) -> FrameEnvelopes | None:
         """Take a frame; None where a channel has no light."""
         bright = envelope.bright
         if bright.shape[1] == 0 or not (bright > 0).any(axis=1).all():
             return None
         known = np.where(bright > 0, bright, np.nan)
-        return cls(envelope, np.exp(np.nanmean(np.log(known), axis=1)))
+        return cls(envelope, np.exp(np.nanmean(np.log(known), axis=1)), blocks)
 
 
 def median_level(frames: Sequence[FrameEnvelopes]) -> Array:
@@ -210,28 +212,6 @@ def _relative_contrast(envelope: Envelopes) -> Array:
     return 1.0 - envelope.dark / np.where(envelope.bright > 0, envelope.bright, np.nan)
 
 
-def contrast_decay(frames: Sequence[FrameEnvelopes]) -> Array:
-    """Decay of relative contrast (u − e)/u with range in each channel, (3,), 1/m.
-
-    Light and dark patches differ by W Δρ e^(−βd), and the bright envelope u approaches the
-    veil B: the ratio falls as βB/u, whatever exposure and scene are.
-    """
-    decay = np.full(3, np.nan)
-    for c in range(3):
-        distance, logarithm, weight = [], [], []
-        for envelope in (frame.envelope for frame in frames):
-            contrast = _relative_contrast(envelope)[c]
-            known = contrast > 0
-            distance.append(envelope.range[known])
-            logarithm.append(np.log(contrast[known]))
-            weight.append(np.full(known.sum(), 1.0 / max(known.sum(), 1)))
-        d, y, w = (np.concatenate(each) for each in (distance, logarithm, weight))
-        if len(d) >= FEWEST_OBSERVATIONS:
-            centred = d - np.average(d, weights=w)
-            decay[c] = -(w * centred) @ y / max((w * centred) @ centred, 1e-12)
-    return decay
-
-
 def attenuation_change(frames: Sequence[FrameEnvelopes], block: NDArray[np.intp]) -> float:
     """Largest change of attenuation between older and newer blocks, 1/m; 0 if insignificant.
 
@@ -262,12 +242,6 @@ INTERVAL = 1.0
 # no estimate.
 BLOCKS = 8
 MOST_DECISIVE = 2
-# How much of the decay of relative contrast, 1/m, is the scene's: more ground is in view
-# from farther away, and less of it is resolved.
-SCENE_DECAY = 0.15
-# Distance of the estimate from that decay, in standard deviations, from which on it widens
-# the estimate's, and that refutes it.
-WIDENING, CONTRADICTION = 1.0, 2.5
 
 
 @dataclass(frozen=True)
@@ -320,11 +294,15 @@ class Survey:
         self._frames.clear()
         self._last = None
 
-    def add(self, envelope: Envelopes | None, stamp_seconds: float) -> None:
-        """Add a frame's envelopes, if any; a stamp (s) not later than the last one begins anew."""
+    def add(self, water: WaterEstimate, stamp_seconds: float) -> None:
+        """Add what a frame shows, if anything; a stamp (s) not after the last one begins anew."""
         if not self._frames.continued_by(stamp_seconds):
             self.reset()
-        self._frames.add(None if envelope is None else FrameEnvelopes.of(envelope), stamp_seconds)
+        frame = None
+        if water.envelope is not None and (
+                water.blocks is not None or not self._estimator.by_posterior):
+            frame = FrameEnvelopes.of(water.envelope, water.blocks)
+        self._frames.add(frame, stamp_seconds)
 
     def estimate(self) -> SurveyEstimate:
         """Estimate the water over the frames of the window, once in `INTERVAL`."""
@@ -352,20 +330,30 @@ class Survey:
     def _water(self, frames: Sequence[FrameEnvelopes]) -> WaterEstimate:
         if levels_fall_as_by_lamps(frames):
             return WaterEstimate.not_assessable(Status.LIT_BY_LAMPS)
-        observed = pool(frames)
-        whole = self._estimator.estimate_envelope(observed)
+        whole = self._together(frames)
         if not np.isfinite(whole.attenuation).any():
             return whole
         block = np.arange(len(frames)) * BLOCKS // len(frames)
         subsets = [
             [f for f, b in zip(frames, block, strict=True) if b != left_out]
             for left_out in range(BLOCKS)]
-        parts = [self._estimator.estimate_envelope(pool(subset)) for subset in subsets]
-        water = _with_spread(whole, parts)
-        decays = np.array([contrast_decay(subset) for subset in subsets])
-        bright = np.array([mean_of_known(channel) for channel in observed.bright])
-        water = _compared(water, bright, contrast_decay(frames), _jackknife(decays))
-        return _wider(water, attenuation_change(frames, block))
+        parts = [self._together(subset) for subset in subsets]
+        return _wider(_with_spread(whole, parts), attenuation_change(frames, block))
+
+    def _together(self, frames: Sequence[FrameEnvelopes]) -> WaterEstimate:
+        """Estimate from frames as from one."""
+        observed = pool(frames)
+        if not self._estimator.by_posterior:
+            return self._estimator.estimate_envelope(observed)
+        level = median_level(frames)
+        newest = frames[-1].blocks
+        assert newest is not None
+        blocks = stacked([
+            (f.blocks, level / f.level) for f in frames
+            if f.blocks is not None and f.blocks.range.shape == newest.range.shape])
+        water = self._estimator.estimate_blocks(blocks, observed, observed.range_error)
+        # The jackknife's covariance is added to that of the posterior.
+        return replace(water, clearest=None)
 
 
 def _wider(water: WaterEstimate, deviation: float) -> WaterEstimate:
@@ -373,30 +361,6 @@ def _wider(water: WaterEstimate, deviation: float) -> WaterEstimate:
     joint = joint_covariance(water).copy()
     joint[0::2, 0::2] += deviation**2
     return replace(water, covariance=of_each_channel(joint), joint_covariance=joint)
-
-
-def _compared(
-    water: WaterEstimate, bright: Array, decay: Array, covariance: Array
-) -> WaterEstimate:
-    """Compare with the decay of relative contrast: widen the covariance, or refuse."""
-    seen = np.isfinite(water.attenuation) & np.isfinite(decay)
-    if not seen.any():
-        return water
-    by_attenuation = (water.ambient_light / bright)[seen]
-    by_light = (water.attenuation / bright)[seen]
-    joint = joint_covariance(water)
-    own = np.repeat(seen, 2)
-    slopes = np.zeros((seen.sum(), own.sum()))
-    at = np.arange(seen.sum())
-    slopes[at, 2 * at], slopes[at, 2 * at + 1] = by_attenuation, by_light
-    spread = slopes @ joint[np.ix_(own, own)] @ slopes.T + covariance[np.ix_(seen, seen)]
-    # What the channels have in common: the scene's part is the same in them.
-    variance = float(spread.mean()) + SCENE_DECAY**2
-    gap = float(np.mean(water.attenuation[seen] * by_attenuation - decay[seen]))
-    if gap**2 > CONTRADICTION**2 * variance:
-        return WaterEstimate.not_assessable(Status.CUES_DISAGREE, water.envelope)
-    excess = max(gap**2 - WIDENING**2 * variance, 0.0)
-    return _wider(water, math.sqrt(excess) / float(by_attenuation.mean()))
 
 
 def _jackknife(parts: Array) -> Array:

@@ -146,7 +146,8 @@ class WaterTracker:
         light = self._light * mean[LIGHT] if np.isfinite(self._light).any() else None
         return replace(
             estimate, light=None if light is None else light[0],
-            light_stddev=None if light is None else light[1], status=overall_status(status),
+            light_stddev=None if light is None else light[1], clearest=None,
+            status=overall_status(status),
             attenuation=mean[ATTENUATION], ambient_light=mean[LIGHT],
             covariance=of_each_channel(joint), channel_status=(status[0], status[1], status[2]),
             joint_covariance=joint)
