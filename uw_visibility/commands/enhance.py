@@ -240,7 +240,8 @@ def _summary(report: dict[str, Any], folder: Path) -> str:
             parts.append(f"{title} {report[name]:.3g}{band} {unit}")
     lost = [name for name, letter in zip(COLOURS, "RGB", strict=True)
             if letter not in report["channels"]]
-    if report["channels"] and lost:
+    # Of a refused estimate other channels may be missing too.
+    if report["status"] == str(Status.OK) and lost:
         parts.append(f"no light is left in {' and '.join(lost)}")
     parts.append(f"matched {report['matched_fraction']['enhanced']:.1%}")
     return f"{', '.join(parts)}; written to {folder}"
