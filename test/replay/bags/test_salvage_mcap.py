@@ -201,6 +201,25 @@ def test_records_that_no_chunk_holds_end_none(file: Path) -> None:
     assert times(file, BEGIN, odd, END) == ([0, 1], [f"1 {SKIPPED}"])
 
 
+# A damaged highest byte of a length.
+ABSURD = 1 << 60
+
+
+@pytest.mark.parametrize("chunked", [False, True])
+def test_a_damaged_length_costs_no_record_before_it(chunked: bool, file: Path) -> None:
+    records = [message(1), message(2), message(3, more=ABSURD), message(4)]
+    parts = [chunk(b"".join(records))] if chunked else records
+    assert times(file, BEGIN, *parts, END)[0] == [1, 2, 4]
+
+
+@pytest.mark.parametrize("compression", PACK)
+def test_a_chunk_of_damaged_length_is_read_by_its_fields(compression: str, file: Path) -> None:
+    first, second = message(1) + message(2), message(3) + message(4)
+    found = times(
+        file, BEGIN, chunk(first), chunk(second, compression, more=ABSURD), message(5), END)
+    assert found == ([1, 2, 3, 4, 5], [])
+
+
 @pytest.mark.parametrize("behind", [b"", message(2)], ids=["last", "in the middle"])
 def test_a_message_without_data_is_found_behind_a_damaged_one(behind: bytes, file: Path) -> None:
     content = BEGIN + message(0, more=1 << 20) + message(1, b"") + behind

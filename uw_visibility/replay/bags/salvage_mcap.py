@@ -132,8 +132,20 @@ class McapSalvage:
             # The end of a file that is cut off.
             return True
         kind, length = struct.unpack("<BQ", head)
+        if length > max(source.size - at - HEAD, MOST_AT_ONCE):
+            # Only the length may be damaged: then the record before it is whole.
+            return self._fields_fit(source, at, kind)
         # Applications may have records of their own.
-        return kind != 0 and length <= max(source.size - at - HEAD, MOST_AT_ONCE)
+        return kind != 0
+
+    def _fields_fit(self, source: Source, at: int, kind: int) -> bool:
+        """Tell whether the fields after a head are those of a chunk, or of a known channel."""
+        if kind == CHUNK:
+            length = _chunk_length(source, at)
+            return length is not None and at + HEAD + length <= source.size
+        content = source.read(at + HEAD, 2)
+        return kind == MESSAGE and len(content) == 2 and (
+            struct.unpack("<H", content)[0] in self._by_id)
 
     def _next(self, source: Source, at: int, chunks: bool) -> int | None:
         """Return the place of the next plausible record."""
