@@ -658,6 +658,39 @@ def test_light_on_the_scene_keeps_its_ratio_to_the_veil_while_frames_are_rejecte
     assert WaterTracker().update(drawn(rng), 0.0).light is None
 
 
+def test_the_lights_covariance_is_kept_while_frames_do_not_show_a_channel():
+    """Channels are off alike; else a filtered depth is lost, or as if they were independent."""
+    alike = 0.09 + np.diag(np.full(3, 1e-4))
+
+    def lit(frame, **changes):
+        light = 2.0 * frame.ambient_light
+        return dataclasses.replace(
+            frame, light=light, light_stddev=0.3 * light, light_covariance=alike, **changes)
+
+    rng = np.random.default_rng(18)
+    tracker = WaterTracker()
+    for k in range(5):
+        out = tracker.update(lit(drawn(rng)), k * PERIOD)
+    whole = ASSESSOR.assess(out)
+    frame, hidden = lit(drawn(rng)), np.array((True, False, False))
+    values = {
+        name: np.where(hidden, np.nan, getattr(frame, name))
+        for name in ("attenuation", "ambient_light", "light", "light_stddev")}
+    partly = dataclasses.replace(
+        frame, **values, status=Status.RANGE_SPREAD_TOO_SMALL,
+        channel_status=(Status.RANGE_SPREAD_TOO_SMALL, Status.OK, Status.OK),
+        covariance=np.where(hidden[:, None, None], np.nan, frame.covariance),
+        joint_covariance=np.where(
+            np.add.outer(np.repeat(hidden, 2), np.repeat(hidden, 2)), np.nan,
+            frame.joint_covariance),
+        light_covariance=np.where(np.add.outer(hidden, hidden), np.nan, alike))
+    for k, each in enumerate((WaterEstimate.not_assessable(Status.TOO_DARK), partly)):
+        seen = ASSESSOR.assess(tracker.update(each, (5 + k) * PERIOD))
+        assert seen.depth_status is Status.OK
+        if each is not partly:
+            assert seen.depth_stddev < 1.5 * whole.depth_stddev
+
+
 def test_attenuation_stays_positive():
     rng = np.random.default_rng(12)
     tracker = WaterTracker()

@@ -12,6 +12,7 @@ import numpy as np
 
 from uw_visibility.config.schema import TrackingConfig
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.fit import blank
 from uw_visibility.water.estimate import WaterEstimate, of_each_channel, overall_status
@@ -67,6 +68,7 @@ class WaterTracker:
         self._doubt = np.zeros((6, 6))
         # Light on the scene and its deviation, over the veil, in the frames taken in.
         self._light = np.full((2, 3), np.nan)
+        self._light_covariance: Array | None = None
         self._stamp = -math.inf
 
     def update(self, estimate: WaterEstimate, stamp_seconds: float) -> WaterEstimate:
@@ -107,6 +109,9 @@ class WaterTracker:
         if estimate.light is not None and self.event in _TAKEN_IN:
             light = np.array((estimate.light, estimate.light_stddev)) / estimate.ambient_light
             self._light = np.where(np.isfinite(light), light, self._light)
+            if estimate.light_covariance is not None:
+                self._light_covariance = _renewed(
+                    self._light_covariance, estimate.light_covariance)
         self.estimate = self._filtered(estimate)
         return self.estimate
 
@@ -146,8 +151,17 @@ class WaterTracker:
         light = self._light * mean[LIGHT] if np.isfinite(self._light).any() else None
         return replace(
             estimate, light=None if light is None else light[0],
-            light_stddev=None if light is None else light[1], clearest=None,
-            status=overall_status(status),
+            light_stddev=None if light is None else light[1],
+            light_covariance=self._light_covariance, clearest=None, status=overall_status(status),
             attenuation=mean[ATTENUATION], ambient_light=mean[LIGHT],
             covariance=of_each_channel(joint), channel_status=(status[0], status[1], status[2]),
             joint_covariance=joint)
+
+
+def _renewed(before: Array | None, new: Array) -> Array:
+    """Covariance of the channels that a frame shows; the others keep theirs, as independent."""
+    if before is None:
+        return new
+    shown = np.isfinite(np.diag(new))
+    kept = np.where(np.outer(~shown, ~shown), before, 0.0)
+    return np.asarray(np.where(np.outer(shown, shown), new, kept))
