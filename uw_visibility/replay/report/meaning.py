@@ -25,8 +25,6 @@ MEANINGS = {
     Status.OTHER_TRANSFER: "Images look encoded the other way than configured: linear or sRGB.",
     Status.CLEARER_THAN_CLEAR_WATER: "The water would be clearer than pure sea water: a camera "
     "setting or the calibration is wrong.",
-    Status.UNLIKE_TRAINING: "The image is farther from all that the estimator was trained on than "
-    "three in a thousand of those are: its answer may be anything.",
     Status.NOT_ONE_WATER: "Dark patches lighten with range otherwise than any single water and "
     "veil would make them: a layer, vignetting, or a veil that changes over the image.",
     Status.UNLIKE_TRAINING: "The image is farther from all that the estimator was trained on than "
@@ -65,8 +63,6 @@ REMEDIES = {
     "camera.flat_field.",
     Status.CLEARER_THAN_CLEAR_WATER: "Check camera.transfer, camera.response, the white balance, "
     "and that the rig was calibrated under water.",
-    Status.UNLIKE_TRAINING: "Look at the frame: a mosaic that was not interpolated, exchanged "
-    "channels or another image than of a scene under water?",
     Status.NOT_ONE_WATER: "Set camera.vignetting or camera.flat_field, check camera.transfer; let "
     "some open water be in view, which shows how the veil changes.",
     Status.UNLIKE_TRAINING: "Look at the frame: a mosaic that was not interpolated, exchanged "
