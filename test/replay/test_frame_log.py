@@ -17,6 +17,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.view import View
 from uw_visibility.replay.frame_log import NAME, FrameLog, read_records
 from uw_visibility.replay.records import FrameRecord
+from uw_visibility.water.daylight.statistics import Blocks
 from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.lamps.tracks import GroundView
 from uw_visibility.water.observations import Envelopes, observe
@@ -33,9 +34,18 @@ def envelopes() -> Envelopes:
     )
 
 
+def blocks() -> Blocks:
+    rng = np.random.default_rng(1)
+    light, ranges = rng.random((4, 6, 3), np.float32), rng.random((4, 6), np.float32)
+    return Blocks(light, ranges, 0.7, np.zeros(3), np.ones(3), rng.random(3), True, False)
+
+
 def records() -> list[FrameRecord]:
     estimate = frame_estimate(distance=1 / 3, depth=float("inf"))
-    object.__setattr__(estimate.water, "envelope", envelopes())
+    water = replace(
+        estimate.water, envelope=envelopes(), blocks=blocks(), clearest=np.arange(3.0),
+        light_covariance=np.eye(3))
+    estimate = replace(estimate, water=water)
     return [
         frame_record(1.5, 3, estimate=estimate),
         frame_record(2.0, 4, reason="left image: “dark”\n"),
@@ -88,6 +98,24 @@ def test_a_frame_under_lamps_comes_back_without_its_image(tmp_path: Path) -> Non
     (found,) = read_records(tmp_path)
     assert found.estimate is not None
     same(found.estimate.water.lamps, replace(light, ground=None))
+
+
+@pytest.mark.parametrize(("name", "value"), [
+    ("light", np.zeros((3, 6, 3), np.float32)), ("light", np.zeros((4, 6), np.float32)),
+    ("range", np.zeros((4, 7), np.float32)), ("noise", np.zeros(2))])
+def test_blocks_whose_arrays_do_not_fit_are_refused(
+    name: str, value: np.ndarray, tmp_path: Path
+) -> None:
+    """Compiled code goes by the shape of one of them."""
+    record, _ = records()
+    assert record.estimate is not None
+    water = replace(
+        record.estimate.water, blocks=blocks()._replace(**{name: value}))  # type: ignore[arg-type]
+    log = FrameLog(tmp_path)
+    log.write(replace(record, estimate=replace(record.estimate, water=water)))
+    log.close()
+    with pytest.raises(InputError, match="no frame of a replay"):
+        list(read_records(tmp_path))
 
 
 def test_a_line_that_is_cut_off_ends_the_log(tmp_path: Path) -> None:

@@ -41,11 +41,15 @@ _CLASSES: dict[str, type[Any]] = {
         StereoRig, ImageHeader, Blocks,
     )
 }
-_SHAPES = {
-    "attenuation": (3,), "ambient_light": (3,), "covariance": (3, 2, 2),
-    "joint_covariance": (6, 6), "light": (3,), "light_stddev": (3,), "clearest": (3,),
-    "light_covariance": (3, 3),
-    "power": (3,), "scattering": (3,), "daylight": (3,), "veil": (3,),
+_SHAPES: dict[type[Any], dict[str, tuple[int, ...]]] = {
+    WaterEstimate: {
+        "attenuation": (3,), "ambient_light": (3,), "covariance": (3, 2, 2),
+        "joint_covariance": (6, 6), "light": (3,), "light_stddev": (3,),
+        "light_covariance": (3, 3), "clearest": (3,),
+    },
+    LampLight: {
+        "attenuation": (3,), "power": (3,), "scattering": (3,), "daylight": (3,), "veil": (3,)},
+    Blocks: {"clipped": (3,), "black": (3,), "noise": (3,)},
 }
 
 
@@ -135,16 +139,17 @@ def _decoded(value: Any) -> Any:
 
 def _made(kind: type[Any], found: dict[str, Any]) -> Any:
     """Make a record of its fields."""
+    shapes = _SHAPES.get(kind, {})
     for name, hint in get_type_hints(kind).items():
         if hint is Status:
             found[name] = Status(found[name])
         elif name in found and not _is_a(found[name], hint):
             raise TypeError(name)
-        elif kind is not Blocks and name in _SHAPES and found[name] is not None and (
-            found[name].shape != _SHAPES[name]
-        ):
+        elif name in shapes and found[name] is not None and found[name].shape != shapes[name]:
             raise ValueError(name)
-    if kind is Blocks and found["light"].shape != (*found["range"].shape, 3):
+    if kind is Blocks and (
+        found["range"].ndim != 2 or found["light"].shape != (*found["range"].shape, 3)
+    ):
         raise ValueError("light")
     if kind is WaterEstimate:
         found["channel_status"] = tuple(Status(status) for status in found["channel_status"])
@@ -158,6 +163,6 @@ def _is_a(value: Any, hint: Any) -> bool:
 
 
 def _names(kind: type[Any]) -> tuple[str, ...]:
-    if kind in (ImageHeader, Blocks):
+    if issubclass(kind, tuple):
         return tuple(get_type_hints(kind))
     return tuple(field.name for field in fields(kind))
