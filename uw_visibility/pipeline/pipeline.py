@@ -186,15 +186,14 @@ class Pipeline:
             fine = warm_up_pair(shape, np.dtype(np.uint16), grey=grey)
             self.process(*fine, enhance=(), confidence=False)
         # Of a small image too little is seen to reach all that an estimate may need.
-        image, maps = warm_up_scene(np.dstack((left,) * 3) if grey else left)
+        image, ranges = warm_up_scene(np.dstack((left,) * 3) if grey else left)
         if grey:
             if isinstance(self._estimator, WaterEstimator):
                 plain = View.of(np.ascontiguousarray(image[..., 0]), self.config.camera.transfer)
-                self._estimator.estimate_grey_view(plain, maps[0], range_error=1e-3)
+                self._estimator.estimate_grey_view(plain, ranges, range_error=1e-3)
         else:
             view = View.of(check_pair(image, right)[0], self.config.camera.transfer)
-            for ranges in maps:
-                self._estimator.estimate_view(view, ranges, range_error=1e-3)
+            self._estimator.estimate_view(view, ranges, range_error=1e-3)
             if self._by_lamps is not None:
                 self._by_lamps.warm_up(view.pixels)
         if compressed:

@@ -50,19 +50,13 @@ def warm_up_pair(
     return (first[..., 1], second[..., 1]) if grey else (first, second)
 
 
-def warm_up_scene(image: Image) -> tuple[NDArray[Any], tuple[NDArray[np.float32], ...]]:
-    """Image and ranges with open water in view, which exercise the whole estimator.
-
-    One map of ranges falls downwards; in the other each half of the image has all ranges, since
-    halves are compared at equal range. The water is brighter above, as looking ahead it is.
-    """
+def warm_up_scene(image: Image) -> tuple[NDArray[Any], NDArray[np.float32]]:
+    """Image with open water in view, and its ranges, which exercise the whole estimator."""
     height, width = image.shape[:2]
     open_water = slice(0, height // 3)
     image = image.copy()
     brightness = np.linspace(0.6, 0.4, height // 3)[:, np.newaxis, np.newaxis]
     image[open_water] = brightness * np.iinfo(image.dtype).max
-    down = np.tile(np.linspace(1.0, 4.0, height)[:, np.newaxis], (1, width))
-    across = np.tile(1.0 + 3.0 * (np.linspace(0.0, 2.0, width, endpoint=False) % 1.0), (height, 1))
-    for ranges in (down, across):
-        ranges[open_water] = np.nan
-    return image, (down.astype(np.float32), across.astype(np.float32))
+    ranges = np.tile(np.linspace(1.0, 4.0, height, dtype=np.float32)[:, np.newaxis], (1, width))
+    ranges[open_water] = np.nan
+    return image, ranges

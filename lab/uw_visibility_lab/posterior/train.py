@@ -17,7 +17,6 @@ from torch import nn
 
 from uw_visibility import __version__
 from uw_visibility.config.files import write_whole
-from uw_visibility.water.daylight.curves import OF_CURVES
 from uw_visibility.water.daylight.inference import infer
 from uw_visibility.water.daylight.network import (
     COMPONENTS,
@@ -27,6 +26,7 @@ from uw_visibility.water.daylight.network import (
     MOST_LOG_DEVIATION,
     OF_COMPONENT,
     OUTPUTS,
+    OWN,
     UNKNOWNS,
     Network,
     features_of,
@@ -37,7 +37,6 @@ from uw_visibility.water.daylight.statistics import (
     BINS,
     COMPARED,
     OF_BIN,
-    OF_CHANNEL,
     Statistics,
 )
 from uw_visibility_lab.posterior.examples import Examples
@@ -120,14 +119,8 @@ def _loss(net: Net, x: Any, truth: Any, other_curve: Any) -> Any:
 
 def mirrored_columns() -> NDArray[np.intp]:
     """Columns of a channel's own features that change sign where left and right change places."""
-    first = BETWEEN_HALVES
-    return np.concatenate([
-        i * OF_BIN + np.arange(first, first + len(COMPARED)) for i in range(BINS)])
-
-
-def channel_columns() -> int:
-    """Number of a channel's own features."""
-    return OF_CURVES + OF_CHANNEL
+    sides = np.arange(BETWEEN_HALVES, BETWEEN_HALVES + len(COMPARED))
+    return np.concatenate([i * OF_BIN + sides for i in range(BINS)])
 
 
 def train(
@@ -142,7 +135,7 @@ def train(
     x = np.clip((x - centre) / spread, -MOST_DEVIATIONS, MOST_DEVIATIONS)
     held = held_back(len(x))
     columns = mirrored_columns()
-    columns = np.concatenate((columns, columns + channel_columns()))
+    columns = np.concatenate((columns, columns + OWN))
     sign = np.ones(x.shape[2], np.float32)
     sign[columns] = -1.0
     # A mirrored feature is mirrored about its own zero, not about its mean.

@@ -64,10 +64,47 @@ LEAST_APART = 0.03
 MOST_WORSE, STEEP = 0.6, 5.0
 # Of the veil every third value of the grid is kept.
 KEPT = slice(1, None, 3)
-FITS, VEILS, CONTRASTS = 10, 6, 2
+# Contrasts that are fitted, by place in a bin's statistics.
+CONTRASTS = (LOCAL, WITHIN_TILE)
+
+
+class GridFit(NamedTuple):
+    """One fit of the light model over the grid, see `_fit_veil`.
+
+    Attributes
+    ----------
+    quantiles : tuple of int
+        What is fitted, by place in QUANTILES; tiles where empty.
+    of_water : float
+        Weight of open water.
+    gradient, black : bool
+        Whether the veil has a gradient, and surfaces are black.
+    keeps_veil : bool
+        Whether the network sees the veil too.
+    """
+
+    quantiles: tuple[int, ...]
+    of_water: float = 0.0
+    gradient: bool = False
+    black: bool = False
+    keeps_veil: bool = False
+
+
+FITS = (
+    GridFit(ALL, keeps_veil=True),
+    GridFit(DARK),
+    GridFit(BLACK, black=True, keeps_veil=True),
+    GridFit(ALL, FIXED),
+    GridFit(BLACK, FIXED, black=True),
+    GridFit((), FIXED),
+    GridFit(ALL, FREE, gradient=True, keeps_veil=True),
+    GridFit(BLACK, FREE, gradient=True, black=True, keeps_veil=True),
+    GridFit((), keeps_veil=True),
+    GridFit((), FREE, gradient=True, keeps_veil=True),
+)
 OF_CURVES = (
-    BINS * OF_BIN + 1 + (FITS + CONTRASTS) * (len(THICKNESS) + 2)
-    + VEILS * (len(THICKNESS[KEPT]) + 1) + 2 * (len(SPREADS) + 1))
+    BINS * OF_BIN + 1 + (len(FITS) + len(CONTRASTS)) * (len(THICKNESS) + 2)
+    + sum(fit.keeps_veil for fit in FITS) * (len(THICKNESS[KEPT]) + 1) + 2 * (len(SPREADS) + 1))
 
 
 class Levelled(NamedTuple):
@@ -154,35 +191,27 @@ def curves(
     of_bins, of_tiles, seen, slope = level(of_bins, of_tiles, of_channels, of_image)
     there = of_bins[..., -1]
     q = np.exp(of_bins[..., :len(QUANTILES)]) - FLOOR
-    water = of_channels[..., IS_WATER]
+    water = of_channels[..., IS_WATER, np.newaxis]
     # Groups that have a c of their own: quantiles, (..., 3, K, BINS), or tiles.
     bins = there[..., np.newaxis, :], of_image[..., np.newaxis, np.newaxis, ROWS]
     tiles = (of_tiles[..., np.newaxis, WEIGHT, :, :], of_tiles[..., np.newaxis, ROW, :, :])
     rows = of_image[..., (UPPER_ROW, LOWER_ROW)]
     parts = [of_bins.reshape(*of_bins.shape[:-2], -1), slope[..., np.newaxis]]
-    for chosen, (weight, row), of_water, gradient, black, keep_veil in (
-        (ALL, bins, 0.0, False, False, True),
-        (DARK, bins, 0.0, False, False, False),
-        (BLACK, bins, 0.0, False, True, True),
-        (ALL, bins, FIXED, False, False, False),
-        (BLACK, bins, FIXED, False, True, False),
-        ((), tiles, FIXED, False, False, False),
-        (ALL, bins, FREE, True, False, True),
-        (BLACK, bins, FREE, True, True, True),
-        ((), tiles, 0.0, False, False, True),
-        ((), tiles, FREE, True, False, True),
-    ):
-        mean = np.moveaxis(q[..., chosen], -1, -2) if chosen else of_tiles[..., :3, :, :]
-        of_seen = np.stack((water, water), axis=-1) * of_water
+    for fit in FITS:
+        mean = (
+            np.moveaxis(q[..., fit.quantiles], -1, -2) if fit.quantiles
+            else of_tiles[..., :3, :, :])
+        weight, row = bins if fit.quantiles else tiles
         residual, veil = _over_batch(
-            mean, weight, row, distance, seen, rows, of_seen, gradient, black)
-        if of_water == FIXED:
-            residual = residual * water[..., np.newaxis]
+            mean, weight, row, distance, seen, rows,
+            np.broadcast_to(fit.of_water * water, seen.shape), fit.gradient, fit.black)
+        if fit.of_water == FIXED:
+            residual = residual * water
         parts += _features(residual)
-        if keep_veil:
+        if fit.keeps_veil:
             log_veil = np.log(np.clip(veil, 0.5 * FLOOR, 8.0))
             parts += [log_veil[..., KEPT], _at(log_veil, parts[-1][..., 0])[..., np.newaxis]]
-    for place in (LOCAL, WITHIN_TILE):
+    for place in CONTRASTS:
         shape = (*there.shape[:-1], len(THICKNESS))
         residual = np.zeros(shape, np.float32)
         _fit_contrasts(

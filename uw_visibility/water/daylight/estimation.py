@@ -13,7 +13,7 @@ from scipy.special import logit
 
 from uw_visibility.config.schema import WaterConfig
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Array, Mask
+from uw_visibility.images.arrays import Array, Mask, RangeMap
 from uw_visibility.images.pair import check_valid
 from uw_visibility.images.view import ColourSamples, View
 from uw_visibility.optics.light_model import contrast_gain, radiance_of
@@ -142,11 +142,12 @@ class WaterEstimator:
         colour = view.colour
         if colour is None:
             return WaterEstimate.not_assessable(Status.NO_COLOUR)
-        envelope = self._observe(colour, range_map, view.valid, range_error, coarse)
+        ranges, valid = colour.reduce(np.asarray(range_map, np.float32), view.valid)
+        dark = self._darkest(range_map.size, range_error, coarse)
+        envelope = self._observe(colour, ranges, valid, range_error, dark)
         if envelope.pixels == 0 and not colour.pixels.any():
             return WaterEstimate.not_assessable(Status.TOO_DARK, envelope)
         if self.by_posterior:
-            ranges, valid = colour.reduce(np.asarray(range_map, np.float32), view.valid)
             blocks = reduce_to_blocks(colour, ranges, valid)
             estimate = replace(
                 self.estimate_blocks(blocks, envelope, range_error),
@@ -262,7 +263,9 @@ class WaterEstimator:
         """
         samples = ColourSamples(
             np.dstack((view.pixels,) * 3), view.transfer, np.repeat(view.noise, 3))
-        envelope = self._observe(samples, range_map, view.valid, range_error, coarse=False)
+        ranges, valid = samples.reduce(np.asarray(range_map, np.float32), view.valid)
+        dark = self._darkest(range_map.size, range_error, coarse=False)
+        envelope = self._observe(samples, ranges, valid, range_error, dark)
         reason = refuse_frame(envelope, self._fewest_pixels(samples), self._config.min_range_ratio)
         if reason is not Status.OK:
             return None
@@ -278,13 +281,13 @@ class WaterEstimator:
         return float(attenuation), float(ambient_light)
 
     def _observe(
-        self, samples: ColourSamples, range_map: NDArray[np.floating], valid: Mask | None,
-        range_error: float, coarse: bool,
+        self, samples: ColourSamples, ranges: RangeMap, valid: Mask | None, range_error: float,
+        dark: tuple[float, float],
     ) -> Envelopes:
+        """Observe samples with their ranges; `dark` as `_darkest` has it."""
         config = self._config
         plain = config.method == "paper"
-        dark_quantile, fewest_dark = self._darkest(range_map.size, range_error, coarse)
-        ranges, valid = samples.reduce(np.asarray(range_map, dtype=np.float32), valid)
+        dark_quantile, fewest_dark = dark
         return observe(
             samples, np.ascontiguousarray(ranges),
             None if valid is None else np.ascontiguousarray(valid), bins=config.bins,

@@ -48,11 +48,11 @@ UNKNOWNS = 3
 OF_COMPONENT = UNKNOWNS + 6 + UNKNOWNS * FACTORS
 OUTPUTS = COMPONENTS * OF_COMPONENT
 # Of each channel: its own, the mean of the others', and those of the image.
-OWN = OF_CURVES + OF_CHANNEL
+OWN = OF_CURVES + OF_CHANNEL  # a channel's own
 FEATURES = 2 * OWN + OF_IMAGE
 # Features that tell whether an image is like those of training: its statistics, not how well the
 # light model fits them, since none can be fitted too well.
-COMPARED = np.r_[:BINS * OF_BIN, OF_CURVES:OWN, 2 * OWN:FEATURES]
+PLAIN = np.r_[:BINS * OF_BIN, OF_CURVES:OWN, 2 * OWN:FEATURES]
 # A channel of which more pixels than this part have the code 0 has no light.
 MOST_ZEROS = 0.5
 # Features are standardised, and cut at so many deviations.
@@ -144,8 +144,8 @@ def lit(statistics: Statistics) -> Mask:
 
 
 def unlike(features: Array, seen: Mask) -> float:
-    """Mean square of the compared features of the channels seen; 0 without any."""
-    return float(np.mean(features[np.ix_(seen, COMPARED)]**2)) if seen.any() else 0.0
+    """Mean square of the plain features of the channels seen; 0 without any."""
+    return float(np.mean(features[np.ix_(seen, PLAIN)]**2)) if seen.any() else 0.0
 
 
 def standardise(features: NDArray[Any], centre: Array, spread: Array) -> Array:

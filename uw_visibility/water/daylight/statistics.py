@@ -69,10 +69,12 @@ LOCAL = len(QUANTILES)
 WITHIN_TILE = LOCAL + 1
 BETWEEN_HALVES = LOCAL + 2
 OF_BIN = BETWEEN_HALVES + len(COMPARED) * HALVES + 1
+# Places in `Statistics.of_channels`: open water's light, its scatter, whether it is in view; noise;
+# contrast; colour and level of the brightest; parts of the pixels that are clipped, and 0; optical
+# thickness of clear water; open water's light above, near the scene, and its contrast.
+(WATER, WATER_SCATTER, IS_WATER, NOISE, CONTRAST, COLOUR, BRIGHTNESS, CLIPPED, ZEROS, CLEAR,
+ UPPER_WATER, LOWER_WATER, WATER_CONTRAST) = range(13)
 OF_CHANNEL = 13
-# Places in `Statistics.of_channels`: whether open water is in view, its light above, and near the
-# scene; part of the pixels with the code 0.
-IS_WATER, UPPER_WATER, LOWER_WATER, ZEROS = 2, 10, 11, 8
 # Mean rows of the upper and lower half of open water, by place in `Statistics.of_image`.
 UPPER_ROW, LOWER_ROW = 6, 7
 # Places in `Statistics.of_tiles`, after the channels: weight and mean row.
@@ -183,20 +185,20 @@ def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statist
         half = seen_water // 2
         of_channels[:, UPPER_WATER] = np.log(np.median(shown[:half], axis=0) + FLOOR)
         of_channels[:, LOWER_WATER] = np.log(np.median(shown[half:], axis=0) + FLOOR)
-        of_channels[:, 0] = np.log(np.median(shown, axis=0) + FLOOR)
-        of_channels[:, 1] = np.log(shown.std(axis=0) + FLOOR)
+        of_channels[:, WATER] = np.log(np.median(shown, axis=0) + FLOOR)
+        of_channels[:, WATER_SCATTER] = np.log(shown.std(axis=0) + FLOOR)
         of_channels[:, IS_WATER] = 1.0
         steps = contrast[water]
-        of_channels[:, 12] = np.log(np.sqrt(np.nanmean(steps**2, axis=0)) + 0.5 * FLOOR)
+        of_channels[:, WATER_CONTRAST] = np.log(np.sqrt(np.nanmean(steps**2, axis=0)) + 0.5 * FLOOR)
         at = np.nonzero(water)[0] / len(water) - 0.5
         upper_row, lower_row = float(at[:half].mean()), float(at[half:].mean())
-    of_channels[:, 3] = np.log(blocks.noise / brightest + FLOOR / 4)
-    of_channels[:, 4] = np.log(np.nanmedian(contrast.reshape(-1, 3), axis=0) + FLOOR / 4)
-    of_channels[:, 5] = np.log(brightest / brightest.mean())
-    of_channels[:, 6] = np.log(brightest)
-    of_channels[:, 7] = blocks.clipped
+    of_channels[:, NOISE] = np.log(blocks.noise / brightest + FLOOR / 4)
+    of_channels[:, CONTRAST] = np.log(np.nanmedian(contrast.reshape(-1, 3), axis=0) + FLOOR / 4)
+    of_channels[:, COLOUR] = np.log(brightest / brightest.mean())
+    of_channels[:, BRIGHTNESS] = np.log(brightest)
+    of_channels[:, CLIPPED] = blocks.clipped
     of_channels[:, ZEROS] = blocks.black
-    of_channels[:, 9] = np.log(clear_water * median)
+    of_channels[:, CLEAR] = np.log(clear_water * median)
     of_image = np.concatenate((
         (math.log(median), blocks.known, float(near.mean()),
          math.log(range_error * median + 1e-3), float(seen_water / counted.sum()),
