@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter files, and the one that ships against config.py."""
+"""Parameter files, and the one that ships against config/schema.py."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter files: the commented one of all descriptions in config.py, and ones of some values.
+"""Parameter files: the commented one of all descriptions in config/schema.py, and ones of some values.
 
 ``python -m uw_visibility.config.parameter_file PATH`` (or ``make parameters``) writes
 ``config/uw_visibility.yaml`` anew.
@@ -28,7 +28,7 @@ HEADER = """\
 #
 # Every parameter of uw_visibility with its default, for the node
 # (--ros-args --params-file) and for the command (--params-file) alike.
-# Written by `make parameters` from uw_visibility/config.py.
+# Written by `make parameters` from uw_visibility/config/schema.py.
 
 /**:
   ros__parameters:
