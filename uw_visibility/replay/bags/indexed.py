@@ -101,8 +101,6 @@ class IndexedFile:
             whole = start is None and stop is None
             if whole and any((c.msgcount or 0) > read[c.topic] for c in chosen):
                 raise ValueError("its index names messages that it does not lead to")
-        except GeneratorExit:
-            raise
         except Exception as error:
             if self._path.suffix != ".mcap":
                 self.damage.append(f"{_broken(self._path, error)}; what comes before is read")
