@@ -26,7 +26,8 @@ def fit_one_light(
 
     `start` is an earlier estimate; `plain` fits as the paper does.
     """
-    ambient_min = brightest(envelope, active)
+    ambient_min = np.array([
+        least_ambient_light(envelope, c) if active[c] else 1.0 for c in range(3)])
     first = np.stack((clear_water, ambient_min), axis=1)
     for c in np.flatnonzero(active):
         if plain:
@@ -42,17 +43,8 @@ def fit_one_light(
         return fit_plain(envelope.range, envelope.dark, ambient_min, first, active)
     return fit_lower_envelope(
         envelope.dark_range, envelope.dark, envelope.deviation, ambient_min, first,
-        clear_water, active, range_error, brightest_patches(envelope),
+        clear_water, active, range_error,
+        np.array([brightest_patch(envelope, c) for c in range(3)]),
         patches=np.stack((
             np.broadcast_to(envelope.range, envelope.bright.shape), envelope.bright,
             envelope.step), axis=2))
-
-
-def brightest(envelope: Envelopes, active: Mask) -> Array:
-    """(3,): least ambient light by the bright envelope; 1 for inactive channels."""
-    return np.array([least_ambient_light(envelope, c) if active[c] else 1.0 for c in range(3)])
-
-
-def brightest_patches(envelope: Envelopes) -> Array:
-    """(3, 2): irradiance and range of the brightest near patch of each channel."""
-    return np.array([brightest_patch(envelope, c) for c in range(3)])

@@ -207,11 +207,6 @@ def mean_of_known(values: Array) -> float:
     return float(known.mean()) if known.size else math.nan
 
 
-def _relative_contrast(envelope: Envelopes) -> Array:
-    """(u − e)/u of each channel and bin, (3, N); NaN where nothing is bright."""
-    return 1.0 - envelope.dark / np.where(envelope.bright > 0, envelope.bright, np.nan)
-
-
 def attenuation_change(frames: Sequence[FrameEnvelopes], block: NDArray[np.intp]) -> float:
     """Largest change of attenuation between older and newer blocks, 1/m; 0 if insignificant.
 
@@ -220,7 +215,7 @@ def attenuation_change(frames: Sequence[FrameEnvelopes], block: NDArray[np.intp]
     """
     levels = np.empty(len(frames))
     for i, envelope in enumerate(frame.envelope for frame in frames):
-        contrast = _relative_contrast(envelope)
+        contrast = 1.0 - envelope.dark / np.where(envelope.bright > 0, envelope.bright, np.nan)
         black = -np.log(np.where(contrast > 0, contrast, np.nan)) / envelope.range
         levels[i] = mean_of_known(black)
     blocks = int(block.max()) + 1
