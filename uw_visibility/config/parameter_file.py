@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter files: the commented one of all descriptions in config/schema.py, and ones of some values.
+"""Parameter files: the commented one of all parameters, and ones of some values.
 
 ``python -m uw_visibility.config.parameter_file PATH`` (or ``make parameters``) writes
 ``config/uw_visibility.yaml`` anew.
