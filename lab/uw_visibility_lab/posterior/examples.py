@@ -18,13 +18,18 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.view import View as CameraView
 from uw_visibility.water.daylight.statistics import (
     BINS,
+    BLOCKS_KEPT,
     OF_BIN,
     OF_IMAGE,
     Statistics,
     reduce_to_blocks,
+    stacked,
     summarise,
+    thinned,
 )
 from uw_visibility_lab.evaluation.parallel import Progress, run_all
+from uw_visibility_lab.worlds.beliefs import count, happens
+from uw_visibility_lab.worlds.beliefs import draw as belief
 from uw_visibility_lab.worlds.draw import View, draw
 from uw_visibility_lab.worlds.scenes import load_scene
 from uw_visibility_lab.worlds.scenes import pool as scenes_of
@@ -64,6 +69,17 @@ def statistics_of(view: View) -> Statistics | None:
         reduce_to_blocks(samples, view.ranges, None), view.range_error, view.clear_water)
 
 
+def statistics_of_survey(rng: np.random.Generator, views: Sequence[View]) -> Statistics | None:
+    """Statistics of frames as those of one image, at the exposure of the first."""
+    blocks = []
+    for view in views:
+        samples = CameraView.of(view.image, view.transfer).colour
+        assert samples is not None
+        gain = views[0].light / view.light * belief(rng, "survey.gain_error")
+        blocks.append((thinned(reduce_to_blocks(samples, view.ranges, None), BLOCKS_KEPT), gain))
+    return summarise(stacked(blocks), views[0].range_error, views[0].clear_water)
+
+
 def truth_of(view: View, statistics: Statistics) -> NDArray[np.float32]:
     """(3, 3): unknowns of each channel in the units of the statistics."""
     return np.log(np.stack((
@@ -98,15 +114,30 @@ def _draw_block(
 ) -> list[tuple[Statistics, NDArray[np.float32], bool]]:
     rows = []
     for index in block:
-        rng = np.random.default_rng((seed, index))
-        view = draw(rng, load_scene(places[int(rng.integers(len(places)))]))
-        statistics = statistics_of(view)
+        rng = np.random.default_rng((seed, index, 0))
+        frames = count(rng, "survey.frames") if happens(rng, "survey.share") else 1
+        views = [_frame(places, (seed, index), k) for k in range(frames)]
+        statistics = statistics_of(views[0]) if frames == 1 else statistics_of_survey(rng, views)
         if statistics is None:
             continue
-        truth = truth_of(view, statistics)
+        truth = truth_of(views[0], statistics)
+        # β that fits the transmission best differs with ranges in view: their mean.
+        truth[:, 0] += np.mean(
+            [np.log(view.attenuation / views[0].attenuation) for view in views], axis=0)
         if np.isfinite(truth).all():
-            rows.append((statistics, truth, "foreign curve" in view.effects))
+            rows.append((statistics, truth, "foreign curve" in views[0].effects))
     return rows
+
+
+def _frame(places: Sequence[Path], seed: tuple[int, int], frame: int) -> View:
+    """Draw a frame of an example: the same water and camera for each, other scenes and ranges."""
+    rng = np.random.default_rng(seed)
+    first = int(rng.integers(len(places)))
+    if frame == 0:
+        return draw(rng, load_scene(places[first]))
+    other = np.random.default_rng((*seed, 1, frame))
+    scene = load_scene(places[int(other.integers(len(places)))])
+    return draw(rng, scene, nearer=belief(other, "survey.nearer"))
 
 
 def gather(rows: Sequence[tuple[Statistics, NDArray[np.float32], bool]]) -> Examples:

@@ -22,32 +22,27 @@ from uw_visibility.water.daylight.network import (
     COMPONENTS,
     FACTORS,
     LEAST_LOG_DEVIATION,
+    LEAST_VARIANCE,
     MOST_DEVIATIONS,
     MOST_LOG_DEVIATION,
     OF_COMPONENT,
     OUTPUTS,
-    OWN,
     UNKNOWNS,
     Network,
     features_of,
     of_arrays,
+    quantised,
 )
-from uw_visibility.water.daylight.statistics import (
-    BETWEEN_HALVES,
-    BINS,
-    COMPARED,
-    OF_BIN,
-    Statistics,
-)
+from uw_visibility.water.daylight.statistics import Statistics
 from uw_visibility_lab.posterior.examples import Examples
 
-# Views whose features are calculated at a time.
-BLOCK = 1024
-HIDDEN = (128, 96, 64)
+# Views whose features are calculated at a time, and of which they are standardised.
+BLOCK, STANDARD = 1024, 20_480
+HIDDEN = (192, 128, 64)
 BATCH = 256
-LEARNING_RATE, WEIGHT_DECAY = 2e-3, 3e-2
-# Noise on the features, in deviations, and the part of them that is left out in each step.
-FEATURE_NOISE, DROPPED = 0.03, 0.1
+LEARNING_RATE, WEIGHT_DECAY, LARGEST_GRADIENT = 1e-2, 1e-1, 1.0
+# Part of the features that is left out in each step.
+DROPPED = 0.2
 # A view that nothing explains does not turn the others.
 MOST_LOSS = 50.0
 # Part of the examples that tells when to stop.
@@ -71,11 +66,16 @@ class Net(nn.Module):
     def forward(self, x: Any) -> tuple[Any, Any, Any]:
         """Outputs (N, 3, OUTPUTS), logits (N, K), and logits (N,) of another curve."""
         first, second, third, last, of, curve = self.parts
-        hidden = self.act(first(x))
+        hidden = self.act(_normalised(first(x)))
         mixed = torch.cat((hidden, hidden.mean(1, keepdim=True).expand_as(hidden)), -1)
-        hidden = self.act(third(self.act(second(mixed))))
+        hidden = self.act(_normalised(second(mixed)))
+        hidden = self.act(_normalised(third(hidden)))
         together = hidden.mean(1)
         return last(hidden), of(together), curve(together)[:, 0]
+
+
+def _normalised(x: Any) -> Any:
+    return nn.functional.layer_norm(x, x.shape[-1:], eps=LEAST_VARIANCE)
 
 
 def negative_log_likelihood(outputs: Any, logits: Any, truth: Any) -> Any:
@@ -117,33 +117,15 @@ def _loss(net: Net, x: Any, truth: Any, other_curve: Any) -> Any:
         nn.functional.binary_cross_entropy_with_logits(other, other_curve, reduction="none"))
 
 
-def mirrored_columns() -> NDArray[np.intp]:
-    """Columns of a channel's own features that change sign where left and right change places."""
-    sides = np.arange(BETWEEN_HALVES, BETWEEN_HALVES + len(COMPARED))
-    return np.concatenate([i * OF_BIN + sides for i in range(BINS)])
-
-
 def train(
     examples: Examples, seeds: int = 3, epochs: float = 40.0, say: Any = print
 ) -> dict[str, NDArray[Any]]:
     """Train networks; return their arrays as `network.load` reads them."""
-    x = np.concatenate([
-        features_of(*(each[at:at + BLOCK] for each in examples[:4]))
-        for at in range(0, len(examples.truth), BLOCK)])
-    flat = x.reshape(-1, x.shape[2])
-    centre, spread = flat.mean(0), flat.std(0) + 1e-3
-    x = np.clip((x - centre) / spread, -MOST_DEVIATIONS, MOST_DEVIATIONS)
+    x, centre, spread = standardised_features(examples)
     held = held_back(len(x))
-    columns = mirrored_columns()
-    columns = np.concatenate((columns, columns + OWN))
-    sign = np.ones(x.shape[2], np.float32)
-    sign[columns] = -1.0
-    # A mirrored feature is mirrored about its own zero, not about its mean.
-    shift = np.where(sign < 0, -2.0 * centre / spread, 0.0).astype(np.float32)
     other = examples.other_curve.astype(np.float32)
     xs, *rest = (torch.from_numpy(each[~held]) for each in (x, examples.truth, other))
-    aside = [torch.from_numpy(each[held]) for each in (x, examples.truth, other)]
-    flip, flip_shift = torch.from_numpy(sign), torch.from_numpy(shift)
+    aside = [torch.from_numpy(each[held]).float() for each in (x, examples.truth, other)]
     steps = int(epochs * len(xs) / BATCH)
     arrays: dict[str, NDArray[Any]] = {
         "networks": np.array(seeds), "centre": centre.astype(np.float32),
@@ -168,23 +150,44 @@ def train(
                     f"({time.monotonic() - begun:.0f} s)")
                 net.train()
             at = torch.randint(len(xs), (BATCH,))
-            batch = xs[at]
-            mirrored = torch.rand(BATCH, 1, 1) < 0.5
-            batch = torch.where(mirrored, batch * flip + flip_shift, batch)
-            mask = (torch.rand(batch.shape) > DROPPED).float() / (1.0 - DROPPED)
-            batch = batch * mask + FEATURE_NOISE * torch.randn(batch.shape)
+            batch = xs[at].float()
+            # The same features of all channels.
+            batch *= (torch.rand(BATCH, 1, batch.shape[2]) > DROPPED).float() / (1.0 - DROPPED)
             optimiser.zero_grad()
             loss = _loss(net, batch, *(each[at] for each in rest)).mean()
             loss.backward()
-            nn.utils.clip_grad_norm_(net.parameters(), 1.0)
+            nn.utils.clip_grad_norm_(net.parameters(), LARGEST_GRADIENT)
             optimiser.step()
             schedule.step()
         net.load_state_dict(kept)
         for i, layer in enumerate(net.parts):
             assert isinstance(layer, nn.Linear)
-            arrays[f"{seed}_{2 * i}"] = layer.weight.detach().numpy().T.astype(np.float16)
-            arrays[f"{seed}_{2 * i + 1}"] = layer.bias.detach().numpy().astype(np.float16)
+            weights, scale = quantised(layer.weight.detach().numpy().T)
+            arrays |= {
+                f"{seed}_{i}_weights": weights, f"{seed}_{i}_scale": scale,
+                f"{seed}_{i}_bias": layer.bias.detach().numpy().copy()}
     return arrays | {"limits": limits(of_arrays(arrays), examples)}
+
+
+def standardised_features(
+    examples: Examples,
+) -> tuple[NDArray[np.float16], NDArray[np.float32], NDArray[np.float32]]:
+    """Features (N, 3, D) in deviations, and the mean and deviation (D,) of the first views'.
+
+    In 16 bit: 200,000 views are 1.5 GB.
+    """
+    def block(at: int) -> NDArray[np.float32]:
+        return features_of(*(each[at:at + BLOCK] for each in examples[:4]))
+
+    number = len(examples.truth)
+    first = np.concatenate([block(at) for at in range(0, min(number, STANDARD), BLOCK)])
+    flat = first.reshape(-1, first.shape[2])
+    centre, spread = flat.mean(0), flat.std(0) + 1e-3
+    x = np.empty((number, *first.shape[1:]), np.float16)
+    for at in range(0, number, BLOCK):
+        x[at:at + BLOCK] = np.clip(
+            (block(at) - centre) / spread, -MOST_DEVIATIONS, MOST_DEVIATIONS)
+    return x, centre, spread
 
 
 def limits(network: Network, examples: Examples) -> NDArray[np.float64]:

@@ -41,6 +41,9 @@ _EXCLUDING = (
     ("grey", "white balance"), ("grey", "grey world"))
 # What a large particle is brighter in sum: blurring by 1.5 px spreads it over 14 px.
 _SPREAD = 12.0
+# Its near and its far part are blurred at a fraction of the resolution; its light is summed over
+# so many ranges.
+_HALO_STEPS, _HALO_BINS = (4, 16), 24
 # A view without this share of surfaces shows nothing but water.
 _LEAST_SURFACE = 0.05
 
@@ -110,6 +113,7 @@ def draw(
     *,
     effects: str | Sequence[str] = RANDOM,
     without: Sequence[str] = (),
+    nearer: float = 1.0,
 ) -> View:
     """Draw a random view of a scene under water.
 
@@ -123,6 +127,9 @@ def draw(
         ``random`` draws them by their beliefs; else those of `EFFECTS` that are there.
     without : sequence of str
         Effects that are left out.
+    nearer : float
+        Factor of the median range that is drawn: the same state with another scene and another
+        factor is another frame of the same water by the same camera.
 
     Returns
     -------
@@ -155,6 +162,7 @@ def draw(
     # Where the clearest channel loses all, nobody takes pictures.
     path = drawn(streams("path"), "water.most_path")
     median = min(median, path / float(water.attenuation.min()))
+    median *= nearer
     ranges *= np.float32(median / float(np.median(ranges[known])))
 
     thicker = _thicker(streams, names, ranges, heights, median)
@@ -178,6 +186,9 @@ def draw(
     if light_map is not None:
         direct *= light_map
         light = light * light_map[known].mean(axis=0, dtype=np.float64)
+    if "halo" in names:
+        direct, attenuation = _add_halo(
+            streams("halo"), direct, transmission, ranges, water.forward, attenuation)
     if "forward scatter" in names:
         direct = _scatter_forward(streams("forward scatter"), direct, transmission)
     irradiance = np.float32(1.0) - unveiled
@@ -510,6 +521,57 @@ def _scatter_forward(rng: np.random.Generator, direct: Map, transmission: Map) -
     place = (optical * np.float32(2.0 / most))[..., np.newaxis]
     first, second = np.clip(place, 0.0, 1.0), np.clip(place - 1.0, 0.0, 1.0)
     return np.asarray(direct + first * (half - direct) + second * (full - half), np.float32)
+
+
+def _add_halo(
+    rng: np.random.Generator, direct: Map, transmission: Map, ranges: Map, rate: Array,
+    attenuation: Array,
+) -> tuple[Map, Array]:
+    """Spread what is scattered by small angles over the surroundings; light is conserved.
+
+    Sharp light falls by β + `rate`, and the sum of both by β (Jaffe 1990, doi:10.1109/48.50695,
+    with the part e^(−βd) − e^(−cd) that is blurred). So contrast falls faster than the surfaces'
+    light does. Returns β of the light that then comes from each range, too.
+    """
+    known = np.isfinite(ranges)
+    near = np.where(known, ranges, np.float32(0.0))[..., np.newaxis]
+    sharp = direct * _exp(near * -rate.astype(np.float32))
+    height, width = ranges.shape
+    share = drawn(rng, "place.halo_share")
+    seen, spread = sharp, direct - sharp
+    for name, part, step in zip(
+            ("place.halo_near", "place.halo_far"), (share, 1.0 - share), _HALO_STEPS, strict=True):
+        size = (width // step, height // step)
+        small = cv2.resize(spread, size, interpolation=cv2.INTER_AREA)
+        blurred = cv2.GaussianBlur(
+            small, (0, 0), drawn(rng, name) * size[0], borderType=cv2.BORDER_REFLECT)
+        seen = seen + np.float32(part) * cv2.resize(
+            blurred, (width, height), interpolation=cv2.INTER_LINEAR)
+    some = np.s_[::_HALO_STEPS[0], ::_HALO_STEPS[0]]
+    return seen, _attenuation_of_bins(
+        ranges[some], transmission[some], direct[some], seen[some], attenuation)
+
+
+def _attenuation_of_bins(
+    ranges: Map, transmission: Map, before: Map, after: Map, attenuation: Array
+) -> Array:
+    """β of the light that comes from surfaces by range, as `tracer.truth.transmissions` has it."""
+    known = np.isfinite(ranges)
+    order = np.argsort(ranges[known], kind="stable")
+    distance, lit, seen, model = (
+        np.array_split(each[known][order], _HALO_BINS)
+        for each in (ranges, before, after, transmission))
+    distances, left = [], []
+    for d, first, second, left_of_it in zip(distance, lit, seen, model, strict=True):
+        if len(d) == 0:
+            continue
+        whole = first.sum(0, dtype=np.float64)
+        gain = np.divide(
+            second.sum(0, dtype=np.float64), whole, out=np.ones(3), where=whole > 0.0)
+        distances.append(d.mean(dtype=np.float64))
+        left.append(left_of_it.mean(0, dtype=np.float64) * gain)
+    found = effective_attenuation(np.array(distances), np.array(left))
+    return np.where(found > 0.0, found, attenuation)
 
 
 def _add_snow(rng: np.random.Generator, irradiance: Map, light: Array) -> None:

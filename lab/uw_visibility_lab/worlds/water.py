@@ -47,6 +47,8 @@ class Water:
         β of surfaces' light, and K by which daylight fades with depth, 1/m.
     light, ratio : (3,) float64 ndarray
         W at that depth, and B/W.
+    forward : (3,) float64 ndarray
+        Rate at which light is scattered by a few degrees, 1/m: beam attenuation is β and this.
     path : (n,) float64 ndarray
         Ranges of the tables, m, rising from 0.
     log_transmission, log_unveiled : (n, 3) float64 ndarray or None
@@ -60,6 +62,7 @@ class Water:
     diffuse: Array
     light: Array
     ratio: Array
+    forward: Array
     path: Array
     log_transmission: Array | None = None
     log_unveiled: Array | None = None
@@ -127,14 +130,17 @@ def draw_water(
     plain = _camera(name)[0]
     if not spectrum:
         attenuation = beam @ plain
-        return Water(depth, clear, attenuation, diffuse @ plain, light, ratio, _PATHS)
+        return Water(
+            depth, clear, attenuation, diffuse @ plain, light, ratio, (kept * scattering) @ plain,
+            _PATHS)
     decay = np.exp(-np.outer(_PATHS, beam))
     veil = share * (lost / beam)[:, np.newaxis] / albedo
     with np.errstate(divide="ignore"):
         transmission, unveiled = (
             np.maximum(np.log(decay @ weight), -200.0) for weight in (share, veil))
     return Water(
-        depth, clear, beam @ share, diffuse @ share, light, ratio, _PATHS, transmission, unveiled)
+        depth, clear, beam @ share, diffuse @ share, light, ratio, (kept * scattering) @ share,
+        _PATHS, transmission, unveiled)
 
 
 def _paper_water(rng: np.random.Generator, name: str, clear: Array, depth: float) -> Water:
@@ -151,7 +157,8 @@ def _paper_water(rng: np.random.Generator, name: str, clear: Array, depth: float
     depth = min(depth, draw(rng, "water.darkest") / float(diffuse.min()))
     return Water(
         depth, clear, attenuation, diffuse, np.exp(-diffuse * depth),
-        _draw_ratio(rng, np.ones(3), "veil.as_light_paper"), _PATHS)
+        _draw_ratio(rng, np.ones(3), "veil.as_light_paper"),
+        draw(rng, "water.paper_halo") * particles, _PATHS)
 
 
 def _draw_spectra(rng: np.random.Generator) -> tuple[Array, Array]:

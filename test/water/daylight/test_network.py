@@ -16,13 +16,17 @@ from uw_visibility.errors import InputError
 from uw_visibility.water.daylight.inference import DRAWS, Posterior, infer
 from uw_visibility.water.daylight.network import (
     COMPONENTS,
+    LAYERS,
     OUTPUTS,
     Network,
     features_of,
     load,
+    quantised,
 )
 from uw_visibility.water.daylight.statistics import (
+    BETWEEN_HALVES,
     BINS,
+    COMPARED,
     OF_BIN,
     OF_CHANNEL,
     OF_IMAGE,
@@ -52,7 +56,9 @@ def network(seed: int = 0) -> Network:
              (HIDDEN[2], OUTPUTS), (HIDDEN[2], COMPONENTS), (HIDDEN[2], 1)]
     layers = []
     for size in sizes:
-        layers += [rng.normal(0.0, 0.7 / math.sqrt(size[0]), size), rng.normal(0.0, 0.1, size[1])]
+        weights, scale = quantised(
+            rng.normal(0.0, 0.7 / math.sqrt(size[0]), size).astype(np.float32))
+        layers += [weights * scale, rng.normal(0.0, 0.1, size[1]).astype(np.float32)]
     return Network(np.zeros(inputs), np.ones(inputs), (tuple(layers),))
 
 
@@ -103,15 +109,33 @@ def save(path: Path, found: Network, **changed: object) -> Path:
         "networks": np.array(len(found.layers)), "centre": found.centre, "spread": found.spread,
         "limits": np.array((9.0, 9.0)), "provenance": np.array("a test")}
     for i, layers in enumerate(found.layers):
-        arrays |= {f"{i}_{j}": layer for j, layer in enumerate(layers)}
+        for j in range(LAYERS):
+            weights, scale = quantised(layers[2 * j])
+            arrays |= {f"{i}_{j}_weights": weights, f"{i}_{j}_scale": scale,
+                       f"{i}_{j}_bias": layers[2 * j + 1]}
     np.savez(path, **(arrays | changed))  # type: ignore[arg-type]
     return path
 
 
 def test_networks_are_written_and_read(tmp_path: Path) -> None:
     found = load(save(tmp_path / "weights.npz", network()))
+    np.testing.assert_allclose(
+        infer(found, statistics_of()).mean, infer(network(), statistics_of()).mean, atol=1e-5)
+
+
+def test_weights_in_eight_bit_are_within_half_a_step() -> None:
+    weights = np.random.default_rng(0).normal(size=(50, 7)).astype(np.float32)
+    found, scale = quantised(weights)
+    assert found.dtype == np.int8
+    assert (np.abs(found * scale - weights) <= 0.501 * scale).all()
+
+
+def test_a_mirrored_image_has_the_same_features() -> None:
+    one = statistics_of()
+    bins = one.of_bins.copy()
+    bins[..., BETWEEN_HALVES:BETWEEN_HALVES + len(COMPARED)] *= -1.0
     np.testing.assert_array_equal(
-        infer(found, statistics_of()).mean, infer(network(), statistics_of()).mean)
+        features_of(*one[:4]), features_of(bins, *one[1:4]))
 
 
 @pytest.mark.parametrize("kind", ["absent", "text", "other keys", "other form", "objects"])

@@ -9,7 +9,15 @@ import pytest
 from numpy.typing import NDArray
 
 from uw_visibility.images.view import View
-from uw_visibility.water.daylight.curves import KEPT, OF_CURVES, THICKNESS, curves, level
+from uw_visibility.water.daylight.curves import (
+    GAMMA,
+    KEPT,
+    OF_CURVES,
+    SLOWER,
+    THICKNESS,
+    curves,
+    level,
+)
 from uw_visibility.water.daylight.statistics import (
     BETWEEN_HALVES,
     BINS,
@@ -111,6 +119,23 @@ def test_open_water_is_seen_with_its_light() -> None:
     assert summary(image[60:], ranges_of()[60:]).of_image[5] == 0.0
 
 
+def test_unmatched_ground_is_hardly_taken_for_open_water() -> None:
+    # Even ground, of which patches are not matched, up to the upper edge.
+    image = np.full((*SHAPE, 3), 9000, np.uint16)
+    image += np.random.default_rng(1).integers(0, 200, image.shape).astype(np.uint16)
+    ranges = np.repeat(np.geomspace(6.0, 2.0, SHAPE[0])[:, np.newaxis], SHAPE[1], axis=1)
+    ranges[:12, np.random.default_rng(2).random(SHAPE[1] // 8).repeat(8) < 0.5] = np.nan
+    ground = summary(image, ranges.astype(np.float32)).of_channels[:, IS_WATER]
+    assert summary(picture(), ranges_of()).of_channels[:, IS_WATER].min() > 0.8
+    assert ground.max() < 0.2
+
+
+def test_what_is_behind_surfaces_is_no_open_water() -> None:
+    ranges = ranges_of()
+    ranges[:10] = 7.0
+    assert summary(picture(), ranges).of_channels[:, IS_WATER].max() == 0.0
+
+
 def test_quantiles_are_those_of_the_bin() -> None:
     image, ranges = picture(), ranges_of()
     samples = View.of(image).colour
@@ -148,27 +173,36 @@ def test_without_ranges_there_is_nothing(unknown: float) -> None:
 FITS = {
     "all": True, "dark": False, "black": True, "open water": False, "black, open water": False,
     "tiles, open water": False, "all, gradient": True, "black, gradient": True, "tiles": True,
-    "tiles, gradient": True, "local contrast": False, "contrast within tiles": False}
+    "tiles, gradient": True, "tiles, slower veil": False,
+    "tiles, slower veil, some open water": False, "all, gamma undone": False,
+    "all, gamma made": False, "local contrast": False, "contrast within tiles": False}
+# Of another world than that of the other fits.
+OTHER = ("contrast", "slower", "gamma")
 
 
 def guesses(found: NDArray[np.float32]) -> tuple[dict[str, float], dict[str, float]]:
     """Attenuation and veil where the residuals of each fit are least, of one channel."""
-    grid, kept = len(THICKNESS), len(THICKNESS[KEPT])
-    attenuations, veils, at = {}, {}, BINS * OF_BIN + 1
-    for name, keeps_veil in FITS.items():
-        residual = found[at:at + grid]
-        assert residual.min() == 0.0
-        attenuations[name] = float(np.exp(found[at + grid + 1]))
-        at += grid + 2
-        if keeps_veil:
-            veils[name] = float(np.exp(found[at + kept]))
-            at += kept + 1
-    assert at + 8 == len(found)
-    return attenuations, veils
+    number, grid = len(FITS), len(THICKNESS)
+    residuals, _, at, rest = np.split(
+        found[BINS * OF_BIN + 1:], np.cumsum((number * grid, number, number)))
+    assert (residuals.reshape(number, grid).min(axis=1) == 0.0).all()
+    with_veil = [name for name, keeps_veil in FITS.items() if keeps_veil]
+    first = len(with_veil) * len(THICKNESS[KEPT])
+    assert first + len(with_veil) + 8 == len(rest)
+    return (
+        dict(zip(FITS, np.exp(at).tolist(), strict=True)),
+        dict(zip(with_veil, np.exp(rest[first:-8]).tolist(), strict=True)))
+
+
+def least_residual(found: NDArray[np.float32], name: str) -> float:
+    """ln of the mean squared residual of a fit where it is least."""
+    least = found[BINS * OF_BIN + 1 + len(FITS) * len(THICKNESS):]
+    return float(least[list(FITS).index(name)])
 
 
 def made_of(
-    attenuation: float, gradient: float = 0.0, noise: float = 0.0, water: bool = True
+    attenuation: float, gradient: float = 0.0, noise: float = 0.0, water: bool = True,
+    growth: float = 1.0, exponent: float = 1.0,
 ) -> list[NDArray[np.float32]]:
     """Statistics of a floor whose range falls from the upper to the lower rows, exactly."""
     distance = np.geomspace(2.5, 0.5, BINS)
@@ -176,16 +210,17 @@ def made_of(
     left = np.exp(-attenuation * distance)
     veil = 0.4 * (1.0 - gradient * rows)
     reflectance = np.array((0.0, 0.0, 0.05, 0.2, 0.4, 0.6, 0.9, 1.0))
-    quantiles = (veil * (1.0 - left))[:, np.newaxis] + 0.9 * reflectance * left[:, np.newaxis]
+    dim = veil * (1.0 - left**growth)
+    quantiles = dim[:, np.newaxis] + 0.9 * reflectance * left[:, np.newaxis]
     of_bins = np.zeros((3, BINS, OF_BIN), np.float32)
-    of_bins[..., :len(QUANTILES)] = np.log(quantiles + FLOOR)
+    of_bins[..., :len(QUANTILES)] = np.log(quantiles**exponent + FLOOR)
     of_bins[..., LOCAL] = 0.5 * np.log(0.01 * left**2 + noise**2)
     of_bins[..., WITHIN_TILE] = 0.5 * np.log(0.04 * left**2 + noise**2)
     of_bins[..., -1] = 1.0
     of_image = np.zeros(OF_IMAGE, np.float32)
     of_image[RANGES], of_image[ROWS] = np.log(distance), rows
     of_tiles = np.zeros((5, TILES, BINS), np.float32)
-    of_tiles[:3] = veil * (1.0 - left) + 0.9 * np.linspace(
+    of_tiles[:3] = dim + 0.9 * np.linspace(
         0.1, 0.9, TILES)[:, np.newaxis] * left
     of_tiles[WEIGHT], of_tiles[ROW] = 1.0, rows
     of_channels = np.zeros((3, OF_CHANNEL), np.float32)
@@ -206,7 +241,7 @@ def test_residuals_are_least_at_the_water_that_made_the_statistics(
     assert found.shape == (3, OF_CURVES)
     attenuations, veils = guesses(found[1])
     for name, seen in attenuations.items():
-        if "contrast" in name or (name.endswith("open water") and not water):
+        if any(word in name for word in OTHER) or (name.endswith("open water") and not water):
             continue
         assert seen == pytest.approx(attenuation, rel=0.06), name
     for name, seen in veils.items():
@@ -248,6 +283,24 @@ def test_noise_does_not_slow_the_decay_of_contrast() -> None:
     assert attenuations["local contrast"] == pytest.approx(0.8, rel=0.05)
     assert attenuations["contrast within tiles"] == pytest.approx(0.8, rel=0.05)
     assert found[1, -2] > -0.7
+
+
+@pytest.mark.parametrize("attenuation", [0.5, 0.9])
+@pytest.mark.parametrize(("name", "usual", "world"), [
+    ("tiles, slower veil", "tiles", {"growth": SLOWER}),
+    ("all, gamma undone", "all", {"exponent": 1.0 / GAMMA}),
+    ("all, gamma made", "all", {"exponent": GAMMA}),
+])
+def test_a_world_of_another_kind_is_one_of_the_models(
+    attenuation: float, name: str, usual: str, world: dict[str, float]
+) -> None:
+    """A veil that grows more slowly, and a camera curve that was not told."""
+    found = curves(*made_of(attenuation, **world))[1]
+    attenuations, _ = guesses(found)
+    assert attenuations[name] == pytest.approx(attenuation, rel=0.06)
+    assert least_residual(found, name) < least_residual(found, usual) - 0.2
+    plain = curves(*made_of(attenuation))[1]
+    assert least_residual(plain, name) > least_residual(plain, usual) + 0.2
 
 
 def test_contrast_within_tiles_is_that_of_the_blocks() -> None:

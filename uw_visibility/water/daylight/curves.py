@@ -62,6 +62,10 @@ LEAST_APART = 0.03
 # Open water counts half where ln of the mean squared residual is so much worse with it, and how
 # steeply that changes.
 MOST_WORSE, STEEP = 0.6, 5.0
+# A veil's growth over β as multiple scattering has it: 0.35 to 0.9 in path-traced water.
+SLOWER = 0.6
+# Exponent of sRGB as a whole (IEC 61966-2-1).
+GAMMA = 2.2
 # Of the veil every third value of the grid is kept.
 KEPT = slice(1, None, 3)
 # Contrasts that are fitted, by place in a bin's statistics.
@@ -81,6 +85,10 @@ class GridFit(NamedTuple):
         Whether the veil has a gradient, and surfaces are black.
     keeps_veil : bool
         Whether the network sees the veil too.
+    growth : float
+        Rate at which the veil grows with range, over β: multiple scattering makes it slower.
+    exponent : float
+        Of irradiance, for cameras whose curve is another than was told.
     """
 
     quantiles: tuple[int, ...]
@@ -88,6 +96,8 @@ class GridFit(NamedTuple):
     gradient: bool = False
     black: bool = False
     keeps_veil: bool = False
+    growth: float = 1.0
+    exponent: float = 1.0
 
 
 FITS = (
@@ -101,10 +111,16 @@ FITS = (
     GridFit(BLACK, FREE, gradient=True, black=True, keeps_veil=True),
     GridFit((), keeps_veil=True),
     GridFit((), FREE, gradient=True, keeps_veil=True),
+    GridFit((), growth=SLOWER),
+    GridFit((), FREE, growth=SLOWER),
+    GridFit(ALL, exponent=GAMMA),
+    GridFit(ALL, exponent=1.0 / GAMMA),
 )
+# Fits whose veil the network sees, by place in FITS.
+KEEP_VEIL = [place for place, fit in enumerate(FITS) if fit.keeps_veil]
 OF_CURVES = (
     BINS * OF_BIN + 1 + (len(FITS) + len(CONTRASTS)) * (len(THICKNESS) + 2)
-    + sum(fit.keeps_veil for fit in FITS) * (len(THICKNESS[KEPT]) + 1) + 2 * (len(SPREADS) + 1))
+    + len(KEEP_VEIL) * (len(THICKNESS[KEPT]) + 1) + 2 * (len(SPREADS) + 1))
 
 
 class Levelled(NamedTuple):
@@ -139,7 +155,8 @@ def level(
     count. For the arrays see `curves`.
     """
     distance = np.exp(of_image[..., RANGES])
-    there = of_channels[..., IS_WATER, np.newaxis]
+    probability = of_channels[..., IS_WATER, np.newaxis]
+    there = (probability > 0.0).astype(np.float32)
     seen = (np.exp(of_channels[..., (UPPER_WATER, LOWER_WATER)]) - FLOOR) * there
     rows = of_image[..., (UPPER_ROW, LOWER_ROW)]
     tiles = (
@@ -150,7 +167,7 @@ def level(
     without, _ = _over_batch(*tiles, 0.0 * of_seen, False, False)
     worse = residual.min(axis=-1) - without.min(axis=-1)
     apart = np.maximum(rows[..., 1] - rows[..., 0], 0.0)
-    sure = (apart / (apart**2 + LEAST_APART**2))[..., np.newaxis] / (
+    sure = probability[..., 0] * (apart / (apart**2 + LEAST_APART**2))[..., np.newaxis] / (
         1.0 + np.exp(STEEP * np.clip(worse - MOST_WORSE, -9.0, 9.0)))
     most = seen.max(axis=-1)
     slope = np.clip((seen[..., 1] - seen[..., 0]) * sure, -most, most)
@@ -191,43 +208,42 @@ def curves(
     of_bins, of_tiles, seen, slope = level(of_bins, of_tiles, of_channels, of_image)
     there = of_bins[..., -1]
     q = np.exp(of_bins[..., :len(QUANTILES)]) - FLOOR
-    water = of_channels[..., IS_WATER, np.newaxis]
+    water = of_channels[..., IS_WATER, np.newaxis] > 0.0
     # Groups that have a c of their own: quantiles, (..., 3, K, BINS), or tiles.
     bins = there[..., np.newaxis, :], of_image[..., np.newaxis, np.newaxis, ROWS]
     tiles = (of_tiles[..., np.newaxis, WEIGHT, :, :], of_tiles[..., np.newaxis, ROW, :, :])
     rows = of_image[..., (UPPER_ROW, LOWER_ROW)]
-    parts = [of_bins.reshape(*of_bins.shape[:-2], -1), slope[..., np.newaxis]]
+    residuals, veils = [], []
     for fit in FITS:
         mean = (
             np.moveaxis(q[..., fit.quantiles], -1, -2) if fit.quantiles
             else of_tiles[..., :3, :, :])
         weight, row = bins if fit.quantiles else tiles
         residual, veil = _over_batch(
-            mean, weight, row, distance, seen, rows,
-            np.broadcast_to(fit.of_water * water, seen.shape), fit.gradient, fit.black)
-        if fit.of_water == FIXED:
-            residual = residual * water
-        parts += _features(residual)
+            mean if fit.exponent == 1.0 else np.maximum(mean, 0.0) ** fit.exponent, weight, row,
+            distance, seen, rows, np.broadcast_to(fit.of_water * water, seen.shape), fit.gradient,
+            fit.black, fit.growth)
+        residuals.append(residual * water if fit.of_water == FIXED else residual)
         if fit.keeps_veil:
-            log_veil = np.log(np.clip(veil, 0.5 * FLOOR, 8.0))
-            parts += [log_veil[..., KEPT], _at(log_veil, parts[-1][..., 0])[..., np.newaxis]]
+            veils.append(veil)
     for place in CONTRASTS:
-        shape = (*there.shape[:-1], len(THICKNESS))
-        residual = np.zeros(shape, np.float32)
+        residual = np.zeros((*there.shape[:-1], len(THICKNESS)), np.float32)
         _fit_contrasts(
             *(np.ascontiguousarray(each, np.float32).reshape(-1, each.shape[-1]) for each in (
                 np.exp(2.0 * of_bins[..., place]), there,
                 np.broadcast_to(distance[..., np.newaxis, :], there.shape))),
-            residual.reshape(-1, shape[-1]))
-        parts += _features(residual)
-    parts.append(_decay(q, of_bins[..., LOCAL], distance, there))
-    return np.concatenate(parts, axis=-1).astype(np.float32)
-
-
-def _features(residual: NDArray[np.floating]) -> list[NDArray[np.floating]]:
-    """Residuals over their least, the least, and ln thickness where it is, (..., n) each."""
-    least = residual.min(axis=-1, keepdims=True)
-    return [residual - least, least, _least(residual)[..., np.newaxis]]
+            residual.reshape(-1, len(THICKNESS)))
+        residuals.append(residual)
+    # (..., 3, fits, grid)
+    residual, veil = np.stack(residuals, axis=-2), np.stack(veils, axis=-2)
+    least, at = residual.min(axis=-1), _least(residual)
+    log_veil = np.log(np.clip(veil, 0.5 * FLOOR, 8.0))
+    flat = (*of_bins.shape[:-2], -1)
+    return np.concatenate((
+        of_bins.reshape(flat), slope[..., np.newaxis],
+        (residual - least[..., np.newaxis]).reshape(flat), least, at,
+        log_veil[..., KEPT].reshape(flat), _at(log_veil, at[..., KEEP_VEIL]),
+        _decay(q, of_bins[..., LOCAL], distance, there)), axis=-1).astype(np.float32)
 
 
 def _least(residual: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -251,7 +267,7 @@ def _at(values: NDArray[np.floating], log_thickness: NDArray[np.floating]) -> ND
 def _over_batch(
     mean: NDArray[np.floating], weight: NDArray[np.floating], row: NDArray[np.floating],
     distance: NDArray[np.floating], seen: NDArray[np.floating], rows: NDArray[np.floating],
-    of_seen: NDArray[np.floating], gradient: bool, black: bool,
+    of_seen: NDArray[np.floating], gradient: bool, black: bool, growth: float = 1.0,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """`_fit_veil` for `mean` (..., 3, K, N): residuals and veils, (..., 3, G) each."""
     before, (groups, bins) = mean.shape[:-2], mean.shape[-2:]
@@ -263,7 +279,7 @@ def _over_batch(
             (of_seen, (2,)))]
     residual = np.empty((len(flat[0]), len(THICKNESS)), np.float32)
     veil = np.empty_like(residual)
-    _fit_veil(*flat, gradient, black, residual, veil)
+    _fit_veil(*flat, gradient, black, growth, residual, veil)
     shape = (*before, len(THICKNESS))
     return residual.reshape(shape), veil.reshape(shape)
 
@@ -271,7 +287,7 @@ def _over_batch(
 @njit(nogil=True)
 def _fit_veil(
     mean: Any, weight: Any, row: Any, distance: Any, seen: Any, rows: Any, of_seen: Any,
-    gradient: bool, black: bool, residual: Any, veil: Any,
+    gradient: bool, black: bool, growth: float, residual: Any, veil: Any,
 ) -> None:
     """ln of the mean squared residual, and B_0, for each thickness.
 
@@ -279,8 +295,12 @@ def _fit_veil(
     two parts of open water show at `rows`, with the weights `of_seen`.
     """
     many, groups, bins = mean.shape
+    transmission, unveiled = np.empty(bins, np.float32), np.empty(bins, np.float32)
     for i in range(many):
         for g in range(len(THICKNESS)):
+            for n in range(bins):
+                transmission[n] = np.exp(-THICKNESS[g] * distance[i, n])
+                unveiled[n] = transmission[n] if growth == 1.0 else transmission[n]**growth
             # Normal equations of B_0 and B_1.
             a00, a01, a11, b0, b1, energy, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for k in range(groups):
@@ -289,11 +309,11 @@ def _fit_veil(
                     w = weight[i, k, n]
                     if w <= 0.0:
                         continue
-                    left = np.exp(-THICKNESS[g] * distance[i, n])
+                    left, missing = transmission[n], unveiled[n]
                     y = mean[i, k, n]
-                    # What B_0 and B_1 are multiplied with; c includes −B_0.
-                    of_0 = 1.0 - left if black else 1.0
-                    of_1 = row[i, k, n] * (1.0 - left)
+                    # What B_0 and B_1 are multiplied with; c includes −B_0 if the rates are one.
+                    of_0 = 1.0 - missing if black or growth != 1.0 else 1.0
+                    of_1 = row[i, k, n] * (1.0 - missing)
                     total += w
                     energy += w * y * y
                     a00 += w * of_0 * of_0

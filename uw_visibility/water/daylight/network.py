@@ -33,7 +33,9 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.water.daylight.curves import OF_CURVES, curves
 from uw_visibility.water.daylight.statistics import (
+    BETWEEN_HALVES,
     BINS,
+    COMPARED,
     OF_BIN,
     OF_CHANNEL,
     OF_IMAGE,
@@ -53,6 +55,10 @@ FEATURES = 2 * OWN + OF_IMAGE
 # Features that tell whether an image is like those of training: its statistics, not how well the
 # light model fits them, since none can be fitted too well.
 PLAIN = np.r_[:BINS * OF_BIN, OF_CURVES:OWN, 2 * OWN:FEATURES]
+# Differences between left and right, whose sign tells nothing: a mirrored image is the same to the
+# network.
+SIDEWAYS = np.add.outer(
+    np.arange(BINS) * OF_BIN, BETWEEN_HALVES + np.arange(len(COMPARED))).ravel()
 # A channel of which more pixels than this part have the code 0 has no light.
 MOST_ZEROS = 0.5
 # Features are standardised, and cut at so many deviations.
@@ -61,8 +67,10 @@ MOST_DEVIATIONS = 6.0
 LEAST_LOG_DEVIATION, MOST_LOG_DEVIATION = -4.0, 1.5
 # Written by `uw_visibility train`.
 WEIGHTS = "daylight_posterior.npz"
-# Arrays of a network: weights and biases of six layers.
-ARRAYS = 12
+# Layers of a network.
+LAYERS = 6
+# What is added to the variance of a layer before it is divided by it.
+LEAST_VARIANCE = 1e-5
 
 
 class Mixture(NamedTuple):
@@ -94,8 +102,8 @@ class Network:
     ----------
     centre, spread : (D,) float64 ndarray
         Mean and deviation of the features in training.
-    layers : tuple of tuple of ndarray
-        Weights and biases of each network.
+    layers : tuple of tuple of float32 ndarray
+        Weights and biases of each network, layer by layer.
     most_unlike, most_misfit : float
         What `Posterior.unlike` and `Posterior.misfit` are for nearly all views of training.
     provenance : str
@@ -104,7 +112,7 @@ class Network:
 
     centre: Array
     spread: Array
-    layers: tuple[tuple[Array, ...], ...]
+    layers: tuple[tuple[NDArray[np.float32], ...], ...]
     most_unlike: float = math.inf
     most_misfit: float = math.inf
     provenance: str = ""
@@ -132,6 +140,7 @@ def features_of(
     """
     own = np.concatenate(
         (curves(of_bins, of_tiles, of_channels, of_image), of_channels), axis=-1)
+    own[..., SIDEWAYS] = np.abs(own[..., SIDEWAYS])
     others = 0.5 * (own.sum(axis=-2, keepdims=True) - own)
     image = np.broadcast_to(
         of_image[..., np.newaxis, :], (*own.shape[:-1], of_image.shape[-1]))
@@ -153,22 +162,33 @@ def standardise(features: NDArray[Any], centre: Array, spread: Array) -> Array:
     return np.asarray(np.clip((features - centre) / spread, -MOST_DEVIATIONS, MOST_DEVIATIONS))
 
 
-def _run(layers: tuple[Array, ...], features: Array) -> tuple[Array, Array, float]:
+def _run(
+    layers: tuple[NDArray[np.float32], ...], features: Array
+) -> tuple[Array, Array, float]:
     """Outputs (3, OUTPUTS) of the channels, logits (K,) of the components, and of another curve."""
     (first, first_bias, second, second_bias, third, third_bias, last, last_bias, of, of_bias,
      curve, curve_bias) = layers
-    hidden = gelu(features @ first + first_bias)
+    hidden = gelu(normalise(features.astype(np.float32) @ first + first_bias))
     mixed = np.concatenate((hidden, np.broadcast_to(hidden.mean(axis=0), hidden.shape)), axis=1)
-    hidden = gelu(mixed @ second + second_bias)
-    hidden = gelu(hidden @ third + third_bias)
+    hidden = gelu(normalise(mixed @ second + second_bias))
+    hidden = gelu(normalise(hidden @ third + third_bias))
     together = hidden.mean(axis=0)
     other = float((together @ curve + curve_bias)[0])
-    return hidden @ last + last_bias, together @ of + of_bias, other
+    return (
+        (hidden @ last + last_bias).astype(np.float64),
+        (together @ of + of_bias).astype(np.float64), other)
 
 
-def gelu(x: Array) -> Array:
+def normalise(x: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Layer normalisation without gain and bias (Ba, Kiros and Hinton, arXiv:1607.06450)."""
+    away = x - x.mean(axis=-1, keepdims=True)
+    return np.asarray(
+        away / np.sqrt((away**2).mean(axis=-1, keepdims=True) + np.float32(LEAST_VARIANCE)))
+
+
+def gelu(x: NDArray[np.float32]) -> NDArray[np.float32]:
     """Gaussian error linear unit by its tanh form (Hendrycks and Gimpel, arXiv:1606.08415)."""
-    return np.asarray(0.5 * x * (1.0 + np.tanh(0.7978845608 * (x + 0.044715 * x**3))))
+    return np.asarray(0.5 * x * (1.0 + np.tanh(0.7978845608 * (x + 0.044715 * x**3))), np.float32)
 
 
 def _components(outputs: Array, logits: Array) -> tuple[Array, Array, Array]:
@@ -213,10 +233,17 @@ def load(path: Path) -> Network:
     return network
 
 
+def quantised(weights: NDArray[np.float32]) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
+    """Weights (N, M) in 8 bit, with the scale (M,) of each output."""
+    scale = np.maximum(np.abs(weights).max(axis=0), 1e-12) / np.float32(127.0)
+    return np.rint(weights / scale).astype(np.int8), scale.astype(np.float32)
+
+
 def of_arrays(data: Mapping[str, NDArray[Any]]) -> Network:
     """Networks of the arrays that training gives; without limits nothing is beyond them."""
     layers = tuple(
-        tuple(data[f"{i}_{j}"].astype(np.float64) for j in range(ARRAYS))
+        tuple(array for j in range(LAYERS) for array in (
+            data[f"{i}_{j}_weights"] * data[f"{i}_{j}_scale"], data[f"{i}_{j}_bias"]))
         for i in range(int(data["networks"])))
     unlike, misfit = (float(x) for x in data["limits"]) if "limits" in data else (math.inf,) * 2
     return Network(

@@ -14,8 +14,10 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
@@ -52,9 +54,14 @@ FLOOR = 0.004
 BRIGHTEST, LEAST_BRIGHTEST = 0.995, 0.002
 # A block whose pixels' ranges differ by more shows two surfaces.
 MOST_RANGE_STEP = 0.1
-# Blocks without range, among the smoothest part of the image, may be open water.
+# Blocks without range above all surfaces, of the smoothest part of the image, may be open water.
 SMOOTHEST = 0.3
 FEWEST_OF_WATER = 60
+# ln odds that they are: a constant, by ln of how ragged their lower edge is, by how wide they are.
+# Unmatched ground ends raggedly. Fitted by `python -m uw_visibility_lab.posterior.open_water POOL`.
+WATER_ODDS = (-7.73, -2.09, 2.78)
+# What is added to raggedness before the logarithm; part of the rows from which a column is open.
+LEAST_RAGGED, LEAST_OPEN = 0.01, 0.05
 # Local contrast beyond this is an edge of light and shade, not texture.
 MOST_CONTRAST = 0.3
 # Squared distance from the middle of an image, in heights and widths, of half of its area.
@@ -69,7 +76,7 @@ LOCAL = len(QUANTILES)
 WITHIN_TILE = LOCAL + 1
 BETWEEN_HALVES = LOCAL + 2
 OF_BIN = BETWEEN_HALVES + len(COMPARED) * HALVES + 1
-# Places in `Statistics.of_channels`: open water's light, its scatter, whether it is in view; noise;
+# Places in `Statistics.of_channels`: open water's light, its scatter, its probability; noise;
 # contrast; colour and level of the brightest; parts of the pixels that are clipped, and 0; optical
 # thickness of clear water; open water's light above, near the scene, and its contrast.
 (WATER, WATER_SCATTER, IS_WATER, NOISE, CONTRAST, COLOUR, BRIGHTNESS, CLIPPED, ZEROS, CLEAR,
@@ -81,7 +88,7 @@ UPPER_ROW, LOWER_ROW = 6, 7
 WEIGHT, ROW = 3, 4
 # Places in `Statistics.of_image`, after its scalars: of bins, ln range over the median, ln count
 # over the mean, and mean row, -0.5 above to 0.5 below.
-SCALARS = 11
+SCALARS = 13
 RANGES = slice(SCALARS, SCALARS + BINS)
 ROWS = slice(SCALARS + 2 * BINS, SCALARS + 3 * BINS)
 OF_IMAGE = SCALARS + 3 * BINS
@@ -170,12 +177,7 @@ def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statist
     of_bins = np.zeros((3, BINS, OF_BIN), np.float32)
     _summarise_bins(relative, contrast, place, QUANTILES, of_bins)
     of_tiles, of_bins[..., WITHIN_TILE] = _summarise_tiles(relative, place)
-    smooth = contrast.mean(axis=2)
-    known_smooth = np.isfinite(smooth)
-    limit = np.quantile(smooth[known_smooth], SMOOTHEST) if known_smooth.any() else 0.0
-    with np.errstate(invalid="ignore"):
-        water = counted & np.isnan(blocks.range) & (smooth <= limit)
-    water[len(water) // 2:] = False
+    water, ragged, width = _open_water(blocks.range, counted, contrast.mean(axis=2))
     of_channels = np.zeros((3, OF_CHANNEL), np.float32)
     seen_water = int(water.sum())
     upper_row, lower_row = 0.0, 0.0
@@ -187,7 +189,7 @@ def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statist
         of_channels[:, LOWER_WATER] = np.log(np.median(shown[half:], axis=0) + FLOOR)
         of_channels[:, WATER] = np.log(np.median(shown, axis=0) + FLOOR)
         of_channels[:, WATER_SCATTER] = np.log(shown.std(axis=0) + FLOOR)
-        of_channels[:, IS_WATER] = 1.0
+        of_channels[:, IS_WATER] = expit(np.dot(WATER_ODDS, (1.0, ragged, width)))
         steps = contrast[water]
         of_channels[:, WATER_CONTRAST] = np.log(np.sqrt(np.nanmean(steps**2, axis=0)) + 0.5 * FLOOR)
         at = np.nonzero(water)[0] / len(water) - 0.5
@@ -203,7 +205,7 @@ def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statist
         (math.log(median), blocks.known, float(near.mean()),
          math.log(range_error * median + 1e-3), float(seen_water / counted.sum()),
          float(seen_water >= FEWEST_OF_WATER), upper_row, lower_row, float(blocks.encoded),
-         float(blocks.deep), float(counted.mean())),
+         float(blocks.deep), float(counted.mean()), ragged, width),
         np.log(mean_range / median), np.log1p(count) - math.log1p(len(ranges) / BINS),
         _mean_rows(place)))
     return Statistics(
@@ -309,6 +311,37 @@ def _reduce(
                 if far - near <= MOST_RANGE_STEP * near:
                     ranges[y, x] = total / number
     return counted, known
+
+
+def open_water_of(blocks: Blocks) -> tuple[Mask, float, float]:
+    """Blocks that may be open water, with what tells whether they are: see `_open_water`."""
+    counted = np.isfinite(blocks.light[..., 0])
+    brightest = np.maximum(
+        np.quantile(blocks.light[counted], BRIGHTEST, axis=0), LEAST_BRIGHTEST)
+    contrast = _contrast(np.asarray(blocks.light / brightest, np.float32))
+    return _open_water(blocks.range, counted, contrast.mean(axis=2))
+
+
+def _open_water(
+    ranges: NDArray[np.float32], counted: Mask, smooth: NDArray[np.float32]
+) -> tuple[Mask, float, float]:
+    """Blocks that may be open water, ln of how ragged their lower edge is, and their width.
+
+    `smooth` is the blocks' contrast. Width is the part of the columns that are open.
+    """
+    unknown = np.isnan(ranges)
+    # A single block with a range is a false match in open water, or a fish.
+    surface = cv2.morphologyEx(
+        (~unknown).astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+    above = (np.maximum.accumulate(surface, axis=0) == 0) & counted
+    depth = above.mean(axis=0)
+    ragged = np.abs(np.diff(depth)).mean() / max(depth.mean(), 2.0 * LEAST_RAGGED)
+    there = smooth[np.isfinite(smooth)]
+    limit = np.quantile(there, SMOOTHEST) if len(there) else 0.0
+    with np.errstate(invalid="ignore"):
+        water = above & unknown & (smooth <= limit)
+    return (
+        water, math.log(ragged + LEAST_RAGGED), float((depth > LEAST_OPEN).mean()))
 
 
 def _contrast(relative: NDArray[np.float32]) -> NDArray[np.float32]:
