@@ -3,7 +3,8 @@
 #
 #   make venv          .venv with pinned versions and ROS 2 Jazzy, kernels compiled
 #   make demo          simulate, run the node, play the bag into it, report: see demo/
-#   make test          the tests
+#   make test          the tests, but for those that render or damage much: five minutes
+#   make studies       these: a good minute
 #   make fuzz          an hour of damaged files and messages, absurd arguments, signals
 #   make lint          ruff, mypy, import-linter
 #   make quick         lint, and the tests that start no nodes and render little: two minutes
@@ -39,7 +40,7 @@ export RMW_IMPLEMENTATION := rmw_fastrtps_cpp
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test quick soak fuzz lint bench test-oldest docs links browser package parameters clean
+.PHONY: help venv demo test studies quick soak fuzz lint bench test-oldest docs links browser package parameters clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -63,7 +64,10 @@ demo: venv
 	$(VENV)/bin/uw_visibility demo -o demo --force
 
 test: venv
-	$(VENV)/bin/python -m pytest $(PYTEST)
+	$(VENV)/bin/python -m pytest -m "not long" $(PYTEST)
+
+studies: venv
+	$(VENV)/bin/python -m pytest -m long $(PYTEST)
 
 quick: lint
 	$(VENV)/bin/python -m pytest -m "not node and not long" $(PYTEST)

@@ -28,14 +28,11 @@ from uw_visibility_lab.demonstration.node_process import reserved_domain
 
 WORKERS = 2
 NODE_FIXTURES = {"start_node", "make_client"}
-# What renders whole studies, or damages much: `make quick` leaves them out.
+# What renders whole studies, or damages much: for `make studies`; `make test` leaves them out.
 LONG = {
-    "lab/test/evaluation/adverse/test_cases.py", "lab/test/evaluation/adverse/test_study.py",
-    "lab/test/evaluation/lamps/test_ground.py", "lab/test/evaluation/lamps/test_study.py",
-    "lab/test/evaluation/test_experiments.py", "test/enhancement/test_lamp_radiance.py",
-    "test/faults/test_bits.py", "test/faults/test_fuzz.py", "test/faults/test_results.py",
-    "test/pipeline/test_lamp_survey.py", "test/pipeline/test_lamps.py",
-    "test/pipeline/test_real_cameras.py", "test/pipeline/test_tracking.py",
+    "lab/test/evaluation/adverse/test_study.py", "lab/test/evaluation/lamps/test_study.py",
+    "lab/test/evaluation/test_experiments.py", "test/faults/test_fuzz.py",
+    "test/faults/test_results.py", "test/faults/test_soak.py", "test/pipeline/test_tracking.py",
     "test/plausibility/test_transect.py", "test/replay/test_calibrate.py",
     "test/replay/test_calibrate_lighting.py", "test/water/lamps/test_survey.py",
 }

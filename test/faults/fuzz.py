@@ -31,7 +31,7 @@ from typing import Any, NamedTuple, Protocol
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-# Numbers of cases that `make test` runs of each kind, within seconds.
+# Numbers of cases that `make studies` runs of each kind, within seconds.
 KINDS = {
     "bags": 200, "replays": 12, "resumes": 12, "images": 500, "documents": 300, "commands": 100,
     "pictures": 30, "messages": 20, "pairs": 8, "parameters": 8, "signals": 2,
