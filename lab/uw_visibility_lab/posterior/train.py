@@ -23,7 +23,6 @@ from uw_visibility.water.daylight.network import (
     FACTORS,
     LEAST_LOG_DEVIATION,
     LEAST_VARIANCE,
-    MOST_DEVIATIONS,
     MOST_LOG_DEVIATION,
     OF_COMPONENT,
     OUTPUTS,
@@ -32,6 +31,7 @@ from uw_visibility.water.daylight.network import (
     features_of,
     of_arrays,
     quantised,
+    standardise,
 )
 from uw_visibility.water.daylight.statistics import Statistics
 from uw_visibility_lab.posterior.examples import Examples
@@ -185,8 +185,7 @@ def standardised_features(
     centre, spread = flat.mean(0), flat.std(0) + 1e-3
     x = np.empty((number, *first.shape[1:]), np.float16)
     for at in range(0, number, BLOCK):
-        x[at:at + BLOCK] = np.clip(
-            (block(at) - centre) / spread, -MOST_DEVIATIONS, MOST_DEVIATIONS)
+        x[at:at + BLOCK] = standardise(block(at), centre, spread)
     return x, centre, spread
 
 

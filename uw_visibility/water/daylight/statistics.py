@@ -168,8 +168,7 @@ def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statist
     if near.sum() < FEWEST_BLOCKS:
         return None
     light = blocks.light[counted]
-    brightest: Array = np.maximum(np.quantile(light, BRIGHTEST, axis=0), LEAST_BRIGHTEST)
-    relative = np.ascontiguousarray(blocks.light / brightest, np.float32)
+    brightest, relative = _over_brightest(blocks.light, light)
     contrast = _contrast(relative)
     ranges = blocks.range[near].astype(np.float64)
     median = float(np.median(ranges))
@@ -316,10 +315,16 @@ def _reduce(
 def open_water_of(blocks: Blocks) -> tuple[Mask, float, float]:
     """Blocks that may be open water, with what tells whether they are: see `_open_water`."""
     counted = np.isfinite(blocks.light[..., 0])
-    brightest = np.maximum(
-        np.quantile(blocks.light[counted], BRIGHTEST, axis=0), LEAST_BRIGHTEST)
-    contrast = _contrast(np.asarray(blocks.light / brightest, np.float32))
-    return _open_water(blocks.range, counted, contrast.mean(axis=2))
+    _, relative = _over_brightest(blocks.light, blocks.light[counted])
+    return _open_water(blocks.range, counted, _contrast(relative).mean(axis=2))
+
+
+def _over_brightest(
+    light: NDArray[np.float32], known: NDArray[np.float32]
+) -> tuple[Array, NDArray[np.float32]]:
+    """Brightest irradiance of the known blocks, (3,), and all blocks (h, w, 3) over it."""
+    brightest: Array = np.maximum(np.quantile(known, BRIGHTEST, axis=0), LEAST_BRIGHTEST)
+    return brightest, np.ascontiguousarray(light / brightest, np.float32)
 
 
 def _open_water(
