@@ -18,7 +18,7 @@ from pathlib import Path
 import rclpy
 from rclpy.qos import ReliabilityPolicy
 
-from uw_visibility.ros.client import Player
+from uw_visibility_lab.demonstration.client import Player
 
 
 def main() -> None:

@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> None:
 def _load() -> tuple[Any, Any]:
     """Import what needs ROS, recordings and figures."""
     with needing("ros,report", "the demo"):
-        from uw_visibility.ros import client  # noqa: F401
+        from uw_visibility_lab.demonstration import client  # noqa: F401
         from uw_visibility_lab.demonstration.node_process import NodeDied
         from uw_visibility_lab.demonstration.run import demonstrate
     return demonstrate, NodeDied

@@ -18,7 +18,7 @@ from uw_visibility.stereo.rig import StereoRig
 from uw_visibility_lab.demonstration.node_process import NodeDied
 
 if TYPE_CHECKING:
-    from uw_visibility.ros.client import Collector, Player
+    from uw_visibility_lab.demonstration.client import Collector, Player
 
 TRUTH = "/ground_truth/"
 Check = Callable[[], None]

@@ -115,7 +115,7 @@ def _ask(
     check: Check, domain: int, topics: Mapping[str, str], frames: Sequence[RecordedFrame]
 ) -> list[Answer]:
     """Play the frames into the node and return its answer to each."""
-    from uw_visibility.ros.client import open_link
+    from uw_visibility_lab.demonstration.client import open_link
 
     with open_link(domain, topics, TOPICS) as (player, collector):
         tell("waiting for the node to be ready")

@@ -15,7 +15,7 @@ pytest.importorskip("rclpy", reason="ROS is not installed")
 
 from rclpy.executors import SingleThreadedExecutor
 
-from uw_visibility.ros.client import open_link
+from uw_visibility_lab.demonstration.client import open_link
 
 
 def test_leaving_waits_for_the_collector(monkeypatch: pytest.MonkeyPatch) -> None:
