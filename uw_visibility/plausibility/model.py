@@ -257,7 +257,8 @@ class InnovationModel:
     def __init__(self, right: RightSensor) -> None:
         self.right = right
         self.evidence = 0.0
-        self._faults = Faults.none()
+        # The oldest first.
+        self._faults: list[Fault] = []
 
     def update(self, taken: Taken, difference: float, most: float) -> None:
         """Take a difference.
@@ -281,11 +282,15 @@ class InnovationModel:
         log_right = right.update(ahead, observation)
         transition[OFFSET, DRIFT] = taken.elapsed
         added[:, OFFSET, OFFSET] = WALK * taken.elapsed
-        faults = self._faults.update(transition, added, observation).joined(begun, log_begun)
-        total = float(np.logaddexp.reduce(faults.log_evidence, None))
+        faults = _updated(self._faults, transition, added, observation)
+        faults.append(Fault(1, begun, log_begun))
+        _merge(faults)
+        total = float(np.logaddexp.reduce([fault.log_evidence for fault in faults], None))
         log_evidence = min(total - log_right, math.log(most))
-        self._faults = faults._replace(
-            log_evidence=faults.log_evidence + (log_evidence - total))
+        self._faults = [
+            fault._replace(log_evidence=fault.log_evidence + (log_evidence - total))
+            for fault in faults
+        ]
         self.evidence = math.exp(log_evidence)
 
 
@@ -337,8 +342,7 @@ class Filter(NamedTuple):
             parts.append(Filter(self.means + gain * residuals[..., np.newaxis], covariances))
             log_densities.append(
                 math.log(max(share, LEAST_WEIGHT)) + _log_density(residuals, total))
-        log_density = np.logaddexp.reduce(log_densities)
-        return _mixed(parts, np.exp(log_densities - log_density)), log_density
+        return _mixed(parts, log_densities)
 
 
 def _begun(ahead: Filter, taken: Taken, observation: Observation) -> tuple[Filter, Array]:
@@ -356,8 +360,7 @@ def _begun(ahead: Filter, taken: Taken, observation: Observation) -> tuple[Filte
         part, log_density = Filter(means, covariances).update(observation)
         parts.append(part)
         log_densities.append(math.log(share) + log_density)
-    log_density = np.logaddexp.reduce(log_densities)
-    return _mixed(parts, np.exp(log_densities - log_density)), log_density
+    return _mixed(parts, log_densities)
 
 
 def _onsets(taken: Taken) -> list[tuple[float, float, float]]:
@@ -372,72 +375,59 @@ def _onsets(taken: Taken) -> list[tuple[float, float, float]]:
     ]
 
 
-class Faults(NamedTuple):
-    """Faults that began at so many neighbouring differences, the oldest first.
+class Fault(NamedTuple):
+    """Fault that began at one of so many neighbouring differences.
 
-    Attributes
-    ----------
-    onsets : tuple of int
-        Differences at which they began, (N,).
-    filter : Filter
-        Of leading size N.
-    log_evidence : ndarray
-        Logarithm of their evidence, s, (N, J).
+    `log_evidence` is the logarithm of its evidence, s, (J,).
     """
 
-    onsets: tuple[int, ...]
+    onsets: int
     filter: Filter
     log_evidence: Array
 
-    @classmethod
-    def none(cls) -> Faults:
-        """Return that of no difference yet."""
-        count = len(SCALES)
-        return cls(
-            (), Filter(np.zeros((0, count, STATES)), np.zeros((0, count, STATES, STATES))),
-            np.zeros((0, count)))
 
-    def update(self, transition: Array, added: Array, observation: Observation) -> Faults:
-        """Predict, and take a difference."""
-        updated, log_density = self.filter.predict(transition, added).update(observation)
-        return Faults(self.onsets, updated, self.log_evidence + log_density)
-
-    def joined(self, begun: Filter, log_evidence: Array) -> Faults:
-        """Return these and one that begins; of each power of two of onsets two stay at most."""
-        joined = self._with(slice(len(self.onsets), None), 1, begun, log_evidence)
-        onsets = 1
-        while joined.onsets.count(onsets) > 2:
-            at = joined.onsets.index(onsets)
-            two = joined.log_evidence[at:at + 2]
-            both = np.logaddexp.reduce(two)
-            means, covariances = joined.filter
-            parts = [Filter(means[k], covariances[k]) for k in (at, at + 1)]
-            onsets *= 2
-            joined = joined._with(
-                slice(at, at + 2), onsets, _mixed(parts, np.exp(two - both)), both)
-        return joined
-
-    def _with(self, place: slice, onsets: int, merged: Filter, log_evidence: Array) -> Faults:
-        """Put one in the place of others."""
-        def put(values: Array, value: Array) -> Array:
-            after = values[place.stop:] if place.stop is not None else values[:0]
-            return np.concatenate([values[:place.start], value[np.newaxis], after])
-
-        counts = list(self.onsets)
-        counts[place] = [onsets]
-        return Faults(
-            tuple(counts),
-            Filter(*(put(a, b) for a, b in zip(self.filter, merged, strict=True))),
-            put(self.log_evidence, log_evidence))
+def _updated(
+    faults: Sequence[Fault], transition: Array, added: Array, observation: Observation
+) -> list[Fault]:
+    """Predict faults, and take a difference."""
+    if not faults:
+        return []
+    ahead = _stacked([fault.filter for fault in faults]).predict(transition, added)
+    updated, log_densities = ahead.update(observation)
+    return [
+        Fault(fault.onsets, Filter(means, covariances), fault.log_evidence + log_density)
+        for fault, means, covariances, log_density in zip(
+            faults, *updated, log_densities, strict=True)
+    ]
 
 
-def _mixed(parts: Sequence[Filter], shares: Array) -> Filter:
-    """Merge Gaussian mixtures by moments; shares (n, J) sum to 1."""
-    means = np.stack([part.means for part in parts])
+def _merge(faults: list[Fault]) -> None:
+    """Merge the oldest, until of each power of two of onsets two stay at most."""
+    onsets = 1
+    while sum(fault.onsets == onsets for fault in faults) > 2:
+        at = next(k for k, fault in enumerate(faults) if fault.onsets == onsets)
+        two = faults[at:at + 2]
+        onsets *= 2
+        merged = _mixed(
+            [fault.filter for fault in two], [fault.log_evidence for fault in two])
+        faults[at:at + 2] = [Fault(onsets, *merged)]
+
+
+def _stacked(parts: Sequence[Filter]) -> Filter:
+    return Filter(
+        np.stack([part.means for part in parts]), np.stack([part.covariances for part in parts]))
+
+
+def _mixed(parts: Sequence[Filter], log_weights: Sequence[Array]) -> tuple[Filter, Array]:
+    """Merge Gaussian mixtures by moments; also the logarithm of the sum of their weights."""
+    log_total = np.logaddexp.reduce(log_weights)
+    shares = np.exp(log_weights - log_total)
+    means, covariances = _stacked(parts)
     mean = (shares[..., np.newaxis] * means).sum(axis=0)
     apart = means - mean
-    covariances = np.stack([part.covariances for part in parts]) + _outer(apart, apart)
-    return Filter(mean, _scale(shares, covariances).sum(axis=0))
+    covariances = covariances + _outer(apart, apart)
+    covariances = (shares[..., np.newaxis, np.newaxis] * covariances).sum(axis=0)
+    return Filter(mean, covariances), log_total
 
 
 def _gate(weights: Array, means: Array, stddevs: Array, confidence: float) -> float:
@@ -472,7 +462,3 @@ def _log_density(residuals: Array, variances: Array) -> Array:
 
 def _outer(one: Array, other: Array) -> Array:
     return one[..., :, np.newaxis] * other[..., np.newaxis, :]
-
-
-def _scale(share: Array, matrices: Array) -> Array:
-    return share[..., np.newaxis, np.newaxis] * matrices
