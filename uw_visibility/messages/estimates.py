@@ -152,10 +152,10 @@ def _vector(estimate: Estimate, values: Array) -> Any:
     """Vector of R, G, B; NaN for a channel that has no light, as the node's page says."""
     if estimate.water.status is not Status.OK or not np.isfinite(values).any():
         return None
-    return _stamped(estimate, *map(float, values))
+    return _stamped(estimate, values)
 
 
-def _stamped(estimate: Estimate, *values: float) -> Any:
+def _stamped(estimate: Estimate, values: Iterable[float]) -> Any:
     return vector_message(estimate.make, estimate.header.message(estimate.make), values)
 
 
@@ -166,7 +166,7 @@ def _mean_attenuation(estimate: Estimate, stamped: bool) -> Any:
     if estimate.water.status is not Status.OK or not math.isfinite(alpha):
         return None
     if stamped:
-        return _stamped(estimate, alpha, stddev if math.isfinite(stddev) else 0.0, 0.0)
+        return _stamped(estimate, (alpha, stddev if math.isfinite(stddev) else 0.0, 0.0))
     return estimate.make("std_msgs/msg/Float64", data=float(alpha))
 
 

@@ -18,7 +18,7 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,16 +53,6 @@ class Source:
     config: NodeConfig
     filtered: FilteredWater | None = None
 
-    def estimate(self, filtered: bool) -> Estimate:
-        """Return the estimate of the frame alone, or the filtered one where frames are tracked."""
-        alone = self.result
-        found = self.filtered if filtered and self.filtered is not None else alone
-        view = field_of_view(alone.disparity.shape[1], self.pair.rig.focal_length)
-        return Estimate(
-            self.make, ImageHeader.of(self.frame.left), found.water, found.visibility, view,
-            self.config,
-        )
-
     @functools.cached_property
     def headers(self) -> dict[str, Any]:
         """Stamp and frame of the images, as messages by side."""
@@ -88,6 +78,16 @@ class Source:
         """Z of the matched pixels, ``(H, W)`` float32, m; NaN elsewhere."""
         disparity, low, _ = self.disparity
         return kernels.depth_of(disparity, low, self.pair.rig.focal_length * self.pair.rig.baseline)
+
+
+def estimate(name: str, filtered: bool, source: Source) -> Any:
+    """Make an output of the frame's estimate, or of the filtered one where frames are tracked."""
+    found = source.filtered if filtered and source.filtered is not None else source.result
+    view = field_of_view(source.result.disparity.shape[1], source.pair.rig.focal_length)
+    header = ImageHeader.of(source.frame.left)
+    return Estimate(
+        source.make, header, found.water, found.visibility, view, source.config
+    ).message(name)
 
 
 def enhanced_image(side: str, source: Source) -> Any:
@@ -181,67 +181,61 @@ FILTERED, RAW = "visibility", "visibility/raw"
 """Where estimates appear, filtered over frames and of the frame alone."""
 
 
+class Output(NamedTuple):
+    """Type of an output's messages, what makes them, and the parameter that switches it on."""
+
+    kind: str
+    make: Callable[[Source], Any]
+    switch: str = ""
+
+
+_OUTPUTS = {
+    # What a vehicle acts on goes first, before what is large.
+    **{
+        f"{folder}/{name}": Output(kind, partial(estimate, name, folder == FILTERED))
+        for folder in (FILTERED, RAW) for name, kind in ESTIMATES.items()
+    },
+    "disparity": Output("stereo_msgs/msg/DisparityImage", disparity),
+    "left/enhanced/image": Output("sensor_msgs/msg/Image", partial(enhanced_image, "left")),
+    "left/enhanced/camera_info": Output(
+        "sensor_msgs/msg/CameraInfo", partial(camera_info, "left")),
+    "right/enhanced/image": Output("sensor_msgs/msg/Image", partial(enhanced_image, "right")),
+    "right/enhanced/camera_info": Output(
+        "sensor_msgs/msg/CameraInfo", partial(camera_info, "right")),
+    "depth/image": Output("sensor_msgs/msg/Image", depth_image, "publish_depth_image"),
+    # It lies in the left rectified image.
+    "depth/camera_info": Output(
+        "sensor_msgs/msg/CameraInfo", partial(camera_info, "left"), "publish_depth_image"),
+    "points2": Output("sensor_msgs/msg/PointCloud2", points, "publish_points"),
+}
+"""Outputs by topic, in the order in which they are published."""
+
+
 def each_message(source: Source, topics: Collection[str]) -> Iterator[tuple[str, Any]]:
     """Make the messages of one frame by topic, one after the other, so that each can go at once.
 
     In the order of `topics`; those whose value is not assessable are left out.
     """
     for topic in topics:
-        message = _BUILDERS[topic](source)
+        message = _OUTPUTS[topic].make(source)
         if message is not None:
             yield topic, message
 
 
-def _estimates(folder: str, filtered: bool) -> dict[str, tuple[str, Callable[[Source], Any]]]:
-    def of(name: str) -> Callable[[Source], Any]:
-        return lambda source: source.estimate(filtered).message(name)
-
-    return {f"{folder}/{name}": (kind, of(name)) for name, kind in ESTIMATES.items()}
-
-
-_OUTPUTS: dict[str, tuple[str, Callable[[Source], Any]]] = {
-    # What a vehicle acts on goes first, before what is large.
-    **_estimates(FILTERED, True),
-    **_estimates(RAW, False),
-    "disparity": ("stereo_msgs/msg/DisparityImage", disparity),
-    "left/enhanced/image": ("sensor_msgs/msg/Image", partial(enhanced_image, "left")),
-    "left/enhanced/camera_info": ("sensor_msgs/msg/CameraInfo", partial(camera_info, "left")),
-    "right/enhanced/image": ("sensor_msgs/msg/Image", partial(enhanced_image, "right")),
-    "right/enhanced/camera_info": ("sensor_msgs/msg/CameraInfo", partial(camera_info, "right")),
-}
-
-_DEPTH_OUTPUTS: dict[str, tuple[str, Callable[[Source], Any]]] = {
-    "depth/image": ("sensor_msgs/msg/Image", depth_image),
-    # It lies in the left rectified image.
-    "depth/camera_info": ("sensor_msgs/msg/CameraInfo", partial(camera_info, "left")),
-}
-_POINT_OUTPUTS: dict[str, tuple[str, Callable[[Source], Any]]] = {
-    "points2": ("sensor_msgs/msg/PointCloud2", points),
-}
-_BUILDERS = {
-    topic: builder
-    for outputs in (_OUTPUTS, _DEPTH_OUTPUTS, _POINT_OUTPUTS)
-    for topic, (_, builder) in outputs.items()
-}
-
-TOPICS = MappingProxyType({topic: name for topic, (name, _) in _OUTPUTS.items()})
-"""Type of message by topic, in the order in which they are published."""
-
-_NEEDS_LEFT = ("left/enhanced/image", "points2")
-
-
 def all_topics(config: NodeConfig) -> dict[str, str]:
     """Return type of message by topic, with the optional ones that are switched on."""
-    topics = dict(TOPICS)
-    if config.publish_depth_image:
-        topics |= {topic: name for topic, (name, _) in _DEPTH_OUTPUTS.items()}
-    if config.publish_points:
-        topics |= {topic: name for topic, (name, _) in _POINT_OUTPUTS.items()}
-    return topics
+    return {
+        topic: output.kind for topic, output in _OUTPUTS.items()
+        if not output.switch or getattr(config, output.switch)
+    }
+
+
+TOPICS = MappingProxyType(all_topics(NodeConfig()))
+"""Type of message by topic, without the optional ones."""
 
 
 def enhanced_sides(topics: Collection[str]) -> tuple[str, ...]:
     """Return the sides whose enhanced image is needed for topics."""
-    left = any(topic in topics for topic in _NEEDS_LEFT)
+    left = "left/enhanced/image" in topics or "points2" in topics
     right = "right/enhanced/image" in topics
     return ("left",) * left + ("right",) * right

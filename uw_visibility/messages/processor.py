@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 from uw_visibility.compute.threads import Workers
@@ -53,26 +54,24 @@ def try_out(
         disparity_limits(config.stereo, LARGEST_WIDTH)
 
 
+@dataclass(frozen=True, eq=False)
 class FrameWork:
     """Work on one frame: the pair that was read, to be assessed and told of."""
 
-    def __init__(
-        self, frame: StereoFrame, pair: StereoPair, pipeline: Pipeline, make: MessageFactory
-    ) -> None:
-        self._frame = frame
-        self._pair = pair
-        self._pipeline = pipeline
-        self._make = make
+    frame: StereoFrame
+    pair: StereoPair
+    pipeline: Pipeline
+    make: MessageFactory
 
     @property
     def rig(self) -> StereoRig:
         """Geometry of the pair."""
-        return self._pair.rig
+        return self.pair.rig
 
     @property
     def header(self) -> ImageHeader:
         """Stamp and frame of the left image."""
-        return ImageHeader.of(self._frame.left)
+        return ImageHeader.of(self.frame.left)
 
     def assess(
         self,
@@ -86,8 +85,8 @@ class FrameWork:
 
         See `Pipeline.process` for the other parameters; no message carries the confidence.
         """
-        pair = self._pair
-        return self._pipeline.process(
+        pair = self.pair
+        return self.pipeline.process(
             pair.left, pair.right, valid=pair.valid, match_original=match_original,
             enhance=enhanced_sides(topics), confidence=confidence, colour=pair.chroma,
             known_light=known_light,
@@ -105,7 +104,7 @@ class FrameWork:
         `filtered` is the estimate filtered up to this frame, where frames are tracked.
         """
         return each_message(
-            Source(self._make, self._frame, self._pair, result, node_config, filtered), topics
+            Source(self.make, self.frame, self.pair, result, node_config, filtered), topics
         )
 
 
