@@ -95,10 +95,6 @@ def comment(info: ParameterInfo) -> str:
         facts.append(f"Unit: {info.unit}.")
     if info.minimum is not None and info.maximum is not None:
         facts.append(f"From {info.minimum:g} to {info.maximum:g}.")
-    elif info.minimum is not None:
-        facts.append(f"At least {info.minimum:g}.")
-    elif info.maximum is not None:
-        facts.append(f"At most {info.maximum:g}.")
     if info.choices:
         facts.append(f"One of: {', '.join(info.choices)}.")
     if info.read_only:

@@ -89,14 +89,14 @@ class ParameterInfo:
         """Convert text and integers to floats where the parameter is a float or a list.
 
         ``ros2 param`` takes 5 for an integer and, by YAML 1.1, 1e-05 for a text, with which its
-        own dumps would not load.
+        own dumps would not load. rclpy gives numbers as a typed array.
         """
         try:
-            if self.type is float and isinstance(value, int | str) and not isinstance(value, bool):
+            if self.type is float and _is_number(value):
                 return float(value)
-            if self.type is tuple:
-                parts = value.strip("[] ").split(",") if isinstance(value, str) else value
-                if any(isinstance(each, str) for each in parts):
+            if self.type is tuple and not isinstance(value, bytes):
+                parts = value.strip("[] ").split(",") if isinstance(value, str) else [*value]
+                if all(map(_is_number, parts)):
                     return [float(each) for each in parts]
         except (OverflowError, TypeError, ValueError):
             # `check` says what is wrong.
@@ -106,14 +106,12 @@ class ParameterInfo:
     def _of_type(self, value: Any) -> Any:
         value = self.numeric(value)
         if self.type is tuple:
-            numbers = value if isinstance(value, str | bytes) else _numbers(value)
-            if not isinstance(numbers, tuple) or not self._fits(len(numbers)):
+            numbers = isinstance(value, list) and all(isinstance(each, float) for each in value)
+            if not numbers or not self._fits(len(value)):
                 wanted = f"{len(self.default)} number{'s' if len(self.default) > 1 else ''}"
                 wanted += " for each, one after the other" if self.repeats else ""
-                # rclpy gives numbers as a typed array.
-                shown = list(numbers) if isinstance(numbers, tuple) else value
-                raise InputError(f"parameter {self.name} is {shown!r}: give {wanted}")
-            return numbers
+                raise InputError(f"parameter {self.name} is {value!r}: give {wanted}")
+            return tuple(value)
         if type(value) is not self.type:
             raise InputError(
                 f"parameter {self.name} is {value!r} of type {type(value).__name__}: "
@@ -214,7 +212,7 @@ def build(group: type, values: Mapping[str, Any], prefix: str = "") -> Any:
     return group(**arguments)
 
 
-def check_names(given: Mapping[str, Any], known: Iterable[str]) -> None:
+def check_names(given: Iterable[str], known: Iterable[str]) -> None:
     """Refuse names that are not known, with the nearest one that is."""
     names = set(known)
     for name in given:
@@ -298,11 +296,6 @@ def _names(pattern: str, node: str) -> bool:
     return re.fullmatch(parts, node) is not None
 
 
-def _numbers(value: Any) -> Any:
-    try:
-        items = tuple(value)
-    except TypeError:
-        return value
-    if all(isinstance(i, int | float) and not isinstance(i, bool) for i in items):
-        return tuple(float(i) for i in items)
-    return value
+def _is_number(value: Any) -> bool:
+    """Return whether a value is a number, or text that may be one."""
+    return isinstance(value, int | float | str) and not isinstance(value, bool)

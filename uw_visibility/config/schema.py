@@ -254,8 +254,7 @@ class PipelineConfig:
             If a name is unknown (the nearest known one is named) or a value
             is not allowed.
         """
-        mine, _ = split_parameters(values)
-        return build(cls, mine)
+        return build(cls, _part(cls, values))
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> PipelineConfig:
@@ -396,8 +395,7 @@ class NodeConfig:
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> NodeConfig:
         """Make a configuration from dotted names, ignoring the pipeline's."""
-        _, mine = split_parameters(values)
-        config = build(cls, mine)
+        config: NodeConfig = build(cls, _part(cls, values))
         # The other one may be empty.
         for name, frame in (
             ("depth_frame", config.depth_frame), ("distance_frame", config.distance_frame or "map")
@@ -408,18 +406,12 @@ class NodeConfig:
         return config
 
 
-def split_parameters(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Split values by dotted name into the pipeline's and the node's.
+def _part(group: type, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values by dotted name that are of a group: the pipeline or the node.
 
-    Raises
-    ------
-    InputError
-        If a name belongs to neither; the nearest known one is named.
+    Raises `InputError` if a name belongs to neither; the nearest known one is named.
     """
-    pipeline = {info.name for info in describe(PipelineConfig)}
-    node = {info.name for info in describe(NodeConfig)}
-    check_names(values, iter(sorted(pipeline | node)))
-    return (
-        {k: v for k, v in values.items() if k in pipeline},
-        {k: v for k, v in values.items() if k in node},
-    )
+    groups = (PipelineConfig, NodeConfig)
+    check_names(values, (info.name for each in groups for info in describe(each)))
+    mine = {info.name for info in describe(group)}
+    return {name: value for name, value in values.items() if name in mine}

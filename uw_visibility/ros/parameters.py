@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +17,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from uw_visibility.config.parameters import ParameterInfo, describe
+from uw_visibility.config.parameters import ParameterInfo, check_names, describe
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError, printable
 from uw_visibility.optics.spectra import load_response
@@ -98,16 +97,11 @@ class NodeParameters:
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
         """Let whole numbers and texts stand for decimal numbers, as ``ros2 param`` sends them."""
-        converted = []
-        for parameter in parameters:
-            info = self._infos.get(parameter.name)
-            value = parameter.value
-            if info is not None:
-                value = info.numeric(value)
-            if info is not None and parameter.type_ == Parameter.Type.INTEGER_ARRAY:
-                value = [float(v) for v in value] if info.type is tuple else value
-            converted.append(Parameter(parameter.name, value=value))
-        return converted
+        return [
+            Parameter(p.name, value=self._infos[p.name].numeric(p.value))
+            if p.name in self._infos else p
+            for p in parameters
+        ]
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         mine = self._mine(parameters)
@@ -138,11 +132,9 @@ class NodeParameters:
 
 def check_qos_overrides(node: Node) -> None:
     """Refuse a ``qos_overrides`` name that no publisher or subscription has read."""
-    for name in _overrides(node):
-        if name.startswith(QOS_PREFIX) and not node.has_parameter(name):
-            known = [known for known in node._parameters if known.startswith(QOS_PREFIX)]
-            near = difflib.get_close_matches(name, known, n=1, cutoff=0.0)
-            raise InputError(f"unknown parameter {name}: did you mean {near[0]}?")
+    given = [name for name in _overrides(node) if name.startswith(QOS_PREFIX)]
+    known = node.get_parameters_by_prefix(QOS_PREFIX.removesuffix("."))
+    check_names(given, [QOS_PREFIX + name for name in known])
 
 
 def descriptor(info: ParameterInfo) -> ParameterDescriptor:
