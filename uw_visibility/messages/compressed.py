@@ -11,6 +11,9 @@ compressed in.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import cv2
 import numpy as np
 
@@ -25,6 +28,8 @@ from uw_visibility.messages.images import (
     CompressedImageMessage,
     ImageMessage,
 )
+
+T = TypeVar("T")
 
 
 def read_format(kind: str) -> tuple[str, bool]:
@@ -49,11 +54,7 @@ def read_compressed(message: CompressedImageMessage, name: str = "image") -> tup
         was compressed, with the depth of what was stored.
     """
     original, swapped = read_format(str(message.format))
-    data = _encoded(message, name)
-    try:
-        stored = decode(data)
-    except InputError as error:
-        raise _unusable(message, name, error) from error
+    stored = _decoded(message, name, decode)
     bits = 8 * stored.dtype.itemsize
     if stored.ndim == 2:
         encoding = f"{original.removesuffix('16').removesuffix('8')}{bits}"
@@ -93,29 +94,23 @@ def message_chroma(
 
 def read_size(message: CompressedImageMessage, name: str = "image") -> tuple[int, int]:
     """Read width and height, px, of a compressed image, without decompressing it."""
-    data = _encoded(message, name)
-    try:
-        header = read_header(data)
-    except InputError as error:
-        raise _unusable(message, name, error) from error
+    header = _decoded(message, name, read_header)
     return header.width, header.height
 
 
-def _encoded(message: CompressedImageMessage, name: str) -> bytes:
-    """Return the data of a message, if they are a JPEG or a PNG."""
-    data = bytes(message.data)
+def _decoded(message: CompressedImageMessage, name: str, read: Callable[[bytes], T]) -> T:
+    """Return what `read` does of the data of a message, if they are a JPEG or a PNG."""
+    data, kind = bytes(message.data), printable(message.format)
     if "compressedDepth" in message.format or not data.startswith((JPEG, PNG)):
         raise InputError(
-            f"{name} has the format {printable(message.format)!r} and data that are neither JPEG "
-            "nor PNG: publish it with compressed_image_transport as jpeg or png"
+            f"{name} has the format {kind!r} and data that are neither JPEG nor PNG: publish it "
+            "with compressed_image_transport as jpeg or png"
         )
-    return data
-
-
-def _unusable(message: CompressedImageMessage, name: str, error: InputError) -> InputError:
-    if isinstance(error, TruncatedError):
+    try:
+        return read(data)
+    except TruncatedError as error:
         # Without its length, which differs in every image: reasons are counted by their text.
-        return InputError(f"{name} has data without an end: it is truncated")
-    return InputError(
-        f"{name} has the format {printable(message.format)!r} but cannot be decompressed: {error}"
-    )
+        raise InputError(f"{name} has data without an end: it is truncated") from error
+    except InputError as error:
+        raise InputError(
+            f"{name} has the format {kind!r} but cannot be decompressed: {error}") from error
