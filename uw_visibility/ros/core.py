@@ -17,8 +17,6 @@ from rclpy.node import Node
 
 from uw_visibility.compute.jit import counts
 from uw_visibility.compute.kernel_folder import writable_folder
-from uw_visibility.config.parameters import describe
-from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.errors import InputError
 from uw_visibility.messages.depth_sensor import SENSOR_TYPES, read_depth
 from uw_visibility.messages.estimates import NIS_TOPICS, nis_messages
@@ -33,7 +31,6 @@ from uw_visibility.ros.inputs import RESTING, SILENCE, StereoInput
 from uw_visibility.ros.monitor import (
     ERROR,
     OK,
-    SHOWN_REASONS,
     STALE,
     WARN,
     Finding,
@@ -60,7 +57,6 @@ SILENCE_PERIOD = 30.0
 WARMING = threading.Lock()
 # A clock that goes back by more than this was set back, s.
 CLOCK_JUMP = 0.1
-
 
 
 class NodeCore:
@@ -119,8 +115,8 @@ class NodeCore:
             made.callback(node.destroy_publisher, publisher)
         self.input = StereoInput(node, self._parameters, self.worker.offer, self._on_restart)
         made.callback(self.input.destroy)
-        self._depth = DepthCheck(node, self._parameters)
-        made.callback(self._depth.destroy)
+        self.input.rest(False)
+        self._depth = DepthCheck(node, self._parameters, made)
         check_qos_overrides(node)
         # Steady clock: these periods do not follow recorded time.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -132,13 +128,10 @@ class NodeCore:
         backward = JumpThreshold(
             min_forward=None, min_backward=Duration(seconds=-CLOCK_JUMP), on_clock_change=False
         )
-        jump = node.get_clock().create_jump_callback(
-            backward, post_callback=lambda jump: self._on_clock_jump()
-        )
+        jump = node.get_clock().create_jump_callback(backward, post_callback=self._on_clock_jump)
         made.callback(jump.unregister)
-        parameters = self._parameters
-        parameters.try_out = self.try_out
-        made.callback(setattr, parameters, "try_out", None)
+        self._parameters.try_out = self.try_out
+        made.callback(setattr, self._parameters, "try_out", None)
 
     def _update_input(self) -> None:
         """Adapt the subscriptions to who publishes, and to who wants results."""
@@ -171,7 +164,7 @@ class NodeCore:
         """Take no image and publish no result from now on."""
         self._active_since = None
         self.input.active = False
-        self.input.reset()
+        self.input.synchronizer.reset()
 
     def stop(self, timeout: float) -> bool:
         """End the worker; returns whether it ended within the timeout (s)."""
@@ -304,9 +297,9 @@ class NodeCore:
         self._jumps.add("time jumped back: starting anew from there")
         self._depth.reset()
 
-    def _on_clock_jump(self) -> None:
+    def _on_clock_jump(self, jump: Any) -> None:
         self._on_restart()
-        self.input.restart()
+        self.input.synchronizer.restart(self._node.get_clock().now().nanoseconds)
 
     def _silence(self) -> str:
         """Return why there is no output, or nothing where there is."""
@@ -433,12 +426,10 @@ class PipelineState:
         values["rate (Hz)"] = f"{rate:.2f}"
         values["calibrations"] = self.calibrations
         if self._result is not None:
-            values |= _values(self._result)
-            values |= _filter_values(self._filtered)
+            values |= _values(self._result, self._filtered)
             values["around the pipeline (ms)"] = f"{self._around:.1f}"
             values["latency (ms)"] = f"{1e3 * self._latency:.1f}"
-        failures = self.failures.selection(SHOWN_REASONS)
-        values |= {f"problem: {reason}": count for reason, count in failures.items()}
+        values |= self.failures.problems()
         if silence:
             stopped = self.processed > 0 or self.refused + self.failed > 0
             return Finding(ERROR if stopped else WARN, f"no output: {silence}", values)
@@ -472,27 +463,25 @@ class PipelineState:
         return ""
 
 
-def _filter_values(filtered: FilteredWater | None) -> dict[str, Any]:
-    """Return the filter's numbers, by name."""
-    if filtered is None:
-        return {}
-    return {
-        "filter": filtered.event,
-        "rejected by the filter": f"{filtered.rejected} of {filtered.assessed} frames",
-        "rejected by the filter in a row": filtered.rejected_in_a_row,
-        "survey": filtered.survey or "none",
-    }
-
-
-def _values(result: FrameResult) -> dict[str, Any]:
-    return {
+def _values(result: FrameResult, filtered: FilteredWater | None) -> dict[str, Any]:
+    """Return the numbers of a frame and of the filter, by name."""
+    values: dict[str, Any] = {
         "status": result.status,
         "visibility status": result.visibility.status,
         "depth status": result.visibility.depth_status,
         "support points": result.stereo.support_points,
         "coverage": f"{result.stereo.coverage:.3f}",
         "matched fraction": f"{result.stereo.matched_fraction:.3f}",
-    } | {f"{stage} (ms)": f"{duration:.1f}" for stage, duration in result.timing_ms.items()}
+    }
+    values |= {f"{stage} (ms)": f"{duration:.1f}" for stage, duration in result.timing_ms.items()}
+    if filtered is not None:
+        values |= {
+            "filter": filtered.event,
+            "rejected by the filter": f"{filtered.rejected} of {filtered.assessed} frames",
+            "rejected by the filter in a row": filtered.rejected_in_a_row,
+            "survey": filtered.survey or "none",
+        }
+    return values
 
 
 SENSOR_TOPIC = "depth_sensor"
@@ -512,9 +501,11 @@ class DepthCheck:
         Subscription and publisher are made on it.
     parameters : NodeParameters
         Type of the sensor, and what the monitor is told.
+    made : ExitStack
+        Destroys subscription and publishers.
     """
 
-    def __init__(self, node: Node, parameters: NodeParameters) -> None:
+    def __init__(self, node: Node, parameters: NodeParameters, made: ExitStack) -> None:
         self._node = node
         self._parameters = parameters
         self._monitor = DepthMonitor(parameters.settings.node.plausibility)
@@ -524,30 +515,17 @@ class DepthCheck:
         self._refusals = ReasonLog(lambda line: log.warning(line))
         self._verdicts = ReasonLog(lambda line: log.warning(line))
         self._refused: tuple[float, str] | None = None
-        unused = _unused(parameters.settings.node.plausibility)
-        if unused:
-            log.warning(f"{unused} are no longer used: see plausibility.error_interval")
         self._subscription: Any = None
         self._publishers: dict[str, Any] = {}
-        with ExitStack() as made:
-            self._make(made)
-            self._made = made.pop_all()
-
-    def _make(self, made: ExitStack) -> None:
-        node = self._node
         for topic, name in NIS_TOPICS.items():
             publisher = self._publishers[topic] = publish_on(node, message_type(name), topic)
             made.callback(node.destroy_publisher, publisher)
-        kind = self._parameters.settings.node.plausibility.sensor_type
+        kind = parameters.settings.node.plausibility.sensor_type
         if kind in SENSOR_TYPES:
             self._subscription = subscribe_to(
                 node, message_type(SENSOR_TYPES[kind]), SENSOR_TOPIC, self._on_sensor
             )
             made.callback(node.destroy_subscription, self._subscription)
-
-    def destroy(self) -> None:
-        """Destroy subscription and publishers."""
-        self._made.close()
 
     @property
     def wanted(self) -> bool:
@@ -624,15 +602,6 @@ class DepthCheck:
         for comparison in comparisons:
             for topic, message in nis_messages(make_message, comparison, frame):
                 self._publishers[topic].publish(message)
-
-
-def _unused(config: PlausibilityConfig) -> str:
-    """Return the parameters that are given but no longer used."""
-    return ", ".join(
-        info.name for info in describe(PlausibilityConfig, "plausibility.")
-        if info.description.startswith("No longer used")
-        and getattr(config, info.name.rpartition(".")[2]) != info.default
-    )
 
 
 def _report_values(report: Report) -> dict[str, Any]:

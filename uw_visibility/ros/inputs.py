@@ -39,7 +39,7 @@ ADVICE = {
 
 
 class StereoInput:
-    """Subscribes to images and CameraInfo, and hands on stereo frames.
+    """Subscribes to images and CameraInfo, once told not to rest, and hands on stereo frames.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class StereoInput:
         offer: Callable[[StereoFrame], None],
         on_restart: Callable[[], None],
     ) -> None:
-        self.active = self.resting = False
+        self.active, self.resting = False, True
         self._node = node
         self._parameters = parameters
         self._offer = offer
@@ -84,11 +84,6 @@ class StereoInput:
         self._stamps: dict[str, deque[int]] = {side: deque(maxlen=RECENT_STAMPS) for side in SIDES}
         self._images: dict[str, AdaptiveReliabilitySubscription] = {}
         self._infos: dict[str, Any] = {}
-        try:
-            self._subscribe()
-        except BaseException:
-            self.destroy()
-            raise
 
     def destroy(self) -> None:
         """Destroy the subscriptions."""
@@ -113,14 +108,6 @@ class StereoInput:
         """Adapt the subscriptions to the publishers; called from time to time."""
         for image in self._images.values():
             image.update_qos()
-
-    def reset(self) -> None:
-        """Forget what waits."""
-        self.synchronizer.reset()
-
-    def restart(self) -> None:
-        """Forget what waits: the clock was set back."""
-        self.synchronizer.restart(self._node.get_clock().now().nanoseconds)
 
     def end_wait(self) -> None:
         """Let go of a frame whose CameraInfo does not come; called from time to time."""

@@ -79,16 +79,10 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         return self._do(self._working_core.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release what `on_configure` allocated."""
+        """Release what `on_configure` allocated, so that the node can be configured again."""
         return self._do(self._give_back)
 
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End the work for good."""
-        return self._do(self._give_back)
-
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release what is left, so that the node can be configured again."""
-        return self._do(self._give_back)
+    on_shutdown = on_error = on_cleanup
 
     @property
     def _working_core(self) -> NodeCore:

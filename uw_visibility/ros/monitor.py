@@ -125,6 +125,10 @@ class ReasonLog:
         self._lines: deque[float] = deque(maxlen=MAX_LINES)
         self._lock = threading.Lock()
 
+    def problems(self) -> dict[str, int]:
+        """Return what diagnostics show of the reasons."""
+        return {f"problem: {reason}": n for reason, n in self.selection(SHOWN_REASONS).items()}
+
     def selection(self, number: int) -> dict[str, int]:
         """Return the latest and the most frequent reasons, so many of each, and all others as one.
 
@@ -195,11 +199,7 @@ class FaultLog:
 
     def diagnose(self) -> Finding:
         """Return level, message and numbers."""
-        values: dict[str, Any] = {"failed callbacks": self._reasons.total}
-        values |= {
-            f"problem: {reason}": count
-            for reason, count in self._reasons.selection(SHOWN_REASONS).items()
-        }
+        values = {"failed callbacks": self._reasons.total, **self._reasons.problems()}
         if self._last is None:
             return Finding(OK, "no callback has failed", values)
         when, reason = self._last

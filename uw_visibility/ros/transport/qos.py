@@ -21,7 +21,6 @@ from rclpy.qos import (
     QoSProfile,
     ReliabilityPolicy,
     qos_check_compatible,
-    qos_profile_sensor_data,
 )
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 
@@ -75,13 +74,7 @@ def subscribe_to(
         How many messages wait to be taken, unless ``qos_overrides`` says otherwise.
     """
     # Overrides are written into the profile.
-    qos = QoSProfile(
-        depth=depth,
-        **{
-            name: getattr(qos_profile_sensor_data, name)
-            for name in ("history", "reliability", "durability")
-        },
-    )
+    qos = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
     if available is not None:
         qos.reliability = ReliabilityPolicy.BEST_AVAILABLE
 
@@ -91,13 +84,6 @@ def subscribe_to(
         return SetParametersResult(successful=True)
 
     return _with_overrides(node.create_subscription, kind, topic, callback, qos, settle=settle)
-
-
-def reliability_is_open(node: Node, subscription: Any) -> bool:
-    """Return whether ``qos_overrides`` leaves the reliability of a subscription open."""
-    name = f"{QOS_PREFIX}{subscription.topic_name}.subscription.reliability"
-    best_available: str = ReliabilityPolicy.BEST_AVAILABLE.name.lower()
-    return bool(node.get_parameter(name).value == best_available)
 
 
 def describe_publishers(node: Node, subscription: Any) -> str:
@@ -155,7 +141,7 @@ class AdaptiveReliabilitySubscription:
 
     def __init__(
         self, node: Node, kind: type, topic: str, callback: Callable[[Any], None],
-        depth: int = INPUT_DEPTH,
+        depth: int,
     ) -> None:
         self._node = node
         self._kind = kind
@@ -168,12 +154,10 @@ class AdaptiveReliabilitySubscription:
         # Subscriptions by their number: the present one, then the one to take over.
         self._subscriptions: dict[int, Any] = {}
         self._subscribe(ReliabilityPolicy.BEST_EFFORT)
-        self._adaptive = reliability_is_open(node, self._present)
-
-    @property
-    def topic_name(self) -> str:
-        """The resolved name of the topic."""
-        return str(self._present.topic_name)
+        name = f"{QOS_PREFIX}{self._present.topic_name}.subscription.reliability"
+        best_available = ReliabilityPolicy.BEST_AVAILABLE.name.lower()
+        # Whether the parameters leave it open.
+        self._adaptive = node.get_parameter(name).value == best_available
 
     @property
     def reliability(self) -> str:
