@@ -17,7 +17,6 @@ from uw_visibility.messages.images import (
     ENCODINGS,
     SUBSAMPLED,
     image_view,
-    output_encoding,
     read_image,
     write_image,
 )
@@ -146,4 +145,4 @@ def test_enhanced_images_keep_order_and_depth() -> None:
         "bgr8": "bgr8", "rgba8": "rgb8", "bgra8": "bgr8", "mono16": "mono16",
         "bayer_rggb8": "rgb8", "bayer_grbg16": "rgb16",
     }
-    assert {name: output_encoding(name) for name in pairs} == pairs
+    assert {name: ENCODINGS[name].output for name in pairs} == pairs

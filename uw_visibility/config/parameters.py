@@ -9,7 +9,6 @@ import difflib
 import functools
 import math
 import re
-import typing
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -158,23 +157,19 @@ def section(group: type) -> Any:
 @functools.cache
 def describe(group: type, prefix: str = "") -> tuple[ParameterInfo, ...]:
     """Return every parameter of a dataclass and of its sections, in order."""
-    return tuple(_describe(group, prefix))
-
-
-def _describe(group: type, prefix: str) -> Iterator[ParameterInfo]:
-    hints = _type_hints(group)
+    infos: list[ParameterInfo] = []
     for field in dataclasses.fields(group):
-        if dataclasses.is_dataclass(hints[field.name]):
-            yield from describe(hints[field.name], f"{prefix}{field.name}.")
+        name, inner = prefix + field.name, _group_of(field)
+        if inner is None:
+            infos.append(ParameterInfo(name, type(field.default), field.default, **field.metadata))
         else:
-            yield ParameterInfo(
-                prefix + field.name, type(field.default), field.default, **field.metadata
-            )
+            infos += describe(inner, f"{name}.")
+    return tuple(infos)
 
 
-@functools.cache
-def _type_hints(group: type) -> dict[str, Any]:
-    return typing.get_type_hints(group)
+def _group_of(field: Any) -> Any:
+    """Return the group that a field of `section` holds; None for that of a `parameter`."""
+    return None if field.default_factory is dataclasses.MISSING else field.default_factory
 
 
 def build(group: type, values: Mapping[str, Any], prefix: str = "") -> Any:
@@ -198,15 +193,14 @@ def build(group: type, values: Mapping[str, Any], prefix: str = "") -> Any:
         If a name is unknown (the nearest known one is named) or a value is
         not allowed.
     """
-    check_names(values, (info.name for info in describe(group, prefix)))
-    hints = _type_hints(group)
     infos = {info.name: info for info in describe(group, prefix)}
+    check_names(values, infos)
     arguments = {}
     for field in dataclasses.fields(group):
-        name = prefix + field.name
-        if dataclasses.is_dataclass(hints[field.name]):
+        name, inner = prefix + field.name, _group_of(field)
+        if inner is not None:
             inside = {k: v for k, v in values.items() if k.startswith(name + ".")}
-            arguments[field.name] = build(hints[field.name], inside, name + ".")
+            arguments[field.name] = build(inner, inside, name + ".")
         elif name in values:
             arguments[field.name] = infos[name].check(values[name])
     return group(**arguments)

@@ -114,7 +114,7 @@ def _read(message: Any, name: str) -> tuple[Image, str]:
     """Return the pixels of an image and how its enhanced image is to be encoded."""
     if hasattr(message, "format"):
         return read_compressed(message, name)
-    return images.read_image(message, name), images.output_encoding(message.encoding)
+    return images.read_image(message, name), images.ENCODINGS[message.encoding].output
 
 
 def _check_size(message: Any, info: CameraInfo, side: str) -> None:

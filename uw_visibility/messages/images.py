@@ -17,7 +17,10 @@ from uw_visibility.stereo.calibration import CameraInfo
 
 
 class Encoding(NamedTuple):
-    """Pixel layout of an encoding, and the encoding of its enhanced image."""
+    """Pixel layout of an encoding, and the encoding of its enhanced image.
+
+    Order of channels and depth are the input's; alpha is dropped, Bayer images and YUV become RGB.
+    """
 
     dtype: type[np.unsignedinteger[Any]]
     channels: int
@@ -189,15 +192,6 @@ def read_disparity(message: Any) -> DisparityMap:
     image = message.image
     values = np.frombuffer(image.data, np.float32).reshape(image.height, image.width)
     return np.where(values >= np.float32(message.min_disparity), values, np.float32(np.nan))
-
-
-def output_encoding(encoding: str) -> str:
-    """Return how the enhanced image of an input is encoded.
-
-    Order of channels and depth are the input's; alpha is dropped, Bayer images and YUV
-    become RGB.
-    """
-    return ENCODINGS[encoding].output
 
 
 def write_image(make: MessageFactory, pixels: Image, encoding: str, header: Any) -> Any:

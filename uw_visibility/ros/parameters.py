@@ -17,7 +17,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from uw_visibility.config.parameters import ParameterInfo, check_names, describe
+from uw_visibility.config.parameters import ParameterInfo, check_names, describe, flatten
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError, printable
 from uw_visibility.optics.spectra import load_response
@@ -80,9 +80,8 @@ class NodeParameters:
             for name, parameter in _overrides(node).items()
             if not name.startswith(QOS_PREFIX) and not node.has_parameter(name)
         }
-        self._values = {info.name: info.default for info in infos}
-        self.settings = Settings.from_values(self._values | given)
-        self._values |= {name: self._infos[name].check(value) for name, value in given.items()}
+        self.settings = Settings.from_values(given)
+        self._values = {**flatten(self.settings.pipeline), **flatten(self.settings.node)}
         for info in infos:
             value = self._values[info.name]
             node.declare_parameter(

@@ -127,7 +127,11 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
         node.get_logger().warning(scarcity)
     _spin(node, asked)
     if not node.stop(STOP_TIMEOUT):
-        _leave()
+        # The worker is still computing, which cannot be interrupted.
+        rclpy.try_shutdown()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
     node.destroy_node()
     rclpy.try_shutdown()
     return 0
@@ -152,11 +156,3 @@ def _refuse(error: Exception) -> int:
     text = " ".join(str(error).split())
     print(f"uw_visibility: {printable(text, LONGEST_MESSAGE)}", file=sys.stderr)
     return 2
-
-
-def _leave() -> None:
-    """End the process while the worker is still computing, which cannot be interrupted."""
-    rclpy.try_shutdown()
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(0)
