@@ -162,6 +162,11 @@ def _search_strips(
         path[:] = _BARRED
         above[:] = _BARRED
         begin = max(first - _BEFORE, 0)
+        # Paths begin as they go on, from costs of zero.
+        least[:] = 0
+        for x in range(width):
+            start_of_path = ((~begin & 1) * width + x) * wide + 1
+            above[start_of_path : start_of_path + count] = 0
         for y in range(begin, min(first + _STRIP, height)):
             for x in range(width):
                 # From right to left, so that a pixel's candidates are one after the other.
@@ -178,13 +183,9 @@ def _search_strips(
                 _reward_plane(plane[y, x], steep[y, x], reward, low, count, cost, at)
             now, before = (y & 1) * width, (~y & 1) * width
             for x in range(width):
-                if y == begin:
-                    least[x] = _begin(
-                        cost, x * count, count, above, (now + x) * wide + 1, total, _FIRST)
-                else:
-                    least[x] = _extend(
-                        above, (before + x) * wide + 1, least[x], cost, x * count, count, step,
-                        jump, above, (now + x) * wide + 1, total, _FIRST)
+                least[x] = _extend(
+                    above, (before + x) * wide + 1, least[x], cost, x * count, count, step,
+                    jump, above, (now + x) * wide + 1, total, _FIRST)
             if y < first:
                 continue
             _add_path(cost, count, width, 1, step, jump, path, total)
@@ -231,21 +232,6 @@ def _reward_plane(
 
 
 @njit(nogil=True, error_model="numpy")
-def _begin(
-    cost: Any, at: int, count: int, target: Any, to: int, total: Any, keep: Any
-) -> Any:
-    """Begin a path; see `_extend`."""
-    least = np.int16(_BARRED)
-    for k in range(count):
-        i = np.uint64(at + k)
-        here = cost[i]
-        target[np.uint64(to + k)] = here
-        total[i] = np.int16(np.int16(keep * total[i]) + here)
-        least = min(least, here)
-    return least
-
-
-@njit(nogil=True, error_model="numpy")
 def _extend(
     source: Any, start: int, least: Any, cost: Any, at: int, count: int, step: Any, jump: Any,
     target: Any, to: int, total: Any, keep: Any,
@@ -275,10 +261,10 @@ def _add_path(
 ) -> None:
     """Add the costs of a path along a row, from the left (1) or from the right (-1)."""
     wide = count + 2
-    x = 0 if direction > 0 else width - 1
-    least = _begin(cost, x * count, count, path, 1, total, _ADDED)
-    for turn in range(1, width):
-        x += direction
+    path[wide + 1 : wide + 1 + count] = 0
+    least = np.int16(0)
+    for turn in range(width):
+        x = turn if direction > 0 else width - 1 - turn
         now, before = (turn & 1) * wide + 1, (~turn & 1) * wide + 1
         least = _extend(
             path, before, least, cost, x * count, count, step, jump, path, now, total, _ADDED)
