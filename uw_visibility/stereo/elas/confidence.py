@@ -105,10 +105,9 @@ def mark(
 ) -> tuple[NDArray[np.uint16], float]:
     """Marks (H, W) of what is matched and what the right view denies; the share that it denies."""
     marks = np.empty(disparity.shape, np.uint16)
-    counts = np.empty((disparity.shape[0], 2), np.int64)
-    workers.rows(_mark, disparity.shape[0], disparity, best_right, marks, counts)
-    matched, denied = (int(n) for n in counts.sum(axis=0))
-    return marks, denied / max(matched, 1)
+    workers.rows(_mark, disparity.shape[0], disparity, best_right, marks)
+    matched = int(np.count_nonzero(marks))
+    return marks, int(np.count_nonzero(marks > _MATCHED)) / max(matched, 1)
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
@@ -135,9 +134,7 @@ def look_up(table: Any, per_unit: int, odds: Any) -> Any:
 
 
 @njit(nogil=True, error_model="numpy")
-def _mark(
-    start: int, stop: int, disparity: Any, best_right: Any, marks: Any, counts: Any
-) -> None:
+def _mark(start: int, stop: int, disparity: Any, best_right: Any, marks: Any) -> None:
     width = disparity.shape[1]
     column = np.empty(width, np.int32)
     there = np.empty(width, np.int16)
@@ -145,7 +142,6 @@ def _mark(
         columns_in_right(disparity[y], column)
         _gather(best_right[y], column, there)
         _mark_row(disparity[y], there, marks[y])
-        counts[y, 0], counts[y, 1] = _count(marks[y])
 
 
 @njit(nogil=True, error_model="numpy")
@@ -162,15 +158,6 @@ def _mark_row(row: Any, there: Any, marks: Any) -> None:
         # Where the right view tried nothing it denies nothing.
         apart = _DENIED_TOO if abs(d - other) > _AGREES else _NO_MARK
         marks[x] = matched | (apart if other >= 0 else _NO_MARK)
-
-
-@njit(nogil=True, error_model="numpy")
-def _count(marks: Any) -> Any:
-    matched, denied = np.int32(0), np.int32(0)
-    for x in range(marks.size):
-        matched += np.int32(marks[x] & _MATCHED)
-        denied += np.int32(marks[x] >> _MATCHED_BITS)
-    return matched, denied
 
 
 @njit(nogil=True, error_model="numpy")

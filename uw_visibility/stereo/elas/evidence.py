@@ -50,9 +50,7 @@ class NoiseFilter:
 
     def __init__(self, shape: tuple[int, int], most: float) -> None:
         cells = (-(-shape[0] // CELL), -(-shape[1] // CELL))
-        self._difference = np.empty(cells, np.float32)
-        self._texture = np.empty(cells, np.float32)
-        self._count = np.empty(cells, np.float32)
+        self._difference, self._texture, self._count = np.empty((3, *cells), np.float32)
         self._most = np.float32(most)
 
     def remove(

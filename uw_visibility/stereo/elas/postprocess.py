@@ -281,11 +281,10 @@ class AdaptiveMean:
         if radius == 0:
             return
         height = disparity.shape[0]
-        for kernel, source, target in (
-            (_along_rows, disparity, self._between),
-            (_along_columns, self._between, disparity),
-        ):
-            workers.rows(kernel, height, source, radius, self._difference, target)
+        workers.rows(
+            _smooth, height, disparity, radius, self._difference, True, self._between)
+        workers.rows(
+            _smooth, height, self._between, radius, self._difference, False, disparity)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -315,28 +314,10 @@ def _weight(step: Any, difference: Any) -> Any:
 
 
 @njit(nogil=True, error_model="numpy")
-def _along_rows(
-    start: int, stop: int, source: Any, radius: int, difference: Any, target: Any
+def _smooth(
+    start: int, stop: int, source: Any, radius: int, difference: Any, across: bool, target: Any
 ) -> None:
-    width = source.shape[1]
-    weights = np.empty(width, np.float32)
-    sums = np.empty(width, np.float32)
-    for y in range(start, stop):
-        weights[:] = 0
-        sums[:] = 0
-        row = source[y]
-        # At the image's border neighbours of one side would draw a slope's mean to it.
-        for k in range(1, min(radius, (width - 1) // 2) + 1):
-            _add_both(k, width - k, k, row, row, row, difference, weights, sums)
-        # The pixel itself adds to the weights only.
-        for x in range(width):
-            target[y, x] = row[x] + sums[x] / (weights[x] + difference)
-
-
-@njit(nogil=True, error_model="numpy")
-def _along_columns(
-    start: int, stop: int, source: Any, radius: int, difference: Any, target: Any
-) -> None:
+    """Average over the neighbours in the row, or else over those in the column."""
     height, width = source.shape
     weights = np.empty(width, np.float32)
     sums = np.empty(width, np.float32)
@@ -344,7 +325,13 @@ def _along_columns(
         weights[:] = 0
         sums[:] = 0
         row = source[y]
-        for k in range(1, min(radius, y, height - 1 - y) + 1):
-            _add_both(0, width, 0, row, source[y - k], source[y + k], difference, weights, sums)
+        # At the image's border neighbours of one side would draw a slope's mean to it.
+        reach = min(radius, (width - 1) // 2) if across else min(radius, y, height - 1 - y)
+        for k in range(1, reach + 1):
+            if across:
+                _add_both(k, width - k, k, row, row, row, difference, weights, sums)
+            else:
+                _add_both(0, width, 0, row, source[y - k], source[y + k], difference, weights, sums)
+        # The pixel itself adds to the weights only.
         for x in range(width):
             target[y, x] = row[x] + sums[x] / (weights[x] + difference)
