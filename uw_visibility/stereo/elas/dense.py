@@ -36,6 +36,8 @@ _BEYOND = np.float32(5.0)
 _MOST_THICKNESS = np.float32(30.0)
 # Energies are whole numbers above the bits of the disparity in a key of 32 bits.
 _MOST_ENERGY = 1 << 16
+# Side of the cells that collect the support points' disparities, px.
+CELL = 20
 
 
 def plane_prior(config: StereoConfig, likelihood: float) -> NDArray[np.int32]:
@@ -73,7 +75,11 @@ class DenseSearch:
         self._disparities = disparities
         self._config = config
         self._workers = workers
-        self._candidates = CellCandidates(shape, disparities[1] + 2)
+        rows, columns = -(-shape[0] // CELL), -(-shape[1] // CELL)
+        count = disparities[1] + 2
+        self._seen = np.empty((rows, count, columns), np.bool_)
+        self._count = np.empty(rows, np.int32)
+        self._runs = np.empty((rows, count * -(-columns // 2), 3), np.int32)
         self._keys = np.empty((2, *shape), np.int32)
         self.best: NDArray[np.int16] = np.empty((2, *shape), np.int16)
 
@@ -84,10 +90,10 @@ class DenseSearch:
         airlight: AirlightPrior | None = None,
     ) -> None:
         """Try the disparities of the support points `points` (N, 3) at the pixels around them."""
-        self._candidates.fill(points)
+        _collect_candidates(points, self._seen, self.best.shape[2], self._count, self._runs)
         self._workers.rows(
-            _try_candidates, self.best.shape[1], *descriptors, self._candidates.count,
-            self._candidates.runs, *self._disparities, *self._bound(airlight), *self._keys,
+            _try_candidates, self.best.shape[1], *descriptors, self._count, self._runs,
+            *self._disparities, *self._bound(airlight), *self._keys,
         )
 
     def try_plane(
@@ -191,15 +197,6 @@ def _disparity_of(key: Any) -> Any:
 
 
 @njit(nogil=True)
-def as_disparity(start: int, stop: int, best: Any, disparity: Any) -> None:
-    """Convert the disparities found to float32, px, with NaN for none."""
-    for y in range(start, stop):
-        for x in range(best.shape[1]):
-            d = np.float32(best[y, x])
-            disparity[y, x] = d if d >= 0 else np.float32(np.nan)
-
-
-@njit(nogil=True)
 def _weigh_need(left: Any, at: int, strength: Any, need: Any) -> None:
     """Write how much each pixel of a row needs the airlight."""
     blank = np.full(BYTES, MIDDLE, np.uint8)
@@ -291,39 +288,14 @@ def _try_plane(
         there[x - d] = min(there[x - d], key)
 
 
-# Side of the cells that collect the support points' disparities, px.
-CELL = 20
-
-
-class CellCandidates:
-    """Candidate disparities of each cell, from the support points around it.
-
-    Neighbouring cells share most of their candidates, so that those of a row of cells
-    are kept as runs: a disparity and the columns that it is tried at.
-
-    Attributes
-    ----------
-    count : (rows,) int32 ndarray
-        Number of runs of each row of cells.
-    runs : (rows, N, 3) int32 ndarray
-        Disparity, first column and the one after the last, px.
-    """
-
-    def __init__(self, shape: tuple[int, int], disparities: int) -> None:
-        self._width = shape[1]
-        rows, columns = -(-shape[0] // CELL), -(-shape[1] // CELL)
-        self._seen = np.empty((rows, disparities, columns), np.bool_)
-        self.count: NDArray[np.int32] = np.empty(rows, np.int32)
-        self.runs: NDArray[np.int32] = np.empty((rows, disparities * -(-columns // 2), 3), np.int32)
-
-    def fill(self, points: Points) -> None:
-        """Collect the candidates from points (N, 3): u, v, disparity."""
-        _collect_candidates(points, self._seen, self._width, self.count, self.runs)
-
-
 @njit(nogil=True)
 def _collect_candidates(points: Any, seen: Any, width: int, count: Any, runs: Any) -> None:
-    """Mark each point's disparity, and those beside it, in its cell and the next; collect runs."""
+    """Collect the disparities to try in each cell: its points', those beside, and the next cells'.
+
+    Neighbouring cells share most of them, so that those of a row of cells are kept as runs
+    (rows, N, 3): a disparity, the first column and the one after the last, px. `count` tells how
+    many runs a row has.
+    """
     rows, disparities, columns = seen.shape
     seen[:] = False
     for i in range(points.shape[0]):

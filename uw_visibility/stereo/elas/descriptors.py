@@ -57,12 +57,6 @@ def absolute_difference(typingctx: Any, a: Any, i: Any, b: Any, j: Any) -> Any:
     return types.int32(a, types.intp, b, types.intp), codegen
 
 
-@njit(nogil=True)
-def descriptor_distance(a: Any, i: int, b: Any, j: int) -> int:
-    """Call the intrinsic from Python; for tests."""
-    return absolute_difference(a, i, b, j)
-
-
 # Half the side of the window that a descriptor samples.
 MARGIN = 2
 # Sobel responses of even contrast are halved to fit a byte, and strong edges

@@ -16,7 +16,7 @@ from uw_visibility.images.view import View
 from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.denoising import LEAST_NOISE
-from uw_visibility.stereo.elas import dense, mesh, postprocess
+from uw_visibility.stereo.elas import mesh, postprocess
 from uw_visibility.stereo.elas.confidence import rate
 from uw_visibility.stereo.elas.confidence_in_noise import drop_doubtful, rate_in_noise
 from uw_visibility.stereo.elas.dense import DenseSearch
@@ -137,7 +137,8 @@ class Matcher:
         self._config = config
         self._workers = workers
         self._views = (Descriptors(shape), Descriptors(shape))
-        self._support = SupportGrid(shape, config)
+        self._descriptors = (self._views[0].values, self._views[1].values)
+        self._support = SupportGrid(shape, disparities, config, workers)
         self._plane = np.empty(shape, np.float32)
         self._steep = np.empty(shape, np.bool_)
         self._search = DenseSearch(shape, disparities, config, workers)
@@ -179,16 +180,13 @@ class Matcher:
         self, airlight: AirlightPrior | None = None, earlier: NDArray[np.float32] | None = None
     ) -> SupportPoints:
         """Find the support points of the described pair; see `SupportGrid.search`."""
-        return self._support.search(
-            self._views[0].values, self._views[1].values, self._disparities, self._workers,
-            airlight, earlier, self._noise_of_grid(),
-        )
+        # Of the descriptors' bytes at the points of the grid.
+        noise = SCALE * self._left.noise_gradient(self._config.support_step)
+        return self._support.search(*self._descriptors, noise, airlight, earlier)
 
     def swapped_ratio(self) -> float:
         """Matches of the described pair with its images exchanged, over those in order."""
-        return self._support.swapped_ratio(
-            self._views[0].values, self._views[1].values, self._disparities, self._workers
-        )
+        return self._support.swapped_ratio(*self._descriptors)
 
     def coarse_disparity(self, support: SupportPoints) -> DisparityMap:
         """Return the mesh of the support points as an image, px; NaN outside the mesh."""
@@ -223,20 +221,21 @@ class Matcher:
         if len(support) == 0:
             nowhere = np.zeros(self._shape, np.float32) if confidence else None
             return DenseMatch(disparity, disparity.copy(), nowhere)
-        descriptors = (self._views[0].values, self._views[1].values)
         config = settings_in_noise(self._config, self._left.noise)
-        self._find_best(config, descriptors, support, airlight, disparity)
-        self._postprocess(config, descriptors, disparity)
+        self._find_best(config, support, airlight, disparity)
+        self._postprocess(config, disparity)
         with_occlusions = disparity.copy()
         postprocess.remove_occluded(disparity, self._workers)
         best_right = self._search.best[1]
-        right = np.empty(self._shape, np.float32)
-        self._workers.rows(dense.as_disparity, self._shape[0], best_right, right)
+        right = np.where(best_right >= 0, best_right.astype(np.float32), np.float32(np.nan))
         asked = self._config.min_confidence
         least = least_confidence(self._left.noise)
         rated = None
         if confidence or asked > 0 or least > 0:
-            rated = self._rate(disparity, best_right, descriptors)
+            matched = disparity, best_right, self._descriptors
+            rated = (
+                rate_in_noise(*matched, self._left, self._workers) if self._is_noisy()
+                else rate(*matched, self._workers))
             for_colour = max(asked, least_for_colour, min(least, CONFIDENCE_FOR_COLOUR))
             if for_colour > 0:
                 with_occlusions[(rated > 0) & (rated < for_colour)] = np.nan
@@ -250,13 +249,13 @@ class Matcher:
     def _find_best(
         self,
         config: StereoConfig,
-        descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
         support: SupportPoints,
         airlight: AirlightPrior | None,
         disparity: DisparityMap,
     ) -> None:
         """Write the disparities that both views agree on, at sub-pixel resolution."""
         best, tolerance = self._search.best, config.left_right_tolerance
+        descriptors = self._descriptors
         if self._is_noisy():
             self._draw_mesh(support)
             self._search_in_noise.search(
@@ -281,22 +280,6 @@ class Matcher:
     def _is_noisy(self) -> bool:
         return self._left.noise > LEAST_NOISE
 
-    def _rate(
-        self,
-        disparity: DisparityMap,
-        best_right: NDArray[np.int16],
-        descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-    ) -> NDArray[np.float32]:
-        if not self._is_noisy():
-            return rate(disparity, best_right, descriptors, self._workers)
-        return rate_in_noise(disparity, best_right, descriptors, self._left, self._workers)
-
-    def _noise_of_grid(self) -> Array | None:
-        """Noise of the descriptors' bytes at the grid of support points; None without."""
-        if not self._is_noisy():
-            return None
-        return SCALE * self._left.noise_gradient(self._config.support_step)
-
     def _noise_gradient(self) -> Array:
         """Noise of the descriptors' bytes in each of the noise filter's cells."""
         cells = SCALE * self._left.noise_gradient(CELL)
@@ -311,13 +294,8 @@ class Matcher:
         triangles = mesh.triangulate(corners, self._shape)
         mesh.rasterize(triangles, self._plane, self._workers, self._steep)
 
-    def _postprocess(
-        self,
-        config: StereoConfig,
-        descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-        disparity: DisparityMap,
-    ) -> None:
-        self._noise.remove(descriptors, disparity, self._noise_gradient(), self._workers)
+    def _postprocess(self, config: StereoConfig, disparity: DisparityMap) -> None:
+        self._noise.remove(self._descriptors, disparity, self._noise_gradient(), self._workers)
         if self._is_noisy():
             self._mean.smooth(disparity, NOISE_RADIUS, self._workers)
         self._segments.remove(

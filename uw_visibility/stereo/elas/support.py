@@ -73,40 +73,37 @@ class SupportPoints:
 class SupportGrid:
     """Grid search for support points, in memory that is allocated once."""
 
-    def __init__(self, shape: tuple[int, int], config: StereoConfig) -> None:
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        disparities: tuple[int, int],
+        config: StereoConfig,
+        workers: Workers,
+    ) -> None:
         height, width = shape
         self._shape = shape
+        self._disparities = disparities
         self._config = config
+        self._workers = workers
         step = config.support_step
         rows, columns = max(height // step, 1), max(width // step, 1)
-        self._found = np.empty((rows, columns), np.float32)
-        self._kept = np.empty((rows, columns), np.float32)
-        self._deviation = np.empty((rows, columns), np.float32)
-        self._smoothed = np.empty((rows, columns), np.float32)
+        self._found, self._deviation, self._kept, self._smoothed, self._agreed = np.empty(
+            (5, rows, columns), np.float32)
         self._vertices = np.empty((rows, columns), np.bool_)
-        self._agreed = np.empty((rows, columns), np.float32)
         self._texture = np.full((rows, columns), config.support_texture, np.int32)
 
-    def swapped_ratio(
-        self, left: Image8, right: Image8, disparities: tuple[int, int], workers: Workers
-    ) -> float:
+    def swapped_ratio(self, left: Image8, right: Image8) -> float:
         """Matches of the pair of the last `search` with its images exchanged, over those in order.
 
         Ten are added to both, so that a few chance matches say nothing. Only every eighth row
         of the grid is searched, but all where few points match, since a sample of those says
         little.
         """
-        config = self._config
-        height, width = self._shape
         few = np.count_nonzero(self._found >= 0) < _FEW * self._found.size
         stride = 1 if few else _ORDER_STRIDE
         rows = -(-self._found.shape[0] // stride)
         exchanged = np.empty((2, rows, self._found.shape[1]), np.float32)
-        workers.rows(
-            _search, rows, stride, right, left, width, height, config.support_step,
-            disparities[0], disparities[1], self._texture, np.float32(config.support_uniqueness),
-            *_NO_BOUND, _NOWHERE, exchanged[0], exchanged[1],
-        )
+        self._match(rows, stride, right, left, *_NO_BOUND, _NOWHERE, *exchanged)
         in_order = np.count_nonzero(self._found[::stride] >= 0)
         return float((np.count_nonzero(exchanged[0] >= 0) + 10) / (in_order + 10))
 
@@ -114,11 +111,9 @@ class SupportGrid:
         self,
         left: Image8,
         right: Image8,
-        disparities: tuple[int, int],
-        workers: Workers,
+        noise: Array,
         airlight: AirlightPrior | None = None,
         earlier: NDArray[np.float32] | None = None,
-        noise: Array | None = None,
     ) -> SupportPoints:
         """Find the support points of a described pair.
 
@@ -126,47 +121,46 @@ class SupportGrid:
         ----------
         left, right : (H * W * 16,) uint8 ndarray
             Descriptors of the two views.
-        disparities : tuple of int
-            Smallest and largest disparity, inclusive, px.
+        noise : float64 ndarray
+            Standard deviation of the gradient responses that noise makes at each point of the grid.
+            Texture that is much less than noise alone would be is none.
         airlight : AirlightPrior, optional
             Excludes disparities of ranges that are too far for a pixel's brightness.
         earlier : (N, 3) float32 ndarray, optional
             Column, row and disparity, px, of matches in other images of the scene. Beside one the
             search is limited to disparities around it, and where the best match is the same, it
             needs no uniqueness of its own.
-        noise : float64 ndarray, optional
-            Standard deviation of the gradient responses that noise makes at each point of the grid.
-            Texture that is much less than noise alone would be is none.
         """
-        config = self._config
-        height, width = self._shape
-        rows = self._found.shape[0]
+        config, workers = self._config, self._workers
+        rows, columns = self._found.shape
         agreed = _NOWHERE
         if earlier is not None:
             agreed = self._agreed
             _spread(earlier, config.support_step, agreed)
-        self._texture[:] = config.support_texture
-        if noise is not None:
-            least = _SIGNAL * MEAN_OF_NORMAL * BYTES * noise[:rows, : width // config.support_step]
-            np.maximum(self._texture, least.astype(np.int32), out=self._texture)
+        least = _SIGNAL * MEAN_OF_NORMAL * BYTES * noise[:rows, :columns]
+        np.maximum(config.support_texture, least.astype(np.int32), out=self._texture)
         bound = _NO_BOUND if airlight is None else (airlight.farthest, airlight.thickness)
-        workers.rows(
-            _search, rows, 1, left, right, width, height, config.support_step, disparities[0],
-            disparities[1], self._texture, np.float32(config.support_uniqueness), *bound,
-            agreed, self._found, self._deviation,
-        )
+        self._match(rows, 1, left, right, *bound, agreed, self._found, self._deviation)
         workers.rows(
             keep_consistent, rows, self._found, config.consistency_cells,
             np.float32(config.consistency_disparity), config.consistency_count, self._kept,
         )
         workers.rows(smooth, rows, self._kept, self._deviation, self._smoothed)
         workers.rows(mark_vertices, rows, self._smoothed, self._vertices)
-        v, u = np.nonzero(self._smoothed >= disparities[0])
+        v, u = np.nonzero(self._smoothed >= self._disparities[0])
         points = np.empty((len(u), 3), np.float32)
         points[:, 0] = u * config.support_step + config.support_step // 2
         points[:, 1] = v * config.support_step + config.support_step // 2
         points[:, 2] = np.minimum(self._smoothed[v, u], points[:, 0])
         return SupportPoints(points, self._vertices[v, u])
+
+    def _match(self, rows: int, stride: int, *arguments: Any) -> None:
+        """Match every so many rows of the grid; see the kernel for the arguments."""
+        config = self._config
+        self._workers.rows(
+            _search, rows, stride, *self._shape, config.support_step, *self._disparities,
+            self._texture, np.float32(config.support_uniqueness), *arguments,
+        )
 
 
 @njit(nogil=True)
@@ -181,14 +175,6 @@ def _spread(points: Any, step: int, agreed: Any) -> None:
             for x in range(max(column - 1, 0), min(column + 2, columns)):
                 if agreed[y, x] < 0 or (y == row and x == column):
                     agreed[y, x] = points[i, 2]
-
-
-@njit(nogil=True)
-def _texture(descriptors: Any, at: int) -> np.int32:
-    total = np.int32(0)
-    for i in range(BYTES):
-        total += abs(np.int32(descriptors[at + i]) - MIDDLE)
-    return total
 
 
 @njit(nogil=True)
@@ -271,12 +257,13 @@ def _least_disparity(farthest: Any, thickness: Any, low: int, high: int) -> int:
 
 @njit(nogil=True)
 def _search(
-    start: int, stop: int, stride: int, left: Any, right: Any, width: int, height: int, step: int,
-    lowest: int, high: int, texture: Any, uniqueness: Any, farthest: Any, thickness: Any,
+    start: int, stop: int, stride: int, height: int, width: int, step: int, lowest: int, high: int,
+    texture: Any, uniqueness: Any, left: Any, right: Any, farthest: Any, thickness: Any,
     agreed: Any, found: Any, deviation: Any,
 ) -> None:
     cost = np.empty(high - lowest + 1, np.int32)
     floor = np.empty(high - lowest + 1, np.int32)
+    blank = np.full(BYTES, MIDDLE, np.uint8)
     for row in range(start, stop):
         v = row * stride * step + step // 2
         for column in range(found.shape[1]):
@@ -284,7 +271,8 @@ def _search(
             u = column * step + step // 2
             if not (REACH <= v < height - REACH and REACH <= u < width - REACH):
                 continue
-            if _texture(left, (v * width + u) * BYTES) < texture[row * stride, column]:
+            own_texture = absolute_difference(left, (v * width + u) * BYTES, blank, 0)
+            if own_texture < texture[row * stride, column]:
                 continue
             last = min(high, u - REACH)
             low, top = lowest, high
