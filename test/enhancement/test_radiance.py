@@ -12,10 +12,11 @@ from scenes import in_water
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
-from uw_visibility.enhancement.radiance import Restorer, recover_radiance
+from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.errors import InputError
 from uw_visibility.optics.light_model import attenuate
 from uw_visibility.optics.transfer import from_linear
+from uw_visibility_lab.evaluation.degrade import recover_radiance
 
 WATER = SimpleNamespace(
     attenuation=np.array([0.43, 0.27, 0.22]), ambient_light=np.array([0.4, 0.6, 0.65])

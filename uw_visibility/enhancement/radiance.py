@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
@@ -16,8 +16,8 @@ from uw_visibility.enhancement import radiance_kernels as kernels
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, RangeMap
 from uw_visibility.images.noise import ROUNDING_VARIANCE, noise_stddev
-from uw_visibility.optics.light_model import Water, contrast_gain, radiance_of, scene_light_of
-from uw_visibility.optics.transfer import encode_table, linear_table, to_linear
+from uw_visibility.optics.light_model import Water, scene_light_of
+from uw_visibility.optics.transfer import encode_table, linear_table
 
 # Attenuation, 1/m, below which no range brings a channel to its limit.
 _LEAST_ATTENUATION = 1e-9
@@ -141,43 +141,6 @@ class Restorer:
         return enhanced.reshape(image.shape), limited
 
 
-def recover_radiance(
-    image: NDArray[np.generic],
-    range_map: RangeMap,
-    water: Water,
-    transfer: str = "linear",
-    max_gain: float = math.inf,
-) -> NDArray[np.float32]:
-    """Radiance recovery as numbers, neither clipped nor quantised (eq. 8).
-
-    ρ = B/W + (E - B)/W e^(βd), which is eq. 8 where W = B. For evaluation; `Restorer` is the fast
-    form.
-
-    Parameters
-    ----------
-    image : (H, W, C) or (H, W) ndarray of uint8, uint16 or float32
-        Pixel values; float32 is irradiance 0..1.
-    range_map : (H, W) float32 ndarray
-        Range, m.
-    water : Water
-        One attenuation and ambient light for each channel; see `Restorer.restore`.
-    transfer : str
-        ``"linear"`` or ``"srgb"``.
-    max_gain : float
-        Limit of exp(βd).
-
-    Returns
-    -------
-    float32 ndarray
-        Radiance ρ, of the image's shape; NaN where the range or the channel is unknown.
-    """
-    irradiance = to_linear(image, transfer).astype(np.float64)
-    distance = range_map.reshape(range_map.shape + (1,) * (image.ndim - 2))
-    gain = np.minimum(contrast_gain(_values(water.attenuation, image), distance), max_gain)
-    veil, light = (_values(v, image) for v in (water.ambient_light, scene_light_of(water)))
-    return np.asarray(radiance_of(irradiance, gain, veil, light), dtype=np.float32)
-
-
 def prepare(water: Water, count: int, max_gain: float) -> Channels:
     """Convert a water's state to the form that kernels take."""
     attenuation = np.atleast_1d(np.asarray(water.attenuation, dtype=np.float64))
@@ -217,8 +180,3 @@ def as_channels(image: NDArray[np.generic], range_map: RangeMap) -> NDArray[np.g
             "give both of the same view"
         )
     return image[:, :, np.newaxis] if image.ndim == 2 else image
-
-
-def _values(values: ArrayLike, image: NDArray[np.generic]) -> Array:
-    array = np.asarray(values, dtype=np.float64)
-    return array.reshape(()) if image.ndim == 2 else array

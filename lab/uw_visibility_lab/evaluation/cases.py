@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.enhancement.radiance import Restorer, recover_radiance
+from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.enhancement.white_balance import RestorationWater
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap, Image8, Map
@@ -33,7 +33,12 @@ from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.observations import Envelopes
 from uw_visibility_lab.evaluation import baselines, metrics
-from uw_visibility_lab.evaluation.degrade import Scene, fill_from_background, sensor_of
+from uw_visibility_lab.evaluation.degrade import (
+    Scene,
+    fill_from_background,
+    recover_radiance,
+    sensor_of,
+)
 from uw_visibility_lab.evaluation.depth_edges import EdgeErrors, edge_errors
 from uw_visibility_lab.evaluation.methods import of_kind, titles
 from uw_visibility_lab.evaluation.readings import Reader, Reading, Truth

@@ -4,18 +4,27 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import DisparityMap, Image8, Mask, RangeMap
+from uw_visibility.images.arrays import Array, DisparityMap, Image8, Mask, RangeMap
 from uw_visibility.images.files import read_image
 from uw_visibility.images.overview import shown
-from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
+from uw_visibility.optics.light_model import (
+    Water,
+    ambient_light_at_depth,
+    attenuate,
+    contrast_gain,
+    radiance_of,
+    scene_light_of,
+)
+from uw_visibility.optics.transfer import to_linear
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility_lab.simulation.camera import NOISELESS, Sensor
 
@@ -131,6 +140,34 @@ def degrade(
     irradiance = attenuate(radiance / np.float32(255), range_map, attenuation, ambient)
     codes = sensor.read(irradiance, np.random.default_rng(seed))
     return np.asarray(np.clip(codes + np.float32(0.5), 0, 255), dtype=np.uint8)
+
+
+def recover_radiance(
+    image: NDArray[np.generic],
+    range_map: RangeMap,
+    water: Water,
+    transfer: str = "linear",
+    max_gain: float = math.inf,
+) -> NDArray[np.float32]:
+    """Radiance recovery as numbers, neither clipped nor quantised (eq. 8).
+
+    ρ = B/W + (E - B)/W e^(βd), which is eq. 8 where W = B; NaN where the range or the channel is
+    unknown. The pipeline's `Restorer` is the fast form.
+
+    image: (H, W, C) or (H, W), uint8, uint16 or float32, which is irradiance 0..1. range_map:
+    (H, W), m. water: one attenuation and ambient light for each channel, see `Restorer.restore`.
+    transfer: linear or srgb. max_gain: limit of e^(βd).
+    """
+
+    def values(of_channels: ArrayLike) -> Array:
+        array = np.asarray(of_channels, dtype=np.float64)
+        return array.reshape(()) if image.ndim == 2 else array
+
+    irradiance = to_linear(image, transfer).astype(np.float64)
+    distance = range_map.reshape(range_map.shape + (1,) * (image.ndim - 2))
+    gain = np.minimum(contrast_gain(values(water.attenuation), distance), max_gain)
+    veil, light = values(water.ambient_light), values(scene_light_of(water))
+    return np.asarray(radiance_of(irradiance, gain, veil, light), dtype=np.float32)
 
 
 def fill_from_background(disparity: DisparityMap) -> DisparityMap:
