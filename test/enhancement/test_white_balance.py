@@ -90,11 +90,12 @@ def test_saturated_pixels_are_no_white() -> None:
 
 def test_ranges_without_end_do_not_matter() -> None:
     image, distance = picture(np.ones(3))
-    true = SimpleNamespace(attenuation=ATTENUATION, ambient_light=LIGHT)
+    true = SimpleNamespace(
+        attenuation=ATTENUATION, ambient_light=LIGHT, veil_stddev=0.05 * LIGHT)
     unseen = distance.copy()
     unseen[:20] = np.inf
     found, without = (
-        restoration_water(image, ranges, measured, true, "linear", 0.05 * LIGHT)
+        restoration_water(image, ranges, measured, true, "linear")
         for ranges, measured in ((unseen, ALL), (distance, np.isfinite(unseen))))
     np.testing.assert_array_equal(found.ambient_light, without.ambient_light)
     assert np.isfinite(found.ambient_light).all()

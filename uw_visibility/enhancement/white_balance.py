@@ -43,24 +43,19 @@ _QUANTISATION = 0.3
 class RestorationWater(NamedTuple):
     """Attenuation β (1/m), veil B and scene light W for restoration, one value a channel.
 
-    `balanced` is how far W was taken from the camera's own white: 0 not at all, 1 wholly.
-    `veil_stddev` is None where the veil is taken for exact.
+    NaN is not assessable. `veil_stddev` is None where the veil is taken for exact. `balanced` is
+    how far W was taken from the camera's own white: 0 not at all, 1 wholly.
     """
 
     attenuation: Array
     ambient_light: Array
     scene_light: Array
-    balanced: float = 0.0
     veil_stddev: Array | None = None
+    balanced: float = 0.0
 
 
 def restoration_water(
-    image: Image,
-    range_map: RangeMap,
-    measured: Mask,
-    water: Water,
-    transfer: str,
-    veil_stddev: Array | None = None,
+    image: Image, range_map: RangeMap, measured: Mask, water: Water, transfer: str
 ) -> RestorationWater:
     """Correct veil and scene light for restoration: the camera's white stays, the far is even.
 
@@ -68,7 +63,8 @@ def restoration_water(
     neutral: of light that is not balanced, water would have taken the red. W is then scaled
     in each channel so that their restored colour is the one they had. Where much of the
     scene would be restored as brighter than white, as sunlit sand before a dark wall, W is
-    raised alike in all channels. Before, the veil is moved within its deviation, see `level_veil`.
+    raised alike in all channels. Before, the veil is moved within its deviation (`veil_stddev` of
+    the water, where it has one), see `level_veil`.
 
     Only ranges that were `measured` count. Where too little is seen or assessable, the water stays
     as it was.
@@ -76,18 +72,20 @@ def restoration_water(
     attenuation = np.array(water.attenuation, np.float64, ndmin=1)
     veil = np.array(water.ambient_light, np.float64, ndmin=1)
     light = np.array(scene_light_of(water), ndmin=1)
+    veil_stddev = getattr(water, "veil_stddev", None)
     seen = np.isfinite(attenuation + veil + light)
     if not seen.any():
         return RestorationWater(attenuation, veil, light)
     if not seen.all():
         # A channel without light stays as it is.
         part = restoration_water(
-            image[..., seen], range_map, measured,
-            RestorationWater(attenuation[seen], veil[seen], light[seen]), transfer,
-            None if veil_stddev is None else veil_stddev[seen])
+            image[..., seen], range_map, measured, RestorationWater(
+                attenuation[seen], veil[seen], light[seen],
+                None if veil_stddev is None else veil_stddev[seen]),
+            transfer)
         veil[seen], light[seen] = part.ambient_light, part.scene_light
-        return RestorationWater(attenuation, veil, light, part.balanced, veil_stddev)
-    corrected = RestorationWater(attenuation, veil, light, veil_stddev=veil_stddev)
+        return RestorationWater(attenuation, veil, light, veil_stddev, part.balanced)
+    corrected = RestorationWater(attenuation, veil, light, veil_stddev)
     codes, distance = _samples(image, range_map, measured)
     if len(distance) < _FEWEST:
         return corrected

@@ -19,8 +19,8 @@ from uw_visibility.messages.outputs import Source, each_message, enhanced_sides
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.pipeline.warm_up import warm_up_config
+from uw_visibility.stereo.matchers import disparity_limits
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.stereo.search_range import disparity_limits
 from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.series.filter import FilteredWater
 

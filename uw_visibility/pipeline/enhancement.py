@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import NamedTuple
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
@@ -23,18 +22,6 @@ from uw_visibility.pipeline.result import (
 )
 
 
-class ChannelWater(NamedTuple):
-    """Attenuation, veil and scene light of each channel of an image; NaN = not assessable.
-
-    The standard deviation of the veil too, where it is known.
-    """
-
-    attenuation: PerChannel
-    ambient_light: PerChannel
-    scene_light: PerChannel
-    veil_stddev: PerChannel | None = None
-
-
 class ImageEnhancement:
     """Restoration of both views with their filled ranges."""
 
@@ -44,8 +31,8 @@ class ImageEnhancement:
         self._restorer = RESTORERS[RESTORER](config.enhancement, self._transfer, workers)
 
     def run(
-        self, views: StereoViews, filled: FilledStereo, water: ChannelWater, right_gain: PerChannel,
-        sides: Collection[str],
+        self, views: StereoViews, filled: FilledStereo, water: RestorationWater,
+        right_gain: PerChannel, sides: Collection[str],
     ) -> EnhancedImages:
         """Restore the images of the sides wanted: "left", "right".
 
@@ -54,8 +41,7 @@ class ImageEnhancement:
         """
         if not sides:
             return EnhancedImages(NOT_WANTED, NOT_WANTED, NOT_LIMITED)
-        light = restoration_water(
-            views.left.pixels, *filled.left, water, self._transfer, water.veil_stddev)
+        light = restoration_water(views.left.pixels, *filled.left, water, self._transfer)
         of_right = light._replace(
             ambient_light=right_gain * light.ambient_light,
             scene_light=right_gain * light.scene_light,

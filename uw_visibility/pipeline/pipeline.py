@@ -16,29 +16,24 @@ import numpy as np
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.enhancement.white_balance import RestorationWater
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Image, Mask, PerChannel, RangeMap
+from uw_visibility.images.arrays import Image, Mask, RangeMap
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import check_pair, check_valid
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.optics.light_model import scene_light_of
-from uw_visibility.pipeline.enhancement import ChannelWater, ImageEnhancement
+from uw_visibility.pipeline.enhancement import ImageEnhancement
 from uw_visibility.pipeline.first_step import CoarseEstimate, FirstStep
 from uw_visibility.pipeline.lamps import LampEnhancement, light_by_range, make_estimator
-from uw_visibility.pipeline.result import (
-    EnhancedImages,
-    FilledStereo,
-    FrameResult,
-    StageClock,
-    StereoResult,
-)
+from uw_visibility.pipeline.result import FilledStereo, FrameResult, StageClock, StereoResult
 from uw_visibility.pipeline.second_step import ImprovedDisparity, SecondStep
 from uw_visibility.pipeline.warm_up import warm_up_pair, warm_up_scene
 from uw_visibility.status import Status
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS
+from uw_visibility.stereo.matchers import disparity_limits
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.stereo.search_range import disparity_limits
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.validation import compare_steps
 from uw_visibility.water.estimate import LampLight, WaterEstimate
@@ -143,8 +138,13 @@ class Pipeline:
                 lambda: self._fill(second_step, improved, enhance, clock),
                 lambda: self._assess(coarse, improved, clock))
             with clock("image enhancement 2"):
-                images = self._enhance(
-                    views, filled, water, shown, coarse.right_gain, enhance, known_light)
+                if self._by_lamps:
+                    images = self._by_lamps.run(
+                        views, filled, known_light or water.lamps, coarse.right_gain, enhance)
+                else:
+                    assert shown is not None
+                    images = self._enhancement.run(
+                        views, filled, shown, coarse.right_gain, enhance)
             low, high = disparity_limits(self.config.stereo, left.shape[1])
             return FrameResult(
                 water=water,
@@ -251,7 +251,7 @@ class Pipeline:
 
     def _assess(
         self, coarse: CoarseEstimate, improved: ImprovedDisparity, clock: StageClock
-    ) -> tuple[WaterEstimate, Visibility, ChannelWater | None]:
+    ) -> tuple[WaterEstimate, Visibility, RestorationWater | None]:
         """Estimate the water again, from the original pixels and the improved range; assess it.
 
         Also return the water to restore images by daylight with.
@@ -273,19 +273,9 @@ class Pipeline:
             coarse.view, ranges, start=coarse.water, range_error=self.rig.range_error())
         return compare_steps(coarse.water, water)
 
-    def _enhance(
-        self, views: StereoViews, filled: FilledStereo, water: WaterEstimate,
-        shown: ChannelWater | None, right_gain: PerChannel, sides: Collection[str],
-        known: LampLight | None,
-    ) -> EnhancedImages:
-        if shown is None:
-            assert self._by_lamps is not None
-            return self._by_lamps.run(views, filled, known or water.lamps, right_gain, sides)
-        return self._enhancement.run(views, filled, shown, right_gain, sides)
-
     def _shown_water(
         self, water: WaterEstimate, coarse: CoarseEstimate, measured: RangeMap
-    ) -> ChannelWater:
+    ) -> RestorationWater:
         """Water to restore the images with.
 
         A channel that step 2 refuses is restored with the estimate of step 1; the estimate itself
@@ -293,20 +283,20 @@ class Pipeline:
         restored in two of three channels it would have a false colour. A grey image still gets its
         contrast restored.
         """
+        first = coarse.water
         if coarse.view.colour is not None:
             missing = np.isnan(water.attenuation)
-            if (water.refused_in_light & np.isnan(coarse.water.attenuation)).any():
+            if (water.refused_in_light & np.isnan(first.attenuation)).any():
                 nothing = np.full(3, np.nan)
-                return ChannelWater(nothing, nothing, nothing)
-            return ChannelWater(*(
-                np.where(missing, of_coarse, of_fine) for of_coarse, of_fine in (
-                    (coarse.water.attenuation, water.attenuation),
-                    (coarse.water.ambient_light, water.ambient_light),
-                    (scene_light_of(coarse.water), scene_light_of(water)),
-                    (coarse.water.ambient_light_stddev, water.ambient_light_stddev))))
+                return RestorationWater(nothing, nothing, nothing)
+            return RestorationWater(
+                np.where(missing, first.attenuation, water.attenuation),
+                np.where(missing, first.ambient_light, water.ambient_light),
+                np.where(missing, scene_light_of(first), scene_light_of(water)),
+                np.where(missing, first.ambient_light_stddev, water.ambient_light_stddev))
         assert isinstance(self._estimator, WaterEstimator)
         found = self._estimator.estimate_grey_view(
             coarse.view, measured, range_error=self.rig.range_error())
         attenuation, ambient_light = found or (np.nan, np.nan)
         light = np.array([ambient_light])
-        return ChannelWater(np.array([attenuation]), light, light)
+        return RestorationWater(np.array([attenuation]), light, light)

@@ -24,11 +24,10 @@ from uw_visibility.stereo.contrast import LUMA, ContrastNormalizer, least_noise_
 from uw_visibility.stereo.denoising import ROUNDING
 from uw_visibility.stereo.elas import DenseMatch, SupportPoints
 from uw_visibility.stereo.interpolation import GapFiller, inpaint
-from uw_visibility.stereo.matchers import MATCHER, MATCHERS
+from uw_visibility.stereo.matchers import MATCHER, MATCHERS, disparity_limits
 from uw_visibility.stereo.noise_scale import matching_scale, shown
 from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.stereo.search_range import disparity_limits
 from uw_visibility.stereo.views import in_right_view
 from uw_visibility.water.estimate import WaterEstimate
 

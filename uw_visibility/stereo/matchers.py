@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Stereo matchers by name, and what the pipeline asks of one."""
+"""Stereo matchers by name, what the pipeline asks of one, and the disparities it searches."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Protocol
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
+from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap, Points
 from uw_visibility.images.view import View
 from uw_visibility.stereo.airlight import AirlightPrior
@@ -61,3 +62,16 @@ another one is an entry here."""
 
 MATCHER = "elas"
 """The one that is used; a parameter once there are several."""
+
+
+def disparity_limits(config: StereoConfig, width: int) -> tuple[int, int]:
+    """Smallest and largest disparity searched in images of a width, px, 0 for a quarter of it."""
+    low = config.min_disparity
+    high = config.max_disparity or width // 4
+    high = min(high, width - 16)
+    if high - low < 8:
+        raise InputError(
+            f"stereo.min_disparity is {low} and the largest disparity {high} px: "
+            "leave at least 8 px between them"
+        )
+    return low, high
