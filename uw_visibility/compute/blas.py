@@ -10,19 +10,11 @@ threads and 0.01 s with one.
 from __future__ import annotations
 
 import os
-from collections.abc import MutableMapping
-
-VARIABLE = "OPENBLAS_NUM_THREADS"
 
 
-def use_one_thread(environment: MutableMapping[str, str] = os.environ) -> None:
+def use_one_thread() -> None:
     """Let OpenBLAS use one thread here and in child processes, unless the user has chosen.
 
     OpenBLAS reads the variable when it is loaded: call this before NumPy is imported.
-
-    Parameters
-    ----------
-    environment : mutable mapping of str to str
-        Of the process.
     """
-    environment.setdefault(VARIABLE, "1")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -76,7 +76,6 @@ class KernelCache:
         self._name = f"{function.__module__}.{function.__qualname__}"
         self._folder = f"{function.__module__}-{fingerprint(function.__module__)}"
         self._serializer = _Serializer()
-        self._enabled = True
 
     @property
     def cache_path(self) -> str | None:
@@ -84,21 +83,11 @@ class KernelCache:
         folder = kernel_folder.writable_folder()
         return None if folder is None else str(folder / self._folder)
 
-    def enable(self) -> None:
-        """Load and save from now on."""
-        self._enabled = True
-
-    def disable(self) -> None:
-        """Neither load nor save from now on."""
-        self._enabled = False
-
     def flush(self) -> None:
         """Keep what was saved: the next kernel of the same kind takes its place."""
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """Return the machine code for types of arguments, or None where there is none."""
-        if not self._enabled:
-            return None
         identity = self._identity(signature, target_context)
         for folder in kernel_folder.folders():
             file = self._file(folder, identity)
@@ -124,7 +113,7 @@ class KernelCache:
         """Keep what was compiled; a kernel that cannot be kept works as well."""
         counts.compiled += 1
         folder = kernel_folder.writable_folder()
-        if not self._enabled or folder is None:
+        if folder is None:
             return
         if kernel.library.has_dynamic_globals:
             log.warning(
