@@ -11,7 +11,6 @@ filling from coarser scales where data are thin: Gortler et al., doi 10.1145/237
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -80,6 +79,8 @@ class GuidedFilter:
         self._radius = max(1, round(radius / CELL))
         self.smoothness = smoothness
         self._workers = workers
+        # Small grids are not worth a second thread.
+        self._alone = Workers(1)
         size = (-(-shape[0] // CELL), -(-shape[1] // CELL))
         self.levels = [Level(size)]
         while max(size) > 2 * self._radius + 1:
@@ -118,7 +119,7 @@ class GuidedFilter:
         for fine, small in zip(self.levels[:-1], self.levels[1:], strict=True):
             pull(fine.guide, fine.value, fine.weight, small.guide, small.value, small.weight)
         for fine, small in zip(self.levels[-2::-1], self.levels[:0:-1], strict=True):
-            self._regress(small, self._radius, _at_once)
+            self._regress(small, self._radius, self._alone)
             apply_coefficients(
                 0, fine.value.shape[0], small.coefficients, fine.guide,
                 np.float32(1), np.float32(0), 2, NO_PLANE,
@@ -128,7 +129,7 @@ class GuidedFilter:
 
     def regress(self, radius: int | None = None) -> None:
         """Regress the finest grid's `value` on its guide, over windows of `radius` cells."""
-        self._regress(self.levels[0], radius or self._radius, self._workers.rows)
+        self._regress(self.levels[0], radius or self._radius, self._workers)
 
     def apply(
         self, guide: NDArray[np.generic], plane: tuple[float, float, float],
@@ -140,19 +141,14 @@ class GuidedFilter:
             np.float32(0.5), CELL, plane, np.float32(limits[0]), np.float32(limits[1]), disparity,
         )
 
-    def _regress(self, level: Level, radius: int, rows: Callable[..., None]) -> None:
+    def _regress(self, level: Level, radius: int, workers: Workers) -> None:
         height = level.value.shape[0]
-        rows(
+        workers.rows(
             moments, height, level.guide, level.value, level.weight, level.prior, radius,
             level.moments,
         )
-        rows(solve, height, level.moments, radius, self.smoothness, level.solved)
-        rows(average, height, level.solved, radius, level.coefficients)
-
-
-def _at_once(kernel: Callable[..., None], count: int, *arguments: object) -> None:
-    """Run a kernel over all rows in this thread: small grids are not worth a second one."""
-    kernel(0, count, *arguments)
+        workers.rows(solve, height, level.moments, radius, self.smoothness, level.solved)
+        workers.rows(average, height, level.solved, radius, level.coefficients)
 
 
 def _scale(guide: NDArray[np.generic]) -> np.float32:
@@ -195,16 +191,13 @@ class Matting:
                 f"{coarse.shape[1]}x{coarse.shape[0]} px: give both of the same view"
             )
         disparity = np.full(coarse.shape, np.nan, np.float32)
-        self._filter_for(coarse.shape).run(coarse, image, disparity)
-        return disparity
-
-    def _filter_for(self, shape: tuple[int, ...]) -> GuidedFilter:
-        size = (shape[0], shape[1])
+        size = (coarse.shape[0], coarse.shape[1])
         if self._filter is None or self._filter.shape != size:
             self._filter = GuidedFilter(
                 size, self._config.matting_radius, self._config.matting_smoothness, self._workers
             )
-        return self._filter
+        self._filter.run(coarse, image, disparity)
+        return disparity
 
 
 def _colour(guide: NDArray[np.generic]) -> NDArray[np.generic]:

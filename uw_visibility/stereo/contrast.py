@@ -182,7 +182,7 @@ class ContrastNormalizer:
         """Noise of the mix of channels, in units of `grey`; 0 where it is rounding alone."""
         if noise is None:
             noise = noise_stddev(image)
-        mixed = float(np.hypot.reduce(np.asarray(weights) * noise) if image.ndim == 3 else noise[0])
+        mixed = mixed_noise(image, noise, weights)
         if image.dtype == np.uint8:
             return mixed * _FINE if mixed > ROUNDING else 0.0
         # What was rounded before it was averaged is finer.
@@ -205,6 +205,11 @@ class ContrastNormalizer:
             workers.rows(_mix, image.shape[0], image, red, green, blue, self.grey)
         else:
             np.multiply(image, np.uint16(scale), out=self.grey, casting="unsafe")
+
+
+def mixed_noise(image: Image, noise: Array, weights: Sequence[float] | Array) -> float:
+    """Standard deviation of the noise of the weighted channels, code values."""
+    return float(noise[0] if image.ndim == 2 else np.hypot.reduce(np.asarray(weights) * noise))
 
 
 def least_noise_weights(range_map: RangeMap, attenuation: Array, ambient_light: Array) -> Array:

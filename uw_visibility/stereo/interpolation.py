@@ -131,9 +131,9 @@ def _look_along(here: Any, columns: Any, max_gap: int, before: Any, after: Any) 
 
 @njit(nogil=True, error_model="numpy")
 def _point_at(right: Any, hit: Any) -> None:
-    """Mark the pixels of a row that a disparity of the right row points at.
+    """Mark the pixels of a row that a disparity of the right row points at, within `TOLERANCE`.
 
-    ``hit`` reaches `TOLERANCE` columns beyond the row on either side.
+    ``hit`` reaches twice as many columns beyond the row on either side.
     """
     width = right.size
     hit[:] = False
@@ -143,16 +143,8 @@ def _point_at(right: Any, hit: Any) -> None:
         if d >= 0 and d <= width:
             x = q + index_of(d + np.float32(0.5), 0, width)
             if x < width + TOLERANCE:
-                hit[x + TOLERANCE] = True
-
-
-@njit(nogil=True, error_model="numpy")
-def _is_hit(hit: Any, x: int) -> bool:
-    """Tell whether a disparity points at a pixel, within `TOLERANCE`."""
-    found = False
-    for near in range(2 * TOLERANCE + 1):
-        found |= hit[x + near]
-    return found
+                for near in range(x + TOLERANCE, x + 3 * TOLERANCE + 1):
+                    hit[near] = True
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
@@ -205,7 +197,7 @@ def _choose(
 ) -> None:
     """Fill each gap from the up to eight disparities around it."""
     width = left.shape[1]
-    hit = np.zeros(width + 2 * TOLERANCE, np.bool_)
+    hit = np.zeros(width + 4 * TOLERANCE, np.bool_)
     columns = np.empty(width, np.int32)
     around = np.empty((8, width), np.float32)
     hit_gap = np.empty(width, np.bool_)
@@ -217,7 +209,7 @@ def _choose(
         _point_at(right[y], hit)
         for i in range(count):
             x = columns[i]
-            hit_gap[i] = _is_hit(hit, x)
+            hit_gap[i] = hit[x + 2 * TOLERANCE]
             for k in range(DIRECTIONS):
                 around[k, i] = seen[0, k, y, x]
                 around[DIRECTIONS + k, i] = seen[1, k, y, x]

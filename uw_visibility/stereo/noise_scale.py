@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Array, Image
 from uw_visibility.images.view import code_value
+from uw_visibility.stereo.contrast import mixed_noise
 from uw_visibility.stereo.denoising import ROUNDING
 
 # Side of the cells that are looked at, px.
@@ -50,18 +51,12 @@ def matching_scale(
         Sides to choose from, px, ascending; the first where there is no noise, and where none
         shows a scene.
     """
-    deviation = _deviation(image, noise, weights)
-    if len(scales) == 1 or deviation <= ROUNDING * code_value(image):
+    if len(scales) == 1 or mixed_noise(image, noise, weights) <= ROUNDING * code_value(image):
         return scales[0]
-    mixed, deviation = _mixed(image, deviation, weights)
-    finest = _share_shown(mixed, scales[0], _SHOWN * deviation**2)
-    if finest >= _MOST:
-        return scales[0]
-    most = _MOST * _share_shown(mixed, scales[-1], _SURELY_SHOWN * deviation**2)
-    if finest >= most:
-        return scales[0]
-    for scale in scales[1:-1]:
-        if _share_shown(mixed, scale, _SHOWN * deviation**2) >= most:
+    mixed, variance = _mixed(image, noise, weights)
+    most = _MOST * float(np.mean(_shown_cells(mixed, scales[-1], _SURELY_SHOWN * variance)))
+    for scale in scales[:-1]:
+        if float(np.mean(_shown_cells(mixed, scale, _SHOWN * variance))) >= most:
             return scale
     return scales[-1]
 
@@ -73,42 +68,28 @@ def shown(
 
     See `matching_scale`; `scale` is the side of the squares of pixels that are averaged, px.
     """
-    mixed, deviation = _mixed(image, _deviation(image, noise, weights), weights)
-    cells = _energy(mixed, scale) >= _least_energy(scale, _SURELY_SHOWN * deviation**2)
+    mixed, variance = _mixed(image, noise, weights)
+    cells = _shown_cells(mixed, scale, _SURELY_SHOWN * variance)
     height, width = image.shape[:2]
     return cv2.resize(
         cells.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST).astype(bool)
 
 
-def _deviation(image: Image, noise: Array, weights: Sequence[float] | Array) -> float:
-    """Standard deviation of the noise of the weighted channels, code values."""
-    return float(noise[0] if image.ndim == 2 else np.hypot.reduce(np.asarray(weights) * noise))
-
-
 def _mixed(
-    image: Image, deviation: float, weights: Sequence[float] | Array,
+    image: Image, noise: Array, weights: Sequence[float] | Array,
 ) -> tuple[NDArray[np.float32], float]:
-    """The weighted channels as one, and its noise with that of rounding."""
+    """The weighted channels as one, and the variance of its noise with that of rounding."""
+    deviation = mixed_noise(image, noise, weights)
     mixed = image.astype(np.float32)
     if image.ndim == 3:
         mixed = cv2.transform(mixed, np.asarray(weights, np.float64)[np.newaxis])
     if image.dtype == np.uint8:
         deviation = float(np.hypot(deviation, _ROUNDING_ERROR))
-    return mixed, deviation
+    return mixed, deviation**2
 
 
-def _share_shown(image: NDArray[np.float32], scale: int, variance: float) -> float:
-    """Part of the cells whose gradients along rows have more energy than white noise of a variance.
-    """
-    return float(np.mean(_energy(image, scale) >= _least_energy(scale, variance)))
-
-
-def _least_energy(scale: int, variance: float) -> float:
-    return _SOBEL_VARIANCE * variance / scale**2
-
-
-def _energy(image: NDArray[np.float32], scale: int) -> NDArray[np.float32]:
-    """Mean energy of the gradients along rows of each cell, at a scale."""
+def _shown_cells(image: NDArray[np.float32], scale: int, variance: float) -> NDArray[np.bool_]:
+    """Cells whose gradients along rows, at a scale, have more energy than noise of a variance."""
     height, width = image.shape
     small = image
     if scale > 1:
@@ -117,4 +98,5 @@ def _energy(image: NDArray[np.float32], scale: int) -> NDArray[np.float32]:
         small = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
     gradient = cv2.Sobel(small, cv2.CV_32F, 1, 0)
     cells = (max(width // _CELL, 1), max(height // _CELL, 1))
-    return np.asarray(cv2.resize(gradient * gradient, cells, interpolation=cv2.INTER_AREA))
+    energy = cv2.resize(gradient * gradient, cells, interpolation=cv2.INTER_AREA)
+    return np.asarray(energy >= _SOBEL_VARIANCE * variance / scale**2)

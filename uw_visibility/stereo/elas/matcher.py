@@ -227,7 +227,8 @@ class Matcher:
         with_occlusions = disparity.copy()
         postprocess.remove_occluded(disparity, self._workers)
         best_right = self._search.best[1]
-        right = np.where(best_right >= 0, best_right.astype(np.float32), np.float32(np.nan))
+        right = best_right.astype(np.float32)
+        right[best_right < 0] = np.nan
         asked = self._config.min_confidence
         least = least_confidence(self._left.noise)
         rated = None
