@@ -22,8 +22,10 @@ from uw_visibility.images.pair import exposure_status
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.pipeline.result import StageClock
 from uw_visibility.status import Status
+from uw_visibility.stereo.airlight import Airlight
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS, SupportPoints
+from uw_visibility.stereo.interpolation import GapFiller
 from uw_visibility.stereo.matchers import MATCHER, MATCHERS, disparity_limits
 from uw_visibility.stereo.plane import fill_plane
 from uw_visibility.stereo.pyramid import Pyramid
@@ -85,8 +87,31 @@ class CoarseEstimate:
 
     def whole_disparity(self) -> DisparityMap:
         """Return `disparity` at the images' size, px."""
-        pyramid = Pyramid(self.view.shape[1] // self.disparity.shape[1], Workers(1))
-        return pyramid.upsample_disparity(self.disparity, self.view.shape)
+        factor = self.view.shape[1] // self.disparity.shape[1]
+        return Pyramid(factor, self.view.shape, Workers(1)).upsample_disparity(self.disparity)
+
+
+class Scale:
+    """Matcher of small copies of the images, reduced by a factor; buffers preallocated."""
+
+    def __init__(
+        self, factor: int, shape: tuple[int, int], rig: StereoRig, config: PipelineConfig,
+        workers: Workers,
+    ) -> None:
+        self.pyramid = Pyramid(factor, shape, workers)
+        self.factor, small = self.pyramid.factor, self.pyramid.small
+        self.rig = self.pyramid.rig(rig)
+        stereo = self.pyramid.settings(config.stereo)
+        limits = disparity_limits(stereo, small[1])
+        self.matcher = MATCHERS[MATCHER](small, limits, stereo, workers)
+        self.contrast = (
+            ContrastNormalizer(small, self.factor), ContrastNormalizer(small, self.factor))
+        self.airlight = Airlight(small, self.rig, limits[1] + 2, config.camera.transfer, workers)
+        self.gaps = GapFiller(small, config.enhancement.max_gap, workers)
+
+    def downsample(self, views: StereoViews) -> StereoViews:
+        """Return the pair at this scale."""
+        return StereoViews(*(self.pyramid.downsample_view(view) for view in views))
 
 
 class FirstStep:
@@ -110,16 +135,10 @@ class FirstStep:
         self, shape: tuple[int, int], rig: StereoRig, config: PipelineConfig,
         estimator: WaterEstimator | LampEstimator, workers: Workers,
     ) -> None:
-        self._pyramid = Pyramid(reduction_factor(shape, config), workers)
+        self._scale = Scale(reduction_factor(shape, config), shape, rig, config, workers)
+        self._pyramid, self._matcher = self._scale.pyramid, self._scale.matcher
         self._rig = rig
-        self._small_rig = self._pyramid.rig(rig, shape)
-        small = self._pyramid.shape(shape)
-        stereo = self._pyramid.settings(config.stereo, shape)
-        self._support_step = stereo.support_step
-        limits = disparity_limits(stereo, small[1])
-        self._matcher = MATCHERS[MATCHER](small, limits, stereo, workers)
-        factor = self._pyramid.factor(shape)
-        self._contrast = (ContrastNormalizer(small, factor), ContrastNormalizer(small, factor))
+        self._support_step = config.stereo.support_step
         self._matting = Matting(config.enhancement, workers)
         self._estimator = estimator
         self._workers = workers
@@ -136,7 +155,7 @@ class FirstStep:
             left, right = self._workers.together(
                 lambda: self._pyramid.downsample_view(views.left),
                 lambda: self._pyramid.downsample_view(views.right))
-            self._matcher.describe_raw(self._contrast, left, right)
+            self._matcher.describe_raw(self._scale.contrast, left, right)
             support = self._matcher.support_points()
             by_chance = self._refuse_useless_pair(left.pixels, right.pixels, support)
 
@@ -163,9 +182,9 @@ class FirstStep:
         disparity, water = self._workers.together(refine, estimate)
         return CoarseEstimate(
             water=water,
-            points=self._pyramid.upsample_points(support.points, view.shape),
+            points=self._pyramid.upsample_points(support.points),
             disparity=disparity,
-            rig=self._small_rig,
+            rig=self._scale.rig,
             view=view,
             right_gain=gain,
             coverage=float(np.count_nonzero(np.isfinite(mesh)) / mesh.size),
@@ -176,12 +195,12 @@ class FirstStep:
         if small.ndim == 2:
             return view
         found = foreground_mask(small, support.points, view.transfer)
-        return view.without(self._pyramid.upsample_mask(found, view.shape))
+        return view.without(self._pyramid.upsample_mask(found))
 
     def _estimate(self, view: View, mesh: DisparityMap, support_points: int) -> WaterEstimate:
         if support_points < FEWEST_SUPPORT_POINTS:
             return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
-        ranges = self._rig.range_from_disparity(self._pyramid.upsample_disparity(mesh, view.shape))
+        ranges = self._rig.range_from_disparity(self._pyramid.upsample_disparity(mesh))
         return self._estimator.estimate_view(
             view, ranges, range_error=self._rig.range_error(_MESH_DEVIATION), coarse=True)
 
@@ -212,7 +231,7 @@ def reduction_factor(shape: tuple[int, int], config: PipelineConfig) -> int:
     """Return the side of the squares of pixels that step 1 makes one of, px."""
     low, high = disparity_limits(config.stereo, shape[1])
     # At least as small as what step 2 matches.
-    factor = Pyramid(config.stereo.reduction, Workers(1)).factor(shape)
+    factor = Pyramid(config.stereo.reduction, shape, Workers(1)).factor
     while (
         shape[1] // (2 * factor) >= _LEAST_WIDTH
         and (high - low) // (2 * factor) >= _FEWEST_DISPARITIES

@@ -16,15 +16,15 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.arrays import DisparityMap, PerChannel, Points
 from uw_visibility.images.view import StereoViews, View, code_value
 from uw_visibility.optics.lamps import DirectLight
-from uw_visibility.pipeline.first_step import CoarseEstimate, reduction_factor
+from uw_visibility.pipeline.first_step import CoarseEstimate, Scale, reduction_factor
 from uw_visibility.pipeline.result import StageClock
-from uw_visibility.stereo.airlight import Airlight, AirlightPrior
+from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.codec_noise import with_codec_noise
-from uw_visibility.stereo.contrast import LUMA, ContrastNormalizer, least_noise_weights
+from uw_visibility.stereo.contrast import LUMA, least_noise_weights
 from uw_visibility.stereo.denoising import ROUNDING
 from uw_visibility.stereo.elas import DenseMatch, SupportPoints
-from uw_visibility.stereo.interpolation import GapFiller, inpaint
-from uw_visibility.stereo.matchers import MATCHER, MATCHERS, disparity_limits
+from uw_visibility.stereo.interpolation import inpaint
+from uw_visibility.stereo.matchers import disparity_limits
 from uw_visibility.stereo.noise_scale import matching_scale, shown
 from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.rig import StereoRig
@@ -71,30 +71,6 @@ class ImprovedDisparity:
     scale: int = 1
 
 
-class _Scale:
-    """Matcher of small copies of the images, reduced by `factor`; buffers preallocated."""
-
-    def __init__(
-        self, factor: int, shape: tuple[int, int], rig: StereoRig, config: PipelineConfig,
-        workers: Workers,
-    ) -> None:
-        self.pyramid = Pyramid(factor, workers)
-        self.factor = self.pyramid.factor(shape)
-        stereo = self.pyramid.settings(config.stereo, shape)
-        small = self.pyramid.shape(shape)
-        limits = disparity_limits(stereo, small[1])
-        self.matcher = MATCHERS[MATCHER](small, limits, stereo, workers)
-        self.contrast = (
-            ContrastNormalizer(small, self.factor), ContrastNormalizer(small, self.factor))
-        self.airlight = Airlight(
-            small, self.pyramid.rig(rig, shape), limits[1] + 2, config.camera.transfer, workers)
-        self.gaps = GapFiller(small, config.enhancement.max_gap, workers)
-
-    def downsample(self, views: StereoViews) -> StereoViews:
-        """Return the pair at this scale."""
-        return StereoViews(*(self.pyramid.downsample_view(view) for view in views))
-
-
 class SecondStep:
     """Dense matching of the restored pair; buffers preallocated for one size of image.
 
@@ -128,12 +104,12 @@ class SecondStep:
         self._config = config
         self._workers = workers
         self._lamps = lamps
-        self._finest = self._new_scale(config.stereo.reduction)
-        self._scales = {self._finest.factor: self._finest}
+        self._scales: dict[int, Scale] = {}
+        self._finest = self._scale(Pyramid(config.stereo.reduction, shape, workers).factor)
         # Noise may ask for one as coarse as step 1 has.
         self._sides = [self._finest.factor]
         side = 2 * self._finest.factor
-        while Pyramid(side, workers).factor(shape) == side <= reduction_factor(shape, config):
+        while Pyramid(side, shape, workers).factor == side <= reduction_factor(shape, config):
             self._sides.append(side)
             side *= 2
         self._airlight_used = config.stereo.airlight_prior > 0
@@ -164,33 +140,31 @@ class SecondStep:
         match = improved.match
         scale = self._scales[improved.scale]
         filled = inpaint(scale.gaps.fill(_whole(match), match.right), self._workers)
-        return scale.pyramid.upsample_disparity(filled, self._shape)
+        return scale.pyramid.upsample_disparity(filled)
 
     def coarse_disparity(self, left: View, right: View) -> DisparityMap:
         """Return the mesh of a raw pair's support points, at the images' size, px."""
         mesh = self._finest.matcher.coarse_disparity(self._raw_support(StereoViews(left, right)))
-        return self._finest.pyramid.upsample_disparity(mesh, self._shape)
+        return self._finest.pyramid.upsample_disparity(mesh)
 
     def support_points(self, left: View, right: View) -> Points:
         """Return the support points of a raw pair, px of the images."""
         points = self._raw_support(StereoViews(left, right)).points
-        return self._finest.pyramid.upsample_points(points, self._shape)
+        return self._finest.pyramid.upsample_points(points)
 
     def _raw_support(self, views: StereoViews) -> SupportPoints:
         scale = self._finest
         scale.matcher.describe_raw(scale.contrast, *scale.downsample(views))
         return scale.matcher.support_points()
 
-    def _scale(self, factor: int) -> _Scale:
+    def _scale(self, factor: int) -> Scale:
         """The scale of a factor, allocated when it is first asked for."""
         if factor not in self._scales:
-            self._scales[factor] = self._new_scale(factor)
+            self._scales[factor] = Scale(
+                factor, self._shape, self._rig, self._config, self._workers)
         return self._scales[factor]
 
-    def _new_scale(self, factor: int) -> _Scale:
-        return _Scale(factor, self._shape, self._rig, self._config, self._workers)
-
-    def _scale_for(self, left: View, coarse: CoarseEstimate) -> _Scale:
+    def _scale_for(self, left: View, coarse: CoarseEstimate) -> Scale:
         """The finest scale at which noise leaves most of what can be seen of the scene."""
         noise = _whole_noise(left)
         if len(self._sides) == 1 or np.max(noise) <= ROUNDING * code_value(left.pixels):
@@ -199,11 +173,10 @@ class SecondStep:
         if self._lamps is None and _is_known(water):
             ranges = coarse.rig.range_from_disparity(coarse.disparity)
             weights = least_noise_weights(ranges, water.attenuation, water.ambient_light)
-        factor = matching_scale(left.pixels, noise, weights, self._sides)
-        return self._scale(factor)
+        return self._scale(matching_scale(left.pixels, noise, weights, self._sides))
 
     def _match(
-        self, scale: _Scale, views: StereoViews, coarse: CoarseEstimate, clock: StageClock,
+        self, scale: Scale, views: StereoViews, coarse: CoarseEstimate, clock: StageClock,
         confidence: bool,
     ) -> tuple[DenseMatch, int]:
         """Match the restored pair at a scale: the match, and the number of support points."""
@@ -213,7 +186,7 @@ class SecondStep:
                 small = scale.downsample(views)
         with clock("image enhancement 1"):
             self._describe_restored(scale, small, coarse)
-            points = scale.pyramid.downsample_points(coarse.points, self._shape)
+            points = scale.pyramid.downsample_points(coarse.points)
             airlight = self._airlight_prior(scale, small.left, coarse, points)
         with clock("improved disparity"):
             support = scale.matcher.support_points(airlight, points)
@@ -224,7 +197,7 @@ class SecondStep:
         return match, len(support)
 
     def _with_darker(
-        self, found: ImprovedDisparity, scale: _Scale, views: StereoViews, coarse: CoarseEstimate,
+        self, found: ImprovedDisparity, scale: Scale, views: StereoViews, coarse: CoarseEstimate,
         clock: StageClock,
     ) -> ImprovedDisparity:
         """Add ranges of what is too dark for a scale, and remove those of noise alone.
@@ -237,7 +210,7 @@ class SecondStep:
         if coarser is not None:
             with clock("darker disparity"):
                 match, _ = self._match(coarser, views, coarse, StageClock(), False)
-                darker = coarser.pyramid.upsample_disparity(_whole(match), self._shape)
+                darker = coarser.pyramid.upsample_disparity(_whole(match))
             whole = np.where(np.isfinite(whole), whole, darker)
         left = views.left
         if left.colour is not None:
@@ -245,11 +218,11 @@ class SecondStep:
             whole = np.where(seen, whole, np.float32(np.nan))
         return replace(found, with_occlusions=whole)
 
-    def _coarser(self, scale: _Scale) -> _Scale | None:
+    def _coarser(self, scale: Scale) -> Scale | None:
         """The next coarser scale; None where that leaves too few disparities."""
         factor = 2 * scale.factor
         low, high = disparity_limits(self._config.stereo, self._shape[1])
-        if Pyramid(factor, self._workers).factor(self._shape) != factor:
+        if Pyramid(factor, self._shape, self._workers).factor != factor:
             return None
         if (high - low) // factor < _FEWEST_DISPARITIES:
             return None
@@ -258,9 +231,9 @@ class SecondStep:
     def _match_raw(self, views: StereoViews) -> DisparityMap:
         support = self._raw_support(views)
         found = self._finest.matcher.dense_disparity(support, confidence=False).disparity
-        return self._finest.pyramid.upsample_disparity(found, self._shape)
+        return self._finest.pyramid.upsample_disparity(found)
 
-    def _describe_restored(self, scale: _Scale, views: StereoViews, coarse: CoarseEstimate) -> None:
+    def _describe_restored(self, scale: Scale, views: StereoViews, coarse: CoarseEstimate) -> None:
         """Describe the pair with its contrast restored; without an estimate as it is.
 
         Under lamps the known light is divided out, whatever the water is. By daylight channels that
@@ -289,7 +262,7 @@ class SecondStep:
                 1, right, in_right_view(coarse.disparity, self._workers), coarse.right_gain))
 
     def _airlight_prior(
-        self, scale: _Scale, left: View, coarse: CoarseEstimate, points: Points
+        self, scale: Scale, left: View, coarse: CoarseEstimate, points: Points
     ) -> AirlightPrior | None:
         """Bound ranges by the light that the water adds, as far as matches agree."""
         if left.colour is None or not self._airlight_used:
@@ -297,7 +270,7 @@ class SecondStep:
         return scale.airlight.prior(left.pixels, coarse.water, points, left.noise)
 
     def _upsample(
-        self, scale: _Scale, match: DenseMatch, original: DisparityMap | None, support_points: int,
+        self, scale: Scale, match: DenseMatch, original: DisparityMap | None, support_points: int,
         clock: StageClock,
     ) -> ImprovedDisparity:
         """Bring what was matched to the size of the images."""
@@ -305,8 +278,8 @@ class SecondStep:
         whole = _whole(match)
         if scale.factor > 1:
             with clock("full size"):
-                disparity = scale.pyramid.upsample_disparity(disparity, self._shape)
-                whole = scale.pyramid.upsample_disparity(whole, self._shape)
+                disparity = scale.pyramid.upsample_disparity(disparity)
+                whole = scale.pyramid.upsample_disparity(whole)
                 if confidence is not None:
                     confidence = scale.pyramid.upsample_confidence(confidence, disparity)
         return ImprovedDisparity(

@@ -31,29 +31,28 @@ class Pyramid:
     A pixel of the small images is the mean of a square of `factor` by `factor` pixels. Pixels
     at the right and lower border that fill no square are left out, and take their neighbours'
     disparity.
+
+    Attributes
+    ----------
+    shape, small : tuple of int
+        Height and width of the images, and of the small ones, px.
+    factor : int
+        1 where the small images would be too small.
     """
 
-    def __init__(self, factor: int, workers: Workers) -> None:
-        self._factor = factor
+    def __init__(self, factor: int, shape: tuple[int, int], workers: Workers) -> None:
+        height, width = shape[0] // factor, shape[1] // factor
+        self.factor = factor if height >= MIN_HEIGHT and width >= MIN_WIDTH else 1
+        self.shape = shape
+        self.small = shape[0] // self.factor, shape[1] // self.factor
         self._workers = workers
-
-    def factor(self, shape: tuple[int, ...]) -> int:
-        """Return the factor for a size of image: 1 where the small one would be too small."""
-        height, width = shape[0] // self._factor, shape[1] // self._factor
-        return self._factor if height >= MIN_HEIGHT and width >= MIN_WIDTH else 1
-
-    def shape(self, shape: tuple[int, ...]) -> tuple[int, int]:
-        """Return height and width of the small images, px."""
-        factor = self.factor(shape)
-        return shape[0] // factor, shape[1] // factor
 
     def downsample(self, image: Image) -> NDArray[Any]:
         """Return the small image, of the same type."""
-        factor = self.factor(image.shape)
-        if factor == 1:
+        if self.factor == 1:
             return image
-        height, width = self.shape(image.shape)
-        whole = image[: height * factor, : width * factor]
+        height, width = self.small
+        whole = image[: height * self.factor, : width * self.factor]
         return read_only(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
 
     def downsample_view(self, view: View) -> View:
@@ -64,10 +63,9 @@ class Pyramid:
         Its noise is what it shows itself, and at most what the mean leaves of
         the large one's: detail that is a pixel wide in the small view looks like noise.
         """
-        factor = self.factor(view.shape)
-        if factor == 1:
+        if self.factor == 1:
             return view
-        pixels, limit = view.pixels, view.low_frequency_noise / factor
+        pixels, limit = view.pixels, view.low_frequency_noise / self.factor
         if pixels.dtype == np.uint8 and np.max(view.low_frequency_noise) > ROUNDING:
             pixels = np.multiply(pixels, np.uint16(_CODE_16_BIT), dtype=np.uint16)
             limit = _CODE_16_BIT * limit
@@ -77,19 +75,19 @@ class Pyramid:
             small = replace(small, low_frequency_noise=limit)
         return small
 
-    def upsample_mask(self, mask: Mask | None, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:
+    def upsample_mask(self, mask: Mask | None) -> NDArray[np.bool_] | None:
         """Return which pixels of the full size have their small one in a mask."""
-        factor = self.factor(shape)
+        factor = self.factor
         if mask is None or factor == 1:
             return mask
-        whole = np.zeros(shape[:2], bool)
+        whole = np.zeros(self.shape, bool)
         height, width = mask.shape[0] * factor, mask.shape[1] * factor
         whole[:height, :width] = mask.repeat(factor, axis=0).repeat(factor, axis=1)
         return whole
 
-    def rig(self, rig: StereoRig, shape: tuple[int, ...]) -> StereoRig:
-        """Return the geometry of the small images of a pair of a size."""
-        factor = self.factor(shape)
+    def rig(self, rig: StereoRig) -> StereoRig:
+        """Return the geometry of the small images."""
+        factor = self.factor
 
         def moved(point: tuple[float, float]) -> tuple[float, float]:
             # Pixel centres are whole numbers in both images.
@@ -102,35 +100,32 @@ class Pyramid:
             None if vertical is None else vertical / factor,
         )
 
-    def settings(self, config: StereoConfig, shape: tuple[int, ...]) -> StereoConfig:
-        """Return the matcher's parameters for the small images of a pair of a size."""
-        factor = self.factor(shape)
+    def settings(self, config: StereoConfig) -> StereoConfig:
+        """Return the matcher's parameters for the small images."""
         return replace(
             config,
-            min_disparity=-(-config.min_disparity // factor),
-            max_disparity=config.max_disparity // factor,
+            min_disparity=-(-config.min_disparity // self.factor),
+            max_disparity=config.max_disparity // self.factor,
         )
 
-    def downsample_points(self, points: Points, shape: tuple[int, ...]) -> NDArray[np.float32]:
-        """Return points (N, 3), column, row and disparity, px, of a size as those of the small one.
-        """
-        return _scaled(points, 1.0 / self.factor(shape))
+    def downsample_points(self, points: Points) -> NDArray[np.float32]:
+        """Return points (N, 3), column, row and disparity, px, as those of the small images."""
+        return _scaled(points, 1.0 / self.factor)
 
-    def upsample_points(self, points: Points, shape: tuple[int, ...]) -> NDArray[np.float32]:
-        """Return points (N, 3) of the small images, column, row and disparity, as px of a size."""
-        return _scaled(points, self.factor(shape))
+    def upsample_points(self, points: Points) -> NDArray[np.float32]:
+        """Return points (N, 3) of the small images, column, row and disparity, px, at full size."""
+        return _scaled(points, self.factor)
 
-    def upsample_disparity(self, small: DisparityMap, shape: tuple[int, ...]) -> DisparityMap:
+    def upsample_disparity(self, small: DisparityMap) -> DisparityMap:
         """Bring a disparity map (h, w) to full size, px; NaN where unmatched.
 
         On a surface it is interpolated; across edges and beside unmatched pixels each
         pixel takes its square's.
         """
-        factor = self.factor(shape)
-        if factor == 1:
+        if self.factor == 1:
             return small
-        full = np.empty(shape[:2], np.float32)
-        self._workers.rows(_enlarge, shape[0], small, factor, full)
+        full = np.empty(self.shape, np.float32)
+        self._workers.rows(_enlarge, self.shape[0], small, self.factor, full)
         return full
 
     def upsample_confidence(
