@@ -10,7 +10,7 @@ import numpy as np
 from lamp_scene import LAMPS, Array, parameters
 
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.water.lamps.sightings import Sightings
+from uw_visibility.water.lamps.tracks import Sightings
 
 BETA = np.array([0.42, 0.26, 0.2])
 LIGHTING = PipelineConfig.from_parameters(parameters()).lighting

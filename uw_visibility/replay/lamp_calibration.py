@@ -26,8 +26,7 @@ from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
 from uw_visibility.replay.progress import Progress
 from uw_visibility.water.lamps.calibration import LampCalibration, calibrate_lamps
-from uw_visibility.water.lamps.sightings import Sightings, observe_points
-from uw_visibility.water.lamps.tracks import PointTracker
+from uw_visibility.water.lamps.tracks import PointTracker, Sightings
 
 # Numbers of tracks per recording.
 TRACKS = 1 << 32
@@ -133,13 +132,11 @@ def _observe(pair: StereoPair, pipeline: Pipeline, tracker: PointTracker) -> Sig
     if flat.needed:
         left, _ = flat.correct(left, pair.right)
     irradiance = linear_table(camera.transfer, left.dtype)[left]
-    tracker.follow(irradiance)
     ranges = result.range
     if pair.valid is not None:
         ranges = np.where(pair.valid, ranges, np.float32(np.nan))
-    return observe_points(
-        irradiance, saturated, ranges, pair.rig.ray_directions(ranges.shape),
-        tracker.points.astype(np.float64), tracker.tracks)
+    return tracker.observe(
+        irradiance, saturated, ranges, pair.rig.ray_directions(ranges.shape))
 
 
 # Okabe and Ito's blue, and grey.

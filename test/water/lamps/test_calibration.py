@@ -11,7 +11,7 @@ from lamp_floor import LIGHTING, sightings
 
 from uw_visibility.errors import InputError
 from uw_visibility.water.lamps.calibration import calibrate_lamps
-from uw_visibility.water.lamps.sightings import Sightings
+from uw_visibility.water.lamps.tracks import Sightings
 
 
 def test_lamps_are_not_calibrated_by_points_that_the_water_outshines() -> None:

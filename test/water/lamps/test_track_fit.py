@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from lamp_floor import BETA, LIGHTING, sightings
 
-from uw_visibility.water.lamps.sightings import Sightings, observe_points
 from uw_visibility.water.lamps.track_fit import fit_tracks
+from uw_visibility.water.lamps.tracks import Sightings, observe_points
 
 
 def _part(seen: Sightings, number: int) -> Sightings:

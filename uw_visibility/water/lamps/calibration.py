@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +21,9 @@ from uw_visibility.config.lighting import ISOTROPIC, Lamp
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
 from uw_visibility.optics.lamps import incidence, phase_function, shine
-from uw_visibility.water.lamps.sightings import Sightings
 from uw_visibility.water.lamps.track_fit import (
     ATTENUATION,
     EXPONENT,
-    LEAST_FRAMES,
     OWN_PART,
     SCATTERING,
     STEPS,
@@ -36,6 +34,7 @@ from uw_visibility.water.lamps.track_fit import (
     pool_tracks,
     scattering_factor,
 )
+from uw_visibility.water.lamps.tracks import Sightings
 from uw_visibility.water.robust import charbonnier_weight, median_deviation
 
 # Sightings that are fitted at most, and at least.
@@ -198,8 +197,17 @@ def calibrate_lamps(
     InputError
         If there are too few sightings, ranges are too alike, or places stay uncertain.
     """
-    cells, group = _pooled(frames)
-    _check_ranges(cells)
+    cells, group = pool_tracks(frames, MOST_CELLS)
+    total = len(cells.range)
+    if total < FEWEST_CELLS:
+        raise InputError(
+            f"lamps cannot be calibrated: points of the ground are seen {total} times by frames "
+            f"that follow one another, {FEWEST_CELLS} are needed: record well lit ground, slowly")
+    low, high = np.quantile(cells.range, RANGE_QUANTILES)
+    if high < LEAST_RATIO * low:
+        raise InputError(
+            f"the ranges differ too little to find lamps, {low:.2f} to {high:.2f} m: record "
+            f"ground from distances that differ {LEAST_RATIO:g} times or more, sinking and rising")
     tried = []
     for guess in guesses:
         model = _Model(guess, cells)
@@ -215,30 +223,9 @@ def calibrate_lamps(
 
 def _half_fit(model: _Model, start: Array, scatter: float, part: int) -> Array:
     """Parameters that every second track alone gives."""
-    cells = model.cells
-    chosen = cells.track % 2 == part
-    half = {field.name: getattr(cells, field.name)[chosen] for field in fields(cells)}
-    half["track"] = half["track"] // 2
-    return _fit(_Model(model.lamps, Sightings(**half)), start, scatter, MOST_STEPS)[1]
-
-
-def _pooled(frames: Sequence[Sightings]) -> tuple[Sightings, NDArray[np.int64]]:
-    """Sightings of points that several frames show, thinned, and the group of each."""
-    pooled = pool_tracks(frames, LEAST_FRAMES, MOST_CELLS)
-    total = len(pooled.sightings.range)
-    if total < FEWEST_CELLS:
-        raise InputError(
-            f"lamps cannot be calibrated: points of the ground are seen {total} times by frames "
-            f"that follow one another, {FEWEST_CELLS} are needed: record well lit ground, slowly")
-    return pooled.sightings, pooled.group
-
-
-def _check_ranges(cells: Sightings) -> None:
-    low, high = np.quantile(cells.range, RANGE_QUANTILES)
-    if high < LEAST_RATIO * low:
-        raise InputError(
-            f"the ranges differ too little to find lamps, {low:.2f} to {high:.2f} m: record "
-            f"ground from distances that differ {LEAST_RATIO:g} times or more, sinking and rising")
+    half = model.cells.where(model.cells.track % 2 == part)
+    half = replace(half, track=half.track // 2)
+    return _fit(_Model(model.lamps, half), start, scatter, MOST_STEPS)[1]
 
 
 def _fit(

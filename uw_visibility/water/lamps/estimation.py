@@ -54,9 +54,8 @@ from uw_visibility.water.lamps.incidence import (
     step_of,
 )
 from uw_visibility.water.lamps.observations import LampObservations, observe
-from uw_visibility.water.lamps.sightings import Sightings
 from uw_visibility.water.lamps.track_fit import TrackFit, fit_tracks
-from uw_visibility.water.lamps.tracks import GroundView
+from uw_visibility.water.lamps.tracks import GroundView, Sightings
 
 Rays = Callable[[Array, Array], Array]
 

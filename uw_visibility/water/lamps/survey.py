@@ -27,9 +27,8 @@ from uw_visibility.water.estimate import (
 )
 from uw_visibility.water.lamps.cells import Cells
 from uw_visibility.water.lamps.estimation import CellEstimator
-from uw_visibility.water.lamps.sightings import Sightings
 from uw_visibility.water.lamps.track_fit import TrackFit
-from uw_visibility.water.lamps.tracks import GroundTracker
+from uw_visibility.water.lamps.tracks import WIDE, PointTracker, Sightings
 from uw_visibility.water.series.survey import BLOCKS, INTERVAL, FrameWindow, SurveyEstimate
 
 # Cells that are fitted together at most; of more, evenly spaced ones.
@@ -49,14 +48,14 @@ class LampSurvey:
     def __init__(self, config: SurveyConfig, estimator: CellEstimator) -> None:
         self._estimator = estimator
         self._frames: FrameWindow[Cells] = FrameWindow(config)
-        self._tracker = GroundTracker()
+        self._tracker = PointTracker(apart=WIDE)
         self._sightings: FrameWindow[Sightings] = FrameWindow(config)
         self._last: tuple[float, SurveyEstimate] | None = None
 
     def reset(self) -> None:
         """Forget all frames."""
         self._frames.clear()
-        self._tracker = GroundTracker()
+        self._tracker = PointTracker(apart=WIDE)
         self._sightings.clear()
         self._last = None
 
@@ -67,7 +66,7 @@ class LampSurvey:
         light = water.lamps
         self._frames.add(None if light is None else light.cells, stamp_seconds)
         self._sightings.add(
-            None if light is None or light.ground is None else self._tracker.observe(light.ground),
+            None if light is None or light.ground is None else light.ground.observe(self._tracker),
             stamp_seconds)
 
     def estimate(self) -> SurveyEstimate:

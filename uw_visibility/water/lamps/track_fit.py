@@ -17,7 +17,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from uw_visibility.config.lighting import Lamp, LightingConfig
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.lamps import displaced, incidence, phase_function, shine
-from uw_visibility.water.lamps.sightings import TILES, Sightings
+from uw_visibility.water.lamps.tracks import TILES, Sightings
 from uw_visibility.water.robust import charbonnier_weight, median_deviation
 
 # Sightings that are fitted at most, and at least; frames that have to show a point.
@@ -69,12 +69,12 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
     """
     if len(frames) < LEAST_FRAMES:
         return None
-    pooled = pool_tracks(frames, LEAST_FRAMES, MOST_SIGHTINGS)
-    if len(pooled.sightings.range) < FEWEST_SIGHTINGS:
+    cells, group = pool_tracks(frames, MOST_SIGHTINGS)
+    if len(cells.range) < FEWEST_SIGHTINGS:
         return None
     lamps = list(lighting.lamps())
-    light = _Light(pooled.sightings, lamps)
-    p = _start()
+    light = _Light(cells, lamps)
+    p = _START
     scatter = SCATTER
     for _ in range(ITERATIONS):
         residual, jacobian, clear = light.residuals(p)
@@ -85,7 +85,7 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
         curvature = np.einsum("nci,nc,ncj->ij", jacobian, weight, jacobian, optimize=True)
         slope = -np.einsum("nci,nc,nc->i", jacobian, weight, residual, optimize=True)
         curvature[np.diag_indices(7)] += _PRIOR
-        step = np.clip(np.linalg.solve(curvature, slope - _PRIOR * (p - _start())), -0.5, 0.5)
+        step = np.clip(np.linalg.solve(curvature, slope - _PRIOR * (p - _START)), -0.5, 0.5)
         p = p + step
         if np.abs(step).max() < 1e-3:
             break
@@ -93,29 +93,24 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
         return None
     bread = np.linalg.inv(curvature)
     score = np.einsum("nci,nc->ni", jacobian, weight * residual)
-    summed = np.zeros((int(pooled.group.max()) + 1, 7))
+    summed = np.zeros((int(group.max()) + 1, 7))
     # Neighbouring sightings and the channels share errors of range and ground.
-    np.add.at(summed, pooled.group, score)
+    np.add.at(summed, group, score)
     covariance = bread @ (summed.T @ summed + np.diag(_PRIOR)) @ bread
     for moved in displaced(lamps, lighting.position_stddev, lighting.direction_stddev):
-        change = less_means(np.log(
-            _Light(pooled.sightings, moved, steps=1).direct(p)[0]
-            / light.direct(p)[0])[..., np.newaxis], pooled.sightings.track, clear)[..., 0]
+        ratio = _Light(cells, moved, steps=1).direct(p)[0] / light.direct(p)[0]
+        change = less_means(np.log(ratio)[..., np.newaxis], cells.track, clear)[..., 0]
         shift = bread @ np.einsum("nci,nc,nc->i", jacobian, weight, change, optimize=True)
         covariance += np.outer(shift, shift)
     beta = np.exp(p[_BETA])
     found = np.outer(beta, beta) * covariance[_BETA, _BETA]
-    return TrackFit(
-        beta, found + TREND**2 + CHANNEL_TREND**2 * np.eye(3), len(pooled.sightings.range))
+    return TrackFit(beta, found + TREND**2 + CHANNEL_TREND**2 * np.eye(3), len(cells.range))
 
 
 # Parameters: exponent of the cosine, logarithms of β, logarithms of s over its usual value.
 _BETA, _SCATTERING = slice(1, 4), slice(4, 7)
 _PRIOR = 1.0 / np.array([EXPONENT, *[ATTENUATION] * 3, *[SCATTERING] * 3]) ** 2
-
-
-def _start() -> Array:
-    return np.array([USUAL_EXPONENT, *[USUAL_ATTENUATION] * 3, 0.0, 0.0, 0.0])
+_START = np.array([USUAL_EXPONENT, *[USUAL_ATTENUATION] * 3, 0.0, 0.0, 0.0])
 
 
 class _Light:
@@ -236,26 +231,22 @@ def _patch(cells: Sightings) -> list[tuple[Array, Array]]:
     return out
 
 
-@dataclass(frozen=True)
-class PooledTracks:
-    """Sightings of many frames, tracks numbered from 0; `group`: part of frames and image."""
+def pool_tracks(frames: Sequence[Sightings], most: int) -> tuple[Sightings, NDArray[np.int64]]:
+    """Pool points that several frames show, thinned by whole tracks to about `most` sightings.
 
-    sightings: Sightings
-    group: NDArray[np.int64]
-
-
-def pool_tracks(frames: Sequence[Sightings], least: int, most: int) -> PooledTracks:
-    """Pool points seen by `least` frames, thinned by whole tracks to about `most` sightings."""
-    joined = {field.name: np.concatenate([getattr(f, field.name) for f in frames])
-              for field in fields(Sightings)}
+    Tracks are numbered from 0. Also returns the group of each sighting, (N,): the part of the
+    frames and of the image that it is in.
+    """
+    pooled = Sightings(*(
+        np.concatenate([getattr(f, field.name) for f in frames]) for field in fields(Sightings)))
     number = np.repeat(np.arange(len(frames)), [len(f.range) for f in frames])
-    _, track, count = np.unique(joined["track"], return_inverse=True, return_counts=True)
-    several = count >= least
+    _, track, count = np.unique(pooled.track, return_inverse=True, return_counts=True)
+    several = count >= LEAST_FRAMES
     total = int(count[several].sum())
     share = most / max(total, most)
     keep = several & (np.arange(len(count)) * share % 1.0 < share)
     chosen = keep[track]
-    joined = {name: values[chosen] for name, values in joined.items()}
-    joined["track"] = np.unique(track[chosen], return_inverse=True)[1]
-    part = number[chosen] * FRAME_GROUPS // max(len(frames), 1)
-    return PooledTracks(Sightings(**joined), np.asarray(part * TILES**2 + joined["tile"]))
+    pooled = replace(
+        pooled.where(chosen), track=np.unique(track[chosen], return_inverse=True)[1])
+    group = number[chosen] * FRAME_GROUPS // len(frames) * TILES**2 + pooled.tile
+    return pooled, np.asarray(group)
