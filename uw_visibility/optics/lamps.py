@@ -251,19 +251,25 @@ def displaced(
     turn = math.radians(direction_stddev)
     for i, lamp in enumerate(lamps):
         axis = np.array(lamp.direction)
-        across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-        across /= np.linalg.norm(across)
         others = [
-            lamp._replace(position=_vector(np.array(lamp.position) + position_stddev * unit))
+            lamp._replace(position=vector(np.array(lamp.position) + position_stddev * unit))
             for unit in np.eye(3)
         ] + [
-            lamp._replace(direction=_vector(math.cos(turn) * axis + math.sin(turn) * side))
-            for side in (across, np.cross(axis, across))]
+            lamp._replace(direction=vector(math.cos(turn) * axis + math.sin(turn) * side))
+            for side in across(axis)]
         moved += [[*lamps[:i], other, *lamps[i + 1:]] for other in others]
     return moved
 
 
-def _vector(values: Array) -> tuple[float, float, float]:
+def across(axis: Array) -> tuple[Array, Array]:
+    """Two unit vectors that are perpendicular to a third one and to one another."""
+    first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    first /= np.linalg.norm(first)
+    return first, np.cross(axis, first)
+
+
+def vector(values: Array) -> tuple[float, float, float]:
+    """Three numbers as a lamp holds them."""
     return float(values[0]), float(values[1]), float(values[2])
 
 

@@ -20,20 +20,8 @@ from scipy.optimize import least_squares
 from uw_visibility.config.lighting import ISOTROPIC, Lamp
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
-from uw_visibility.optics.lamps import incidence, phase_function, shine
-from uw_visibility.water.lamps.track_fit import (
-    ATTENUATION,
-    EXPONENT,
-    OWN_PART,
-    SCATTERING,
-    STEPS,
-    TOGETHER,
-    USUAL_ATTENUATION,
-    USUAL_EXPONENT,
-    less_means,
-    pool_tracks,
-    scattering_factor,
-)
+from uw_visibility.optics.lamps import across, incidence, phase_function, shine, vector
+from uw_visibility.water.lamps import track_fit
 from uw_visibility.water.lamps.tracks import Sightings
 from uw_visibility.water.robust import charbonnier_weight, median_deviation
 
@@ -119,11 +107,10 @@ class _Model:
         for part, mean, stddev in (
             (self.places, np.ravel([lamp.position for lamp in lamps]), PLACE),
             (self.tilts, 0.0, AXIS), (self.beam, 0.0, BEAM), (self.ratios, 0.0, RATIO),
-            (self.exponent, USUAL_EXPONENT, EXPONENT),
-            (self.beta, USUAL_ATTENUATION, ATTENUATION), (self.scattering, 0.0, SCATTERING),
+            (slice(-len(track_fit.START), None), track_fit.START, track_fit.DEVIATION),
         ):
             self.mean[part], self.stddev[part] = mean, stddev
-        nodes, weights = np.polynomial.legendre.leggauss(STEPS)
+        nodes, weights = np.polynomial.legendre.leggauss(track_fit.STEPS)
         distance = cells.range[:, np.newaxis]
         self.steps = np.concatenate([0.5 * (nodes + 1) * distance, distance], axis=1)
         self.weights = 0.5 * weights * distance
@@ -133,20 +120,17 @@ class _Model:
         """The lamps of parameters."""
         factors = np.exp(np.concatenate([[0.0], p[self.ratios]]))
         widened = math.exp(float(p[self.beam][0])) if self.beamed else 1.0
+        places, tilts = p[self.places].reshape(-1, 3), p[self.tilts].reshape(-1, 2)
         out = []
-        for i, lamp in enumerate(self.lamps):
+        for lamp, place, tilt, factor in zip(self.lamps, places, tilts, factors, strict=True):
             axis = np.array(lamp.direction)
-            across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-            across /= np.linalg.norm(across)
-            tilt = p[self.tilts][2 * i:2 * i + 2]
-            axis = axis + tilt[0] * across + tilt[1] * np.cross(axis, across)
-            axis /= np.linalg.norm(axis)
+            right, down = across(axis)
+            axis = axis + tilt[0] * right + tilt[1] * down
             angle = lamp.beam_angle
-            x, y, z = p[self.places][3 * i:3 * i + 3].tolist()
-            red, green, blue = (factors[i] * np.array(lamp.colour)).tolist()
             out.append(Lamp(
-                (x, y, z), (float(axis[0]), float(axis[1]), float(axis[2])),
-                angle if angle >= ISOTROPIC else min(angle * widened, 350.0), (red, green, blue)))
+                vector(place), vector(axis / np.linalg.norm(axis)),
+                angle if angle >= ISOTROPIC else min(angle * widened, 350.0),
+                vector(factor * np.array(lamp.colour))))
         return tuple(out)
 
     def light(self, p: Array) -> tuple[Array, Array]:
@@ -168,16 +152,15 @@ class _Model:
     def residuals(self, p: Array) -> Array:
         """ln (E − s S) − ln D less its mean over each track, (N, 3)."""
         direct, own = self.parted(p)
-        departure = np.log(own / direct)
-        return less_means(
-            departure[..., np.newaxis], self.cells.track, np.full(departure.shape, True))[..., 0]
+        every = np.full(own.shape, True)
+        return track_fit.less_means(np.log(own / direct), self.cells.track, every)
 
     def parted(self, p: Array) -> tuple[Array, Array]:
         """D, and E − s S, which is limited from below, each (N, 3)."""
         direct, scattered = self.light(p)
         light = self.cells.light
-        s = scattering_factor(light, direct, p[self.beta], p[self.scattering])
-        return direct, np.maximum(light - s * scattered, OWN_PART * light)
+        s = track_fit.scattering_factor(light, direct, p[self.beta], p[self.scattering])
+        return direct, np.maximum(light - s * scattered, track_fit.OWN_PART * light)
 
 
 def calibrate_lamps(
@@ -197,7 +180,7 @@ def calibrate_lamps(
     InputError
         If there are too few sightings, ranges are too alike, or places stay uncertain.
     """
-    cells, group = pool_tracks(frames, MOST_CELLS)
+    cells, group = track_fit.pool_tracks(frames, MOST_CELLS)
     total = len(cells.range)
     if total < FEWEST_CELLS:
         raise InputError(
@@ -212,7 +195,7 @@ def calibrate_lamps(
     for guess in guesses:
         model = _Model(guess, cells)
         # From what is expected towards what is seen, past places that fit by chance.
-        tried.append((*_fit(model, model.mean, SCATTER, 10, 3 * TOGETHER), model))
+        tried.append((*_fit(model, model.mean, SCATTER, 10, 3 * track_fit.TOGETHER), model))
     _, start, model = min(tried, key=lambda each: each[0])
     scatter = median_deviation(model.residuals(start))
     _, p = _fit(model, start, scatter, MOST_STEPS)
@@ -229,7 +212,7 @@ def _half_fit(model: _Model, start: Array, scatter: float, part: int) -> Array:
 
 
 def _fit(
-    model: _Model, start: Array, scatter: float, steps: int, together: float = TOGETHER
+    model: _Model, start: Array, scatter: float, steps: int, together: float = track_fit.TOGETHER
 ) -> tuple[float, Array]:
     """Cost and parameters of the robust fit."""
 
@@ -252,7 +235,7 @@ def _fit(
 def _assembled(
     model: _Model, p: Array, scatter: float, group: NDArray[np.int64], spread: float
 ) -> LampCalibration:
-    limited = (model.parted(p)[1] <= 1.001 * OWN_PART * model.cells.light).mean()
+    limited = (model.parted(p)[1] <= 1.001 * track_fit.OWN_PART * model.cells.light).mean()
     if limited > MOST_LIMITED:
         raise InputError(
             f"the water in front of {100 * limited:.0f} % of the points outshines them, so that "
@@ -264,10 +247,9 @@ def _assembled(
     # Of the loss: its score, and the curvature that its weights leave.
     weight = charbonnier_weight(residual)
     prior = np.diag(1.0 / model.stddev**2)
-    bread = np.linalg.inv(
-        np.einsum("nc,nci,ncj->ij", weight, jacobian, jacobian, optimize=True) / TOGETHER**2
-        + prior)
-    score = np.einsum("nc,nci->ni", weight * residual, jacobian) / TOGETHER**2
+    square = np.einsum("nc,nci,ncj->ij", weight, jacobian, jacobian, optimize=True)
+    bread = np.linalg.inv(square / track_fit.TOGETHER**2 + prior)
+    score = np.einsum("nc,nci->ni", weight * residual, jacobian) / track_fit.TOGETHER**2
     summed = np.zeros((int(group.max()) + 1, len(p)))
     np.add.at(summed, group, score)
     # Neighbouring sightings and the channels share errors of range and ground.

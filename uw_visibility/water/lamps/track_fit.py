@@ -74,7 +74,7 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
         return None
     lamps = list(lighting.lamps())
     light = _Light(cells, lamps)
-    p = _START
+    p = START
     scatter = SCATTER
     for _ in range(ITERATIONS):
         residual, jacobian, clear = light.residuals(p)
@@ -85,7 +85,7 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
         curvature = np.einsum("nci,nc,ncj->ij", jacobian, weight, jacobian, optimize=True)
         slope = -np.einsum("nci,nc,nc->i", jacobian, weight, residual, optimize=True)
         curvature[np.diag_indices(7)] += _PRIOR
-        step = np.clip(np.linalg.solve(curvature, slope - _PRIOR * (p - _START)), -0.5, 0.5)
+        step = np.clip(np.linalg.solve(curvature, slope - _PRIOR * (p - START)), -0.5, 0.5)
         p = p + step
         if np.abs(step).max() < 1e-3:
             break
@@ -99,7 +99,7 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
     covariance = bread @ (summed.T @ summed + np.diag(_PRIOR)) @ bread
     for moved in displaced(lamps, lighting.position_stddev, lighting.direction_stddev):
         ratio = _Light(cells, moved, steps=1).direct(p)[0] / light.direct(p)[0]
-        change = less_means(np.log(ratio)[..., np.newaxis], cells.track, clear)[..., 0]
+        change = less_means(np.log(ratio), cells.track, clear)
         shift = bread @ np.einsum("nci,nc,nc->i", jacobian, weight, change, optimize=True)
         covariance += np.outer(shift, shift)
     beta = np.exp(p[_BETA])
@@ -107,10 +107,12 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
     return TrackFit(beta, found + TREND**2 + CHANNEL_TREND**2 * np.eye(3), len(cells.range))
 
 
-# Parameters: exponent of the cosine, logarithms of β, logarithms of s over its usual value.
+# Parameters: exponent of the cosine, logarithms of β, logarithms of s over its usual value; what
+# they are beforehand, and its deviation.
 _BETA, _SCATTERING = slice(1, 4), slice(4, 7)
-_PRIOR = 1.0 / np.array([EXPONENT, *[ATTENUATION] * 3, *[SCATTERING] * 3]) ** 2
-_START = np.array([USUAL_EXPONENT, *[USUAL_ATTENUATION] * 3, 0.0, 0.0, 0.0])
+START = np.array([USUAL_EXPONENT, *[USUAL_ATTENUATION] * 3, 0.0, 0.0, 0.0])
+DEVIATION = np.array([EXPONENT, *[ATTENUATION] * 3, *[SCATTERING] * 3])
+_PRIOR = 1.0 / DEVIATION**2
 
 
 class _Light:
@@ -180,7 +182,7 @@ class _Light:
             jacobian[:, c, 1 + c] = by_beta[:, c] * beta[c]
             jacobian[:, c, 4 + c] = -share[:, c]
         track = self._cells.track
-        residual = less_means(np.log(own / direct)[..., np.newaxis], track, clear)[..., 0]
+        residual = less_means(np.log(own / direct), track, clear)
         return residual, less_means(jacobian, track, clear), clear
 
 
@@ -197,22 +199,23 @@ def scattering_factor(
 
 
 def less_means(values: Array, track: NDArray[np.int64], clear: Mask) -> Array:
-    """Values (N, 3, K) minus their mean over each track, scaled for the lost degree of freedom.
+    """Values (N, 3, ...) minus their mean over each track, scaled for the lost degree of freedom.
 
     0 where a sighting is not clear, (N, 3), or the only one of its track.
     """
-    out = np.zeros_like(values)
+    flat = values.reshape(*clear.shape, -1)
+    out = np.zeros_like(flat)
     tracks = int(track.max()) + 1
     for c in range(3):
         seen = clear[:, c]
-        number, some = track[seen], values[seen, c]
+        number, some = track[seen], flat[seen, c]
         count = np.bincount(number, minlength=tracks)
         summed = np.stack([np.bincount(number, each, tracks) for each in some.T], axis=1)
         means = summed / np.maximum(count, 1)[:, np.newaxis]
         # A track of n frames has n − 1 ratios.
         wide = np.sqrt(count / np.maximum(count - 1, 1)) * (count > 1)
         out[seen, c] = (some - means[number]) * wide[number][:, np.newaxis]
-    return out
+    return out.reshape(values.shape)
 
 
 def _patch(cells: Sightings) -> list[tuple[Array, Array]]:
