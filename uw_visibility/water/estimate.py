@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -200,6 +201,16 @@ def of_each_channel(joint: Array) -> Array:
     return np.stack([joint[2 * c:2 * c + 2, 2 * c:2 * c + 2] for c in range(3)])
 
 
+def of_channels(
+    status: Sequence[Status], attenuation: Array, ambient_light: Array, joint: Array
+) -> dict[str, Any]:
+    """Fields of an estimate that its channels tell, with their joint covariance, (6, 6)."""
+    return {
+        "status": overall_status(status), "channel_status": tuple(status),
+        "attenuation": attenuation, "ambient_light": ambient_light,
+        "covariance": of_each_channel(joint), "joint_covariance": joint}
+
+
 def refuse(status: list[Status], reason: Status) -> list[Status]:
     """Refuse every channel that is not refused yet; none where the reason is OK."""
     return [reason if before is Status.OK else before for before in status]
@@ -209,14 +220,7 @@ def assemble(fit: Fit, envelope: Envelopes, status: list[Status]) -> WaterEstima
     """Return the estimate that a fit is, NaN for the channels that are refused."""
     refused = np.array([reason is not Status.OK for reason in status])
     parameters = np.where(refused[:, np.newaxis], np.nan, fit.parameters)
-    joint = blank(fit.covariance, ~refused)
     return WaterEstimate(
-        status=overall_status(status),
-        attenuation=parameters[:, 0],
-        ambient_light=parameters[:, 1],
-        covariance=of_each_channel(joint),
-        iterations=fit.iterations,
-        bins=len(envelope.range),
-        channel_status=(status[0], status[1], status[2]),
-        envelope=envelope,
-        joint_covariance=joint)
+        **of_channels(
+            status, parameters[:, 0], parameters[:, 1], blank(fit.covariance, ~refused)),
+        iterations=fit.iterations, bins=len(envelope.range), envelope=envelope)

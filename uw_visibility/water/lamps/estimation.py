@@ -41,8 +41,9 @@ from uw_visibility.water.daylight.validation import (
 from uw_visibility.water.estimate import (
     LampLight,
     WaterEstimate,
-    of_each_channel,
+    of_channels,
     overall_status,
+    refuse,
 )
 from uw_visibility.water.lamps.cells import Cells
 from uw_visibility.water.lamps.fit import FEWEST_CELLS, ContrastFit, fit_contrast, fit_light
@@ -101,15 +102,9 @@ class CellEstimator:
     def estimate_cells(
         self, cells: Cells, refused: list[Status] | None = None, tracks: TrackFit | None = None
     ) -> WaterEstimate:
-        """Estimate from cells, of one frame or of many.
+        """Estimate from cells, of one frame or of many, and tracks of ground points over these.
 
-        Parameters
-        ----------
-        cells : Cells
-        refused : list of Status, optional
-            Why channels are not assessable; OK by default.
-        tracks : TrackFit, optional
-            Fit of ground points over many frames.
+        `refused` says why channels are not assessable; OK by default.
         """
         fit = fit_contrast(cells, self._lighting.model == "both", self._clear_water)
         if tracks is not None:
@@ -120,19 +115,18 @@ class CellEstimator:
                 status[c] = Status.TOO_DARK
         seen = np.array([reason is Status.OK for reason in status])
         if not seen.any():
-            return _with_cells(WaterEstimate.not_assessable(overall_status(status)), cells)
+            nothing, no = WaterEstimate.not_assessable(overall_status(status)), np.full(3, np.nan)
+            return replace(nothing, lamps=LampLight(no, no, no, no, no, cells))
         beta, covariance = self._join_channels(fit, seen)
         # That water is not clearer than clear water tells nothing of this water.
         deviation = np.sqrt(np.diag(covariance))
         beta, covariance = self._above_clear_water(beta, covariance, seen)
         for c in np.flatnonzero(seen).tolist():
             status[c] = refuse_spread(float(beta[c]), float(deviation[c]), MAX_RELATIVE_STDDEV)
-        known = np.array([reason is Status.OK for reason in status])
-        clearer = refute_clearness(np.where(known, beta, np.nan), covariance, self._clear_water)
-        if clearer is not Status.OK:
-            status = [clearer if reason is Status.OK else reason for reason in status]
-            known[:] = False
-        return self._assembled(cells, fit, np.where(known, beta, np.nan), covariance, status)
+        beta = np.where([reason is Status.OK for reason in status], beta, np.nan)
+        status = refuse(status, refute_clearness(beta, covariance, self._clear_water))
+        beta = np.where([reason is Status.OK for reason in status], beta, np.nan)
+        return self._assembled(cells, fit, beta, covariance, status)
 
     def _join_channels(self, fit: ContrastFit, seen: Mask) -> tuple[Array, Array]:
         """Fuse β with the prior that channels are alike."""
@@ -170,35 +164,21 @@ class CellEstimator:
         joint = np.zeros((6, 6))
         joint[0::2, 0::2] = covariance
         joint[1::2, 1::2] = np.diag((np.minimum(relative, 10.0) * veil) ** 2)
-        joint = blank(joint, known)
+        scene_light = np.where(known, power, np.nan)
         return WaterEstimate(
-            status=overall_status(status),
-            attenuation=beta,
-            ambient_light=np.where(known, np.maximum(veil, 1e-9), np.nan),
-            covariance=of_each_channel(joint),
-            iterations=fit.iterations,
-            bins=len(cells.range),
-            channel_status=(status[0], status[1], status[2]),
-            joint_covariance=joint,
-            light=np.where(known, power, np.nan),
+            **of_channels(
+                status, beta, np.where(known, np.maximum(veil, 1e-9), np.nan),
+                blank(joint, known)),
+            iterations=fit.iterations, bins=len(cells.range), light=scene_light,
             light_stddev=np.where(known, light.power_stddev, np.nan),
             lamps=LampLight(
-                beta, np.where(known, power, np.nan), light.scattering,
-                fit.daylight * power, light.veil, cells))
+                beta, scene_light, light.scattering, fit.daylight * power, light.veil, cells))
 
 
 class LampEstimator(CellEstimator):
     """Estimator of the water's state under lamps; tables are made once for a size of image.
 
-    Parameters
-    ----------
-    config : WaterConfig
-    lighting : LightingConfig
-        With lamps.
-    clear_water_attenuation : (3,) array_like
-        κ of the camera, 1/m.
-    rays : callable
-        Unit directions, (Y, X, 3), through a grid of columns and rows, px.
+    `rays` gives unit directions, (Y, X, 3), through a grid of columns and rows, px.
     """
 
     def __init__(
@@ -313,11 +293,6 @@ def _joined(fit: ContrastFit, tracks: TrackFit) -> ContrastFit:
     found = np.where(seen, fit.attenuation, 0.0) + gain @ away
     return replace(
         fit, attenuation=np.where(seen, found, np.nan), covariance=covariance - gain @ covariance)
-
-
-def _with_cells(estimate: WaterEstimate, cells: Cells) -> WaterEstimate:
-    unknown = np.full(3, np.nan)
-    return replace(estimate, lamps=LampLight(unknown, unknown, unknown, unknown, unknown, cells))
 
 
 def _update(

@@ -11,25 +11,26 @@ the spread over blocks of frames that are left out in turn (delete-a-group jackk
 
 from __future__ import annotations
 
-import math
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 
 from uw_visibility.config.schema import SurveyConfig
 from uw_visibility.images.arrays import Array
 from uw_visibility.status import Status
-from uw_visibility.water.estimate import (
-    LampLight,
-    WaterEstimate,
-    joint_covariance,
-    of_each_channel,
-)
+from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.lamps.cells import Cells
 from uw_visibility.water.lamps.estimation import CellEstimator
 from uw_visibility.water.lamps.track_fit import TrackFit
 from uw_visibility.water.lamps.tracks import WIDE, PointTracker, Sightings
-from uw_visibility.water.series.survey import BLOCKS, INTERVAL, FrameWindow, SurveyEstimate
+from uw_visibility.water.series.survey import (
+    BLOCKS,
+    INTERVAL,
+    FrameWindow,
+    SurveyEstimate,
+    wider,
+    without_blocks,
+)
 
 # Cells that are fitted together at most; of more, evenly spaced ones.
 MOST_CELLS = 3000
@@ -85,32 +86,23 @@ class LampSurvey:
 
     def _fresh(self) -> SurveyEstimate:
         frames = self._frames.items
-        if not frames:
-            nothing = WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
-            return SurveyEstimate(nothing, 0, 0.0, math.nan, math.nan)
-        tracks = self._estimator.fit_tracks(self._sightings.items)
-        water = self._estimator.estimate_cells(_pool(frames), tracks=tracks)
-        if len(frames) >= 2 * BLOCKS and np.isfinite(water.attenuation).any():
-            water = self._with_spread(water, frames, tracks)
-        ranges = np.concatenate([cells.range for cells in frames])
-        return SurveyEstimate(
-            water, len(frames), self._frames.duration, float(ranges.min()), float(ranges.max()))
+        water = WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
+        if frames:
+            tracks = self._estimator.fit_tracks(self._sightings.items)
+            water = self._estimator.estimate_cells(_pool(frames), tracks=tracks)
+            if len(frames) >= 2 * BLOCKS and np.isfinite(water.attenuation).any():
+                water = self._with_spread(water, frames, tracks)
+        return SurveyEstimate.of(water, self._frames, [cells.range for cells in frames])
 
     def _with_spread(
         self, water: WaterEstimate, frames: list[Cells], tracks: TrackFit | None
     ) -> WaterEstimate:
         """Add the jackknife's covariance of attenuation."""
-        block = np.arange(len(frames)) * BLOCKS // len(frames)
         parts = np.array([
-            self._estimator.estimate_cells(_pool(
-                [cells for cells, b in zip(frames, block, strict=True) if b != left_out]
-            ), tracks=tracks).attenuation
-            for left_out in range(BLOCKS)])
+            self._estimator.estimate_cells(_pool(subset), tracks=tracks).attenuation
+            for subset in without_blocks(frames)])
         away = np.nan_to_num(parts - water.attenuation)
-        spread = (BLOCKS - 1) / BLOCKS * away.T @ away
-        joint = joint_covariance(water).copy()
-        joint[0::2, 0::2] += spread
-        return replace(water, covariance=of_each_channel(joint), joint_covariance=joint)
+        return wider(water, (BLOCKS - 1) / BLOCKS * away.T @ away)
 
 
 def _pool(frames: list[Cells]) -> Cells:

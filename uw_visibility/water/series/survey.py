@@ -20,7 +20,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +35,8 @@ from uw_visibility.water.daylight.validation import LAMP_SLOPE
 from uw_visibility.water.estimate import (
     WaterEstimate,
     joint_covariance,
+    of_channels,
     of_each_channel,
-    overall_status,
 )
 from uw_visibility.water.observations import Envelopes
 
@@ -207,12 +207,12 @@ def mean_of_known(values: Array) -> float:
     return float(known.mean()) if known.size else math.nan
 
 
-def attenuation_change(frames: Sequence[FrameEnvelopes], block: NDArray[np.intp]) -> float:
+def attenuation_change(frames: Sequence[FrameEnvelopes]) -> float:
     """Largest change of attenuation between older and newer blocks, 1/m; 0 if insignificant.
 
-    Each frame's attenuation is that for which its dark patches are black (1 − e^(−βd)). `block`
-    numbers the block of each frame, from 0.
+    Each frame's attenuation is that for which its dark patches are black (1 − e^(−βd)).
     """
+    block = _blocks_of(frames)
     levels = np.empty(len(frames))
     for i, envelope in enumerate(frame.envelope for frame in frames):
         contrast = 1.0 - envelope.dark / np.where(envelope.bright > 0, envelope.bright, np.nan)
@@ -260,6 +260,15 @@ class SurveyEstimate:
     duration: float
     range_min: float
     range_max: float
+
+    @classmethod
+    def of(
+        cls, water: WaterEstimate, window: FrameWindow[Any], ranges: list[Array]
+    ) -> SurveyEstimate:
+        """Take an estimate from the frames of a window, and the ranges of each."""
+        joined = np.concatenate(ranges or [np.full(1, np.nan)])
+        return cls(
+            water, len(window), window.duration, float(joined.min()), float(joined.max()))
 
     def __str__(self) -> str:
         return (
@@ -317,9 +326,7 @@ class Survey:
             water = WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
         else:
             water = self._water(frames)
-        ranges = np.concatenate([f.envelope.range for f in frames] or [np.full(1, np.nan)])
-        survey = SurveyEstimate(
-            water, len(frames), self._frames.duration, float(ranges.min()), float(ranges.max()))
+        survey = SurveyEstimate.of(water, self._frames, [f.envelope.range for f in frames])
         return survey, median_level(frames)
 
     def _water(self, frames: Sequence[FrameEnvelopes]) -> WaterEstimate:
@@ -328,12 +335,8 @@ class Survey:
         whole = self._together(frames)
         if not np.isfinite(whole.attenuation).any():
             return whole
-        block = np.arange(len(frames)) * BLOCKS // len(frames)
-        subsets = [
-            [f for f, b in zip(frames, block, strict=True) if b != left_out]
-            for left_out in range(BLOCKS)]
-        parts = [self._together(subset) for subset in subsets]
-        return _wider(_with_spread(whole, parts), attenuation_change(frames, block))
+        parts = [self._together(subset) for subset in without_blocks(frames)]
+        return wider(_with_spread(whole, parts), attenuation_change(frames) ** 2)
 
     def _together(self, frames: Sequence[FrameEnvelopes]) -> WaterEstimate:
         """Estimate from frames as from one."""
@@ -351,17 +354,24 @@ class Survey:
         return replace(water, clearest=None)
 
 
-def _wider(water: WaterEstimate, deviation: float) -> WaterEstimate:
-    """Add a standard deviation of attenuation, common to the channels."""
+def _blocks_of(frames: Sequence[Any]) -> NDArray[np.intp]:
+    """Block of each frame, numbered from 0."""
+    return np.arange(len(frames)) * BLOCKS // len(frames)
+
+
+def without_blocks(frames: Sequence[Item]) -> list[list[Item]]:
+    """Frames without each of the blocks in turn."""
+    block = _blocks_of(frames)
+    return [
+        [frame for frame, b in zip(frames, block, strict=True) if b != left_out]
+        for left_out in range(BLOCKS)]
+
+
+def wider(water: WaterEstimate, covariance: Array | float) -> WaterEstimate:
+    """Add to the covariance of attenuation, (3, 3); a number is common to the channels."""
     joint = joint_covariance(water).copy()
-    joint[0::2, 0::2] += deviation**2
+    joint[0::2, 0::2] += covariance
     return replace(water, covariance=of_each_channel(joint), joint_covariance=joint)
-
-
-def _jackknife(parts: Array) -> Array:
-    """Jackknife covariance of estimates without each of the blocks, (BLOCKS, ...)."""
-    away = parts - parts.mean(axis=0)
-    return np.asarray((BLOCKS - 1) / BLOCKS * away.T @ away)
 
 
 def _with_spread(whole: WaterEstimate, parts: Sequence[WaterEstimate]) -> WaterEstimate:
@@ -374,18 +384,15 @@ def _with_spread(whole: WaterEstimate, parts: Sequence[WaterEstimate]) -> WaterE
     seen = np.isfinite(_values(whole)) & (number >= BLOCKS - MOST_DECISIVE)
     each = np.where(known, each, 0.0)
     away = np.where(known & seen, each - each.sum(axis=0) / np.maximum(number, 1), 0.0)
-    joint = joint_covariance(whole) + _jackknife(away * np.sqrt(BLOCKS / np.maximum(number, 1)))
-    joint = blank(joint, seen)
+    away = away * np.sqrt(BLOCKS / np.maximum(number, 1))
+    away -= away.mean(axis=0)
+    joint = joint_covariance(whole) + (BLOCKS - 1) / BLOCKS * away.T @ away
     status = [
         reason if there or reason is not Status.OK else Status.RANGE_SPREAD_TOO_SMALL
         for reason, there in zip(whole.channel_status, seen[0::2], strict=True)]
-    return replace(
-        whole,
-        status=overall_status(status),
-        channel_status=(status[0], status[1], status[2]),
-        attenuation=np.where(seen[0::2], whole.attenuation, np.nan),
-        ambient_light=np.where(seen[0::2], whole.ambient_light, np.nan),
-        covariance=of_each_channel(joint), joint_covariance=joint)
+    return replace(whole, **of_channels(
+        status, np.where(seen[0::2], whole.attenuation, np.nan),
+        np.where(seen[0::2], whole.ambient_light, np.nan), blank(joint, seen)))
 
 
 def _at_level(water: WaterEstimate, gain: Array) -> WaterEstimate:

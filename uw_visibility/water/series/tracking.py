@@ -15,7 +15,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.fit import blank
-from uw_visibility.water.estimate import WaterEstimate, of_each_channel, overall_status
+from uw_visibility.water.estimate import WaterEstimate, of_channels
 from uw_visibility.water.series.kalman import ATTENUATION, LIGHT, Measurement, WaterState
 
 
@@ -144,18 +144,15 @@ class WaterTracker:
         if self._state is None:
             return estimate
         known = self._state.known
-        status = tuple(Status.OK if known[c] else estimate.channel_status[c] for c in range(3))
+        status = [Status.OK if known[c] else estimate.channel_status[c] for c in range(3)]
         mean, joint = self._state.published(self._doubt)
         mean[np.repeat(~known, 2)] = np.nan
-        joint = blank(joint, known)
-        light = self._light * mean[LIGHT] if np.isfinite(self._light).any() else None
+        light, stddev = (
+            self._light * mean[LIGHT] if np.isfinite(self._light).any() else (None, None))
         return replace(
-            estimate, light=None if light is None else light[0],
-            light_stddev=None if light is None else light[1],
-            light_covariance=self._light_covariance, clearest=None, status=overall_status(status),
-            attenuation=mean[ATTENUATION], ambient_light=mean[LIGHT],
-            covariance=of_each_channel(joint), channel_status=(status[0], status[1], status[2]),
-            joint_covariance=joint)
+            estimate, light=light, light_stddev=stddev, light_covariance=self._light_covariance,
+            clearest=None,
+            **of_channels(status, mean[ATTENUATION], mean[LIGHT], blank(joint, known)))
 
 
 def _renewed(before: Array | None, new: Array) -> Array:
