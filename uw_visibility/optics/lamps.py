@@ -83,9 +83,8 @@ class LampTables(NamedTuple):
     def at(self, attenuation: Array) -> tuple[Table, Table]:
         """ln D and ln S at attenuations (3,), 1/m, each (3, Y, X, R) float32."""
         beta = np.clip(np.nan_to_num(attenuation), ATTENUATIONS[0], ATTENUATIONS[-1])
-        low = np.clip(np.searchsorted(ATTENUATIONS, beta) - 1, 0, len(ATTENUATIONS) - 2)
-        step = ATTENUATIONS[low + 1] - ATTENUATIONS[low]
-        share = ((beta - ATTENUATIONS[low]) / step).astype(np.float32)[:, None, None, None]
+        low, share, _ = between(beta)
+        share = share.astype(np.float32)[:, None, None, None]
         channel = np.arange(3)
 
         def mix(table: Table) -> Table:
@@ -156,6 +155,13 @@ class LightField(NamedTuple):
     rows: Array
     log_direct: Table
     scattered: Table
+
+
+def between(attenuation: Any) -> tuple[Any, Any, Any]:
+    """Node below an attenuation, 1/m, its share of the way to the next one, and that way, 1/m."""
+    low = np.clip(np.searchsorted(ATTENUATIONS, attenuation) - 1, 0, len(ATTENUATIONS) - 2)
+    step = ATTENUATIONS[low + 1] - ATTENUATIONS[low]
+    return low, (attenuation - ATTENUATIONS[low]) / step, step
 
 
 def _of_channels(values: Array) -> Table:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uw_visibility.images.arrays import Array
-from uw_visibility.optics.lamps import ATTENUATIONS
+from uw_visibility.optics.lamps import ATTENUATIONS, between
 from uw_visibility.optics.light_model import transmission
 
 
@@ -62,16 +62,13 @@ class Cells:
 
     def direct(self, beta: float, channel: int) -> tuple[Array, Array]:
         """ln D over the reference's, and the path L = −d ln D / dβ, m; each (N,)."""
-        low, share, step = _between(beta)
-        first, second = self.log_direct[low, channel], self.log_direct[low + 1, channel]
-        return (1 - share) * first + share * second, (first - second) / step
+        low, _, step = between(beta)
+        path = (self.log_direct[low, channel] - self.log_direct[low + 1, channel]) / step
+        return _interpolated(self.log_direct, beta, channel), path
 
     def scattered(self, beta: float, channel: int) -> Array:
         """S over the reference's D, (N,)."""
-        low, share, _ = _between(beta)
-        return np.asarray(np.exp(
-            (1 - share) * self.log_scattered[low, channel]
-            + share * self.log_scattered[low + 1, channel]))
+        return np.asarray(np.exp(_interpolated(self.log_scattered, beta, channel)))
 
     def daylight(self, beta: float) -> Array:
         """e^(−βd) over the reference's D, (N,)."""
@@ -79,14 +76,11 @@ class Cells:
 
     def far_scattered(self, attenuation: Array) -> Array:
         """S at infinity in the image's middle, (3,); NaN where β is."""
-        out = np.full(3, np.nan)
-        for c in np.flatnonzero(np.isfinite(attenuation)):
-            low, share, _ = _between(float(attenuation[c]))
-            out[c] = math.exp((1 - share) * self.log_far[low, c] + share * self.log_far[low + 1, c])
-        return out
+        return np.array([
+            math.exp(_interpolated(self.log_far, beta, c)) for c, beta in enumerate(attenuation)])
 
 
-def _between(beta: float) -> tuple[int, float, float]:
-    low = int(np.clip(np.searchsorted(ATTENUATIONS, beta) - 1, 0, len(ATTENUATIONS) - 2))
-    step = float(ATTENUATIONS[low + 1] - ATTENUATIONS[low])
-    return low, (beta - ATTENUATIONS[low]) / step, step
+def _interpolated(table: Array, beta: float, channel: int) -> Array:
+    """A table over attenuation and channel, (K, 3, ...), at an attenuation, 1/m."""
+    low, share, _ = between(beta)
+    return np.asarray((1 - share) * table[low, channel] + share * table[low + 1, channel])
