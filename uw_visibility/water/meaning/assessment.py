@@ -125,27 +125,32 @@ class Assessor:
         """
         covariance = joint_covariance(estimate)
         seen = np.isfinite(estimate.attenuation)
-        alpha = alpha_stddev = math.nan
+        status = depth_status = estimate.status
+        alpha = alpha_stddev = low = distance = high = math.nan
         if seen.any() and not estimate.refused_in_light.any():
-            alpha, alpha_stddev = self._mean_attenuation(estimate, covariance, seen)
-        status, low, distance, high = estimate.status, math.nan, math.nan, math.nan
-        if seen.any() and not estimate.refused_in_light.any():
+            # By particles over the channels seen (eq. 9).
+            alpha = float(np.mean((estimate.attenuation - self.clear_water_attenuation)[seen]))
+            own = covariance[0::2, 0::2][np.ix_(seen, seen)]
+            alpha_stddev = math.sqrt(own.sum()) / int(seen.sum())
             low, distance, high = self._distance(estimate, covariance)
             if not high <= WIDEST_INTERVAL * low:
-                status, low, distance, high = _first(
-                    status, Status.RANGE_SPREAD_TOO_SMALL), math.nan, math.nan, math.nan
-        depth_status, depth = estimate.status, (math.nan, math.nan, math.nan)
+                low = distance = high = math.nan
+                if status is Status.OK:
+                    status = Status.RANGE_SPREAD_TOO_SMALL
+        depth = (math.nan, math.nan, math.nan)
         if not self._by_daylight:
             depth_status = Status.NO_DEPTH_BY_LAMPS
         elif estimate.status is Status.OK and seen.sum() < 2:
             depth_status = Status.NO_COLOUR
         elif estimate.status is Status.OK:
             depth_status, depth = self._assess_depth(estimate, seen)
-            if estimate.grey_on_average and self._white_is_daylight and estimate.light is not None:
-                depth_status, depth = Status.GREY_ON_AVERAGE, (math.nan,) * 3
             largest = MAX_RELATIVE_STDDEV * self._config.max_depth
-            if depth_status is Status.OK and not depth[1] <= largest:
-                depth_status, depth = Status.AMBIENT_LIGHT_UNBOUNDED, (math.nan,) * 3
+            if estimate.grey_on_average and self._white_is_daylight and estimate.light is not None:
+                depth_status = Status.GREY_ON_AVERAGE
+            elif depth_status is Status.OK and not depth[1] <= largest:
+                depth_status = Status.AMBIENT_LIGHT_UNBOUNDED
+            if depth_status is not Status.OK:
+                depth = (math.nan, math.nan, math.nan)
         return Visibility(
             status, depth_status, alpha, alpha_stddev, distance, 0.5 * (high - low), *depth,
             distance_low=low, distance_high=high,
@@ -181,16 +186,8 @@ class Assessor:
         deepest = depth + MAX_COLOUR_ERROR * stddev
         lost = self._depth.light(deepest, estimate.scene_light, seen) > _least_light(estimate)
         if colour_error > MAX_COLOUR_ERROR or (lost & ~seen).any():
-            return Status.NO_DAYLIGHT_COLOUR, (math.nan, math.nan, math.nan)
+            return Status.NO_DAYLIGHT_COLOUR, (depth, stddev, precision)
         return Status.OK, (depth, stddev, precision)
-
-    def _mean_attenuation(
-        self, estimate: WaterEstimate, covariance: Array, seen: Mask
-    ) -> tuple[float, float]:
-        """Mean attenuation by particles over the channels seen (eq. 9)."""
-        alpha = float(np.mean((estimate.attenuation - self.clear_water_attenuation)[seen]))
-        own = covariance[0::2, 0::2][np.ix_(seen, seen)]
-        return alpha, math.sqrt(own.sum()) / int(seen.sum())
 
     def _distance(
         self, estimate: WaterEstimate, covariance: Array
@@ -233,7 +230,3 @@ def covariance_with_light(estimate: WaterEstimate) -> Array:
         joint[1::2, :] = joint[:, 1::2] = 0.0
         joint[1::2, 1::2] = estimate.light_covariance * np.outer(light, light)
     return joint
-
-
-def _first(status: Status, other: Status) -> Status:
-    return other if status is Status.OK else status

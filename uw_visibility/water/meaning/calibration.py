@@ -142,19 +142,15 @@ def _fit(
     depths = np.array([
         model.depth(e.attenuation, e.scene_light, covariance_with_light(e))[0] for e in estimates])
     residuals = depths - sensed
-    candidate = Candidate(water_type, reference, reference * spread, _robust_rms(residuals))
-    return candidate, residuals
+    most = 3.0 * max(median_deviation(residuals), 1e-9)
+    rms = float(np.sqrt(np.mean(np.clip(residuals, -most, most) ** 2)))
+    return Candidate(water_type, reference, reference * spread, rms), residuals
 
 
 def _robust_mean(values: Array) -> tuple[float, float]:
     """Huber's mean of a series, and its standard deviation."""
     mean, scale = huber_mean(values)
     return mean, scale / math.sqrt(_independent(values - mean))
-
-
-def _robust_rms(residuals: Array) -> float:
-    scale = max(median_deviation(residuals), 1e-9)
-    return float(np.sqrt(np.mean(np.clip(residuals, -3.0 * scale, 3.0 * scale) ** 2)))
 
 
 def _independent(residuals: Array) -> float:

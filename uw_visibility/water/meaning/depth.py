@@ -180,10 +180,8 @@ class DepthModel:
         """
         total = ambient_light.sum()
         chromaticity = ambient_light / total
-        estimated = self._rate is None
         rate = attenuation if self._rate is None else self._rate
-        table = None if estimated else self._table
-        depth = self._nearest(chromaticity, rate, table)
+        depth = self._nearest(chromaticity, rate)
         gamma, slope, curvature = self._derivatives(depth, rate)
         deviation = gamma - chromaticity
         # Where the sum of squares is least, slope·deviation = 0; how depth
@@ -193,14 +191,15 @@ class DepthModel:
             return depth, math.inf
         by = np.zeros(len(covariance))
         by[1::2] = slope @ (np.eye(len(slope)) - chromaticity[:, np.newaxis]) / total / stiffness
-        if estimated:
+        if self._rate is None:
             by_rate, slope_by_rate = _by_rate(depth, rate, gamma)
             by[0::2] = -(slope @ by_rate + deviation @ slope_by_rate) / stiffness
         return depth, math.sqrt(max(float(by @ covariance @ by), 0.0))
 
-    def _nearest(self, chromaticity: Array, rate: Array, table: Array | None) -> float:
-        if table is None:
-            table = theoretical_chromaticity(self._grid, rate, self._white)
+    def _nearest(self, chromaticity: Array, rate: Array) -> float:
+        table = (
+            theoretical_chromaticity(self._grid, rate, self._white) if self._rate is None
+            else self._table)
         distances = ((table - chromaticity) ** 2).sum(axis=1)
         depth = float(self._grid[int(distances.argmin())])
         for _ in range(REFINEMENTS):
