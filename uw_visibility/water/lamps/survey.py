@@ -37,14 +37,7 @@ MOST_CELLS = 3000
 
 
 class LampSurvey:
-    """Takes the cells of frames together over a window of time.
-
-    Parameters
-    ----------
-    config : SurveyConfig
-    estimator : CellEstimator
-        Estimates from cells.
-    """
+    """Takes the cells of frames together over a window of time."""
 
     def __init__(self, config: SurveyConfig, estimator: CellEstimator) -> None:
         self._estimator = estimator

@@ -7,6 +7,7 @@ The only part of a frame's way that needs the frames before it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -22,10 +23,16 @@ from uw_visibility.water.lamps.survey import LampSurvey
 from uw_visibility.water.meaning.assessment import Assessor, Visibility
 from uw_visibility.water.series.survey import Survey, SurveyEstimate
 from uw_visibility.water.series.tracking import TrackingEvent, WaterTracker
-from uw_visibility.water.series.transfer_vote import TransferVote
 
 # A frame that the state is not taken from.
 _UNSEEN = (TrackingEvent.PREDICTED, TrackingEvent.NOT_ASSESSABLE)
+# How much likelier, as a logarithm, another transfer is before a frame counts as certain.
+CERTAIN = 3.4
+# Frames of a recording show one scene, so that they are no more than so many independent ones;
+# what they say on average, the latest count, of at least so many, for the transfer to be told.
+INDEPENDENT = 4
+LATEST = 20
+CERTAIN_TOGETHER = 1.7
 
 
 class FilteredWater(NamedTuple):
@@ -140,26 +147,23 @@ class WaterFilter:
     def _surveyed(
         self, water: WaterEstimate, filtered: WaterEstimate, stamp: float, event: TrackingEvent
     ) -> SurveyEstimate | None:
-        """Add a frame to the survey; return its estimate where the filter has none."""
+        """Add a frame to the survey; return its estimate where the filter has none.
+
+        Under lamps also where it is surer than the filter's.
+        """
         if not self.config.survey.enabled:
             return None
         self._survey.add(water, stamp)
-        if isinstance(self._survey, LampSurvey):
-            return self._surveyed_under_lamps(filtered)
-        if event is not TrackingEvent.NOT_ASSESSABLE:
+        by_lamps = isinstance(self._survey, LampSurvey)
+        if not by_lamps and event is not TrackingEvent.NOT_ASSESSABLE:
             return None
-        survey = self._survey.estimate()
-        return survey if np.isfinite(survey.water.attenuation).any() else None
-
-    def _surveyed_under_lamps(self, filtered: WaterEstimate) -> SurveyEstimate | None:
-        """Return the survey's estimate where it is surer than the filter's."""
         survey = self._survey.estimate()
         known = np.isfinite(survey.water.attenuation)
         if survey.frames < self.config.survey.min_frames or not known.any():
             return None
         surer = survey.water.attenuation_stddev < np.where(
             np.isfinite(filtered.attenuation), filtered.attenuation_stddev, np.inf)
-        return survey if surer[known].all() else None
+        return survey if not by_lamps or surer[known].all() else None
 
     def reset(self) -> None:
         """Reset the filter: earlier frames do not count."""
@@ -167,6 +171,26 @@ class WaterFilter:
         self._grey.reset()
         self._transfer = TransferVote()
         self._survey.reset()
+
+
+class TransferVote:
+    """Vote of a recording's frames on the camera's transfer, which all of them share."""
+
+    def __init__(self) -> None:
+        self._mean = 0.0
+        self._frames = 0
+
+    def add(self, log_odds: float) -> None:
+        """Take in a frame's log odds of the other transfer, NaN if none; limited to `CERTAIN`."""
+        if math.isnan(log_odds):
+            return
+        self._frames = min(self._frames + 1, LATEST)
+        self._mean += (min(max(log_odds, -CERTAIN), CERTAIN) - self._mean) / self._frames
+
+    @property
+    def certain(self) -> bool:
+        """Whether the transfer is certainly the other one."""
+        return self._frames >= INDEPENDENT and self._mean > CERTAIN_TOGETHER
 
 
 def _make_survey(config: PipelineConfig, assessor: Assessor) -> Survey | LampSurvey:

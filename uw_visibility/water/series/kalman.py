@@ -29,6 +29,7 @@ standard deviations.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,16 +80,15 @@ class Measurement:
         joint = joint_covariance(estimate)
         seen = np.isfinite(estimate.attenuation) & np.isfinite(estimate.ambient_light)
         seen &= np.isfinite(np.diag(joint)).reshape(3, 2).all(axis=1)
-        index = np.flatnonzero(np.repeat(seen, 2))
         value = np.zeros(6)
         value[ATTENUATION] = np.where(seen, estimate.attenuation, 0.0)
         light = np.where(seen, estimate.ambient_light, 1.0)
         value[LIGHT] = np.log(light)
         scale = np.ones(6)
         scale[LIGHT] = 1.0 / light
-        covariance = np.zeros((6, 6))
-        covariance[np.ix_(index, index)] = (np.outer(scale, scale) * joint)[np.ix_(index, index)]
-        noise = (1.0 - common_error) * _own(covariance, index[index % 2 == 0])
+        both = np.repeat(seen, 2)
+        covariance = np.where(np.outer(both, both), np.outer(scale, scale) * joint, 0.0)
+        noise = (1.0 - common_error) * _own(covariance, 2 * np.flatnonzero(seen))
         return cls(seen, value, noise, _root(covariance - noise))
 
 
@@ -111,6 +111,14 @@ def _own(covariance: Array, index: NDArray[np.intp]) -> Array:
     shrink = np.eye(6)
     shrink[block] -= (1.0 - np.sqrt(kept)) * np.outer(alike, alike)
     return np.asarray(shrink @ covariance @ shrink)
+
+
+def _parts(channels: Mask) -> Iterator[tuple[NDArray[np.intp], tuple[NDArray[np.intp], ...]]]:
+    """Indices of attenuation, then of light, of some channels, and the block of these in (6, 6)."""
+    if channels.any():
+        for part in (ATTENUATION, LIGHT):
+            index = np.arange(6)[part][channels]
+            yield index, np.ix_(index, index)
 
 
 # Part of a change of turbidity that differs between channels.
@@ -180,7 +188,10 @@ class WaterState:
         # Who changes goes on to: not a random walk's square root of time.
         self.covariance += self._drifted() - drifted
         self._gap |= not shown or self._interval > _GAP * self._last_interval
-        unawares = self._changed_unawares(config) if self._gap else 0.0
+        # Water that did not change before may do so while frames fail to show it, and be why they
+        # fail: at an unknown rate. Variance of attenuation, (1/m)².
+        unawares = 0.0 if not self._gap else (
+            math.expm1(config.unseen_rate * self._interval) * self._scale()) ** 2
         self.covariance[ATTENUATION, ATTENUATION] += unawares - self._unawares
         self._unawares = unawares
         self.known &= self._age <= config.timeout
@@ -188,13 +199,6 @@ class WaterState:
     def _drifted(self) -> Array:
         """Covariance of changes since the last measurement taken in."""
         return self._unseen**2 * self._drift
-
-    def _changed_unawares(self, config: TrackingConfig) -> float:
-        """Variance of attenuation, (1/m)², by changes while frames fail to show it.
-
-        Water that did not change before may do so now, and be why they fail: at an unknown rate.
-        """
-        return (math.expm1(config.unseen_rate * self._interval) * self._scale()) ** 2
 
     def _scale(self) -> float:
         """Attenuation, 1/m, that changes of turbidity are proportional to."""
@@ -247,9 +251,7 @@ class WaterState:
         drifted = self._drifted()
         state, noise = self._own(measurement)
         growth, needed = np.zeros((2, 6, 6))
-        for part in (ATTENUATION, LIGHT):
-            index = np.arange(6)[part][both]
-            block = np.ix_(index, index)
+        for index, block in _parts(both):
             spread = (state + noise)[block]
             spread += _ridge(spread)
             self._trend[index] += _TREND_SHARE * (innovation[index] - self._trend[index])
@@ -273,13 +275,10 @@ class WaterState:
         spread[LIGHT, LIGHT] += exposure_change**2
         spread *= _RATE_VARIANCE / self._unseen**2
         ramp = np.zeros((6, 6))
-        for part in (ATTENUATION, LIGHT):
-            index = np.arange(6)[part][both]
-            if index.size > 0:
-                block = np.ix_(index, index)
-                self._rate[index] += _RATE_SHARE * (change[index] - self._rate[index])
-                ramp[block] = _beyond_noise(
-                    self._rate[index], spread[block] + _ridge(spread[block]), _RATE_LIMIT)
+        for index, block in _parts(both):
+            self._rate[index] += _RATE_SHARE * (change[index] - self._rate[index])
+            ramp[block] = _beyond_noise(
+                self._rate[index], spread[block] + _ridge(spread[block]), _RATE_LIMIT)
         return ramp
 
     def correct(self, measurement: Measurement) -> None:
@@ -304,9 +303,7 @@ class WaterState:
         """
         state, noise = self.covariance.copy(), measurement.noise.copy()
         ours, theirs = (common @ common.T for common in (self.common, measurement.common))
-        for part in (ATTENUATION, LIGHT):
-            index = np.arange(6)[part][self.known & measurement.seen]
-            block = np.ix_(index, index)
+        for _, block in _parts(self.known & measurement.seen):
             state[block] += _excess(ours[block], theirs[block])
             noise[block] += _excess(theirs[block], ours[block])
         return state, noise
@@ -319,9 +316,7 @@ class WaterState:
         """
         gain = np.zeros((6, 6))
         state, noise = self._own(measurement)
-        for part in (ATTENUATION, LIGHT):
-            index = np.arange(6)[part][measurement.seen]
-            block = np.ix_(index, index)
+        for _, block in _parts(measurement.seen):
             spread = (state + noise)[block]
             gain[block] = np.linalg.solve(spread + _ridge(spread), state[block]).T
         return gain

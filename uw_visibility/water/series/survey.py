@@ -158,8 +158,7 @@ def pool(frames: Sequence[FrameEnvelopes]) -> Envelopes:
     bin_of = np.minimum((place * BINS).astype(int), BINS - 1)
     size = np.bincount(bin_of, minlength=BINS)
     full = np.flatnonzero(size >= FEWEST_OBSERVATIONS)
-    pooled_dark, pooled_range, pooled_bright, pooled_step, pooled_deviation = out = np.full(
-        (5, 3, len(full)), np.nan)
+    out = np.full((5, 3, len(full)), np.nan)
     mean_range = np.empty(len(full))
     pixels = np.empty(len(full), np.int64)
     for i, b in enumerate(full):
@@ -180,8 +179,8 @@ def pool(frames: Sequence[FrameEnvelopes]) -> Envelopes:
     share = np.array([e.pixels for e in envelopes]) / total
     return replace(
         envelopes[-1],
-        range=mean_range, count=pixels, dark=pooled_dark, dark_range=pooled_range,
-        bright=pooled_bright, step=pooled_step, deviation=pooled_deviation, pixels=total,
+        range=mean_range, count=pixels, dark=out[0], dark_range=out[1], bright=out[2],
+        step=out[3], deviation=out[4], pixels=total,
         noise=np.asarray(share @ [e.noise for e in envelopes]),
         saturated=np.asarray(share @ [e.saturated for e in envelopes]),
         zero=np.asarray(share @ [e.zero for e in envelopes]),
@@ -277,14 +276,7 @@ class SurveyEstimate:
 
 
 class Survey:
-    """Takes the envelopes of frames together over a window of time.
-
-    Parameters
-    ----------
-    config : SurveyConfig
-    estimator : WaterEstimator
-        Estimates from the envelopes over all frames.
-    """
+    """Takes the envelopes of frames together over a window of time."""
 
     def __init__(self, config: SurveyConfig, estimator: WaterEstimator) -> None:
         self._config = config
