@@ -26,6 +26,9 @@ SECCHI_WAVELENGTHS = (443.0, 665.0)
 WAVELENGTHS = np.arange(380.0, 781.0, 5.0)
 """Grid of what is integrated over the visible spectrum, nm."""
 
+# Table of measured properties.
+MEASURED = "jerlov_water_types.csv"
+
 Vector = NDArray[np.float64]
 # Part of what natural particles scatter that goes backwards: mean of Petzold's
 # measurements (1972), in C. D. Mobley, Light and Water, 1994, table 3.10.
@@ -82,14 +85,8 @@ def inherent_properties(name: str, wavelength: Vector) -> tuple[Vector, Vector]:
     and Mobley 2015: I, IA, 7C, 9C). Between measurements absorption follows that of clear water,
     which rises steeply towards red.
     """
-    if name in water_types():
-        known, absorbed, scattered = water_type_spectrum(name)
-    else:
-        file = "jerlov_modelled_properties.csv"
-        head, rows = tables.read_shipped(file)
-        mine = [row for row in rows if row[0] == name]
-        known, absorbed, scattered = tables.numbers(
-            (head, mine), ("wavelength_nm", "a_per_m", "b_per_m"), file).T
+    file = MEASURED if name in water_types() else "jerlov_modelled_properties.csv"
+    known, absorbed, scattered = _properties(name, file)
     excess = absorbed - clear_water(known)[0]
     absorption = clear_water(wavelength)[0] + np.interp(wavelength, known, excess)
     return np.maximum(absorption, 1e-3), np.interp(wavelength, known, scattered)
@@ -131,7 +128,7 @@ def clear_water(wavelength: Vector) -> tuple[Vector, Vector]:
 
 def water_types() -> list[str]:
     """Return the names of the Jerlov water types whose measured properties are shipped."""
-    _, rows = tables.read_shipped("jerlov_water_types.csv")
+    _, rows = tables.read_shipped(MEASURED)
     return list(dict.fromkeys(row[0] for row in rows))
 
 
@@ -148,13 +145,17 @@ def water_type_spectrum(
     InputError
         If the type is not one of `water_types`.
     """
-    head, rows = tables.read_shipped("jerlov_water_types.csv")
     if water_type not in water_types():
         raise InputError(f"no water type {water_type!r}: give one of {', '.join(water_types())}")
-    mine = [row for row in rows if row[0] == water_type]
-    values = tables.numbers(
-        (head, mine), ("wavelength_nm", "a_per_m", "b_per_m"), "jerlov_water_types.csv")
-    return values[:, 0], values[:, 1], values[:, 2]
+    wavelength, absorption, scattering = _properties(water_type, MEASURED)
+    return wavelength, absorption, scattering
+
+
+def _properties(name: str, file: str) -> NDArray[np.float64]:
+    """Wavelengths, absorption and scattering of a type in a shipped table, (3, N)."""
+    head, rows = tables.read_shipped(file)
+    mine = [row for row in rows if row[0] == name]
+    return tables.numbers((head, mine), ("wavelength_nm", "a_per_m", "b_per_m"), file).T
 
 
 def water_type_attenuation(

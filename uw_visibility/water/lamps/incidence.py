@@ -63,14 +63,11 @@ class Incidence:
     ----------
     log_cosine : (h, w) float32 ndarray
         At the nodes, minus the median over them; 0 where no plane fits.
-    step : int
-        Distance of the nodes, samples; the first is at half of it.
     exponent, stddev : float
         Of the cosine that the ground's contrast is proportional to.
     """
 
     log_cosine: Map
-    step: int
     exponent: float
     stddev: float
 
@@ -110,11 +107,11 @@ def observe_incidence(
     cosine = seen[0]
     known = np.isfinite(cosine)
     if not known.any():
-        return Incidence(np.zeros_like(cosine), step, 0.0, 0.0)
+        return Incidence(np.zeros_like(cosine), 0.0, 0.0)
     exponent, stddev = _fit_exponent(seen)
     even = np.where(known, cosine - np.median(cosine[known]), np.float32(0.0))
     return Incidence(
-        even, step, CONTRAST_PART * exponent, CONTRAST_PART * max(stddev, LEAST_DEVIATION))
+        even, CONTRAST_PART * exponent, CONTRAST_PART * max(stddev, LEAST_DEVIATION))
 
 
 def _fit_exponent(seen: Map) -> tuple[float, float]:
