@@ -98,7 +98,7 @@ class LampTables(NamedTuple):
         return DirectLight(RANGES, np.exp(log_direct.mean(axis=(1, 2), dtype=np.float64)))
 
     def place(self, column: Array, row: Array, distance: Array) -> tuple[Array, Array, Array]:
-        """Coordinates of points in units of the nodes: row, column, range; clipped."""
+        """Coordinates of points (px, px, m) in units of the nodes: row, column, range; clipped."""
         y = (row - self.rows[0]) / (self.rows[1] - self.rows[0])
         x = (column - self.columns[0]) / (self.columns[1] - self.columns[0])
         step = math.log(RANGES[1] / RANGES[0])
@@ -106,11 +106,6 @@ class LampTables(NamedTuple):
         return (
             np.clip(y, 0, ROWS - 1.001), np.clip(x, 0, COLUMNS - 1.001),
             np.clip(z, 0, len(RANGES) - 1.001))
-
-    def look_up(self, column: Array, row: Array, distance: Array) -> tuple[Array, Array]:
-        """ln D and ln S at pixels and ranges (m), (N,), at all `ATTENUATIONS`, each (K, 3, N)."""
-        places = self.place(column, row, distance)
-        return trilinear(self.log_direct, *places), trilinear(self.log_scattered, *places)
 
     def field(
         self, attenuation: Array, power: Array, scattering: Array, daylight: Array, veil: Array,

@@ -27,12 +27,8 @@ from uw_visibility.optics.lamps import (
     trilinear,
 )
 from uw_visibility.status import Status
+from uw_visibility.water.daylight import priors
 from uw_visibility.water.daylight.fit import blank
-from uw_visibility.water.daylight.priors import (
-    CHANNEL_TOLERANCE,
-    CHANNEL_TOLERANCE_MIN,
-    CLEAR_WATER_TOLERANCE,
-)
 from uw_visibility.water.daylight.validation import (
     MAX_CLIPPED_FRACTION,
     refuse_spread,
@@ -135,7 +131,7 @@ class CellEstimator:
         covariance = np.where(np.outer(seen, seen), fit.covariance, 0.0)
         covariance = np.nan_to_num(covariance) + np.diag(np.where(seen, 0.0, UNSEEN**2))
         particles = max(float((beta - clear)[seen].mean()), 0.0)
-        tolerance = (CHANNEL_TOLERANCE_MIN + CHANNEL_TOLERANCE * particles) ** 2
+        tolerance = (priors.CHANNEL_TOLERANCE_MIN + priors.CHANNEL_TOLERANCE * particles) ** 2
         for c in range(3):
             row = np.full(3, -1.0 / 3.0)
             row[c] += 1.0
@@ -147,8 +143,9 @@ class CellEstimator:
         clear = self._clear_water
         for c in np.argsort(beta - clear):
             if seen[c] and beta[c] < clear[c]:
+                least = float(clear[c])
                 beta, covariance = _raised(
-                    beta, covariance, c, float(clear[c]), CLEAR_WATER_TOLERANCE * float(clear[c]))
+                    beta, covariance, c, least, priors.CLEAR_WATER_TOLERANCE * least)
         return beta, covariance + MODEL_ERROR**2 * np.outer(beta, beta)
 
     def _assembled(
@@ -324,9 +321,10 @@ def _raised(
 def _cells(seen: LampObservations, prepared: _Prepared, incidence: Incidence) -> Cells:
     """Take the tables' light at the cells' places, with the incidence on the ground."""
     tables = prepared.tables
-    direct, scattered = tables.look_up(seen.column, seen.row, seen.range)
-    reference, unit = direct[REFERENCE].mean(axis=0), scattered[REFERENCE].mean(axis=0)
     places = tables.place(seen.column, seen.row, seen.range)
+    direct, scattered = (
+        trilinear(table, *places) for table in (tables.log_direct, tables.log_scattered))
+    reference, unit = direct[REFERENCE].mean(axis=0), scattered[REFERENCE].mean(axis=0)
     moved = np.array([trilinear(table[None, None], *places)[0, 0] for table in prepared.moved])
     # An exponent that is off changes the light as a lamp that is off does.
     moved = np.vstack([moved.reshape(-1, len(seen.range)), incidence.stddev * seen.log_cosine])

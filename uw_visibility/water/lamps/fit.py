@@ -229,7 +229,6 @@ def _linearise(data: _Data, p: Array) -> tuple[Array, Array, Array, Array, Array
     return jacobian, residual, cauchy_weight(residual, TAIL, data.weight), path, deviation
 
 
-
 # Radiance of the brightest patches.
 BRIGHT_RADIANCE = 0.9
 # The bright envelope of the frame is that of so bright a part of its cells.
@@ -339,6 +338,4 @@ def _without_noise(cells: Cells, channel: int) -> tuple[Array, Array]:
 def _weighted_quantile(values: Array, weight: Array, quantile: float) -> float:
     order = np.argsort(values)
     summed = np.cumsum(weight[order])
-    if not summed[-1] > 0:
-        return math.nan
     return float(values[order][np.searchsorted(summed, quantile * summed[-1])])

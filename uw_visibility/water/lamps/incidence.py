@@ -125,13 +125,11 @@ def _fit_exponent(seen: Map) -> tuple[float, float]:
     clear = (own > OWN_PART * light) & (light > DARKEST)
     level = np.where(clear, np.log(np.where(clear, own, 1.0)) - direct, np.nan)
     differences = []
-    for axis in (0, 1):
-        if cosine.shape[axis] <= APART:
-            continue
+    for far, near in (
+        (np.s_[APART:], np.s_[:-APART]), (np.s_[:, APART:], np.s_[:, :-APART]),
+    ):
         differences.append(np.stack([
-            (np.roll(each, -APART, axis) - each).take(
-                range(each.shape[axis] - APART), axis).ravel()
-            for each in (level, cosine, np.log(distance))]))
+            (each[far] - each[near]).ravel() for each in (level, cosine, np.log(distance))]))
     joined = np.concatenate(differences, axis=1).astype(np.float64)
     y, x, along = joined[:, (
         np.isfinite(joined).all(axis=0) & (np.abs(joined[2]) < MOST_RANGE)

@@ -86,8 +86,6 @@ class LampObservations:
         Quantile of E/S, so that what is scattered differs little within a cell.
     saturated, zero : (3,) float64 ndarray
         Part of the pixels with a range that are saturated, or 0.
-    pixels : int
-        Pixels with a range that were read.
     limits : tuple of float
         Nearest and farthest range, m; twice 0 without any.
     log_cosine : (N,) float64 ndarray
@@ -105,15 +103,13 @@ class LampObservations:
     bright: Array
     saturated: Array
     zero: Array
-    pixels: int
     limits: tuple[float, float]
     log_cosine: Array
 
 
 def observe(
     samples: ColourSamples, range_map: NDArray[np.float32], valid: Mask | None, tables: LampTables,
-    log_direct: Table, log_scattered: Table, row_angle: float,
-    log_cosine: NDArray[np.float32] | None = None,
+    log_direct: Table, log_scattered: Table, row_angle: float, log_cosine: NDArray[np.float32],
 ) -> LampObservations:
     """Observe a lamp-lit image.
 
@@ -130,14 +126,12 @@ def observe(
         ln D and ln S of the reference attenuation.
     row_angle : float
         Angle between the camera's rows, rad.
-    log_cosine : (h, w) float32 ndarray, optional
+    log_cosine : (h, w) float32 ndarray
         Of incidence, at nodes of equal distance over the samples.
     """
     ranges, valid = samples.reduce(range_map, valid)
     ranges = np.ascontiguousarray(ranges)
-    cosine = np.zeros((1, 1), np.float32) if log_cosine is None else log_cosine
     mask = np.ones((1, 1), np.bool_) if valid is None else np.ascontiguousarray(valid)
-    limits = _range_limits(ranges, mask)
     sums = np.zeros((RANGE_BINS * COLUMNS, SUMS))
     levels = np.zeros((2, RANGE_BINS * COLUMNS, 3, LEVELS), np.int32)
     clipped = np.zeros(7, np.int64)
@@ -146,12 +140,11 @@ def observe(
     grid = table_grid(tables, scale)
     width = ranges.shape[1]
     stride = max(1, round(math.sqrt(ranges.size / PIXELS_READ)))
-    median = np.array([
-        _median(samples, ranges, mask, irradiance, grid, table)
-        for table in (log_direct, log_scattered)])
-    if limits[0] > 0 and median.all():
+    limits, median = _few(
+        samples, ranges, mask, irradiance, grid, (log_direct, log_scattered))
+    if median.all():
         _accumulate(
-            _Scene(samples.pixels, ranges, mask, irradiance, cosine),
+            _Scene(samples.pixels, ranges, mask, irradiance, log_cosine),
             _Light(grid, log_direct, log_scattered, 1.0 / (LOWEST * median)),
             _Sampling(
                 limits[0], limits[1], width * FAR_PART * FAR_RANGE, width * NEAR_PART, stride,
@@ -176,8 +169,7 @@ def observe(
         dark=_quantile(levels[1], DARK_QUANTILE) * median[1],
         bright=_quantile(levels[0], BRIGHT_QUANTILE) * median[0],
         saturated=clipped[SATURATED:SATURATED + 3] / pixels,
-        zero=clipped[ZERO:ZERO + 3] / pixels, pixels=int(clipped[READ]), limits=limits,
-        log_cosine=mean[:, LOG_COSINE])
+        zero=clipped[ZERO:ZERO + 3] / pixels, limits=limits, log_cosine=mean[:, LOG_COSINE])
 
 
 def table_grid(tables: LampTables, scale: int) -> Array:
@@ -203,40 +195,31 @@ def _common_rounding(noise: Array) -> Array:
     return np.asarray(terms.sum(axis=0))
 
 
-def _median(
+def _few(
     samples: ColourSamples, ranges: NDArray[np.float32], mask: Mask,
-    irradiance: NDArray[np.float32], grid: Array, table: Table,
-) -> float:
-    """Median of E/D over a few pixels, each in its brightest channel."""
-    stride, few, known = _few(ranges, mask)
-    if not known.any():
-        return 0.0
-    y, x = np.nonzero(known)
-    codes = samples.pixels[::stride, ::stride][known]
-    light = irradiance[codes].max(axis=1)
-    logarithm = np.array([
-        look_up(table, grid[0] + grid[1] * r * stride, grid[2] + grid[3] * c * stride,
-                (math.log(d) - grid[4]) * grid[5])
-        for r, c, d in zip(y[::4], x[::4], few[known][::4], strict=True)])
-    return float(np.median(light[::4] * np.exp(-logarithm)))
+    irradiance: NDArray[np.float32], grid: Array, tables: tuple[Table, Table],
+) -> tuple[tuple[float, float], Array]:
+    """Limits of range, m, and medians of E/D and E/S, (2,), over a few pixels; 0 without any.
 
-
-def _range_limits(ranges: NDArray[np.float32], mask: Mask) -> tuple[float, float]:
-    _, few, known = _few(ranges, mask)
-    if not known.any():
-        return 0.0, 0.0
-    low, high = np.quantile(few[known], RANGE_QUANTILES)
-    return float(low), float(high) * (1 + 1e-6)
-
-
-def _few(ranges: NDArray[np.float32], mask: Mask) -> tuple[int, NDArray[np.float32], Mask]:
-    """Subsample a map: the step, the ranges, and which of them are known."""
+    Of each pixel the brightest channel counts.
+    """
     stride = max(1, math.isqrt(ranges.size // RANGE_SAMPLES))
     few = ranges[::stride, ::stride]
     known = np.isfinite(few) & (few > 0)
     if mask.size > 1:
         known &= mask[::stride, ::stride]
-    return stride, few, known
+    if not known.any():
+        return (0.0, 0.0), np.zeros(2)
+    low, high = np.quantile(few[known], RANGE_QUANTILES)
+    y, x = np.nonzero(known)
+    light = irradiance[samples.pixels[::stride, ::stride][known][::4]].max(axis=1)
+    logarithm = np.array([
+        [look_up(table, grid[0] + grid[1] * r * stride, grid[2] + grid[3] * c * stride,
+                 (math.log(d) - grid[4]) * grid[5])
+         for r, c, d in zip(y[::4], x[::4], few[known][::4], strict=True)]
+        for table in tables])
+    return (
+        (float(low), float(high) * (1 + 1e-6)), np.median(light * np.exp(-logarithm), axis=1))
 
 
 def _quantile(levels: NDArray[np.int32], quantile: float) -> Array:
