@@ -278,7 +278,7 @@ class _Replay:
                     self._write_rows(self._joiner.add(item))
         if self._copied:
             for message in self._reader.messages(self._copied, *self._stream.interval()):
-                self._recorder.copy(message, ros1=self._reader.ros1)
+                self._recorder.results.copy(message, ros1=self._reader.ros1)
         self.summary.complete = True
 
     def __enter__(self) -> Self:
@@ -301,7 +301,7 @@ class _Replay:
         if kind is None:
             self._folder.forget_earlier()
             self._folder.check_complete()
-            self._recorder.forget_records()
+            self._recorder.log.remove()
             self._folder.complete()
         elif self._earlier is not None and self.summary.frames < len(self._earlier.timings):
             # This run has less than the earlier part, which is kept for --resume.

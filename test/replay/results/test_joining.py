@@ -24,7 +24,7 @@ from uw_visibility.replay.inputs.sensors import (
     geographic,
     read_position,
 )
-from uw_visibility.replay.inputs.stream import SensorValue
+from uw_visibility.replay.inputs.stream import Restart, SensorValue
 from uw_visibility.replay.records import FrameRecord, JoinedFrame
 from uw_visibility.replay.results.exports import PROPERTIES, write_geojson
 from uw_visibility.replay.results.joining import Joiner
@@ -56,9 +56,9 @@ def comparison_of(joined: JoinedFrame) -> Comparison:
 
 def test_a_row_waits_for_the_sensor_and_takes_its_value_in_between() -> None:
     joiner = Joiner(CONFIG)
-    assert list(joiner.add_sensor(sensor(1.0, 2.0))) == []
+    assert list(joiner.add(sensor(1.0, 2.0))) == []
     assert list(joiner.add_frame(record(1.5))) == []
-    (joined,) = joiner.add_sensor(sensor(2.0, 4.0))
+    (joined,) = joiner.add(sensor(2.0, 4.0))
     assert depth_of(joined) == 3.0
     assert comparison_of(joined).innovation == 0.0
     (joined,) = list(joiner.add_frame(record(2.0)))
@@ -72,7 +72,7 @@ def test_a_row_waits_for_the_sensor_and_takes_its_value_in_between() -> None:
 
 def test_a_refused_depth_has_the_sensor_beside_it_but_no_nis() -> None:
     joiner = Joiner(CONFIG)
-    list(joiner.add_sensor(sensor(1.0, 2.0)))
+    list(joiner.add(sensor(1.0, 2.0)))
     (joined,) = joiner.add_frame(record(1.0, None))
     assert depth_of(joined) == 2.0
     assert joined.comparison is None
@@ -83,9 +83,9 @@ def test_a_refused_depth_has_the_sensor_beside_it_but_no_nis() -> None:
 def test_a_frame_without_result_is_not_judged_and_its_neighbours_are() -> None:
     joiner = Joiner(CONFIG)
     failed = frame_record(1.5, 1, reason="left image: too dark")
-    out = [*joiner.add_sensor(sensor(0.9, 2.0)), *joiner.add_frame(record(1.0))]
+    out = [*joiner.add(sensor(0.9, 2.0)), *joiner.add_frame(record(1.0))]
     # The next frame is there before the sensor's next value.
-    out += [*joiner.add_frame(failed), *joiner.add_sensor(sensor(2.0, 2.0))]
+    out += [*joiner.add_frame(failed), *joiner.add(sensor(2.0, 2.0))]
     assert [(str(j.verdict), j.verdict_reason) for j in out] == [
         ("ok", ""), ("not assessable", "the frame has no result")]
     assert depth_of(out[1]) == 2.0
@@ -102,9 +102,9 @@ def test_a_sensor_that_is_silent_holds_no_row_up() -> None:
 
 def test_across_a_gap_of_the_sensor_nothing_is_made_up() -> None:
     joiner = Joiner(CONFIG)
-    list(joiner.add_sensor(sensor(1.0, 2.0)))
+    list(joiner.add(sensor(1.0, 2.0)))
     list(joiner.add_frame(record(2.0)))
-    (joined,) = joiner.add_sensor(sensor(1.1 + CONFIG.timeout, 2.0))
+    (joined,) = joiner.add(sensor(1.1 + CONFIG.timeout, 2.0))
     assert joined.sensor is None
 
 
@@ -112,13 +112,13 @@ def test_a_restart_forgets_the_learned_bias_but_not_what_was_counted() -> None:
     joiner = Joiner(CONFIG)
     for begin in (100.0, 50.0):
         for k in range(4):
-            (joined,) = [*joiner.add_sensor(sensor(begin + k, 5.0)),
+            (joined,) = [*joiner.add(sensor(begin + k, 5.0)),
                          *joiner.add_frame(record(begin + k))]
             expected = 2.0 - comparison_of(joined).innovation
             assert expected == 0.0 if k == 0 else expected > 0.1
         assert (report := joiner.report()) is not None
         assert report.compared == (4 if begin == 100.0 else 8)
-        joiner.restart()
+        list(joiner.add(Restart()))
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=30), st.integers(0, 3))
@@ -131,17 +131,17 @@ def test_every_row_comes_out_once_and_in_order(frames: list[bool], restart: int)
             stamps.append(round(time * 1e9))
             out += joiner.add_frame(record(time))
         else:
-            out += joiner.add_sensor(sensor(time, 1.0))
-            out += joiner.add_position(Position(round(time * 1e9), False, 0.0, 0.0, 0.0))
+            out += joiner.add(sensor(time, 1.0))
+            out += joiner.add(Position(round(time * 1e9), False, 0.0, 0.0, 0.0))
     out += joiner.finish()
     assert [j.record.stamp for j in out] == stamps
 
 
 def test_positions_are_interpolated_and_become_longitude_and_latitude() -> None:
     joiner = Joiner(replace(CONFIG, sensor_type="none"), True, origin=(60.0, 10.0))
-    list(joiner.add_position(Position(1_000_000_000, False, 0.0, 0.0, 0.0)))
+    list(joiner.add(Position(1_000_000_000, False, 0.0, 0.0, 0.0)))
     assert list(joiner.add_frame(record(2.0))) == []
-    (joined,) = joiner.add_position(Position(3_000_000_000, False, 200.0, 400.0, 0.0))
+    (joined,) = joiner.add(Position(3_000_000_000, False, 200.0, 400.0, 0.0))
     assert (joined.x, joined.y) == (100.0, 200.0)
     # A degree of latitude is 111.2 km; one of longitude half as much at 60 degrees north.
     assert joined.latitude == pytest.approx(60.0 + 0.2 / 111.195, abs=1e-6)
@@ -166,9 +166,9 @@ def test_positions_across_the_date_line_stay_there(step: float) -> None:
     joiner = Joiner(replace(CONFIG, sensor_type="none"), True)
     side = np.sign(step)
     before, beyond = side * (180.0 - abs(step) / 2), -side * (180.0 - abs(step) / 2)
-    list(joiner.add_position(Position(1_000_000_000, True, before, 10.0, 0.0)))
+    list(joiner.add(Position(1_000_000_000, True, before, 10.0, 0.0)))
     assert list(joiner.add_frame(record(2.5))) == []
-    (joined,) = joiner.add_position(Position(3_000_000_000, True, beyond, 10.0, 0.0))
+    (joined,) = joiner.add(Position(3_000_000_000, True, beyond, 10.0, 0.0))
     # Three quarters of the way, a quarter beyond the line.
     assert joined.longitude == pytest.approx(-side * 179.999, abs=1e-9)
     assert geographic(2000.0, 0.0, (0.0, 179.99))[0] == pytest.approx(-179.992, abs=1e-3)
@@ -201,7 +201,7 @@ def test_geojson_has_a_point_for_each_frame_with_a_position(tmp_path: Path) -> N
         {**columns, "status": "ok"},
         {**columns, "longitude": "10.6", "latitude": "60.25", "status": "saturated"},
     ]
-    assert write_geojson(tmp_path / "f.geojson", iter(rows)) == 2
+    write_geojson(tmp_path / "f.geojson", iter(rows))
     features = json.loads((tmp_path / "f.geojson").read_text())["features"]
     assert [f["geometry"]["coordinates"] for f in features] == [[10.5, 60.25], [10.6, 60.25]]
     assert features[0]["properties"]["depth"] == 3.5

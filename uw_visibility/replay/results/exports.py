@@ -17,6 +17,7 @@ from uw_visibility.errors import needing
 from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, Column
 from uw_visibility.replay.inputs.options import ReplayOptions
+from uw_visibility.replay.results.provenance import texts_of
 from uw_visibility.replay.table import ROWS, read_rows, slices
 from uw_visibility.water.meaning.derived import DerivedModel
 
@@ -73,24 +74,12 @@ def write_exports(
 
 def write_geojson(
     path: Path, rows: Iterator[Mapping[str, str]], more: Sequence[str] = ()
-) -> int:
-    """Write frames with a longitude and a latitude as points (RFC 7946).
+) -> None:
+    """Write rows with a longitude and a latitude as points (RFC 7946).
 
-    Parameters
-    ----------
-    path : Path
-        File to write.
-    rows : iterator of mapping
-        Rows of the table, as text; empty for what is not known.
-    more : sequence of str
-        Columns to write beside `PROPERTIES`.
-
-    Returns
-    -------
-    int
-        Number of points.
+    Properties are the columns `PROPERTIES`, and `more` beside them.
     """
-    count = 0
+    before = "\n"
     with path.open("w", encoding="utf-8") as file:
         file.write('{"type": "FeatureCollection", "features": [')
         for row in rows:
@@ -107,10 +96,9 @@ def write_geojson(
                     **{name: _value(row[name]) for name in (*PROPERTIES, *more)},
                 },
             }
-            file.write(("," if count else "") + "\n" + json.dumps(feature, allow_nan=False))
-            count += 1
+            file.write(before + json.dumps(feature, allow_nan=False))
+            before = ",\n"
         file.write("\n]}\n")
-    return count
 
 
 def _value(text: str) -> float | str | None:
@@ -130,10 +118,7 @@ def _write_parquet(
             arrow.field(name, _type(arrow, column), metadata=_metadata(column))
             for name, column in columns.items()
         ],
-        metadata={
-            key: value if isinstance(value, str) else json.dumps(value)
-            for key, value in attributes.items()
-        },
+        metadata=texts_of(attributes),
     )
     with parquet.ParquetWriter(path, schema) as writer:
         for part in slices(table, columns):
@@ -346,10 +331,7 @@ def _scalars(wavelengths: Array, identity: str | Sequence[str]) -> dict[str, Any
 
 
 def _global(attributes: Mapping[str, Any]) -> dict[str, str]:
-    texts = {
-        name: value if isinstance(value, str) else json.dumps(value)
-        for name, value in attributes.items()
-    }
+    texts = texts_of(attributes)
     return {
         "Conventions": CONVENTIONS, "featureType": "trajectory",
         "title": "Water attenuation, visibility and depth from a stereo camera",

@@ -34,7 +34,7 @@ COUNTS = ("compared", "failed", "inconclusive", "unmatched")
 
 
 class Joiner:
-    """Join of table rows with the depth sensor, its test and the position.
+    """Join of table rows with the depth sensor, its test, positions and numbers of other topics.
 
     A frame waits until the sensors' values enclose its stamp, or are too far
     behind it. What comes out depends on the order of what goes in alone.
@@ -45,12 +45,8 @@ class Joiner:
         The sensor's type is "none" where there is none.
     position : bool
         Whether positions will come.
-    origin : tuple of float or None
-        Latitude and longitude of the origin of positions in metres.
-    joins : sequence of ScalarTopic
-        Numbers of other topics to join.
-    tolerance : float
-        Values of theirs further apart than this are not neighbours, s.
+    origin, joins, tolerance
+        As `ReplayOptions` has them.
 
     Attributes
     ----------
@@ -95,49 +91,36 @@ class Joiner:
             status = record.estimate.visibility.depth_status
             self._note(self._monitor.add_estimate(depth, status, self._now))
         self._waiting.append(JoinedFrame(record, filtered))
-        yield from self._complete(at_end=False)
+        yield from self._complete()
 
     def add(
         self, event: SensorValue | Position | ScalarValue | Restart
     ) -> Iterator[JoinedFrame]:
         """Take whatever comes between frames; yields the frames that are complete."""
-        if isinstance(event, SensorValue):
-            yield from self.add_sensor(event)
-        elif isinstance(event, Position):
-            yield from self.add_position(event)
-        elif isinstance(event, ScalarValue):
+        if isinstance(event, ScalarValue):
             self._scalars[event.source].add(event)
-            yield from self._complete(at_end=False)
-        else:
-            self.restart()
+        elif isinstance(event, Position):
+            if self._track is not None:
+                self._track.add(event)
+        elif self._monitor is not None:
+            if isinstance(event, SensorValue):
+                self._add_sensor(event, self._monitor)
+            else:
+                # The stamps of the images jumped back: the test begins anew.
+                report = self._monitor.report(self._now)
+                self._counts.update({name: getattr(report, name) for name in COUNTS})
+                self._monitor.reset()
+        yield from self._complete()
 
-    def add_sensor(self, value: SensorValue) -> Iterator[JoinedFrame]:
-        """Take a value of the depth sensor; yields the frames that are complete."""
-        if self._monitor is None:
-            return
+    def _add_sensor(self, value: SensorValue, monitor: DepthMonitor) -> None:
         self._now = value.time / 1e9
-        self._note(self._monitor.add_sensor(value.sample, self._now))
+        self._note(monitor.add_sensor(value.sample, self._now))
         newest = self._samples[-1].stamp if self._samples else value.sample.stamp - 1
         if value.sample.stamp < newest - RESTART_NANOSECONDS:
             self._samples.clear()
         elif value.sample.stamp <= newest:
             return
         self._samples.append(value.sample)
-        yield from self._complete(at_end=False)
-
-    def add_position(self, position: Position) -> Iterator[JoinedFrame]:
-        """Take a position; yields the frames that are complete."""
-        if self._track is not None:
-            self._track.add(position)
-            yield from self._complete(at_end=False)
-
-    def restart(self) -> None:
-        """Reset the plausibility test: the stamps of the images jumped back."""
-        if self._monitor is None:
-            return
-        report = self._monitor.report(self._now)
-        self._counts.update({name: getattr(report, name) for name in COUNTS})
-        self._monitor.reset()
 
     def finish(self) -> Iterator[JoinedFrame]:
         """Yield the frames that still wait: nothing more will come."""
@@ -158,7 +141,7 @@ class Joiner:
         while len(self._comparisons) > 2 * WAITING_ESTIMATES:
             del self._comparisons[next(iter(self._comparisons))]
 
-    def _complete(self, at_end: bool) -> Iterator[JoinedFrame]:
+    def _complete(self, at_end: bool = False) -> Iterator[JoinedFrame]:
         while self._waiting:
             stamp = self._waiting[0].record.stamp
             newest = self._waiting[-1].record.stamp
@@ -205,12 +188,10 @@ class Joiner:
         position = self._track.at(stamp)
         if position is None:
             self.unplaced[self._track.lack(stamp)] += 1
-        self._track.forget_before(stamp)
-        if position is None:
-            return
-        if position.geographic:
+        elif position.geographic:
             joined.longitude, joined.latitude = position.x, position.y
-            return
-        joined.x, joined.y = position.x, position.y
-        if self._origin is not None:
-            joined.longitude, joined.latitude = geographic(position.x, position.y, self._origin)
+        else:
+            joined.x, joined.y = position.x, position.y
+            if self._origin is not None:
+                joined.longitude, joined.latitude = geographic(joined.x, joined.y, self._origin)
+        self._track.forget_before(stamp)

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from uw_visibility.replay.frame_log import read_records
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.topics import COMPRESSED, Selection
 from uw_visibility.replay.records import JoinedFrame
+from uw_visibility.replay.results.provenance import texts_of
 from uw_visibility.replay.table import read_rows
 from uw_visibility.replay.work import FrameAnswer
 from uw_visibility.status import Status
@@ -30,16 +30,9 @@ DIAGNOSTICS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 
 
 class ResultWriter:
-    """Writer of results.mcap.
+    """Writer of results.mcap in a folder.
 
-    Parameters
-    ----------
-    folder : Path
-        Where to.
-    options : ReplayOptions
-        Parameters: topics, the frame of depths, and whether frames have their diagnostics.
-    copied : mapping of str to tuple
-        By a recorded topic: the name and the type of its copy here.
+    `copied` has by a recorded topic the name and the type of its copy here.
     """
 
     def __init__(
@@ -75,8 +68,7 @@ class ResultWriter:
 
     def close(self, provenance: Mapping[str, Any]) -> None:
         """Complete the file."""
-        for key, value in provenance.items():
-            text = value if isinstance(value, str) else json.dumps(value)
+        for key, text in texts_of(provenance).items():
             self._bag.annotate(f"uw_visibility.{key}", text)
         self._bag.close()
         made = self._folder / "results"
@@ -86,39 +78,27 @@ class ResultWriter:
 
 
 def _timings(path: Path) -> dict[str, dict[str, str]]:
-    """Return the rows by frame; none where the file is damaged."""
+    """Return the rows by frame; none where the file is missing or damaged."""
     try:
         rows = list(read_rows(path))
         for row in rows:
             for duration in row.values():
                 float(duration)
         return {row["frame"]: row for row in rows}
-    except (ValueError, TypeError, KeyError):
+    except (FileNotFoundError, ValueError, TypeError, KeyError):
         return {}
 
 
 class EarlierPart:
-    """Frames of an interrupted replay, to be reused.
+    """Frames of an interrupted replay, to be reused: their rows of timings.csv, and answers.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the partial result.
-    topics : collection of str
-        Those that a frame alone fills; others are made anew.
-
-    Attributes
-    ----------
-    timings : dict of str to dict
-        Rows of timings.csv by frame.
+    Messages are those of topics that a frame alone fills; others are made anew.
     """
 
     def __init__(self, folder: Path, topics: Collection[str]) -> None:
         self._folder = folder
         self._topics = {f"/{topic}" for topic in topics}
-        self.timings: dict[str, dict[str, str]] = {}
-        if (folder / "timings.csv").is_file():
-            self.timings = _timings(folder / "timings.csv")
+        self.timings = _timings(folder / "timings.csv")
 
     def answers(self) -> Iterator[FrameAnswer]:
         """Yield the frames whose row and messages are all there, in order."""
@@ -174,9 +154,7 @@ def copied_topics(
         names = {topic: topic for topic in names if topic is not None}
     names[selection.depth] = "/depth_sensor"
     return {
-        topic: (name, channels[topic].type) for topic, name in names.items()
-        if topic is not None and name is not None
-    }
+        topic: (name, channels[topic].type) for topic, name in names.items() if topic is not None}
 
 
 def diagnostics(make: MessageFactory, joined: JoinedFrame) -> Any:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -88,14 +89,16 @@ class Origin:
         return f"was made with another {', '.join(changed)}" if changed else ""
 
 
-class FileHash:
-    """SHA-256 of files, computed in a background thread.
+def texts_of(provenance: Mapping[str, Any]) -> dict[str, str]:
+    """Return a provenance as metadata of files have it: what is no text as JSON."""
+    return {
+        name: value if isinstance(value, str) else json.dumps(value)
+        for name, value in provenance.items()
+    }
 
-    Parameters
-    ----------
-    files : sequence of Path
-        Files in order; the hash is that of their contents one after the other.
-    """
+
+class FileHash:
+    """SHA-256 of files' contents one after the other, computed in a background thread."""
 
     def __init__(self, files: Sequence[Path]) -> None:
         self._files = list(files)

@@ -12,7 +12,6 @@ from typing import Any
 from uw_visibility.messages.estimates import ESTIMATES, Estimate
 from uw_visibility.messages.outputs import FILTERED, all_topics
 from uw_visibility.replay.bags.decoder import jazzy_types
-from uw_visibility.replay.bags.reader import Recorded
 from uw_visibility.replay.columns import COLUMNS, FAILED, TURBIDITY, Column, joined_column
 from uw_visibility.replay.frame_log import FrameLog
 from uw_visibility.replay.inputs.options import ReplayOptions
@@ -67,14 +66,10 @@ class FrameRecorder:
 
     Parameters
     ----------
-    folder : Path
-        Where to.
-    options : ReplayOptions
-        Parameters.
+    folder, options, copied
+        As `ResultWriter` takes them.
     earlier : mapping of str to dict
         Timings of the frames that an earlier part had worked on.
-    copied : mapping of str to tuple
-        See `ResultWriter`.
 
     Attributes
     ----------
@@ -82,6 +77,10 @@ class FrameRecorder:
         Frames of the earlier part so far.
     columns : mapping of str to Column
         Of the table.
+    results : ResultWriter
+        Writer of the messages.
+    log : FrameLog
+        What only a resumed replay would need.
     """
 
     def __init__(
@@ -100,13 +99,13 @@ class FrameRecorder:
         self._table = TableWriter(folder / "frames.csv", tuple(self.columns))
         write_dictionary(folder / "frames.csv", self.columns)
         self._timings: TableWriter | None = None
-        self._results = ResultWriter(folder, options, copied)
+        self.results = ResultWriter(folder, options, copied)
         self._node = options.node
         self._types, self._make = jazzy_types()
         # The filter needs the frames in order, whichever process
         # answered them.
         self._filter = WaterFilter(options.pipeline)
-        self._log = FrameLog(folder)
+        self.log = FrameLog(folder)
 
     @property
     def lamps(self) -> LampLight | None:
@@ -116,37 +115,29 @@ class FrameRecorder:
     def write_frame(self, answer: FrameAnswer) -> FilteredWater | None:
         """Write the messages of a frame, filtered ones too; returns the filtered estimate."""
         record, filtered = answer.record, None
-        self._results.write_messages(answer.messages, record.time)
+        self.results.write_messages(answer.messages, record.time)
         self._write_timing(answer)
         if record.estimate is not None:
             filtered = self._filter.update(
                 record.estimate.water, record.estimate.header.seconds, record.estimate.rig)
             if filtered is not None:
                 messages = list(self._filtered_messages(record.estimate, filtered))
-                self._results.write_messages(messages, record.time)
-        self._log.write(record)
+                self.results.write_messages(messages, record.time)
+        self.log.write(record)
         return filtered
 
     def write_row(self, joined: JoinedFrame) -> None:
         """Write a row that is complete, and the comparison with the sensor in it."""
         self._table.write(row_of(self.columns, joined, self._model, self._turbidity))
-        self._results.write_joined(joined)
-
-    def copy(self, message: Recorded, *, ros1: bool) -> None:
-        """Copy a recorded message to the results."""
-        self._results.copy(message, ros1=ros1)
+        self.results.write_joined(joined)
 
     def close(self, provenance: Mapping[str, Any]) -> None:
         """Complete all files."""
         self._table.close()
-        self._log.close()
+        self.log.close()
         if self._timings is not None:
             self._timings.close()
-        self._results.close(provenance)
-
-    def forget_records(self) -> None:
-        """Remove the files that only a resumed replay would need."""
-        self._log.remove()
+        self.results.close(provenance)
 
     def _filtered_messages(
         self, estimate: FrameEstimate, filtered: FilteredWater
