@@ -167,11 +167,10 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
     try:
         summary = Summary.of_finished(str(bag), str(target), state)
         # The texts at the end read more of the state than this: damage must show here.
-        for tell in (
-            summary.rejections, summary.surveyed, summary.refusals.together,
-            lambda: verdict(summary),
-        ):
-            tell()
+        summary.rejections()
+        summary.surveyed()
+        summary.refusals.together()
+        verdict(summary)
         return summary
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise InputError(
@@ -181,35 +180,11 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
 
 
 def replay_bag(
-    bag: Path,
-    target: Path,
-    options: ReplayOptions,
-    pool: FramePool,
-    *,
-    force: bool = False,
-    resume: bool = False,
+    bag: Path, target: Path, options: ReplayOptions, pool: FramePool, *, force: bool, resume: bool
 ) -> Summary:
-    """Replay a recording into a folder.
+    """Replay a recording into a folder, as `replay_bags` does.
 
-    Parameters
-    ----------
-    bag : Path
-        The recording.
-    target : Path
-        Folder to make.
-    options : ReplayOptions
-        What is wanted.
-    pool : FramePool
-        Where frames are worked on.
-    force, resume : bool
-        Whether an existing result is replaced, or a partial one gone on from.
-
-    Raises
-    ------
-    InputError
-        If the recording or the folder cannot be used.
-    KeyboardInterrupt
-        After an interruption; what there is by then is a readable partial result.
+    What there is after an interruption is a readable partial result.
     """
     check_exports(options)
     with BagReader(bag) as reader, sole_writer(target, RESULT, DAY):

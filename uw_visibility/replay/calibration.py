@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -55,15 +55,16 @@ class CalibrationSeries:
     unusable: int = 0
     damage: list[str] = field(default_factory=list)
 
-    def add(self, joined: JoinedFrame) -> None:
-        """Add a frame with the sensor's depth."""
-        estimate = joined.record.estimate
-        if estimate is None:
-            self.unusable += 1
-            return
-        self.estimates.append(estimate.water)
-        self.sensed.append(math.nan if joined.sensor is None else joined.sensor.depth)
-        self.assessed.append(estimate.visibility.depth)
+    def add(self, frames: Iterable[JoinedFrame]) -> None:
+        """Add frames with the sensor's depth."""
+        for joined in frames:
+            estimate = joined.record.estimate
+            if estimate is None:
+                self.unusable += 1
+                continue
+            self.estimates.append(estimate.water)
+            self.sensed.append(math.nan if joined.sensor is None else joined.sensor.depth)
+            self.assessed.append(estimate.visibility.depth)
 
     def errors(self) -> Array:
         """Return assessed less sensed depths, where both are known, m."""
@@ -112,9 +113,7 @@ def _sensed_depths(bags: Sequence[Path], options: ReplayOptions) -> tuple[float,
     low, high = math.inf, -math.inf
     for bag in bags:
         with BagReader(bag) as reader:
-            stream = InputStream(reader, options)
-            _check_sensor(bag, stream)
-            for sample in stream.sensor_samples():
+            for sample in _stream(bag, reader, options).sensor_samples():
                 low, high = min(low, sample.depth), max(high, sample.depth)
     return low, high
 
@@ -130,27 +129,23 @@ def _check_spread(depths: tuple[float, float]) -> None:
         )
 
 
-def _check_sensor(bag: Path, stream: InputStream) -> None:
+def _stream(bag: Path, reader: BagReader, options: ReplayOptions) -> InputStream:
+    stream = InputStream(reader, options)
     if stream.selection.depth is None:
         raise InputError(
             f"{bag} has no depth sensor: name its topic with --depth-sensor; --list of replay "
             "shows what there is"
         )
+    return stream
 
 
 def _add_recording(
     series: CalibrationSeries, bag: Path, options: ReplayOptions, pool: FramePool
 ) -> None:
     with BagReader(bag) as reader:
-        stream = InputStream(reader, options)
-        _check_sensor(bag, stream)
+        stream = _stream(bag, reader, options)
         recording = Recording.of(reader, stream.selection, options, ())
         joiner = Joiner(stream.plausibility)
-
-        def take(frames: Iterator[JoinedFrame]) -> None:
-            for joined in frames:
-                series.add(joined)
-
         tasks: Iterator[Any] = (
             FrameTask(recording, event) if isinstance(event, RecordedFrame) else event
             for event in stream.events()
@@ -158,9 +153,9 @@ def _add_recording(
         with closing(Progress(bag.name, stream.expected_frames)) as progress:
             for item in pool.answers(tasks):
                 if isinstance(item, FrameAnswer):
-                    take(joiner.add_frame(item.record))
+                    series.add(joiner.add_frame(item.record))
                     progress.add()
                 else:
-                    take(joiner.add(item))
-            take(joiner.finish())
+                    series.add(joiner.add(item))
+            series.add(joiner.finish())
         series.damage += reader.damage

@@ -8,13 +8,14 @@ import importlib
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, cast
 
 from uw_visibility import __version__
 from uw_visibility.errors import InputError, needing, refusing
 from uw_visibility.replay.batch import replay_bags, settle
 from uw_visibility.replay.inputs.options import ReplayOptions, check_in_any
-from uw_visibility.replay.results.folder import partial_of
+from uw_visibility.replay.results.folder import partial_of, partial_refused
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.stores import Place, absolute, check_place, check_urls
 
@@ -43,11 +44,6 @@ def replay_on_cluster(
         Of the scheduler, such as ``tcp://10.0.0.5:8786``.
     targets, options, force, resume
         As `replay_bags` takes them.
-
-    Returns
-    -------
-    list of Summary
-        In the order of the recordings.
 
     Raises
     ------
@@ -96,17 +92,15 @@ def _check_targets(
     It is looked for here, before the work: in a worker it may be that of another worker,
     which was lost, and is gone on from.
     """
-    refused: dict[Place, InputError] = {}
-    for bag, target in targets.items():
-        if not resume:
+    if not resume:
+        for target in targets.values():
             check_place(target, force)
-        if isinstance(target, str):
-            continue
-        partial = partial_of(target)
-        if partial.exists() and not (resume or force):
-            refused[bag] = InputError(
-                f"{partial} is a partial result: --resume goes on from it, --force begins anew")
-    return refused
+    if resume or force:
+        return {}
+    return {
+        bag: partial_refused(partial) for bag, target in targets.items()
+        if isinstance(target, Path) and (partial := partial_of(target)).exists()
+    }
 
 
 def _check_workers(client: Any) -> None:

@@ -62,7 +62,7 @@ def check_day(folder: Place, *, again: bool) -> None:
 
 def write_day(
     output: Place, summaries: Sequence[Summary], options: ReplayOptions, *, again: bool = False
-) -> int:
+) -> None:
     """Write over all results of several recordings: page, table, NetCDF, Parquet, GeoJSON.
 
     Parameters
@@ -70,44 +70,28 @@ def write_day(
     output : Path or str
         That has the folders of the results; a path, or a URL that fsspec knows.
     summaries : sequence of Summary
-        Of all recordings, those that failed too.
+        Of all recordings, those that failed too. Nothing is written without any result.
     options : ReplayOptions
         What all were replayed with.
     again : bool
         Whether what an earlier run wrote there may be replaced.
-
-    Returns
-    -------
-    int
-        Number of recordings in it; nothing is written for none.
     """
-    results = _results(summaries)
+    results = sorted(
+        (s for s in summaries if not s.error and s.complete and s.synopsis is not None),
+        key=lambda s: s.synopsis.start if s.synopsis is not None else 0)
     if not results:
-        return 0
+        return
     # Checked again: files may have appeared during the replay.
     check_day(output, again=again)
     places = [place(summary.output) for summary in results]
-    with results_here(output, places, (MARK, "frames.csv")) as folder:
-        _write(folder, [
-            replace(summary, output=str(folder / summary.name)) for summary in summaries
-        ], options)
-    return len(results)
-
-
-def _results(summaries: Sequence[Summary]) -> list[Summary]:
-    """Return those with a result, by time."""
-    return sorted(
-        (s for s in summaries if not s.error and s.complete and s.synopsis is not None),
-        key=lambda s: s.synopsis.start if s.synopsis is not None else 0,
-    )
-
-
-def _write(folder: Path, summaries: Sequence[Summary], options: ReplayOptions) -> None:
-    results = _results(summaries)
-    with sole_writer(folder), gathered(folder, DAY, force=True) as work:
+    with (
+        results_here(output, places, (MARK, "frames.csv")) as folder,
+        sole_writer(folder), gathered(folder, DAY, force=True) as work,
+    ):
+        failed = [summary for summary in summaries if summary not in results]
+        results = [replace(summary, output=str(folder / summary.name)) for summary in results]
         _write_table(work, results, options)
-        write_index(work / "index.html", folder.resolve().name, results, [
-            summary for summary in summaries if summary not in results])
+        write_index(work / "index.html", folder.resolve().name, results, failed)
         _write_mark(work / DAY_MARK, summaries)
 
 
@@ -155,19 +139,7 @@ UNFINISHED = "not complete: --resume goes on from it"
 def write_index(
     path: Path, title: str, results: Sequence[Summary], failed: Sequence[Summary]
 ) -> None:
-    """Write the page over several results.
-
-    Parameters
-    ----------
-    path : Path
-        File to write; the folders of the results are beside where it will be.
-    title : str
-        Of the day.
-    results : sequence of Summary
-        In the order of their time, with their synopses.
-    failed : sequence of Summary
-        Recordings without a result.
-    """
+    """Write the page over several results, in the order of time, and recordings without one."""
     recordings = {
         summary.name: read_columns(
             Path(summary.output) / "frames.csv", [*dict.fromkeys((*NEEDED, *TRACK_COLUMNS))])

@@ -70,18 +70,12 @@ def read_columns(path: Path, names: Sequence[str]) -> dict[str, Array]:
     dict of str to ndarray, (n,) float64
         NaN for what is not known.
     """
-    rows = [[float(row[name] or "nan") for name in names] for row in read_rows(path)]
-    values = np.array(rows, np.float64).reshape(-1, len(names))
-    return {name: values[:, index] for index, name in enumerate(names)}
+    parts = list(slices(path, dict.fromkeys(names, Column("number", ""))))
+    return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
 
 def slices(path: Path, columns: Mapping[str, Column]) -> Iterator[dict[str, NDArray]]:
     """Yield a table's columns in slices of `ROWS`; one without rows where there are none.
-
-    Parameters
-    ----------
-    path : Path
-        The table.
 
     Yields
     ------
@@ -102,14 +96,7 @@ def slices(path: Path, columns: Mapping[str, Column]) -> Iterator[dict[str, NDAr
 
 
 def write_dictionary(table: Path, columns: Mapping[str, Column]) -> None:
-    """Write what the columns of a table are: names, units, definitions, standard names.
-
-    Parameters
-    ----------
-    table : Path
-        The table; the dictionary comes beside it.
-    columns : mapping of str to Column
-        Its columns, in order.
+    """Write beside a table what its columns are: names, units, definitions, standard names.
 
     References
     ----------

@@ -46,14 +46,8 @@ class Recording:
         Tells recordings apart.
     channels : dict of str to Channel
         Definitions by type of message.
-    ros1 : bool
-        How messages are serialised.
-    pipeline, node : PipelineConfig, NodeConfig
-        Parameters.
     topics : tuple of str
         Outputs to make of each frame.
-    match_original : bool
-        Whether the raw pair is matched too, for comparison.
     """
 
     key: str
@@ -66,10 +60,7 @@ class Recording:
 
     @classmethod
     def of(
-        cls,
-        reader: BagReader,
-        selection: Selection,
-        options: ReplayOptions,
+        cls, reader: BagReader, selection: Selection, options: ReplayOptions,
         topics: Collection[str],
     ) -> Recording:
         """Collect the options and topics that the frames of a recording share."""
@@ -183,15 +174,7 @@ READ_AHEAD = 2
 
 
 class FramePool:
-    """Pool for frames; see `frame_pool`.
-
-    Parameters
-    ----------
-    jobs : int
-        Processes; 1 works in this one.
-    executor : Executor, optional
-        Of the processes, where there are several.
-    """
+    """Pool for frames, of `frame_pool`: one process works in this one, without an executor."""
 
     def __init__(self, jobs: int, executor: Executor | None = None) -> None:
         self._jobs = jobs
@@ -204,18 +187,16 @@ class FramePool:
 
     def answers(self, items: Iterable[FrameTask | Other]) -> Iterator[FrameAnswer | Other]:
         """Yield the answers to tasks in the order of the items; hand on what is no task."""
-        if self._executor is None:
-            for item in items:
-                yield answer(item) if isinstance(item, FrameTask) else item
-            return
         waiting: deque[Future[FrameAnswer] | Other] = deque()
         tasks = 0
         for item in items:
-            if isinstance(item, FrameTask):
+            if not isinstance(item, FrameTask):
+                waiting.append(item)
+            elif self._executor is None:
+                yield answer(item)
+            else:
                 waiting.append(self._executor.submit(answer, item))
                 tasks += 1
-            else:
-                waiting.append(item)
             while waiting and (
                 tasks > self.read_ahead or not isinstance(waiting[0], Future)
                 or waiting[0].done()

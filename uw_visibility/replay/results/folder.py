@@ -42,6 +42,12 @@ def partial_of(target: Path) -> Path:
     return target.with_name(target.name + PARTIAL)
 
 
+def partial_refused(partial: Path) -> InputError:
+    """Return the error of a partial result that is neither to be resumed nor replaced."""
+    return InputError(
+        f"{partial} is a partial result: --resume goes on from it, --force begins anew")
+
+
 def places_of(target: Path) -> list[Path]:
     """Return all folders that a run with this target may replace."""
     partial = partial_of(target)
@@ -100,15 +106,6 @@ def read_state(folder: Path) -> dict[str, Any]:
 
 class ResultFolder:
     """Folder that a replay writes; it appears under its name when all is there.
-
-    Parameters
-    ----------
-    target : Path
-        Folder of the result.
-    force : bool
-        Whether a result there may be replaced.
-    resume : bool
-        Whether a partial result beside it is gone on from.
 
     Attributes
     ----------
@@ -197,9 +194,7 @@ class ResultFolder:
         elif force:
             RESULT.remove(self.work)
         else:
-            raise InputError(
-                f"{self.work} is a partial result: --resume goes on from it, --force begins anew"
-            )
+            raise partial_refused(self.work)
 
 
 def _never_begun(folder: Path) -> bool:
