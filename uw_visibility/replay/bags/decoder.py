@@ -18,14 +18,9 @@ IDL_SEPARATOR = "=" * 80 + "\n"
 
 
 class Decoder:
-    """Decoder of messages. Each type has its own type store: a bad definition spoils no other.
+    """Decoder of messages, by channels of their types, as ROS 2 or ROS 1 serialises them.
 
-    Parameters
-    ----------
-    channels : mapping of str to Channel
-        Topics by type; their definitions are used.
-    ros1 : bool
-        Whether messages are serialised as in ROS 1.
+    Each type has its own type store: a bad definition spoils no other.
     """
 
     def __init__(self, channels: Mapping[str, Channel], ros1: bool) -> None:

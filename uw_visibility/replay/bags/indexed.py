@@ -39,13 +39,7 @@ FOOTER, FOOTER_SIZE = struct.Struct("<QQI8s"), 28
 
 
 def open_file(path: Path) -> Storage:
-    """Open one file of a recording, damaged or not.
-
-    Parameters
-    ----------
-    path : Path
-        A .mcap, .db3 or .bag file.
-    """
+    """Open one file of a recording, .mcap, .db3 or .bag, damaged or not."""
     if path.suffix not in SUFFIXES:
         raise InputError(
             f"{path} is no recording: give a .mcap, .db3 or .bag file, or the folder of a bag"
@@ -130,7 +124,7 @@ def _after(read: Counter[str], rest: Storage, part: Part) -> Iterator[Recorded]:
 
 def _check_index(path: Path) -> None:
     """Raise ValueError for an MCAP index that is missing or differs from its checksum."""
-    with Source.of(path) as source:
+    with Source(path) as source:
         end = source.read(source.size - FOOTER_SIZE, FOOTER_SIZE)
         begin, _, checksum, magic = FOOTER.unpack(end)
         if magic != MAGIC:

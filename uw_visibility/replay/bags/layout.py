@@ -43,17 +43,9 @@ class Layout:
 
 
 def find_files(path: Path) -> Layout:
-    """Find the files of a recording.
+    """Find the files of a recording: a folder of ROS 2, one of its files, or a file of ROS 1.
 
-    Parameters
-    ----------
-    path : Path
-        Folder of a ROS 2 bag, one of its files, or file of a ROS 1 bag.
-
-    Raises
-    ------
-    InputError
-        If there is no recording; `UnreadableError` if all its files are missing.
+    Raises `InputError` if there is none; `UnreadableError` if all its files are missing.
     """
     try:
         mode = path.stat().st_mode

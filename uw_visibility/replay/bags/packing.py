@@ -40,13 +40,7 @@ class PackingError(Exception):
 
 
 class Unpacked(NamedTuple):
-    """Decompressed data, as far as they go.
-
-    Attributes
-    ----------
-    problem : str
-        Why they end early; empty where they are whole.
-    """
+    """Decompressed data as far as they go, and why they end early: empty where they are whole."""
 
     data: bytes
     problem: str
@@ -109,18 +103,7 @@ def unpack_part(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> Unpa
 
 
 def unpack_file(source: Path, target: Path) -> str:
-    """Decompress a file of Zstandard as far as it goes.
-
-    Parameters
-    ----------
-    source, target : Path
-        Packed file, and the file to write.
-
-    Returns
-    -------
-    str
-        Why it ended early; empty where it did not.
-    """
+    """Decompress a file of Zstandard as far as it goes; returns why it ended early, or nothing."""
     packed_size = source.stat().st_size
     most = min(
         max(LARGEST_RATIO * packed_size, MOST_AT_ONCE),

@@ -38,13 +38,7 @@ RECORD = re.compile(
 
 
 class McapSalvage:
-    """Reads an MCAP file record by record from its start; a `Storage`.
-
-    Parameters
-    ----------
-    path : Path
-        File, which may be damaged anywhere.
-    """
+    """Reads an MCAP file, damaged anywhere, record by record from its start; a `Storage`."""
 
     span = None
 
@@ -71,7 +65,7 @@ class McapSalvage:
         """Nothing is open between two scans."""
 
     def _scan(self, messages: bool) -> Iterator[Recorded]:
-        with Source.of(self._path) as source:
+        with Source(self._path) as source:
             # The first bytes may be damaged like any others.
             yield from self._records(source, len(MAGIC), messages, chunks=True)
 
@@ -143,9 +137,12 @@ class McapSalvage:
         if kind == CHUNK:
             length = _chunk_length(source, at)
             return length is not None and at + HEAD + length <= source.size
-        content = source.read(at + HEAD, 2)
-        return kind == MESSAGE and len(content) == 2 and (
-            struct.unpack("<H", content)[0] in self._by_id)
+        return kind == MESSAGE and self._is_known(source, at)
+
+    def _is_known(self, source: Source, at: int) -> bool:
+        """Tell whether the channel of a message is known."""
+        number = source.read(at + HEAD, 2)
+        return len(number) == 2 and struct.unpack("<H", number)[0] in self._by_id
 
     def _next(self, source: Source, at: int, chunks: bool) -> int | None:
         """Return the place of the next plausible record."""
@@ -154,11 +151,11 @@ class McapSalvage:
             if kind == CHUNK and chunks:
                 if length == _chunk_length(source, place):
                     return place
-            elif kind == MESSAGE and length >= MESSAGE_FIELDS:
-                content = source.read(place + HEAD, 2)
-                known = len(content) == 2 and struct.unpack("<H", content)[0] in self._by_id
-                if known and self._begins(source, place + HEAD + length):
-                    return place
+            elif (
+                kind == MESSAGE and length >= MESSAGE_FIELDS and self._is_known(source, place)
+                and self._begins(source, place + HEAD + length)
+            ):
+                return place
         return None
 
     def _chunk(self, content: bytes, messages: bool) -> Iterator[Recorded]:
@@ -172,7 +169,7 @@ class McapSalvage:
         elif checksum and zlib.crc32(records[:size]) != checksum:
             self._losses[DIFFER] += 1
         if records:
-            yield from self._records(Source.of(records), 0, messages, chunks=False)
+            yield from self._records(Source(records), 0, messages, chunks=False)
 
     def _describe(self, kind: int, content: BytesIO) -> None:
         (number,) = struct.unpack("<H", content.read(2))
@@ -189,12 +186,11 @@ class McapSalvage:
 def _chunk_length(source: Source, at: int) -> int | None:
     """Return the length of a chunk's content by its fields, or None where it is truncated."""
     head = source.read(at + HEAD, CHUNK_FIELDS + 16)
-    if len(head) < CHUNK_FIELDS + 12:
+    try:
+        (name,) = struct.unpack_from("<I", head, CHUNK_FIELDS)
+        (packed,) = struct.unpack_from("<Q", head, CHUNK_FIELDS + 4 + name)
+    except struct.error:
         return None
-    (name,) = struct.unpack_from("<I", head, CHUNK_FIELDS)
-    if len(head) < CHUNK_FIELDS + 12 + name:
-        return None
-    (packed,) = struct.unpack_from("<Q", head, CHUNK_FIELDS + 4 + name)
     return int(CHUNK_FIELDS + 12 + name + packed)
 
 

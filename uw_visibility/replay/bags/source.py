@@ -25,36 +25,14 @@ class LimitError(Exception):
 
 
 class Source:
-    """Random access to the bytes of a file or of a chunk.
+    """Random access to the bytes of a file, or of a chunk in memory, of `size` bytes."""
 
-    Parameters
-    ----------
-    file : BinaryIO
-        A file that is open, or one in memory; closed with this.
-
-    Attributes
-    ----------
-    size : int
-        Bytes.
-    """
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-        self.size = file.seek(0, io.SEEK_END)
-
-    @classmethod
-    def of(cls, content: Path | bytes) -> Source:
-        """Open a file, or bytes in memory."""
-        return cls(open_regular(content) if isinstance(content, Path) else io.BytesIO(content))
+    def __init__(self, content: Path | bytes) -> None:
+        self._file = open_regular(content) if isinstance(content, Path) else io.BytesIO(content)
+        self.size = self._file.seek(0, io.SEEK_END)
 
     def read(self, at: int, length: int) -> bytes:
-        """Return bytes from a place on; fewer where they end before.
-
-        Raises
-        ------
-        LimitError
-            If these are more than are held at once.
-        """
+        """Return bytes from a place on, fewer where they end before; LimitError for too many."""
         length = max(0, min(length, self.size - at)) if at >= 0 else 0
         if length > MOST_AT_ONCE:
             raise LimitError(f"a record claims {length} bytes")
@@ -70,15 +48,11 @@ class Source:
                     yield at + match.start()
             at += BLOCK
 
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
     def __enter__(self) -> Source:
         return self
 
     def __exit__(self, *details: object) -> None:
-        self.close()
+        self._file.close()
 
 
 class _LimitedFile(io.BufferedReader):

@@ -10,19 +10,7 @@ from typing import NamedTuple, Protocol
 
 
 class Recorded(NamedTuple):
-    """Recorded message, serialised.
-
-    Attributes
-    ----------
-    topic : str
-        Topic.
-    type : str
-        Type of message, such as ``sensor_msgs/msg/Image``.
-    time : int
-        When it was received, in ns.
-    data : bytes
-        The serialised message.
-    """
+    """Recorded message, serialised: type such as ``sensor_msgs/msg/Image``, time received in ns."""
 
     topic: str
     type: str
@@ -36,8 +24,6 @@ class Channel:
 
     Attributes
     ----------
-    topic, type : str
-        Name, and type of its messages.
     format : str
         Of the definition: "msg", "idl", or "" where there is none.
     definition : str
@@ -54,15 +40,7 @@ class Channel:
 
 
 class Part(NamedTuple):
-    """Topics and times that are asked for.
-
-    Attributes
-    ----------
-    topics : collection of str or None
-        None for all.
-    start, stop : int or None
-        Times that messages are from, and before, ns since 1970.
-    """
+    """Topics and times that are asked for: from `start` to before `stop`, ns; None is no limit."""
 
     topics: Collection[str] | None = None
     start: int | None = None
