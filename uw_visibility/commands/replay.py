@@ -120,11 +120,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Run the sub-command."""
     with reading("replay"):
-        options = _options(arguments)
+        from uw_visibility.replay.stores import expand
+
+        options, bags = _options(arguments), expand(arguments.bags)
         if arguments.list:
-            _list_all(_expanded(arguments.bags), options)
+            _list_all(bags, options)
             return
-        targets = _targets(_expanded(arguments.bags), arguments.output)
+        targets = _targets(bags, arguments.output)
         from uw_visibility.replay.day import check_day, write_day
 
         _refuse_inputs(arguments, targets)
@@ -179,13 +181,6 @@ def _replay(
 
     tell("preparing; the first run compiles, for about a minute")
     return replay_bags(targets, options, jobs=jobs(arguments), **flags)
-
-
-def _expanded(bags: list[Place]) -> list[Place]:
-    """Return all recordings that are named, those that wildcards in URLs stand for too."""
-    from uw_visibility.replay.stores import expand
-
-    return [each for bag in bags for each in expand(bag)]
 
 
 def _targets(bags: list[Place], output: Place | None) -> dict[Place, Place]:

@@ -78,18 +78,22 @@ def absolute(where: Place) -> Place:
     return where.resolve() if isinstance(where, Path) else where
 
 
-def expand(where: Place) -> list[Place]:
-    """Return the places that a URL with wildcards names, which no shell expands; else itself.
+def expand(places: Iterable[Place]) -> list[Place]:
+    """Return places, and what URLs with wildcards among them name, which no shell expands.
 
-    Raises `InputError` if there are none, or the store cannot be read.
+    Raises `InputError` if one names nothing, or its store cannot be read.
     """
-    if isinstance(where, Path) or "*" not in where:
-        return [where]
-    with _opened(where) as (store, path):
-        found = [str(store.unstrip_protocol(name)) for name in sorted(store.glob(path))]
-    if not found:
-        raise InputError(f"nothing is at {where}")
-    return list(found)
+    found: list[Place] = []
+    for where in places:
+        if isinstance(where, Path) or "*" not in where:
+            found.append(where)
+            continue
+        with _opened(where) as (store, path):
+            names = sorted(store.glob(path))
+        if not names:
+            raise InputError(f"nothing is at {where}")
+        found += [str(store.unstrip_protocol(name)) for name in names]
+    return found
 
 
 def recording_name(bag: Place) -> str:
@@ -123,8 +127,7 @@ def recordings_here(bags: Sequence[Place]) -> Iterator[list[Path]]:
     Raises `InputError` if one cannot be fetched.
     """
     with ExitStack() as fetched:
-        yield [
-            fetched.enter_context(recording_here(bag)) for each in bags for bag in expand(each)]
+        yield [fetched.enter_context(recording_here(bag)) for bag in expand(bags)]
 
 
 @contextmanager

@@ -132,16 +132,16 @@ def test_every_row_comes_out_once_and_in_order(frames: list[bool], restart: int)
             out += joiner.add_frame(record(time))
         else:
             out += joiner.add(sensor(time, 1.0))
-            out += joiner.add(Position(round(time * 1e9), False, 0.0, 0.0, 0.0))
+            out += joiner.add(Position(round(time * 1e9), False, 0.0, 0.0))
     out += joiner.finish()
     assert [j.record.stamp for j in out] == stamps
 
 
 def test_positions_are_interpolated_and_become_longitude_and_latitude() -> None:
     joiner = Joiner(replace(CONFIG, sensor_type="none"), True, origin=(60.0, 10.0))
-    list(joiner.add(Position(1_000_000_000, False, 0.0, 0.0, 0.0)))
+    list(joiner.add(Position(1_000_000_000, False, 0.0, 0.0)))
     assert list(joiner.add_frame(record(2.0))) == []
-    (joined,) = joiner.add(Position(3_000_000_000, False, 200.0, 400.0, 0.0))
+    (joined,) = joiner.add(Position(3_000_000_000, False, 200.0, 400.0))
     assert (joined.x, joined.y) == (100.0, 200.0)
     # A degree of latitude is 111.2 km; one of longitude half as much at 60 degrees north.
     assert joined.latitude == pytest.approx(60.0 + 0.2 / 111.195, abs=1e-6)
@@ -154,7 +154,7 @@ def test_a_fix_is_read_and_none_where_there_is_none() -> None:
     fix = SimpleNamespace(
         header=header, status=SimpleNamespace(status=0), latitude=1.0, longitude=2.0, altitude=0.0
     )
-    assert read_position(fix) == Position(1_000_000_005, True, 2.0, 1.0, 0.0)
+    assert read_position(fix) == Position(1_000_000_005, True, 2.0, 1.0)
     fix.status.status = -1
     assert read_position(fix) is None
     fix.status.status, fix.latitude = 0, float("nan")
@@ -166,9 +166,9 @@ def test_positions_across_the_date_line_stay_there(step: float) -> None:
     joiner = Joiner(replace(CONFIG, sensor_type="none"), True)
     side = np.sign(step)
     before, beyond = side * (180.0 - abs(step) / 2), -side * (180.0 - abs(step) / 2)
-    list(joiner.add(Position(1_000_000_000, True, before, 10.0, 0.0)))
+    list(joiner.add(Position(1_000_000_000, True, before, 10.0)))
     assert list(joiner.add_frame(record(2.5))) == []
-    (joined,) = joiner.add(Position(3_000_000_000, True, beyond, 10.0, 0.0))
+    (joined,) = joiner.add(Position(3_000_000_000, True, beyond, 10.0))
     # Three quarters of the way, a quarter beyond the line.
     assert joined.longitude == pytest.approx(-side * 179.999, abs=1e-9)
     assert geographic(2000.0, 0.0, (0.0, 179.99))[0] == pytest.approx(-179.992, abs=1e-3)

@@ -37,20 +37,12 @@ class ReplayOptions:
         Type of the depth sensor, where it is given.
     infos : tuple of two CameraInfo, or None
         Calibration to use instead of the recording's.
-    start : float
-        Seconds of the recording that are left out.
-    duration : float
-        Seconds that are replayed.
-    every : int
-        One frame of so many is processed.
-    images : int
-        One frame of so many is written to ``images/``; 0 for none.
-    video : bool
-        Whether ``video.mp4`` is written.
-    geo : bool
-        Whether ``frames.geojson`` is written.
-    netcdf, parquet : bool
-        Whether ``frames.nc`` or ``frames.parquet`` is written.
+    start, duration : float
+        Seconds of the recording that are left out, and that are replayed.
+    every, images : int
+        One frame of so many is processed, or written to ``images/``; 0 for none.
+    video, geo, netcdf, parquet : bool
+        Whether ``video.mp4`` and ``frames`` in these formats are written.
     all_topics : bool
         Whether ``results.mcap`` holds all that the Foxglove layout shows.
     match_original : bool

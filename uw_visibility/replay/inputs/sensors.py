@@ -29,10 +29,7 @@ EARTH_RADIUS = 6371008.8
 class Track(Generic[Value]):
     """Buffer of values by rising stamp, between which frames are placed.
 
-    Parameters
-    ----------
-    longest_gap : float
-        Values further apart than this are not neighbours, s.
+    Values further apart than `longest_gap`, s, are not neighbours.
     """
 
     def __init__(self, longest_gap: float) -> None:
@@ -49,10 +46,6 @@ class Track(Generic[Value]):
         """Tell whether values go as far as a stamp."""
         return bool(self._values) and self._values[-1].stamp >= stamp
 
-    def follows(self, stamp: int) -> bool:
-        """Tell whether values begin after a stamp, or there are none."""
-        return not self._values or self._values[0].stamp > stamp
-
     def forget_before(self, stamp: int) -> None:
         """Drop what is not needed for stamps from this one on."""
         while len(self._values) > 1 and self._values[1].stamp <= stamp:
@@ -64,21 +57,12 @@ class Track(Generic[Value]):
 
 
 class Position(NamedTuple):
-    """Position at a stamp (ns).
-
-    Attributes
-    ----------
-    geographic : bool
-        Whether the coordinates are longitude and latitude in degrees, or metres.
-    x, y, z : float
-        Longitude or x, latitude or y, and height.
-    """
+    """Position at a stamp (ns): longitude and latitude in degrees if `geographic`, or metres."""
 
     stamp: int
     geographic: bool
     x: float
     y: float
-    z: float
 
 
 def read_position(message: Any) -> Position | None:
@@ -87,23 +71,18 @@ def read_position(message: Any) -> Position | None:
     Raises `InputError` if a fix is nowhere on Earth.
     """
     stamp = stamp_to_nanoseconds(message.header.stamp)
-    if hasattr(message, "latitude"):
-        if message.status.status < 0:
-            return None
-        values = (message.longitude, message.latitude, message.altitude)
-    else:
-        point = message.pose.pose.position
-        values = (point.x, point.y, point.z)
-    x, y, z = (float(v) for v in values)
+    is_fix = hasattr(message, "latitude")
+    if is_fix and message.status.status < 0:
+        return None
+    place = message if is_fix else message.pose.pose.position
+    x, y = map(float, (place.longitude, place.latitude) if is_fix else (place.x, place.y))
     if not (math.isfinite(x) and math.isfinite(y)):
         return None
-    if not hasattr(message, "latitude"):
-        return Position(stamp, False, x, y, z)
-    if abs(y) > 90.0 or abs(x) > 360.0:
+    if is_fix and (abs(y) > 90.0 or abs(x) > 360.0):
         raise InputError(
             "a fix has a latitude beyond 90 or a longitude beyond 360 degrees: publish degrees, "
             "WGS 84")
-    return Position(stamp, True, wrap_longitude(x), y, z)
+    return Position(stamp, is_fix, wrap_longitude(x) if is_fix else x, y)
 
 
 def wrap_longitude(degrees: float) -> float:
@@ -119,7 +98,7 @@ class PositionTrack(Track[Position]):
 
     def lack(self, stamp: int) -> str:
         """Say why there is no position at a stamp."""
-        if self.follows(stamp):
+        if not self._values or self._values[0].stamp > stamp:
             return "before the first fix"
         if not self.reaches(stamp):
             return "beyond the last fix"
@@ -133,12 +112,8 @@ class PositionTrack(Track[Position]):
         before, after, share = found
         # Unwrap longitudes across the date line.
         end = wrap_longitude(after.x - before.x) + before.x if after.geographic else after.x
-        x, y, z = (
-            a + share * (b - a)
-            for a, b in zip(before[2:], (end, after.y, after.z), strict=True)
-        )
-        return Position(
-            stamp, after.geographic, wrap_longitude(x) if after.geographic else x, y, z)
+        x, y = before.x + share * (end - before.x), before.y + share * (after.y - before.y)
+        return Position(stamp, after.geographic, wrap_longitude(x) if after.geographic else x, y)
 
 
 def geographic(x: float, y: float, origin: tuple[float, float]) -> tuple[float, float]:
@@ -191,16 +166,8 @@ class ScalarTopic:
         return "joined_" + re.sub(r"\W+", "_", str(self)).strip("_").lower()
 
     def read(self, message: Any, arrival: int) -> ScalarValue:
-        """Read the value of a message.
-
-        Parameters
-        ----------
-        message : object
-            Of the topic.
-        arrival : int
-            When it was received, ns: its time where it has no header.
-        """
-        value = self._value(message)
+        """Read the value of a message; without a header, its time is that of arrival, ns."""
+        value = self.number(message)
         if not abs(value) <= LARGEST:
             raise InputError(f"{self} is {value:g}: only finite numbers are joined, of up to "
                              f"{LARGEST:.2g}")
@@ -208,11 +175,8 @@ class ScalarTopic:
         stamp = 0 if header is None else stamp_to_nanoseconds(header.stamp)
         return ScalarValue(self, stamp or arrival, value)
 
-    def check(self, message: Any) -> None:
-        """Refuse a message without the field."""
-        self._value(message)
-
-    def _value(self, message: Any) -> float:
+    def number(self, message: Any) -> float:
+        """Return the number in a message; `InputError` without the field."""
         if not self.field:
             found = list(_numbers(message, ""))
             if len(found) != 1:
@@ -229,13 +193,7 @@ class ScalarTopic:
 
 
 class ScalarValue(NamedTuple):
-    """A value of a joined topic.
-
-    Attributes
-    ----------
-    stamp : int
-        ns.
-    """
+    """A value of a joined topic at a stamp (ns)."""
 
     source: ScalarTopic
     stamp: int
@@ -272,7 +230,7 @@ def check_join(reader: BagReader, join: ScalarTopic) -> None:
     check_topic(reader.channels, join.topic)
     first = next(reader.messages([join.topic]), None)
     if first is not None:
-        join.check(reader.deserialize(first))
+        join.number(reader.deserialize(first))
 
 
 def _part(value: Any, part: str) -> Any:

@@ -34,7 +34,7 @@ from uw_visibility.stereo.calibration import CameraCalibration
 
 
 class RecordedFrame(NamedTuple):
-    """Recorded stereo frame.
+    """Recorded stereo frame: images, and each CameraInfo recorded or as given.
 
     Attributes
     ----------
@@ -44,10 +44,6 @@ class RecordedFrame(NamedTuple):
         When the left image was received, ns.
     stamp, right_stamp : int
         Stamps of the images, ns.
-    left, right : Recorded
-        Images.
-    left_info, right_info : Recorded or object
-        CameraInfo: recorded, or as given.
     """
 
     number: int
@@ -87,12 +83,8 @@ class InputStream:
 
     Attributes
     ----------
-    selection : Selection
-        Topics used.
     plausibility : PlausibilityConfig
         The configuration, with the type of the sensor found.
-    synchronizer : Synchronizer
-        Knows what came in and what was dropped.
     problems : Counter of str
         Messages that could not be used, by reason.
     frames : int

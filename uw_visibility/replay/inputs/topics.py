@@ -48,20 +48,14 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Selection:
-    """Topics used.
+    """Topics used, as `Wanted` has them.
 
     Attributes
     ----------
-    left, right : str
-        Images, raw or compressed.
     left_info, right_info : str or None
-        CameraInfo; None where the calibration comes from files.
-    depth : str or None
-        Depth sensor.
+        None where the calibration comes from files.
     sensor_type : str
-        Type of its messages, as ``plausibility.sensor_type`` names it.
-    position : str or None
-        NavSatFix or Odometry.
+        Type of the depth sensor's messages, as ``plausibility.sensor_type`` names it.
     notes : list of str
         What was chosen among others.
     """
@@ -102,10 +96,8 @@ def find_topics(
 
     Parameters
     ----------
-    channels : mapping of str to Channel
-        What the recording has.
-    wanted : Wanted
-        What is given.
+    channels, wanted : mapping of str to Channel, Wanted
+        What the recording has, and what is given.
     rectify : bool
         Whether raw images are looked for, rather than rectified ones.
     calibrated : bool

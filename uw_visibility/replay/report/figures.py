@@ -93,8 +93,8 @@ def draw_series(columns: Columns, recordings: Sequence[str] = ()) -> list[Series
     if not len(columns["stamp"]):
         return []
     needed = (*NEEDED, "recording") if recordings else NEEDED
-    together = neighbours(len(columns["stamp"]), MOST_POINTS)
-    thinned = thin({name: columns[name] for name in needed}, MOST_POINTS)
+    together = neighbours(len(columns["stamp"]))
+    thinned = thin({name: columns[name] for name in needed})
     time = clock_time(thinned["stamp"])
     found = [
         (quantity.title, draw(
@@ -115,15 +115,15 @@ def draw_series(columns: Columns, recordings: Sequence[str] = ()) -> list[Series
     return [Series(title, drawing, start, end, together) for title, drawing in found]
 
 
-def neighbours(count: int, most: int) -> int:
+def neighbours(count: int) -> int:
     """Return how many neighbouring frames make one point."""
-    return max(-(-count // most), 1)
+    return max(-(-count // MOST_POINTS), 1)
 
 
-def thin(columns: Columns, most: int) -> dict[str, Array]:
-    """Reduce columns to at most so many rows: medians of neighbouring frames."""
+def thin(columns: Columns) -> dict[str, Array]:
+    """Reduce columns to `MOST_POINTS` rows at most: medians of neighbouring frames."""
     count = len(columns["stamp"])
-    together = neighbours(count, most)
+    together = neighbours(count)
     if together == 1:
         return dict(columns)
     found = {}

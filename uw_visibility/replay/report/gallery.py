@@ -35,14 +35,9 @@ LEFT_TOPIC, DISPARITY_TOPIC = "/left/enhanced/image", "/disparity"
 
 
 class ColourScale(NamedTuple):
-    """Colour scale: the disparities that the ends of the colours stand for.
+    """Colour scale: the disparities, px, that the ends of the colours stand for.
 
-    Attributes
-    ----------
-    low, high : float
-        Disparities, px.
-    focal_baseline : float
-        Focal length times baseline, px m: range times disparity.
+    `focal_baseline` is focal length times baseline, px m: range times disparity.
     """
 
     low: float
@@ -82,12 +77,7 @@ def gradient() -> str:
 
 
 class Picture(NamedTuple):
-    """A frame's images, RGB uint8 (H, W, 3) each, and its row of the table.
-
-    Attributes
-    ----------
-    raw, enhanced, disparity : (H, W, 3) uint8 ndarray
-    """
+    """A frame's images, RGB uint8 (H, W, 3) each, and its row of the table."""
 
     row: dict[str, str]
     raw: Image8
@@ -112,16 +102,7 @@ class Picture(NamedTuple):
 
 
 class Gallery:
-    """Pictures of a result's frames, from it and from the recording.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the result, with its table and messages.
-    reader : BagReader
-        The recording, for the raw images.
-    selection : Selection
-        Topics used.
+    """Pictures of a result's frames, from its folder and, raw ones, from the recording.
 
     Attributes
     ----------
@@ -144,13 +125,7 @@ class Gallery:
             self.scale = ColourScale.of(message for message in found if message is not None)
 
     def pictures(self, frames: Collection[str] | None = None) -> Iterator[Picture]:
-        """Yield pictures of frames, in order.
-
-        Parameters
-        ----------
-        frames : collection of str, optional
-            Numbers of the frames; all. Those without result are left out.
-        """
+        """Yield pictures of the frames of these numbers, or of all, in order; only of results."""
         with BagReader(self._folder / NAME) as results:
             for row in read_rows(self._folder / "frames.csv"):
                 if row["reason"] or (frames is not None and row["frame"] not in frames):

@@ -63,19 +63,7 @@ TOPIC_TITLES = {"depth": "depth sensor", "left_info": "left camera_info",
 def write_report(
     folder: Path, gallery: Gallery, summary: Summary, joins: Sequence[Mapping[str, Any]] = ()
 ) -> None:
-    """Write ``report.html``.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the result, with its table.
-    gallery : Gallery
-        Pictures of its frames.
-    summary : Summary
-        What the replay did.
-    joins : sequence of mapping
-        Sections of the joined topics, of `fit_joins`.
-    """
+    """Write ``report.html`` to a result's folder; `joins` are the sections of `fit_joins`."""
     columns = read_columns(
         folder / "frames.csv", [*dict.fromkeys((*NEEDED, *TRACK_COLUMNS, *OVERVIEW_COLUMNS))]
     )
@@ -446,7 +434,7 @@ def _left(fit: LineFit) -> str:
 def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Markup:
     both = np.isfinite(columns[AGAINST]) & np.isfinite(columns[name])
     known = {key: values[both] for key, values in columns.items()}
-    chosen = figures.thin(known, figures.MOST_POINTS)
+    chosen = figures.thin(known)
     x, x_stddev, y = chosen[AGAINST], chosen[f"{AGAINST}_stddev"], chosen[name]
 
     def paint(figure: Figure, narrow: bool) -> list[Spot]:

@@ -21,13 +21,7 @@ from uw_visibility.errors import printable
 
 
 class Shade(NamedTuple):
-    """Colour in light and in dark.
-
-    Attributes
-    ----------
-    light, dark : str
-        As ``#rrggbb``.
-    """
+    """Colour in light and in dark, as ``#rrggbb``."""
 
     light: str
     dark: str
@@ -87,10 +81,7 @@ def themed(svg: str) -> str:
 class Spot(NamedTuple):
     """Part of a drawing that shows a text when it is pointed at.
 
-    Attributes
-    ----------
-    left, right : float
-        In units of the axes; it is as high as they are.
+    It is as high as the axes, from `left` to `right` in their units.
     """
 
     axes: Any

@@ -16,7 +16,7 @@ from matplotlib.ticker import ScalarFormatter
 from uw_visibility.errors import printable
 from uw_visibility.images.arrays import Array
 from uw_visibility.replay.inputs.sensors import EARTH_RADIUS, wrap_longitude
-from uw_visibility.replay.report.figures import MOST_POINTS, Columns, thin
+from uw_visibility.replay.report.figures import Columns, thin
 from uw_visibility.replay.report.sentences import amount, number
 from uw_visibility.replay.report.svg import HOLLOW, INK, NARROW, RULE, WIDE, Spot, draw, fit_layout
 
@@ -86,7 +86,7 @@ def draw_tracks(recordings: Mapping[str, Columns]) -> list[Markup]:
 
 
 def _track(name: str, columns: Columns, names: tuple[str, str], quantity: str) -> _Track:
-    columns = thin({column: columns[column] for column in TRACK_COLUMNS}, MOST_POINTS)
+    columns = thin({column: columns[column] for column in TRACK_COLUMNS})
     x, y = (columns[axis] for axis in names)
     known = np.isfinite(x) & np.isfinite(y)
     return _Track(name, x[known], y[known], columns[quantity][known])

@@ -30,10 +30,6 @@ class Summary:
 
     Attributes
     ----------
-    bag, output : str
-        Recording and folder of the result.
-    complete : bool
-        Whether the recording was replayed to its end.
     frames, resumed : int
         Rows of the table, and those of an earlier part among them.
     status, visibility_status, depth_status, reasons : Counter of str
@@ -48,8 +44,6 @@ class Summary:
         What was not assessable in which frames.
     dropped : Counter of str
         Images that became part of no frame, by reason.
-    damage : list of str
-        What could not be read.
     lacks : list of str
         What was to be joined and is not in this one of several recordings.
     error : str
@@ -60,14 +54,10 @@ class Summary:
         Topics used, by purpose.
     seconds : float
         Duration of the replay.
-    provenance : dict
-        Version, parameters and hash of the input.
-    plausibility : Report or None
-        Of the depth sensor.
     verdicts : Counter of str
-        Frames by verdict of the plausibility test.
+        Frames by verdict of the depth sensor's plausibility.
     synopsis : Synopsis or None
-        Of visibility as a whole; None before the end.
+        None before the end.
     """
 
     bag: str
