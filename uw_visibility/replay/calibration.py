@@ -75,22 +75,10 @@ class CalibrationSeries:
 def calibrate_recordings(
     bags: Sequence[Path], options: ReplayOptions, *, jobs: int = 1
 ) -> tuple[Calibration, CalibrationSeries]:
-    """Find the camera's white and the water type that fit a depth sensor.
+    """Find the camera's white and the water type that fit a depth sensor, and from what.
 
-    Parameters
-    ----------
-    bags : sequence of Path
-        Recordings with one camera in one water.
-    options : ReplayOptions
-        Parameters, topics, and the part to use.
-    jobs : int
-        Processes. The result does not depend on it.
-
-    Returns
-    -------
-    Calibration
-    CalibrationSeries
-        What it was found from.
+    The recordings are of one camera in one water. The result does not depend on `jobs`, the
+    number of processes.
     """
     # The prior on the light's colour uses the white reference and water type that are sought,
     # and would pull the estimates to the given ones.

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TextIO, TypeVar
+from typing import Any, TypeVar
 
 from uw_visibility.errors import LONGEST_MESSAGE, printable, refusing
 
@@ -21,25 +21,13 @@ class Progress:
     """Progress: frames done, rate, and time left.
 
     The clock begins with the first frame that is done: before it, kernels are compiled or
-    loaded, which says nothing of the time that frames take.
-
-    Parameters
-    ----------
-    name : str
-        What is replayed.
-    total : int or None
-        Frames expected, where that is known.
-    stream : TextIO, optional
-        Where to; standard error.
-    tell : callable, optional
-        What takes lines in place of the stream.
+    loaded, which says nothing of the time that frames take. Lines go to `tell` where it is
+    given, and else to standard error.
     """
 
     def __init__(
-        self, name: str, total: int | None, stream: TextIO | None = None,
-        tell: Callable[[str], object] | None = None,
+        self, name: str, total: int | None, tell: Callable[[str], object] | None = None
     ) -> None:
-        self._stream = stream or sys.stderr
         self._tell = tell
         self._name = name
         self._total = total
@@ -63,16 +51,16 @@ class Progress:
             if self._tell is not None:
                 self._tell(line)
             else:
-                print(line, file=self._stream, flush=True)
+                print(line, file=sys.stderr, flush=True)
 
     def _start(self) -> None:
         self._begin = self._told = time.monotonic()
-        if self._tell is None and self._stream.isatty():
+        if self._tell is None and sys.stderr.isatty():
             from tqdm import tqdm
 
             # What is there to begin with does not count for the rate.
             self._bar = tqdm(
-                desc=self._name, total=self._total, file=self._stream, unit="frame",
+                desc=self._name, total=self._total, file=sys.stderr, unit="frame",
                 dynamic_ncols=True, initial=1,
             )
 
@@ -117,12 +105,7 @@ def progress_bar(
 def progress_log(path: Path | None, name: str) -> Iterator[logging.Logger | None]:
     """Open a log of long work, with dated lines: its begin, its progress, its end or failure.
 
-    Parameters
-    ----------
-    path : Path or None
-        File to add to; None yields None.
-    name : str
-        What the work is.
+    Lines are added to a file that is there; without a path there is no log, None.
     """
     if path is None:
         yield None

@@ -31,12 +31,8 @@ class FrameEstimate:
         Of the frame alone.
     rig : StereoRig
         The filter begins anew with another one.
-    field_of_view : float
-        Of the left image, rad.
-    header : ImageHeader
-        Of the left image.
-    matched_fraction_original : float or None
-        See `uw_visibility.pipeline.result`.
+    field_of_view, header : float, ImageHeader
+        Of the left image; rad.
     """
 
     water: WaterEstimate
@@ -70,7 +66,7 @@ class FrameEstimate:
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """What became of a frame by itself.
+    """What became of a frame by itself: an estimate, or the reason why it has none.
 
     Attributes
     ----------
@@ -80,10 +76,6 @@ class FrameRecord:
         Of its images, ns.
     time : int
         When the left image was received, ns.
-    reason : str
-        Why it gave no result; empty where it did.
-    estimate : FrameEstimate or None
-        None without a result.
     """
 
     frame: int
@@ -100,22 +92,14 @@ class JoinedFrame:
 
     Attributes
     ----------
-    record : FrameRecord
-        The frame by itself.
-    filtered : FilteredWater or None
-        Of the filter over frames.
     sensor : DepthSample or None
         The depth sensor's value at the frame's stamp.
     comparison : Comparison or None
         Of the estimate with the sensor; None where they were not compared.
-    verdict : Verdict or None
-        Of the sensor's plausibility; None without a sensor.
-    verdict_reason : str
-        Why it is not ok.
-    longitude, latitude : float
-        Degrees; NaN where they are not known.
-    x, y : float
-        Position in metres; NaN where it is not known.
+    verdict, verdict_reason : Verdict or None, str
+        Of the sensor's plausibility, and why that is not ok; None without a sensor.
+    longitude, latitude, x, y : float
+        Degrees, and a position in metres; NaN where they are not known.
     scalars : tuple of float
         Values of the joined topics; NaN where they are not known.
     """

@@ -82,16 +82,9 @@ class FrameTask:
 
 @dataclass(frozen=True)
 class FrameAnswer:
-    """Answer to a frame's task: record, messages and timing.
+    """Answer to a frame's task: record, durations of the stages, and messages.
 
-    Attributes
-    ----------
-    record : FrameRecord
-        Estimate, or the reason of its failure.
-    messages : list of tuple
-        Topic and serialised message (CDR), in the order of publishing.
-    timing_ms : dict of str to float
-        Durations of the stages.
+    Of these, topics and serialised messages (CDR), in the order of publishing.
     """
 
     record: FrameRecord
@@ -230,13 +223,8 @@ def _begin(config: PipelineConfig) -> None:
 class LightHistory:
     """Light after each of the frames that are answered.
 
-    A frame gets the light up to so many frames before it: as many as several processes may be
-    at beside it, so that it does not depend on which of them is fast.
-
-    Parameters
-    ----------
-    ahead : int
-        Frames that may be unanswered when a task is given.
+    A frame gets the light up to `ahead` frames before it: as many as may be unanswered when
+    its task is given, so that it does not depend on which process is fast.
     """
 
     def __init__(self, ahead: int) -> None:

@@ -9,7 +9,6 @@ import json
 import re
 from collections.abc import Iterator
 from html.parser import HTMLParser
-from io import StringIO
 from pathlib import Path
 
 import cv2
@@ -279,18 +278,19 @@ def test_the_series_is_drawn_whatever_is_known(count: int) -> None:
     assert count > 1 or drawn == draw_series(columns)
 
 
-def test_progress_is_a_line_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_is_a_line_every_ten_seconds(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     now = [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
-    stream = StringIO()
-    shown = progress.Progress("dive", 600, stream)
+    shown = progress.Progress("dive", 600)
     # A minute of compiling says nothing of the time that frames take.
     now[0] += 60.0
     for _ in range(45):
         shown.add()
         now[0] += 0.5
     shown.close()
-    assert stream.getvalue().splitlines() == [
+    assert capsys.readouterr().err.splitlines() == [
         "dive: 21 of 600 frames, 2.0 frames/s, 4:50 min left",
         "dive: 41 of 600 frames, 2.0 frames/s, 4:40 min left",
     ]

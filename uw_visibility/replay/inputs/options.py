@@ -123,10 +123,8 @@ class ReplayOptions:
 
     def extras(self) -> dict[str, Any]:
         """Return the outputs beside the table and the messages, for JSON."""
-        return {
-            "images": self.images, "video": self.video, "geo": self.geo, "netcdf": self.netcdf,
-            "parquet": self.parquet, "all_topics": self.all_topics,
-        }
+        names = ("images", "video", "geo", "netcdf", "parquet", "all_topics")
+        return {name: getattr(self, name) for name in names}
 
     def with_threads(self, threads: int) -> ReplayOptions:
         """Return the options with so many threads for each frame, if none are given."""

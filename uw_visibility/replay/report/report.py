@@ -197,20 +197,10 @@ OVERVIEW_COLUMNS = (
 def overview(
     columns: Mapping[str, Array], summary: Summary, shown: Collection[str]
 ) -> dict[str, Any]:
-    """Return the opening section of a page.
+    """Return the opening section of a page, of `OVERVIEW_COLUMNS`; sentences link to frames shown.
 
-    Parameters
-    ----------
-    columns : mapping of str to ndarray, (n,) float64
-        Those of `OVERVIEW_COLUMNS`.
-    shown : collection of str
-        Numbers of the frames with a picture on the page, which the sentences link to.
-
-    Returns
-    -------
-    dict
-        ``sentences``, each a list of parts with ``text`` and ``href`` (empty without a
-        picture); ``definition``; ``formula``; ``numbers``, pairs of value and name.
+    Of a sentence's parts, each has ``text`` and ``href``, empty without a picture on the page;
+    of ``numbers``, each is a value and its name.
     """
     contrast = contrast_of(summary)
     return {

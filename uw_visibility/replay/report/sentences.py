@@ -25,15 +25,7 @@ CLOCK_NOT_SET = (
 
 
 class Frames(NamedTuple):
-    """Frames that a sentence names, to be linked to the picture of one of them.
-
-    Attributes
-    ----------
-    text : str
-        Their numbers.
-    frame : int
-        The one to look at.
-    """
+    """Numbers of frames in a sentence, to be linked to the picture of the one to look at."""
 
     text: str
     frame: int
@@ -46,13 +38,7 @@ Sentence = list[str | Frames]
 
 
 def verdict(summary: Summary) -> list[Sentence]:
-    """Return the opening sentences: visibility, its uncertainty, and what limits it.
-
-    Returns
-    -------
-    list of list of str or Frames
-        Parts of each sentence; nothing without a synopsis.
-    """
+    """Return the parts of the opening sentences; none without a synopsis."""
     synopsis = summary.synopsis
     if synopsis is None:
         return []

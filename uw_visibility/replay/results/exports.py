@@ -46,20 +46,10 @@ def write_exports(
     folder: Path, columns: Mapping[str, Column], attributes: Mapping[str, Any],
     options: ReplayOptions, transects: Sequence[str] = (),
 ) -> None:
-    """Write the table that lies in a folder in the formats that were asked for.
+    """Write a folder's ``frames.csv``, of these columns, in the formats that were asked for.
 
-    Parameters
-    ----------
-    folder : Path
-        Holds ``frames.csv``.
-    columns : mapping of str to Column
-        Of the table.
-    attributes : mapping of str to object
-        Provenance, for the files' metadata.
-    options : ReplayOptions
-        Which formats, and what was joined.
-    transects : sequence of str
-        Names of the recordings, of a table of several.
+    `attributes` are its provenance, for the files' metadata; `transects` the names of the
+    recordings, where the table is of several.
     """
     table = folder / "frames.csv"
     if options.geo:
@@ -190,10 +180,8 @@ def write_netcdf(
 
     Parameters
     ----------
-    path : Path
-        File to write.
-    table : Path
-        The table.
+    path, table : Path
+        File to write, and the table.
     columns : mapping of str to Column
         Its columns.
     attributes : mapping of str to object

@@ -47,18 +47,14 @@ def _samples(size: int) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Origin:
-    """Origin of a result: the same origin makes the same result.
+    """Origin of a result, with all parameters that change it: the same one makes the same result.
 
     Attributes
     ----------
-    bag : str
-        Name of the recording.
-    fingerprint : str
-        Of its files.
+    bag, fingerprint : str
+        Name of the recording, and what tells its files from others.
     version : str
         Of the package.
-    parameters : dict of str to object
-        Everything that changes results.
     """
 
     bag: str
