@@ -15,7 +15,7 @@ from frame_records import frame_estimate, frame_record
 
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.records import JoinedFrame
-from uw_visibility.replay.report.report import OVERVIEW_COLUMNS, overview
+from uw_visibility.replay.report.report import OVERVIEW_COLUMNS, key_numbers
 from uw_visibility.replay.report.sentences import definition, number, rounded, verdict
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.summary import Summary
@@ -155,13 +155,12 @@ def test_numbers_say_in_how_many_frames_they_are_known() -> None:
     columns["depth"][3], columns["depth_stddev"][3] = 2.0, 0.5
     columns["mean_attenuation"][:5], columns["mean_attenuation_stddev"][:5] = 0.3, 0.1
     _, summary = told(seen(0, 6.0), seen(1, nan, status=Status.TOO_DARK), seen(2, 6.0))
-    summary.provenance = {"parameters": {"assessment.contrast": 0.05}}
-    texts = [name for _, name in overview(columns, summary, ())["numbers"]]
+    texts = [name for _, name in key_numbers(columns, summary, "2.35/β")]
     assert texts[1].endswith("median of 2 of 3 frames, 6.00 to 6.00 m in 90 % of them")
     assert texts[2].endswith("median of 5 of 12 frames, 0.300 to 0.300 1/m in 90 % of them")
     assert texts[3] == "depth by colour; in 1 of 12 frames"
     columns["depth"][:] = 2.0
-    texts = [name for _, name in overview(columns, summary, ())["numbers"]]
+    texts = [name for _, name in key_numbers(columns, summary, "2.35/β")]
     assert texts[3] == "depth by colour; median, 2.00 to 2.00 m in 90 % of the frames"
 
 

@@ -122,8 +122,7 @@ class InputStream:
         frames, (start, stop) = min(known), self.interval()
         if start is not None and frames > 1:
             # Cameras are often turned on later than the sensors.
-            first = next(self._reader.messages(self.selection.images()), None)
-            begin = span[0] if first is None else first.time
+            begin = self._first_image(span[0])
             end = span[1] if stop is None else min(stop, span[1])
             share = max(end - max(start, begin), 0) / max(span[1] - begin, 1)
             frames = round((frames - 1) * min(share, 1.0)) + (share > 0.0)
@@ -199,14 +198,15 @@ class InputStream:
         if options.start == 0.0 and options.duration == np.inf:
             return None, None
         span = self._reader.span
-        if span is None:
-            first = next(self._reader.messages(self.selection.images()), None)
-            begin = 0 if first is None else first.time
-        else:
-            begin = span[0]
+        begin = self._first_image(0) if span is None else span[0]
         start = begin + round(options.start * 1e9)
         stop = None if options.duration == np.inf else start + round(options.duration * 1e9)
         return start, stop
+
+    def _first_image(self, otherwise: int) -> int:
+        """Return when the first image was received, ns."""
+        first = next(self._reader.messages(self.selection.images()), None)
+        return otherwise if first is None else first.time
 
     def _take_calibration(self, start: int | None) -> None:
         """Add the calibration that is given, or the last one sent before the start."""

@@ -67,7 +67,7 @@ def write_report(
     columns = read_columns(
         folder / "frames.csv", [*dict.fromkeys((*NEEDED, *TRACK_COLUMNS, *OVERVIEW_COLUMNS))]
     )
-    contrast = contrast_of(summary)
+    contrast = float(summary.provenance["parameters"]["assessment.contrast"])
     shown: list[dict[str, Any]] = [
         {
             "frame": picture.row["frame"],
@@ -76,9 +76,12 @@ def write_report(
         }
         for picture in gallery.pictures(_representative(folder, summary))
     ]
+    linked = [picture["frame"] for picture in shown]
     write_page(
         folder / "report.html", "report.html",
-        **overview(columns, summary, [picture["frame"] for picture in shown]),
+        sentences=[[_part(part, linked) for part in parts] for parts in verdict(summary)],
+        definition=definition(contrast), formula=formula(contrast),
+        numbers=key_numbers(columns, summary, formula(contrast)),
         title=f"Visibility: {Path(summary.bag).name}",
         summary=summary,
         problems=summary.lacks + summary.damage,
@@ -194,34 +197,16 @@ OVERVIEW_COLUMNS = (
     "mean_attenuation", "mean_attenuation_stddev", "depth", "depth_stddev", *MATCHED)
 
 
-def overview(
-    columns: Mapping[str, Array], summary: Summary, shown: Collection[str]
-) -> dict[str, Any]:
-    """Return the opening section of a page, of `OVERVIEW_COLUMNS`; sentences link to frames shown.
-
-    Of a sentence's parts, each has ``text`` and ``href``, empty without a picture on the page;
-    of ``numbers``, each is a value and its name.
-    """
-    contrast = contrast_of(summary)
-    return {
-        "sentences": [[_part(part, shown) for part in parts] for parts in verdict(summary)],
-        "definition": definition(contrast),
-        "formula": formula(contrast),
-        "numbers": _numbers(columns, summary, formula(contrast)),
-    }
-
-
-def contrast_of(summary: Summary) -> float:
-    """Return the contrast that a result's visibility distance is for."""
-    return float(summary.provenance["parameters"]["assessment.contrast"])
-
-
-def _part(part: str | Frames, shown: Collection[str]) -> dict[str, str]:
+def _part(part: str | Frames, linked: Collection[str]) -> dict[str, str]:
+    """Return a part of a sentence; frames with a picture on the page link to it."""
     frame = str(part.frame) if isinstance(part, Frames) else ""
-    return {"text": str(part), "href": f"#frame-{frame}" if frame in shown else ""}
+    return {"text": str(part), "href": f"#frame-{frame}" if frame in linked else ""}
 
 
-def _numbers(columns: Mapping[str, Array], summary: Summary, short: str) -> list[tuple[str, str]]:
+def key_numbers(
+    columns: Mapping[str, Array], summary: Summary, short: str
+) -> list[tuple[str, str]]:
+    """Return the numbers that a page begins with, of `OVERVIEW_COLUMNS`: values and names."""
     numbers: list[tuple[str, str]] = []
     synopsis = summary.synopsis
     if synopsis is not None and synopsis.frames:
@@ -407,18 +392,13 @@ def _sentence(fit: LineFit | None, both: int, values: Array) -> str:
             f"{known} of {len(values)} frames have a value, {both} of them beside an estimate: "
             f"too few or too much alike for a fit, which needs {FEWEST} different ones."
         )
+    left = f"{fit.residual_stddev:.2g} beyond" if fit.residual_stddev else "within"
     return (
         f"{fit.source} = ({fit.intercept:.3g} ± {fit.intercept_stddev:.2g}) + "
         f"({fit.slope:.3g} ± {fit.slope_stddev:.2g}) m · beam attenuation, over {fit.frames} "
         f"frames from {fit.low:.3g} to {fit.high:.3g} 1/m; correlation {fit.correlation:.2f}. What "
-        f"is left of the values is {_left(fit)}."
+        f"is left of the values is {left} the standard deviations of the estimates."
     )
-
-
-def _left(fit: LineFit) -> str:
-    if not fit.residual_stddev:
-        return "within the standard deviations of the estimates"
-    return f"{fit.residual_stddev:.2g} beyond the standard deviations of the estimates"
 
 
 def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Markup:

@@ -92,17 +92,13 @@ def _track(name: str, columns: Columns, names: tuple[str, str], quantity: str) -
     return _Track(name, x[known], y[known], columns[quantity][known])
 
 
-def _unwrap(tracks: list[_Track]) -> list[_Track]:
-    """Unwrap longitudes across the date line."""
-    first = float(tracks[0].x[0])
-    return [
-        track._replace(x=first + (track.x - first + 180.0) % 360.0 - 180.0) for track in tracks
-    ]
-
-
 def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
     if geographic:
-        tracks = _unwrap(tracks)
+        # Longitudes go on beyond the date line.
+        first = float(tracks[0].x[0])
+        tracks = [
+            track._replace(x=first + (track.x - first + 180.0) % 360.0 - 180.0)
+            for track in tracks]
     x, y = (np.concatenate([getattr(track, axis) for track in tracks]) for axis in "xy")
     # Avoids a zero length at the poles.
     along = max(math.cos(math.radians(float(np.mean(y)))), LEAST_COSINE)
