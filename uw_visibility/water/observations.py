@@ -330,24 +330,6 @@ class Envelopes:
     range_error: float = 0.0
 
 
-def quantile_of_known(values: Array, quantile: float) -> Array:
-    """Quantile over the bins that are known, (C, N) to (C,); NaN where none is."""
-    result = np.full(len(values), np.nan)
-    _quantiles_of_known(np.ascontiguousarray(values), quantile, result)
-    return result
-
-
-@njit(nogil=True)
-def _quantiles_of_known(values: Any, quantile: float, result: Any) -> None:
-    for c in range(len(values)):
-        known = np.sort(values[c][np.isfinite(values[c])])
-        if len(known) > 0:
-            place = quantile * (len(known) - 1)
-            below = index_of(place, 0, len(known) - 1)
-            above = min(below + 1, len(known) - 1)
-            result[c] = known[below] + (place - below) * (known[above] - known[below])
-
-
 def observe(
     samples: ColourSamples, range_map: NDArray[np.float32], valid: Mask | None, *, bins: int,
     min_pixels: int, edge_tolerance: float, dark_quantile: float, fewest_dark: float,

@@ -38,6 +38,10 @@ from uw_visibility_lab.worlds.scenes import pool as scenes_of
 BLOCK = 100
 
 
+# Statistics and truth of a view, and the flags of `Examples`.
+Row = tuple[Statistics, NDArray[np.float32], bool, bool]
+
+
 class Examples(NamedTuple):
     """Statistics and truth of N views.
 
@@ -51,6 +55,8 @@ class Examples(NamedTuple):
         For each channel ln βd̃, ln B/b̂, ln W/b̂: see `network`.
     other_curve : (N,) bool ndarray
         Whether the camera's curve is another than the one that is told.
+    lamps : (N,) bool ndarray
+        Whether lamps light the view instead of daylight: veil and light have no truth then.
     """
 
     of_bins: NDArray[np.float32]
@@ -59,6 +65,7 @@ class Examples(NamedTuple):
     of_image: NDArray[np.float32]
     truth: NDArray[np.float32]
     other_curve: NDArray[np.bool_]
+    lamps: NDArray[np.bool_]
 
 
 def statistics_of(view: View) -> Statistics | None:
@@ -111,12 +118,13 @@ def draw_all(
 
 def _draw_block(
     block: range, places: Sequence[Path], seed: int
-) -> list[tuple[Statistics, NDArray[np.float32], bool]]:
+) -> list[Row]:
     rows = []
     for index in block:
         rng = np.random.default_rng((seed, index, 0))
         frames = count(rng, "survey.frames") if happens(rng, "survey.share") else 1
-        views = [_frame(places, (seed, index), k) for k in range(frames)]
+        lamps = frames == 1 and happens(rng, "lamps.share")
+        views = [_frame(places, (seed, index), k, lamps) for k in range(frames)]
         statistics = statistics_of(views[0]) if frames == 1 else statistics_of_survey(rng, views)
         if statistics is None:
             continue
@@ -125,28 +133,30 @@ def _draw_block(
         truth[:, 0] += np.mean(
             [np.log(view.attenuation / views[0].attenuation) for view in views], axis=0)
         if np.isfinite(truth).all():
-            rows.append((statistics, truth, "foreign curve" in views[0].effects))
+            rows.append((statistics, truth, "foreign curve" in views[0].effects, lamps))
     return rows
 
 
-def _frame(places: Sequence[Path], seed: tuple[int, int], frame: int) -> View:
+def _frame(
+    places: Sequence[Path], seed: tuple[int, int], frame: int, lamps: bool
+) -> View:
     """Draw a frame of an example: the same water and camera for each, other scenes and ranges."""
     rng = np.random.default_rng(seed)
     first = int(rng.integers(len(places)))
     if frame == 0:
-        return draw(rng, load_scene(places[first]))
+        return draw(rng, load_scene(places[first]), lamps=lamps)
     other = np.random.default_rng((*seed, 1, frame))
     scene = load_scene(places[int(other.integers(len(places)))])
     return draw(rng, scene, nearer=belief(other, "survey.nearer"))
 
 
-def gather(rows: Sequence[tuple[Statistics, NDArray[np.float32], bool]]) -> Examples:
+def gather(rows: Sequence[Row]) -> Examples:
     """Stack statistics and truths."""
+    statistics, truth, other_curve, lamps = zip(*rows, strict=True)
+    of_bins, of_tiles, of_channels, of_image, *_ = zip(*statistics, strict=True)
     return Examples(
-        np.stack([s.of_bins for s, _, _ in rows]), np.stack([s.of_tiles for s, _, _ in rows]),
-        np.stack([s.of_channels for s, _, _ in rows]),
-        np.stack([s.of_image for s, _, _ in rows]),
-        np.stack([t for _, t, _ in rows]), np.array([other for _, _, other in rows]))
+        np.stack(of_bins), np.stack(of_tiles), np.stack(of_channels), np.stack(of_image),
+        np.stack(truth), np.array(other_curve), np.array(lamps))
 
 
 def save(examples: Examples, path: Path) -> None:

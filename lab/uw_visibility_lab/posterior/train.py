@@ -21,6 +21,7 @@ from uw_visibility.water.daylight.inference import infer
 from uw_visibility.water.daylight.network import (
     COMPONENTS,
     FACTORS,
+    FLAGS,
     LEAST_LOG_DEVIATION,
     LEAST_VARIANCE,
     MOST_LOG_DEVIATION,
@@ -60,18 +61,18 @@ class Net(nn.Module):
         first, second, third = HIDDEN
         self.parts = nn.ModuleList((
             nn.Linear(features, first), nn.Linear(2 * first, second), nn.Linear(second, third),
-            nn.Linear(third, OUTPUTS), nn.Linear(third, COMPONENTS), nn.Linear(third, 1)))
+            nn.Linear(third, OUTPUTS), nn.Linear(third, COMPONENTS), nn.Linear(third, FLAGS)))
         self.act = nn.GELU(approximate="tanh")
 
     def forward(self, x: Any) -> tuple[Any, Any, Any]:
-        """Outputs (N, 3, OUTPUTS), logits (N, K), and logits (N,) of another curve."""
-        first, second, third, last, of, curve = self.parts
+        """Outputs (N, 3, OUTPUTS), and logits (N, K) of components and (N, 2) of flags."""
+        first, second, third, last, of, flags = self.parts
         hidden = self.act(_normalised(first(x)))
         mixed = torch.cat((hidden, hidden.mean(1, keepdim=True).expand_as(hidden)), -1)
         hidden = self.act(_normalised(second(mixed)))
         hidden = self.act(_normalised(third(hidden)))
         together = hidden.mean(1)
-        return last(hidden), of(together), curve(together)[:, 0]
+        return last(hidden), of(together), flags(together)
 
 
 def _normalised(x: Any) -> Any:
@@ -111,10 +112,12 @@ def negative_log_likelihood(outputs: Any, logits: Any, truth: Any) -> Any:
     return -torch.logsumexp(torch.log_softmax(logits, -1) + log_density, -1)
 
 
-def _loss(net: Net, x: Any, truth: Any, other_curve: Any) -> Any:
-    outputs, logits, other = net(x)
-    return negative_log_likelihood(outputs, logits, truth).clamp(max=MOST_LOSS) + (
-        nn.functional.binary_cross_entropy_with_logits(other, other_curve, reduction="none"))
+def _loss(net: Net, x: Any, truth: Any, flags: Any) -> Any:
+    """(N,): of truth, where daylight makes it, and of flags (N, 2)."""
+    outputs, logits, shown = net(x)
+    loss = negative_log_likelihood(outputs, logits, truth).clamp(max=MOST_LOSS)
+    return loss * (1.0 - flags[:, 1]) + nn.functional.binary_cross_entropy_with_logits(
+        shown, flags, reduction="none").sum(-1)
 
 
 def train(
@@ -123,9 +126,9 @@ def train(
     """Train networks; return their arrays as `network.load` reads them."""
     x, centre, spread = standardised_features(examples)
     held = held_back(len(x))
-    other = examples.other_curve.astype(np.float32)
-    xs, *rest = (torch.from_numpy(each[~held]) for each in (x, examples.truth, other))
-    aside = [torch.from_numpy(each[held]).float() for each in (x, examples.truth, other)]
+    flags = np.stack((examples.other_curve, examples.lamps), axis=1).astype(np.float32)
+    xs, *rest = (torch.from_numpy(each[~held]) for each in (x, examples.truth, flags))
+    aside = [torch.from_numpy(each[held]).float() for each in (x, examples.truth, flags)]
     steps = int(epochs * len(xs) / BATCH)
     arrays: dict[str, NDArray[Any]] = {
         "networks": np.array(seeds), "centre": centre.astype(np.float32),
@@ -191,7 +194,7 @@ def standardised_features(
 
 def limits(network: Network, examples: Examples) -> NDArray[np.float64]:
     """`Network.most_unlike` and `Network.most_misfit` by views that were held back, (2,)."""
-    held = np.flatnonzero(held_back(len(examples.truth)))[:MOST_OF_LIMITS]
+    held = np.flatnonzero(held_back(len(examples.truth)) & ~examples.lamps)[:MOST_OF_LIMITS]
     found = []
     for i in held:
         posterior = infer(network, Statistics(

@@ -20,6 +20,7 @@ from uw_visibility_lab.worlds import beliefs as believed
 from uw_visibility_lab.worlds.beliefs import draw as drawn
 from uw_visibility_lab.worlds.beliefs import happens
 from uw_visibility_lab.worlds.camera import draw_curve, record, told_linear
+from uw_visibility_lab.worlds.lamps import light_by_lamps
 from uw_visibility_lab.worlds.ranging import measure_ranges
 from uw_visibility_lab.worlds.scenes import SIZE, Scene
 from uw_visibility_lab.worlds.water import Water, draw_water
@@ -41,9 +42,8 @@ _EXCLUDING = (
     ("grey", "white balance"), ("grey", "grey world"))
 # What a large particle is brighter in sum: blurring by 1.5 px spreads it over 14 px.
 _SPREAD = 12.0
-# Its near and its far part are blurred at a fraction of the resolution; its light is summed over
-# so many ranges.
-_HALO_STEPS, _HALO_BINS = (4, 16), 24
+# A halo's near and its far part are blurred at a fraction of the resolution.
+_HALO_STEPS = (4, 16)
 # A view without this share of surfaces shows nothing but water.
 _LEAST_SURFACE = 0.05
 
@@ -114,6 +114,7 @@ def draw(
     effects: str | Sequence[str] = RANDOM,
     without: Sequence[str] = (),
     nearer: float = 1.0,
+    lamps: bool = False,
 ) -> View:
     """Draw a random view of a scene under water.
 
@@ -130,6 +131,9 @@ def draw(
     nearer : float
         Factor of the median range that is drawn: the same state with another scene and another
         factor is another frame of the same water by the same camera.
+    lamps : bool
+        Whether lamps of the vehicle light the view instead of daylight. There is no one veil and
+        light then.
 
     Returns
     -------
@@ -180,22 +184,29 @@ def draw(
 
     light = water.light
     veil = light * water.ratio
-    direct = reflectance
-    direct *= light.astype(np.float32)
-    direct *= transmission
-    if light_map is not None:
-        direct *= light_map
-        light = light * light_map[known].mean(axis=0, dtype=np.float64)
+    if lamps:
+        direct, scattered = light_by_lamps(
+            streams("lamps"), reflectance, ranges, water.attenuation)
+        light = direct[known].max(axis=0).astype(np.float64)
+    else:
+        direct = reflectance
+        direct *= light.astype(np.float32)
+        direct *= transmission
+        if light_map is not None:
+            direct *= light_map
+            light = light * light_map[known].mean(axis=0, dtype=np.float64)
     if "halo" in names:
-        direct, attenuation = _add_halo(
-            streams("halo"), direct, transmission, ranges, water.forward, attenuation)
+        direct = _add_halo(streams("halo"), direct, ranges, water.forward)
     if "forward scatter" in names:
         direct = _scatter_forward(streams("forward scatter"), direct, transmission)
-    irradiance = np.float32(1.0) - unveiled
-    irradiance *= veil.astype(np.float32)
-    if veil_map is not None:
-        irradiance *= veil_map
-        veil = veil * veil_map.mean(axis=(0, 1), dtype=np.float64)
+    if lamps:
+        irradiance = scattered
+    else:
+        irradiance = np.float32(1.0) - unveiled
+        irradiance *= veil.astype(np.float32)
+        if veil_map is not None:
+            irradiance *= veil_map
+            veil = veil * veil_map.mean(axis=(0, 1), dtype=np.float64)
     irradiance += direct
     if "snow" in names:
         _add_snow(streams("snow"), irradiance, light)
@@ -523,15 +534,12 @@ def _scatter_forward(rng: np.random.Generator, direct: Map, transmission: Map) -
     return np.asarray(direct + first * (half - direct) + second * (full - half), np.float32)
 
 
-def _add_halo(
-    rng: np.random.Generator, direct: Map, transmission: Map, ranges: Map, rate: Array,
-    attenuation: Array,
-) -> tuple[Map, Array]:
+def _add_halo(rng: np.random.Generator, direct: Map, ranges: Map, rate: Array) -> Map:
     """Spread what is scattered by small angles over the surroundings; light is conserved.
 
     Sharp light falls by β + `rate`, and the sum of both by β (Jaffe 1990, doi:10.1109/48.50695,
     with the part e^(−βd) − e^(−cd) that is blurred). So contrast falls faster than the surfaces'
-    light does. Returns β of the light that then comes from each range, too.
+    light does. β stays that of even surroundings, which lose as much to others as they gain.
     """
     known = np.isfinite(ranges)
     near = np.where(known, ranges, np.float32(0.0))[..., np.newaxis]
@@ -547,31 +555,7 @@ def _add_halo(
             small, (0, 0), drawn(rng, name) * size[0], borderType=cv2.BORDER_REFLECT)
         seen = seen + np.float32(part) * cv2.resize(
             blurred, (width, height), interpolation=cv2.INTER_LINEAR)
-    some = np.s_[::_HALO_STEPS[0], ::_HALO_STEPS[0]]
-    return seen, _attenuation_of_bins(
-        ranges[some], transmission[some], direct[some], seen[some], attenuation)
-
-
-def _attenuation_of_bins(
-    ranges: Map, transmission: Map, before: Map, after: Map, attenuation: Array
-) -> Array:
-    """β of the light that comes from surfaces by range, as `tracer.truth.transmissions` has it."""
-    known = np.isfinite(ranges)
-    order = np.argsort(ranges[known], kind="stable")
-    distance, lit, seen, model = (
-        np.array_split(each[known][order], _HALO_BINS)
-        for each in (ranges, before, after, transmission))
-    distances, left = [], []
-    for d, first, second, left_of_it in zip(distance, lit, seen, model, strict=True):
-        if len(d) == 0:
-            continue
-        whole = first.sum(0, dtype=np.float64)
-        gain = np.divide(
-            second.sum(0, dtype=np.float64), whole, out=np.ones(3), where=whole > 0.0)
-        distances.append(d.mean(dtype=np.float64))
-        left.append(left_of_it.mean(0, dtype=np.float64) * gain)
-    found = effective_attenuation(np.array(distances), np.array(left))
-    return np.where(found > 0.0, found, attenuation)
+    return np.asarray(seen)
 
 
 def _add_snow(rng: np.random.Generator, irradiance: Map, light: Array) -> None:

@@ -59,10 +59,10 @@ def test_a_white_board_before_dull_ground_is_not_taken_for_lamps(near: float, ve
 
 
 @pytest.mark.parametrize("far", [1.5, 2.6])
-def test_a_board_and_ground_in_shade_are_taken_for_lamps_only_where_one_spans_enough(
+def test_light_that_falls_on_board_and_ground_as_lamps_have_it_is_taken_for_lamps(
     far: float,
 ) -> None:
-    """Shade makes either fall with range as lamps do, and over a hand's breadth may be chance."""
+    """What fades by the 1.8th power of range, behind next to no veil, is not even daylight."""
     height, width = SIZE
     row, column = np.mgrid[:height, :width]
     distance = np.linspace(far, 1.05, height)[:, np.newaxis] + 0.0 * column
@@ -79,4 +79,4 @@ def test_a_board_and_ground_in_shade_are_taken_for_lamps_only_where_one_spans_en
             np.full(3, 0.05), np.full(3, 0.9))
         found = estimator().estimate(image, distance.astype(np.float32), range_error=0.0)
         lamps.append(found.status is Status.LIT_BY_LAMPS)
-    assert lamps == [far > 2.0] * 3
+    assert lamps == [True] * 3

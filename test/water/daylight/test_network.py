@@ -16,6 +16,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.water.daylight.inference import DRAWS, Posterior, infer
 from uw_visibility.water.daylight.network import (
     COMPONENTS,
+    FLAGS,
     LAYERS,
     OUTPUTS,
     Network,
@@ -51,15 +52,15 @@ def statistics_of(seed: int = 0) -> Statistics:
 def network(seed: int = 0) -> Network:
     rng = np.random.default_rng(seed)
     one = statistics_of()
-    inputs = features_of(*one[:4]).shape[1]
-    sizes = [(inputs, HIDDEN[0]), (2 * HIDDEN[0], HIDDEN[1]), HIDDEN[1:],
-             (HIDDEN[2], OUTPUTS), (HIDDEN[2], COMPONENTS), (HIDDEN[2], 1)]
+    features = features_of(*one[:4]).shape[1]
+    sizes = [(features, HIDDEN[0]), (2 * HIDDEN[0], HIDDEN[1]), HIDDEN[1:],
+             (HIDDEN[2], OUTPUTS), (HIDDEN[2], COMPONENTS), (HIDDEN[2], FLAGS)]
     layers = []
     for size in sizes:
         weights, scale = quantised(
             rng.normal(0.0, 0.7 / math.sqrt(size[0]), size).astype(np.float32))
         layers += [weights * scale, rng.normal(0.0, 0.1, size[1]).astype(np.float32)]
-    return Network(np.zeros(inputs), np.ones(inputs), (tuple(layers),))
+    return Network(np.zeros(features), np.ones(features), (tuple(layers),))
 
 
 def test_the_mixture_is_a_distribution() -> None:

@@ -21,6 +21,8 @@ from uw_visibility.water.daylight.curves import (
 from uw_visibility.water.daylight.statistics import (
     BETWEEN_HALVES,
     BINS,
+    COARSE,
+    COARSE_STEP,
     COMPARED,
     FLOOR,
     IS_WATER,
@@ -39,6 +41,7 @@ from uw_visibility.water.daylight.statistics import (
     UPPER_WATER,
     WEIGHT,
     WITHIN_TILE,
+    Blocks,
     Statistics,
     reduce_to_blocks,
     summarise,
@@ -175,7 +178,8 @@ FITS = {
     "tiles, open water": False, "all, gradient": True, "black, gradient": True, "tiles": True,
     "tiles, gradient": True, "tiles, slower veil": False,
     "tiles, slower veil, some open water": False, "all, gamma undone": False,
-    "all, gamma made": False, "local contrast": False, "contrast within tiles": False}
+    "all, gamma made": False, "local contrast": False, "coarse contrast": False,
+    "contrast within tiles": False}
 # Of another world than that of the other fits.
 OTHER = ("contrast", "slower", "gamma")
 
@@ -215,6 +219,7 @@ def made_of(
     of_bins = np.zeros((3, BINS, OF_BIN), np.float32)
     of_bins[..., :len(QUANTILES)] = np.log(quantiles**exponent + FLOOR)
     of_bins[..., LOCAL] = 0.5 * np.log(0.01 * left**2 + noise**2)
+    of_bins[..., COARSE] = 0.5 * np.log(0.02 * left**2 + noise**2)
     of_bins[..., WITHIN_TILE] = 0.5 * np.log(0.04 * left**2 + noise**2)
     of_bins[..., -1] = 1.0
     of_image = np.zeros(OF_IMAGE, np.float32)
@@ -281,6 +286,7 @@ def test_noise_does_not_slow_the_decay_of_contrast() -> None:
     found = curves(*made_of(0.8, noise=0.02))
     attenuations, _ = guesses(found[1])
     assert attenuations["local contrast"] == pytest.approx(0.8, rel=0.05)
+    assert attenuations["coarse contrast"] == pytest.approx(0.8, rel=0.05)
     assert attenuations["contrast within tiles"] == pytest.approx(0.8, rel=0.05)
     assert found[1, -2] > -0.7
 
@@ -319,3 +325,21 @@ def test_contrast_within_tiles_is_that_of_the_blocks() -> None:
     there = np.abs(np.log(blocks.range / middle)) < 0.03
     expected = blocks.light[there].std(axis=0) / found.brightest
     np.testing.assert_allclose(np.exp(found.of_bins[:, 6, WITHIN_TILE]), expected, rtol=0.15)
+
+
+def test_coarse_contrast_is_that_of_blocks_of_a_surface() -> None:
+    """Waves of twice the step show whole, those of the step and edges between ranges do not."""
+    rows, columns = SHAPE[0] // 2, SHAPE[1] // 2
+    ranges = np.repeat(np.geomspace(2.0, 6.0, rows)[:, np.newaxis], columns, axis=1)
+    ranges[:, columns // 2:] *= 2.0
+    for period, expected in ((2 * COARSE_STEP, 0.1), (COARSE_STEP, 0.0)):
+        light = 0.5 + 0.1 * np.sign(np.sin(2 * np.pi * (np.arange(columns) + 0.5) / period))
+        light[columns // 2:] += 0.2
+        image = np.broadcast_to(light[np.newaxis, :, np.newaxis], (rows, columns, 3))
+        blocks = Blocks(
+            image.astype(np.float32), ranges.astype(np.float32), 1.0, np.zeros(3), np.zeros(3),
+            np.full(3, 1e-4), False, True)
+        found = summarise(blocks, 0.01, np.full(3, 0.05))
+        assert found is not None
+        shown = np.exp(found.of_bins[..., COARSE]) - 0.5 * FLOOR
+        np.testing.assert_allclose(shown, 2.0 * expected / found.brightest[0], atol=0.01)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from uw_visibility.compute.jit import njit
 from uw_visibility.water.daylight.statistics import (
     BINS,
+    COARSE,
     FLOOR,
     IS_WATER,
     LOCAL,
@@ -69,7 +70,7 @@ GAMMA = 2.2
 # Of the veil every third value of the grid is kept.
 KEPT = slice(1, None, 3)
 # Contrasts that are fitted, by place in a bin's statistics.
-CONTRASTS = (LOCAL, WITHIN_TILE)
+CONTRASTS = (LOCAL, COARSE, WITHIN_TILE)
 
 
 class GridFit(NamedTuple):

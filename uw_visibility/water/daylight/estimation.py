@@ -40,7 +40,6 @@ from uw_visibility.water.daylight.statistics import (
 from uw_visibility.water.daylight.validation import (
     brightest_patch,
     least_ambient_light,
-    lit_by_lamps,
     refuse_channel,
     refuse_frame,
     refuse_spread,
@@ -70,6 +69,8 @@ BRIGHT_QUANTILE = 0.99
 # fit knows of noise alone.
 ATTENUATION_ERROR = 0.02
 AMBIENT_ERROR = 0.01
+# Probability of undeclared lamps from which a frame is refused: they are as likely as daylight.
+LIT = 0.5
 # The brightest patch near by is at least so bright: of a darker one noise decides.
 LEAST_RADIANCE = 0.05
 
@@ -154,8 +155,17 @@ class WaterEstimator:
                 blocks=thinned(blocks, BLOCKS_KEPT))
         else:
             estimate = self._estimate(envelope, self._fewest_pixels(colour), start)
+            if np.isfinite(estimate.attenuation).any():
+                statistics = summarise(
+                    reduce_to_blocks(colour, ranges, valid), range_error, self._clear_water)
+                if statistics is not None and infer(self._networks, statistics).lamps > LIT:
+                    estimate = WaterEstimate.not_assessable(Status.LIT_BY_LAMPS, envelope)
         balance = colour_balance(view.pixels)
         return replace(estimate, grey_on_average=balance.grey, blue_as_green=balance.blue_as_green)
+
+    @property
+    def _networks(self) -> Network:
+        return self._network or trained()
 
     @property
     def by_posterior(self) -> bool:
@@ -180,8 +190,10 @@ class WaterEstimator:
         statistics = summarise(blocks, range_error, self._clear_water)
         if statistics is None:
             return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS, envelope)
-        network = self._network or trained()
+        network = self._networks
         posterior = infer(network, statistics)
+        if posterior.lamps > LIT:
+            return WaterEstimate.not_assessable(Status.LIT_BY_LAMPS, envelope)
         if posterior.unlike > network.most_unlike:
             status = refuse(status, Status.UNLIKE_TRAINING)
         if posterior.misfit > network.most_misfit:
@@ -216,8 +228,6 @@ class WaterEstimator:
         if reason is not Status.OK:
             return reason
         status = [refuse_channel(envelope, channel) for channel in range(3)]
-        if lit_by_lamps(envelope, np.array([s is not Status.TOO_DARK for s in status])):
-            return Status.LIT_BY_LAMPS
         if envelope.grey:
             return Status.NO_COLOUR
         if all(reason is not Status.OK for reason in status):

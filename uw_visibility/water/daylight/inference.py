@@ -41,6 +41,8 @@ class Posterior:
         Of the draws; sums to 1.
     other_curve : float
         Probability that the camera's curve is another than the one that was told.
+    lamps : float
+        Probability that lamps light the image instead of daylight.
     unlike : float
         Mean square of the statistics, in deviations from those of training: about 1.
     misfit : float
@@ -52,6 +54,7 @@ class Posterior:
     draws: Array
     weight: Array
     other_curve: float = 0.0
+    lamps: float = 0.0
     unlike: float = 0.0
     misfit: float = 0.0
 
@@ -77,7 +80,7 @@ def infer(network: Network, statistics: Statistics) -> Posterior:
     draws, weight = _draw(mixture)
     return Posterior(
         mean.reshape(3, UNKNOWNS) + units, covariance, draws + units, weight,
-        mixture.other_curve, mixture.unlike, _misfit(draws, weight, statistics))
+        mixture.other_curve, mixture.lamps, mixture.unlike, _misfit(draws, weight, statistics))
 
 
 def _draw(mixture: Mixture) -> tuple[Array, Array]:

@@ -52,6 +52,9 @@ OUTPUTS = COMPONENTS * OF_COMPONENT
 # Of each channel: its own, the mean of the others', and those of the image.
 OWN = OF_CURVES + OF_CHANNEL  # a channel's own
 FEATURES = 2 * OWN + OF_IMAGE
+# What the networks tell of an image beside the mixture: whether the camera's curve is another than
+# the one that was told, and whether lamps light it instead of daylight.
+FLAGS = 2
 # Features that tell whether an image is like those of training: its statistics, not how well the
 # light model fits them, since none can be fitted too well.
 PLAIN = np.r_[:BINS * OF_BIN, OF_CURVES:OWN, 2 * OWN:FEATURES]
@@ -83,6 +86,8 @@ class Mixture(NamedTuple):
     covariance : (K, 9, 9) float64 ndarray
     other_curve : float
         Probability that the camera's curve is another than the one that was told.
+    lamps : float
+        Probability that lamps light the image instead of daylight.
     unlike : float
         Mean square of the statistics, in deviations from those of training: about 1.
     """
@@ -91,6 +96,7 @@ class Mixture(NamedTuple):
     mean: Array
     covariance: Array
     other_curve: float
+    lamps: float
     unlike: float
 
 
@@ -122,12 +128,12 @@ class Network:
         features = standardise(features_of(*statistics[:4]), self.centre, self.spread)
         found = [_run(layers, features) for layers in self.layers]
         parts = [_components(outputs, logits) for outputs, logits, _ in found]
+        other_curve, lamps = np.mean([expit(flags) for _, _, flags in found], axis=0).tolist()
         return Mixture(
             np.concatenate([weight for weight, _, _ in parts]) / len(parts),
             np.concatenate([mean for _, mean, _ in parts]),
             np.concatenate([covariance for _, _, covariance in parts]),
-            float(np.mean([expit(other) for _, _, other in found])),
-            unlike(features, lit(statistics)))
+            other_curve, lamps, unlike(features, lit(statistics)))
 
 
 def features_of(
@@ -164,19 +170,19 @@ def standardise(features: NDArray[Any], centre: Array, spread: Array) -> Array:
 
 def _run(
     layers: tuple[NDArray[np.float32], ...], features: Array
-) -> tuple[Array, Array, float]:
-    """Outputs (3, OUTPUTS) of the channels, logits (K,) of the components, and of another curve."""
+) -> tuple[Array, Array, Array]:
+    """Outputs (3, OUTPUTS) of the channels, logits of the components (K,) and of the flags (2,)."""
     (first, first_bias, second, second_bias, third, third_bias, last, last_bias, of, of_bias,
-     curve, curve_bias) = layers
+     flags, flags_bias) = layers
     hidden = gelu(normalise(features.astype(np.float32) @ first + first_bias))
     mixed = np.concatenate((hidden, np.broadcast_to(hidden.mean(axis=0), hidden.shape)), axis=1)
     hidden = gelu(normalise(mixed @ second + second_bias))
     hidden = gelu(normalise(hidden @ third + third_bias))
     together = hidden.mean(axis=0)
-    other = float((together @ curve + curve_bias)[0])
     return (
         (hidden @ last + last_bias).astype(np.float64),
-        (together @ of + of_bias).astype(np.float64), other)
+        (together @ of + of_bias).astype(np.float64),
+        (together @ flags + flags_bias).astype(np.float64))
 
 
 def normalise(x: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -227,8 +233,9 @@ def load(path: Path) -> Network:
         raise InputError(
             f"{path} holds no trained networks: give what `uw_visibility train` wrote") from error
     for first, *others in network.layers:
-        sizes = first.shape[0], len(network.centre), others[-4].shape[1]
-        if sizes != (FEATURES, FEATURES, COMPONENTS):
+        sizes = (
+            first.shape[0], len(network.centre), others[-4].shape[1], others[-2].shape[1])
+        if sizes != (FEATURES, FEATURES, COMPONENTS, FLAGS):
             raise InputError(f"{path} is of networks of another form: train anew")
     return network
 

@@ -64,17 +64,21 @@ WATER_ODDS = (-7.73, -2.09, 2.78)
 LEAST_RAGGED, LEAST_OPEN = 0.01, 0.05
 # Local contrast beyond this is an edge of light and shade, not texture.
 MOST_CONTRAST = 0.3
+# Distance of the blocks between which contrast is taken a second time. Light scattered by a few
+# degrees blurs what is finer than its spread, so fine contrast falls faster with range than coarse.
+COARSE_STEP = 4
 # Squared distance from the middle of an image, in heights and widths, of half of its area.
 MIDDLE = 0.5 / math.pi
 # Levels of ln (irradiance + FLOOR): from black to four times the brightest.
 LEVELS = 768
 LOWEST = math.log(FLOOR)
 PER_LEVEL = LEVELS / (math.log(4.0) - LOWEST)
-# Places of a bin's statistics: after the quantiles, contrast between neighbours, and within a tile;
-# then the halves; last, whether there are any.
+# Places of a bin's statistics: after the quantiles, contrast between neighbours, between blocks
+# COARSE_STEP apart, and within a tile; then the halves; last, whether there are any.
 LOCAL = len(QUANTILES)
-WITHIN_TILE = LOCAL + 1
-BETWEEN_HALVES = LOCAL + 2
+COARSE = LOCAL + 1
+WITHIN_TILE = LOCAL + 2
+BETWEEN_HALVES = LOCAL + 3
 OF_BIN = BETWEEN_HALVES + len(COMPARED) * HALVES + 1
 # Places in `Statistics.of_channels`: open water's light, its scatter, its probability; noise;
 # contrast; colour and level of the brightest; parts of the pixels that are clipped, and 0; optical
@@ -101,7 +105,8 @@ class Statistics(NamedTuple):
     ----------
     of_bins : (3, BINS, OF_BIN) float32 ndarray
         For each channel and bin: logarithms of the quantiles of irradiance, of contrast between
-        neighbours and within tiles; differences between halves; whether the bin has statistics.
+        neighbours, over COARSE_STEP and within tiles; differences between halves; whether the bin
+        has statistics.
     of_tiles : (5, TILES, BINS) float32 ndarray
         Mean irradiance of each channel by tile and bin; its weight, 0..1; mean row, -0.5 above
         to 0.5 below.
@@ -175,6 +180,7 @@ def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statist
     place, mean_range, count = _place(blocks.range, near, ranges)
     of_bins = np.zeros((3, BINS, OF_BIN), np.float32)
     _summarise_bins(relative, contrast, place, QUANTILES, of_bins)
+    of_bins[..., COARSE] = _coarse_contrast(relative, place)
     of_tiles, of_bins[..., WITHIN_TILE] = _summarise_tiles(relative, place)
     water, ragged, width = _open_water(blocks.range, counted, contrast.mean(axis=2))
     of_channels = np.zeros((3, OF_CHANNEL), np.float32)
@@ -458,6 +464,33 @@ def _summarise_tiles(
     return (
         found.reshape(5, TILES, BINS).astype(np.float32),
         np.log(np.sqrt(variance) + 0.5 * FLOOR).astype(np.float32))
+
+
+def _coarse_contrast(
+    relative: NDArray[np.float32], place: NDArray[np.int8]
+) -> NDArray[np.float32]:
+    """ln contrast between blocks COARSE_STEP apart along rows, (3, BINS).
+
+    Of blocks at most one bin apart. A bin with few of them has that of its neighbours.
+    """
+    width = place.shape[1] - 2 * COARSE_STEP
+    left, middle, right = (slice(at, at + max(width, 0)) for at in (
+        0, COARSE_STEP, 2 * COARSE_STEP))
+    bins = place[:, middle]
+    near = [(place[:, side] >= 0) & (np.abs(place[:, side] - bins) <= 1) for side in (left, right)]
+    inside = (bins >= 0) & near[0] & near[1]
+    step = np.abs(relative[:, middle][inside] - 0.5 * (
+        relative[:, left][inside] + relative[:, right][inside]))
+    found = np.empty((3, BINS), np.float32)
+    for c in range(3):
+        there = step[:, c] < MOST_CONTRAST
+        at = bins[inside][there]
+        number = np.bincount(at, minlength=BINS)
+        energy = np.bincount(at, weights=step[there, c]**2, minlength=BINS)
+        level = np.log(np.sqrt(energy / np.maximum(number, 1)) + 0.5 * FLOOR)
+        many = np.flatnonzero(number >= FEWEST_OF_BIN)
+        found[c] = np.interp(np.arange(BINS), many, level[many]) if len(many) else level
+    return found
 
 
 def _mean_rows(place: NDArray[np.int8]) -> Array:

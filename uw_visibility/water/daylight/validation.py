@@ -4,16 +4,14 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from uw_visibility.images.arrays import Array, Mask
+from uw_visibility.images.arrays import Array
 from uw_visibility.optics.light_model import transmission, veil_thickness
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.fit import ATTENUATION_BOUNDS, Fit
 from uw_visibility.water.estimate import WaterEstimate
-from uw_visibility.water.observations import Envelopes, quantile_of_known
+from uw_visibility.water.observations import Envelopes
 
 # The bright envelope is that of the third brightest bin: one or two bins may
 # hold an animal's reflection or wrong ranges.
@@ -37,80 +35,6 @@ CLEARER = 3.0
 # Standard deviations, and part of attenuation, by which the steps' estimates may differ. They share
 # most of the image, and so most of their errors.
 STEPS_APART, STEPS_APART_PART = 3.0, 0.25
-
-# Under lamps the brightest patches fall with range, as 1/d in turbid water and faster than 1/d² in
-# clear water, to a small part of those near by; by daylight they end in the veil. Most channels
-# count, since in turbid water red may not fall. FLSea's frames fall as d^(-0.5) and less.
-LAMP_SLOPE, LAMP_SLOPE_ERROR = -0.8, 2.0
-LAMP_FALL, LAMP_DARKNESS = 0.6, 0.5
-# A white board in front of dull ground falls by day too, but in one step: fall that lamps cause
-# beside a step; ratio of ranges beyond which nothing is seen in between; ratio that separates two
-# things, and that one of them has to span.
-LAMP_FALL_BESIDE_STEP, RANGE_GAP, FAR_APART = 0.55, 1.25, 1.6
-
-
-def lit_by_lamps(envelope: Envelopes, seen: Mask) -> bool:
-    """Whether the bright envelope falls with range as under lamps, in most channels seen."""
-    if not seen.any():
-        return False
-    near, far = near_bins(envelope), slice(-near_bins(envelope).stop, None)
-    bright = np.where(envelope.bright > 0, envelope.bright, np.nan)[seen]
-    first = quantile_of_known(bright[:, near], 0.5)
-    last = quantile_of_known(bright[:, far], 0.5)
-    dark = quantile_of_known(envelope.dark[seen][:, far], 0.5)
-    known = np.isfinite(bright)
-    if (known.sum(axis=1) < MIN_BINS).any() or np.isnan(first + last).any():
-        return False
-    shown = np.empty((len(bright), 4))
-    courses = []
-    for channel in range(len(bright)):
-        here = known[channel]
-        course = envelope.range[here], bright[channel, here], np.sqrt(envelope.count[here])
-        courses.append(course)
-        slope, error = _logarithmic_slope(*course)
-        shown[channel] = (
-            slope, slope + LAMP_SLOPE_ERROR * error, last[channel] / first[channel],
-            dark[channel] / first[channel])
-    _, slope, fall, darkness = np.median(shown, axis=0)
-    falls = (
-        shown[:, 0].max() < 0 and slope < LAMP_SLOPE
-        and fall < LAMP_FALL and darkness < LAMP_DARKNESS)
-    return bool(falls and np.median(
-        [_fall_beside_step(*course) for course in courses]) < LAMP_FALL_BESIDE_STEP)
-
-
-def _logarithmic_slope(distance: Array, values: Array, weight: Array) -> tuple[float, float]:
-    """Slope of ln value over ln distance, and its standard deviation."""
-    weight = weight / weight.sum()
-    x, y = np.log(distance), np.log(values)
-    x, y = x - weight @ x, y - weight @ y
-    spread = max(float(weight @ x**2), 1e-12)
-    slope = float((weight * x) @ y) / spread
-    residual = float(weight @ (y - slope * x) ** 2)
-    return slope, float(np.sqrt(residual / spread * (weight @ weight)))
-
-
-def _fall_beside_step(distance: Array, values: Array, weight: Array) -> float:
-    """Last value over the first of the longest thing, without one step and unseen gaps.
-
-    By ln value = a + b ln distance + (c beyond a step), with the step of least residuals.
-    """
-    x, y, root = np.log(distance), np.log(values), np.sqrt(weight)
-    things = np.split(np.arange(len(x)), np.flatnonzero(np.diff(x) > math.log(FAR_APART)) + 1)
-    thing = max(things, key=lambda part: float(x[part[-1]] - x[part[0]]))
-    x, y, root = x[thing], y[thing], root[thing]
-    if len(things) > 1 and (len(x) < MIN_BINS or x[-1] - x[0] < math.log(FAR_APART)):
-        return 1.0
-    best = slope = math.inf
-    for step in range(2, len(x) - 1):
-        near = np.arange(len(x)) < step
-        columns = np.stack((near, ~near, x), axis=1) * root[:, np.newaxis]
-        found = np.linalg.lstsq(columns, root * y, rcond=None)[0]
-        residual = float(((root * y - columns @ found) ** 2).sum())
-        if residual < best:
-            best, slope = residual, float(found[2])
-    apart = np.diff(x)
-    return math.exp(slope * float(apart[apart < math.log(RANGE_GAP)].sum()))
 
 
 def refuse_frame(envelope: Envelopes, min_pixels: int, min_range_ratio: float) -> Status:

@@ -31,7 +31,6 @@ from uw_visibility.status import Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.fit import blank
 from uw_visibility.water.daylight.statistics import Blocks, stacked
-from uw_visibility.water.daylight.validation import LAMP_SLOPE
 from uw_visibility.water.estimate import (
     WaterEstimate,
     joint_covariance,
@@ -103,6 +102,8 @@ DARK_QUANTILE = 0.05
 BRIGHT_QUANTILE = 0.9
 # A change between older and newer frames beyond so many standard deviations is the water's.
 CHANGE_LIMIT = 5.0
+# Lamps' light falls as 1/d in turbid water, and faster than 1/d² in clear water.
+LAMP_SLOPE = -0.8
 # Farthest over nearest frame from which on it shows whether lamps light the ground.
 LAMP_RATIO = 1.25
 
