@@ -142,6 +142,36 @@ def test_the_command_enhances_a_pair(tmp_path: Path) -> None:
     assert np.median(distance) == pytest.approx(400 * 0.12 / DISPARITY, rel=0.05)
 
 
+def test_the_transfer_of_the_command_line_goes_before_that_of_the_file(
+    tmp_path: Path, pair: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    params = tmp_path / "camera.yaml"
+    params.write_text(yaml.safe_dump({"/**": {"ros__parameters": {
+        "camera": {"transfer": "linear", "white_reference": [1.0, 0.8, 0.6]}}}}), encoding="utf-8")
+    told = []
+    for name, words in (("none", ()), ("file", ("--params-file", str(params))), (
+            "line", ("--params-file", str(params), "--transfer", "srgb"))):
+        assert main(["enhance", *pair, *NUMBERS, *words, "-o", str(tmp_path / name)]) == 0
+        told.append(capsys.readouterr().out)
+    assert "transfer linear (assumed; --transfer srgb for video)" in told[0]
+    assert "transfer linear, white at the surface 1 : 0.8 : 0.6, " in told[1]
+    assert "transfer srgb, " in told[2]
+    linear, srgb = (read(tmp_path / name / "left_enhanced.png") for name in ("file", "line"))
+    assert linear.shape == srgb.shape
+
+
+def test_a_jpeg_without_a_transfer_asks_for_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    paths = [str(tmp_path / f"{side}.jpg") for side in ("left", "right")]
+    for path, image in zip(paths, make_pair(), strict=True):
+        cv2.imwrite(path, image)
+    for words, asked in (((), True), (("--transfer", "srgb"), False)):
+        assert main([
+            "enhance", *paths, *NUMBERS, *words, "--force", "-o", str(tmp_path / "out")]) == 0
+        assert ("give --transfer srgb" in capsys.readouterr().err) is asked
+
+
 @pytest.mark.parametrize("kind", ["grey", "16 bit"])
 def test_what_cannot_be_assessed_is_null_with_a_status(tmp_path: Path, kind: str) -> None:
     left, right = make_pair(np.uint16 if kind == "16 bit" else np.uint8)

@@ -86,11 +86,15 @@ def test_every_form_has_the_same_table(
     assert (tmp_path / "out" / "frames.csv").read_bytes() == expected
 
 
-def test_compressed_images_without_loss_have_the_same_table(
-    transect: Path, replayed: Path, tmp_path: Path
+def test_compressed_images_without_loss_have_the_same_table_and_are_asked_about(
+    transect: Path, replayed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = copy_bag(transect, tmp_path / "copy", edit=compressed)
-    assert run(bag, tmp_path / "out").code == 0
+    done = run(bag, tmp_path / "out", capsys=capsys)
+    assert done.code == 0
+    assert "give --transfer srgb" in done.out
+    told = run(bag, tmp_path / "told", "--transfer", "linear", "--every", "9", capsys=capsys)
+    assert "give --transfer srgb" not in told.out
     expected = (replayed / "frames.csv").read_bytes()
     assert (tmp_path / "out" / "frames.csv").read_bytes() == expected
 

@@ -13,7 +13,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from uw_visibility.commands.options import add_transfer, read_params_file
+from uw_visibility.config.assumptions import ASK_TRANSFER, assumptions
 from uw_visibility.config.files import Products, gathered, refuse_inputs, sole_writer, write_whole
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError, refusing
 from uw_visibility.replay.progress import say
 from uw_visibility.status import Status
@@ -21,7 +24,6 @@ from uw_visibility.status import Status
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from uw_visibility.config.schema import PipelineConfig
     from uw_visibility.pipeline.pipeline import FrameResult
     from uw_visibility.stereo.rig import StereoRig
 
@@ -31,6 +33,7 @@ PRODUCTS = Products(
     REPORT, ("overview.png", "left_enhanced.png", "right_enhanced.png", *MAPS),
     "not of a result of enhance", keys=('"matched_fraction"',))
 COLOURS = ("red", "green", "blue")
+LOSSY = (".jpg", ".jpeg")
 
 HELP = "one pair from files"
 DESCRIPTION = """\
@@ -81,6 +84,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--params-file", metavar="YAML", type=Path,
         help="parameters, in the form of config/uw_visibility.yaml",
     )
+    add_transfer(parser)
     parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, required=True,
         help="folder for the results; made where it is missing",
@@ -94,7 +98,8 @@ def run(arguments: argparse.Namespace) -> None:
 
     Raises `InputError` if an option, a file or the pair of images cannot be used.
     """
-    config = _read_config(arguments.params_file, arguments.max_disparity)
+    values = _parameters(arguments)
+    config = PipelineConfig.from_parameters(values)
     left, right = _read_pair(arguments.left, arguments.right)
     rig = _make_rig(arguments, left.shape)
     _prepare_folder(arguments)
@@ -106,19 +111,22 @@ def run(arguments: argparse.Namespace) -> None:
         with gathered(arguments.output, PRODUCTS, force=arguments.force) as folder:
             report = _write(folder, result, left)
     say(_summary(report, arguments.output))
+    say(assumptions(config.to_parameters(), values))
+    if "camera.transfer" not in values and arguments.left.suffix.lower() in LOSSY:
+        say(ASK_TRANSFER, error=True)
 
 
-def _read_config(path: Path | None, max_disparity: int | None) -> PipelineConfig:
-    from uw_visibility.commands.options import read_params_file
-    from uw_visibility.config.schema import PipelineConfig
-
-    values = read_params_file(path)
-    if max_disparity is None:
-        return PipelineConfig.from_parameters(values)
+def _parameters(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the parameters that are given, those of options before those of the file."""
+    values = read_params_file(arguments.params_file, arguments.transfer)
+    if arguments.max_disparity is None:
+        return values
+    values["stereo.max_disparity"] = arguments.max_disparity
     try:
-        return PipelineConfig.from_parameters({**values, "stereo.max_disparity": max_disparity})
+        PipelineConfig.from_parameters(values)
     except InputError as error:
         raise InputError(f"--max-disparity: {error}") from error
+    return values
 
 
 def _read_pair(left_path: Path, right_path: Path) -> tuple[NDArray[Any], NDArray[Any]]:

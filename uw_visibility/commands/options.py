@@ -74,11 +74,24 @@ def of_arguments(
     return kind(**values, **others)
 
 
-def read_params_file(path: Path | None) -> dict[str, Any]:
-    """Read a parameter file, of which `PipelineConfig` and `NodeConfig` take what is theirs."""
+def add_transfer(parser: argparse.ArgumentParser) -> None:
+    """Add the option of the camera's transfer."""
+    parser.add_argument(
+        "--transfer", choices=("linear", "srgb"),
+        help="how code values follow light: linear, as of machine vision cameras, or srgb, as most "
+        "video and JPEG (parameter camera.transfer)")
+
+
+def read_params_file(path: Path | None, transfer: str | None = None) -> dict[str, Any]:
+    """Read a parameter file, of which `PipelineConfig` and `NodeConfig` take what is theirs.
+
+    `transfer` is that of the command line; it goes before that of the file.
+    """
     from uw_visibility.config.schema import NodeConfig, PipelineConfig, read_yaml
 
     values: dict[str, Any] = {} if path is None else read_yaml(path)
+    if transfer is not None:
+        values["camera.transfer"] = transfer
     try:
         NodeConfig.from_parameters(values)
         PipelineConfig.from_parameters(values)
@@ -104,6 +117,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     add("bags", metavar="BAG", type=named_place, nargs="+", help="recording")
     add("--rectify", action="store_true", help="rectify raw images (parameter rectify)")
     add("--params-file", metavar="YAML", type=Path, help="parameters, those of the node")
+    add_transfer(parser)
     add(
         "--calibration", metavar="FILE", type=Path, action="append", default=[],
         help="JSON with P1 and P2, or two YAML files of CameraInfo, instead of the recorded ones",
@@ -129,14 +143,14 @@ def read_recording_options(arguments: argparse.Namespace, **others: Any) -> Repl
     from uw_visibility.replay.inputs.options import ReplayOptions
     from uw_visibility.replay.inputs.topics import Wanted
 
-    values = read_params_file(arguments.params_file)
+    values = read_params_file(arguments.params_file, arguments.transfer)
     pipeline, node = PipelineConfig.from_parameters(values), NodeConfig.from_parameters(values)
     if arguments.rectify:
         node = replace(node, rectify=True)
     return of_arguments(
         ReplayOptions, arguments, pipeline=pipeline, node=node,
         wanted=of_arguments(Wanted, arguments, depth=arguments.depth_sensor),
-        sensor_type=values.get("plausibility.sensor_type"),
+        sensor_type=values.get("plausibility.sensor_type"), told=tuple(sorted(values)),
         infos=read_camera_infos(arguments.calibration) if arguments.calibration else None,
         **others,
     )

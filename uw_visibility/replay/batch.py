@@ -13,6 +13,7 @@ from typing import Any, Self
 
 from uw_visibility import __version__
 from uw_visibility.compute.threads import number_of_threads
+from uw_visibility.config.assumptions import ASK_TRANSFER
 from uw_visibility.config.files import sole_writer
 from uw_visibility.errors import InputError, printable
 from uw_visibility.replay import stores
@@ -221,6 +222,9 @@ class _Replay:
         self.summary = Summary(str(reader.path), str(folder.target), notes=list(selection.notes))
         self.summary.topics = {
             name: topic for name, topic in selection.by_use().items() if topic is not None}
+        compressed = reader.channels[selection.left].type.endswith("CompressedImage")
+        if compressed and "camera.transfer" not in options.told:
+            self.summary.notes.append(ASK_TRANSFER)
         self._origin = Origin.of(reader.path, reader.files, options.parameters())
         self._check_earlier()
         self._hash = FileHash(reader.files)
@@ -324,6 +328,7 @@ class _Replay:
         summary.provenance = {
             "version": origin.version, "bag": origin.bag, "input_sha256": self._hash.result(),
             "complete": summary.complete, "parameters": origin.parameters,
+            "told": list(self._options.told),
             "threads": number_of_threads(self._options.pipeline.threads),
         }
         self._recorder.close(summary.provenance)

@@ -109,6 +109,7 @@ def read(
         node=NodeConfig.from_parameters(values),
         wanted=topics or Wanted(),
         sensor_type=values.get("plausibility.sensor_type"),
+        told=tuple(sorted(values)),
         infos=calibration,
         start=start,
         duration=duration,

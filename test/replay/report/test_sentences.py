@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from frame_records import frame_estimate, frame_record
 
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.report.report import OVERVIEW_COLUMNS, key_numbers
@@ -162,6 +163,13 @@ def test_numbers_say_in_how_many_frames_they_are_known() -> None:
     columns["depth"][:] = 2.0
     texts = [name for _, name in key_numbers(columns, summary, "2.35/β")]
     assert texts[3] == "depth by colour; median, 2.00 to 2.00 m in 90 % of the frames"
+
+
+def test_what_is_assumed_of_camera_and_light_is_said() -> None:
+    _, summary = told(seen(0, 6.0))
+    summary.provenance = {"parameters": PipelineConfig().to_parameters(), "told": []}
+    sentences = ["".join(map(str, parts)) for parts in verdict(summary)]
+    assert sum("transfer linear (assumed; --transfer srgb for video)" in s for s in sentences) == 1
 
 
 def test_the_filter_and_surveys_are_told() -> None:

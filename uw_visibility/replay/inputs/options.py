@@ -30,6 +30,8 @@ class ReplayOptions:
     Attributes
     ----------
     pipeline, node : PipelineConfig, NodeConfig
+    told : tuple of str
+        Names of the parameters that the user gave; the others are defaults.
         The node's parameters; `node.rectify` says whether images are raw.
     wanted : Wanted
         Topics that are given.
@@ -64,6 +66,7 @@ class ReplayOptions:
     node: NodeConfig = field(default_factory=NodeConfig)
     wanted: Wanted = field(default_factory=Wanted)
     sensor_type: str | None = None
+    told: tuple[str, ...] = ()
     infos: tuple[Any, Any] | None = None
     start: float = 0.0
     duration: float = math.inf

@@ -8,6 +8,7 @@ import math
 from datetime import UTC, datetime
 from typing import NamedTuple
 
+from uw_visibility.config.assumptions import assumptions
 from uw_visibility.errors import printable
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.report.meaning import MEANINGS
@@ -47,6 +48,9 @@ def verdict(summary: Summary) -> list[Sentence]:
     found = [_seen(synopsis)]
     if synopsis.told:
         found += [_distance(synopsis), _trust(synopsis)]
+    provenance = summary.provenance
+    if provenance:
+        found.append([assumptions(provenance["parameters"], provenance["told"])])
     if synopsis.start < FIRST_DATE:
         found.append([CLOCK_NOT_SET])
     refused = _refused(summary, synopsis)
