@@ -15,6 +15,7 @@ import pytest
 
 from uw_visibility.messages.images import read_image
 from uw_visibility.messages.outputs import TOPICS
+from uw_visibility.status import Status
 
 STAMPED = [topic for topic, name in TOPICS.items() if name != "std_msgs/msg/Float64"]
 # What an operator waits for, with a margin for a machine under load, s.
@@ -434,23 +435,6 @@ def test_recorded_raw_pairs_are_rectified_and_processed(
         assert disparity.f == pytest.approx(435.35213527586393)
         assert disparity.t == pytest.approx(0.06620494413054522)
         complete.append(stamp)
-    # The estimates of the last frame follow its images at once.
-    client.wait(
-        lambda: len(client.received["visibility/attenuation"]) >= 8, "8 estimates"
-    )
-    answered = {
-        topic: sum(client.has(topic, stamp) for stamp in complete) for topic in STAMPED
-    }
-    answered["visibility/mean_attenuation"] = len(client.received["visibility/mean_attenuation"])
-    # A board at half a metre tells of the water in a few of the frames; in the others the
-    # filter goes on from those before, for as long as it may.
-    raw = {topic: n for topic, n in answered.items() if topic.startswith("visibility/raw/")}
-    filtered = {topic: n for topic, n in answered.items() if topic not in raw}
-    # Single frames mostly know a distance no better than by half; together they do.
-    assert raw.pop("visibility/raw/distance") > 0, (answered, node.log)
-    assert filtered.pop("visibility/distance") >= 4, (answered, node.log)
-    # The video camera balances its white, so that most pictures are grey on average.
-    assert raw.pop("visibility/raw/depth") < min(raw.values()), (answered, node.log)
-    assert filtered.pop("visibility/depth") < min(filtered.values()), (answered, node.log)
-    assert min(raw.values()) >= 2, (answered, node.log)
-    assert min(filtered.values()) >= 8, (answered, node.log)
+    # A board at half a metre, in water that shows some 20 m, says next to nothing of it.
+    client.diagnosed("pipeline", str(Status.RANGE_SPREAD_TOO_SMALL))
+    assert not client.received["visibility/distance"], node.log

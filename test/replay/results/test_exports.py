@@ -86,7 +86,7 @@ def test_table_has_iso_times_and_joined_values(rows: list[dict[str, str]]) -> No
             4.8 / float(row["attenuation_green"]))
         assert float(row["filtered_secchi_depth_stddev"]) > 0.0
         # A single frame may be too uncertain to tell one.
-        assert row["water_type"] in ("IB", "II", "III", "")
+        assert row["water_type"] in ("IA", "IB", "II", "III", "")
     assert sum(row["water_type"] != "" for row in rows) >= FRAMES - 1
 
 
