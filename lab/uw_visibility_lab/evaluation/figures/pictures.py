@@ -42,14 +42,11 @@ def draw_pictures(path: Path, cases: Sequence[CaseResult]) -> None:
     figure, rows = _grid(cases, len(SHOWN) + 1)
     for row, case, pictures in rows:
         for axes, name in zip(row, SHOWN, strict=False):
-            difference = case.colour_difference[name]
-            if np.isfinite(difference):
-                axes.imshow(pictures.images[name])
-                axes.set_title(f"{IMAGES[name]}\nΔE*ab = {difference:.1f}", fontsize=9)
-            else:
-                axes.set_title(f"{IMAGES[name]}\npair refused", fontsize=9)
-        row[-1].imshow(pictures.radiance)
-        row[-1].set_title(f"{case.scene} in air", fontsize=9)
+            image = pictures.images.get(name)
+            found = "pair refused" if image is None else (
+                f"ΔE*ab = {case.colour_difference[name]:.1f}")
+            _show(axes, image, f"{IMAGES[name]}\n{found}")
+        _show(row[-1], pictures.radiance, f"{case.scene} in air")
     truth = cases[0].truth
     figure.suptitle(
         f"Enhancement at α = {truth.mean_attenuation:.3g} 1/m, z = {truth.depth:g} m "
@@ -62,24 +59,25 @@ def draw_disparities(path: Path, cases: Sequence[CaseResult]) -> None:
     """Draw Fig. 5: under water, disparities of that pair, improved ones, enhanced image."""
     figure, rows = _grid(cases, 4)
     for row, case, pictures in rows:
-        row[0].imshow(pictures.images["degraded"])
-        row[0].set_title(f"{case.scene} under water", fontsize=9)
+        _show(row[0], pictures.images["degraded"], f"{case.scene} under water")
         found = pictures.disparities
         known = found["ours"][np.isfinite(found["ours"])] if found else np.empty(0)
         limits = np.percentile(known, [1.0, 99.0]) if known.size else (0.0, 1.0)
         for axes, name in zip(row[1:3], ("ours_raw", "ours"), strict=True):
-            if name in found:
-                axes.imshow(found[name], cmap=DISPARITY_COLOURS, vmin=limits[0], vmax=limits[1])
-                axes.set_title(
-                    f"{MATCHES[name]}\n{case.matched[name]:.0%} matched, "
-                    f"{case.correct[name]:.0%} correct", fontsize=9)
-            else:
-                axes.set_title(f"{MATCHES[name]}\npair refused", fontsize=9)
-        if "final" in pictures.images:
-            row[3].imshow(pictures.images["final"])
-        row[3].set_title(IMAGES["final"], fontsize=9)
+            how = "pair refused" if name not in found else (
+                f"{case.matched[name]:.0%} matched, {case.correct[name]:.0%} correct")
+            _show(axes, found.get(name), f"{MATCHES[name]}\n{how}",
+                  cmap=DISPARITY_COLOURS, vmin=limits[0], vmax=limits[1])
+        _show(row[3], pictures.images.get("final"), IMAGES["final"])
     figure.suptitle("Disparities and enhancement (as Fig. 5 of the paper); black is not matched")
     save(figure, path)
+
+
+def _show(axes: Any, image: Any, title: str, **how: Any) -> None:
+    """Show an image, where there is one, under a title."""
+    if image is not None:
+        axes.imshow(image, **how)
+    axes.set_title(title, fontsize=9)
 
 
 def _grid(

@@ -37,30 +37,18 @@ Fault = Callable[[float], float]
 
 @dataclass(frozen=True)
 class Judgement:
-    """Judgement of the check over a series.
+    """Judgement of the check over a series."""
 
-    Attributes
-    ----------
-    beyond, beyond_back : float
-        Share of a right sensor's comparisons beyond their gate, over the way there, and there and
-        back.
-    warned, accused : int
-        Frames of a right sensor with a warning or an error, there and back.
-    jumps : dict
-        Times, s, from a jump of a size, m, to the error; infinite without one.
-    drifts : dict
-        How far a drift from a moment, s, has come by its error, m; infinite without one.
-    absurd : int
-        Frames up to the error of a sensor that is 60 m off.
-    """
-
+    # beyond, beyond_back: share of a right sensor's comparisons beyond their gate, over the way
+    # there, and there and back
     beyond: float
     beyond_back: float
-    warned: int
+    warned: int  # warned, accused: frames of a right sensor with a warning or an error, both ways
     accused: int
-    jumps: dict[float, list[float]]
+    jumps: dict[float, list[float]]  # times, s, from a jump of a size, m, to the error; inf: none
+    # how far a drift from a moment, s, has come by its error, m; infinite without one
     drifts: dict[float, list[float]]
-    absurd: int
+    absurd: int  # frames up to the error of a sensor that is 60 m off
 
     def cells(self) -> list[str]:
         """Return the judgement as cells of a table, see `HEAD`."""
@@ -121,18 +109,12 @@ def judge(series: Series, camera: Camera = CAMERA) -> Judgement:
 
 
 class _Check:
-    """Check of a seeded sensor, frame by frame.
-
-    Attributes
-    ----------
-    frames : int
-        Taken so far.
-    """
+    """Check of a seeded sensor, frame by frame."""
 
     def __init__(self, camera: Camera) -> None:
         self._random = np.random.default_rng(0)
         self._monitor = DepthMonitor(PlausibilityConfig(), camera)
-        self.frames = 0
+        self.frames = 0  # taken so far
 
     def take(self, seen: Seen, fault: float) -> Report:
         """Take a frame, with the sensor off by so much, m; return the report after it."""

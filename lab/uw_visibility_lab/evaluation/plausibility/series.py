@@ -15,6 +15,7 @@ from typing import Any
 from uw_visibility import __version__
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.documents import read_document
+from uw_visibility.config.files import write_whole
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.pipeline.pipeline import Pipeline
@@ -36,23 +37,13 @@ COOL = CameraEffects(white_balance=(0.65, 1.0, 0.9))
 
 @dataclass(frozen=True)
 class Seen:
-    """What a frame tells of depth, and the truth.
+    """What a frame tells of depth, and the truth."""
 
-    Attributes
-    ----------
-    time : float
-        From the start, s.
-    truth, depth : float
-        True and estimated, m; `depth` is NaN where it is not told.
-    stddev, precision : float
-        Standard deviation of `depth`, and of what of it differs between frames, m.
-    """
-
-    time: float
-    truth: float
-    depth: float
-    stddev: float
-    precision: float
+    time: float  # from the start, s
+    truth: float  # true depth, m
+    depth: float  # estimated, m; NaN where it is not told
+    stddev: float  # standard deviation of `depth`, m
+    precision: float  # standard deviation of what of `depth` differs between frames, m
 
 
 Series = list[Seen]
@@ -192,10 +183,7 @@ def _write(path: Path, transect: Transect, series: Sequence[Seen]) -> None:
     rows = [
         [value if math.isfinite(value) else None for value in astuple(seen)] for seen in series]
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".partial")
-    partial.write_text(
-        json.dumps({**_plan_of(transect), "seen": rows}) + "\n", encoding="utf-8")
-    partial.replace(path)
+    write_whole(path, json.dumps({**_plan_of(transect), "seen": rows}) + "\n")
 
 
 def _read(path: Path, transect: Transect) -> Series:
