@@ -31,69 +31,39 @@ EXPOSURE = (0.99, 0.9)
 """Quantile of the image's brightest channel, and the code value that it gets, 1 is full."""
 
 FULL = 65535
-LONGEST = 1 << 20
 
 
 @dataclass(frozen=True)
 class Traced:
-    """A traced view with its truth. Light is in units of the image.
+    """A traced view with its truth. Light is in units of the image; (3,) is RGB."""
 
-    Attributes
-    ----------
-    kind : str
-        Of the scene.
-    seed : int
-        That it was drawn with.
-    image : ndarray
-        (H, W, 3) float32, RGB, linear, 0 .. 1, without a sensor's noise.
-    ranges : ndarray
-        (H, W) float32, m along the line of sight, NaN in open water.
-    attenuation, attenuation_stddev : ndarray
-        (3,), 1/m: of surfaces' light, image less black, over the surfaces' radiance. Light of the
-        floor that water scatters into the view is in it, so it is nearer to absorption than to c.
-    attenuation_contrast, attenuation_contrast_stddev : ndarray
-        (3,), 1/m: of the difference of bright and dark patches at the same range; nearer to c.
-        `truth.transmissions` has both.
-    veil_growth : ndarray
-        (3,), 1/m: rate at which the veil of black surfaces saturates with range; NaN where
-        ranges are too short for that.
-    beam_attenuation, absorption, scattering : ndarray
-        (3,), 1/m.
-    veil : ndarray
-        (3,), B; NaN where the view does not show it.
-    light : ndarray
-        (3,), W: radiance of a white surface, median over the scene.
-    surface, black, reflectance : ndarray
-        (H, W, 3) float32: radiance of the surfaces without water before them, the veil alone
-        (black surfaces), and the surfaces' reflectance.
-    focal_length : float
-        px.
-    baseline : float
-        m.
-    truth : dict
-        All that truth.json holds.
-    """
-
-    kind: str
-    seed: int
-    image: Array
-    ranges: Array
+    kind: str  # of the scene
+    seed: int  # that it was drawn with
+    image: Array  # (H, W, 3) float32; RGB, linear, 0 .. 1, without a sensor's noise
+    ranges: Array  # (H, W) float32; m along the line of sight, NaN in open water
+    # attenuation, attenuation_stddev: (3,), 1/m; of surfaces' light, image less black, over the
+    # surfaces' radiance. Light of the floor that water scatters into the view is in it, so it is
+    # nearer to absorption than to c
     attenuation: Array
     attenuation_stddev: Array
+    # attenuation_contrast, attenuation_contrast_stddev: (3,), 1/m; of the difference of bright and
+    # dark patches at the same range; nearer to c. `truth.transmissions` has both
     attenuation_contrast: Array
     attenuation_contrast_stddev: Array
+    # (3,), 1/m; rate at which the veil of black surfaces saturates with range; NaN where ranges are
+    # too short for that
     veil_growth: Array
-    beam_attenuation: Array
+    beam_attenuation: Array  # beam_attenuation, absorption, scattering: (3,), 1/m
     absorption: Array
     scattering: Array
-    veil: Array
-    light: Array
-    surface: Array
-    black: Array
-    reflectance: Array
-    focal_length: float
-    baseline: float
-    truth: dict[str, Any]
+    veil: Array  # (3,); B; NaN where the view does not show it
+    light: Array  # (3,); W: radiance of a white surface, median over the scene
+    surface: Array  # (H, W, 3) float32; radiance of the surfaces without water before them
+    black: Array  # (H, W, 3) float32; the veil alone: surfaces are black
+    reflectance: Array  # (H, W, 3) float32; of the surfaces
+    focal_length: float  # px
+    baseline: float  # m
+    truth: dict[str, Any]  # all that truth.json holds
 
 
 def describe(given: dict[str, Any]) -> Description:

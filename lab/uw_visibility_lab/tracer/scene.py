@@ -48,22 +48,12 @@ FIELD_OF_VIEW, BASELINE = 60.0, 0.12
 
 @dataclass(frozen=True)
 class Water:
-    """Homogeneous water.
+    """Homogeneous water."""
 
-    Attributes
-    ----------
-    absorption, scattering : tuple of float
-        RGB, 1/m.
-    phase : str
-        One of `phase.PHASE_FUNCTIONS`.
-    asymmetry : float
-        Mean cosine of Henyey-Greenstein's function.
-    """
-
-    absorption: Colour
+    absorption: Colour  # absorption, scattering: RGB, 1/m
     scattering: Colour
-    phase: str = HENYEY_GREENSTEIN
-    asymmetry: float = 0.85
+    phase: str = HENYEY_GREENSTEIN  # phase function: this, or one of those of `cosine_table`
+    asymmetry: float = 0.85  # mean cosine of Henyey-Greenstein's function
 
     @property
     def beam_attenuation(self) -> Array:
@@ -78,56 +68,28 @@ class Water:
 
 @dataclass(frozen=True)
 class Lamp:
-    """Spot light that moves with the camera.
+    """Spot light that moves with the camera."""
 
-    Attributes
-    ----------
-    position, direction : tuple of float
-        In the left camera's frame: x right, y down, z forward, m.
-    beam_angle : float
-        Full angle, degrees.
-    intensity : tuple of float
-        RGB, on the axis, where the surface's radiance is 1.
-    """
-
+    # position, direction: in the left camera's frame (x right, y down, z forward), m
     position: Colour
     direction: Colour = (0.0, 0.0, 1.0)
-    beam_angle: float = 90.0
-    intensity: Colour = (1.0, 1.0, 1.0)
+    beam_angle: float = 90.0  # full angle, degrees
+    intensity: Colour = (1.0, 1.0, 1.0)  # RGB, on the axis, where the surface's radiance is 1
 
 
 @dataclass(frozen=True)
 class Description:
-    """All that decides an image.
+    """All that decides an image."""
 
-    Attributes
-    ----------
-    kind : str
-        One of `KINDS`.
-    seed : int
-        Of geometry, textures and the tracer's samples.
-    water : Water
-        The same everywhere.
-    depth : float
-        Of the camera, m.
-    altitude : float
-        Of the camera over the floor below it, m.
-    tilt : float
-        Of the camera below the horizon, degrees.
-    daylight : tuple of float
-        Radiance of the sea's surface from below, RGB, the same in all directions.
-    lamps : tuple of Lamp
-        None by day.
-    """
-
-    kind: str
-    seed: int
-    water: Water
-    depth: float
-    altitude: float
-    tilt: float
+    kind: str  # one of `KINDS`
+    seed: int  # of geometry, textures and the tracer's samples
+    water: Water  # the same everywhere
+    depth: float  # of the camera, m
+    altitude: float  # of the camera over the floor below it, m
+    tilt: float  # of the camera below the horizon, degrees
+    # radiance of the sea's surface from below, RGB, the same in all directions
     daylight: Colour = (1.0, 1.0, 1.0)
-    lamps: tuple[Lamp, ...] = ()
+    lamps: tuple[Lamp, ...] = ()  # none by day
     field_of_view: float = FIELD_OF_VIEW
     baseline: float = BASELINE
 

@@ -11,24 +11,17 @@ import numpy as np
 from uw_visibility.images.arrays import Array
 from uw_visibility_lab.tracer.noise import fractal
 
+SECTOR = np.pi / 4.0
+"""Half of the directions that are seen, rad."""
+
 
 @dataclass(frozen=True)
 class Shape:
-    """Triangle mesh.
+    """Triangle mesh."""
 
-    Attributes
-    ----------
-    vertices : ndarray
-        (N, 3) float64, m: x ahead of the camera, y to its left, z up.
-    faces : ndarray
-        (M, 3) uint32.
-    reflectance : ndarray
-        (N, 3) float32, RGB, 0 .. 1.
-    """
-
-    vertices: Array
-    faces: Array
-    reflectance: Array
+    vertices: Array  # (N, 3) float64; x ahead of the camera, y to its left, z up, m
+    faces: Array  # (M, 3) uint32
+    reflectance: Array  # (N, 3) float32; RGB, 0 .. 1
 
 
 def grid_faces(rows: int, columns: int) -> Array:
@@ -41,7 +34,7 @@ def grid_faces(rows: int, columns: int) -> Array:
 
 
 def polar_grid(
-    nearest: float, farthest: float, rings: int, rays: int, sector: float = np.pi / 4.0,
+    nearest: float, farthest: float, rings: int, rays: int,
 ) -> tuple[Array, Array]:
     """Points of the plane at steps that grow with their distance, as pixels see them.
 
@@ -50,9 +43,7 @@ def polar_grid(
     nearest, farthest : float
         Radii, m.
     rings, rays : int
-        How many; an eighth of the rays is outside of the sector.
-    sector : float
-        Half of what is seen, rad.
+        How many; an eighth of the rays is outside of `SECTOR`.
 
     Returns
     -------
@@ -64,8 +55,8 @@ def polar_grid(
     radius = np.geomspace(nearest, farthest, rings)
     seen = rays - rays // 8
     angle = np.concatenate([
-        np.linspace(-sector, sector, seen),
-        np.linspace(sector, 2.0 * np.pi - sector, rays - seen + 1)[1:]])
+        np.linspace(-SECTOR, SECTOR, seen),
+        np.linspace(SECTOR, 2.0 * np.pi - SECTOR, rays - seen + 1)[1:]])
     r, a = np.meshgrid(radius, angle, indexing="ij")
     points = np.stack([r * np.cos(a), r * np.sin(a), np.zeros_like(r)], -1).reshape(-1, 3)
     wide = np.gradient(angle)[None, :]
