@@ -76,16 +76,16 @@ def mitsuba(threads: int = 2) -> Any:
 
 
 def denoise(image: Image, guide: Image, normals: Image | None = None) -> Image:
-    """Denoise one channel of a traced image (Open Image Denoise, filter RT, high dynamic range).
+    """Denoise a traced image (Open Image Denoise, filter RT, high dynamic range).
 
     Channels go through it one by one: together, their means move by 1 to 4 %.
 
     Parameters
     ----------
     image : ndarray
-        (H, W) float32, linear, not below 0.
+        (H, W, 3) float32, linear, not below 0.
     guide : ndarray
-        (H, W) float32, 0 .. 1: what the image follows, without noise. What the image has not
+        (H, W, 3) float32, 0 .. 1: what each channel follows, without noise. What the image has not
         should not be in it: edges of the guide are taken over.
     normals : ndarray, optional
         (H, W, 3) float32, of surfaces, without noise.
@@ -93,13 +93,18 @@ def denoise(image: Image, guide: Image, normals: Image | None = None) -> Image:
     Returns
     -------
     ndarray
-        (H, W) float32, not below 0.
+        (H, W, 3) float32, not below 0.
 
     Raises
     ------
     InputError
         If pyoidn is not installed.
     """
+    return np.stack([
+        _denoise_channel(image[..., k], guide[..., k], normals) for k in range(3)], axis=-1)
+
+
+def _denoise_channel(image: Image, guide: Image, normals: Image | None) -> Image:
     try:
         import pyoidn
     except ImportError as error:

@@ -13,10 +13,8 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -28,9 +26,9 @@ from uw_visibility_lab.tracer.phase import (
     FOURNIER_FORAND,
     HENYEY_GREENSTEIN,
     PETZOLD,
-    cosine_table,
+    phase_of,
 )
-from uw_visibility_lab.tracer.render import MOST_SCATTERED, ROULETTE
+from uw_visibility_lab.tracer.render import integrator
 
 WATERS = (
     (HENYEY_GREENSTEIN, 0.77), (HENYEY_GREENSTEIN, 0.85), (HENYEY_GREENSTEIN, 0.92),
@@ -48,25 +46,6 @@ DISTANCES = (0.5, 1.0, 2.0, 3.0)
 
 SIDE = 64
 """Pixels of the narrow view of the patch's centre, squared."""
-
-
-@dataclass(frozen=True)
-class PatchDecay:
-    """Light of a patch over distance.
-
-    Attributes
-    ----------
-    ratio : float
-        β/c: slope of -log transmission over distance in attenuation lengths.
-    stddev : float
-        Of the samples' noise and the departure from an exponential.
-    transmissions : list of float
-        At `DISTANCES`.
-    """
-
-    ratio: float
-    stddev: float
-    transmissions: list[float]
 
 
 def slope(distances: Array, transmissions: Array, stddevs: Array) -> tuple[float, float]:
@@ -99,13 +78,9 @@ class PatchScene:
 
     def __init__(self, phase: str, asymmetry: float, threads: int = 2) -> None:
         mi = self.mi = engine.mitsuba(threads)
-        given: dict[str, Any] = {"type": "hg", "g": asymmetry}
-        if phase != HENYEY_GREENSTEIN:
-            table = ",".join(f"{v:.6g}" for v in cosine_table(phase))
-            given = {"type": "tabphase", "values": table}
-        self._integrator = mi.load_dict(
-            {"type": "volpath", "max_depth": MOST_SCATTERED, "rr_depth": ROULETTE})
-        self._water = {"type": "homogeneous", "sigma_t": 1.0, "phase": mi.load_dict(given)}
+        self._water = {
+            "type": "homogeneous", "sigma_t": 1.0,
+            "phase": mi.load_dict(phase_of(phase, asymmetry))}
 
     def transmission(
         self, albedo: float, diameter: float, distance: float, samples: int, seed: int = 1,
@@ -144,26 +119,9 @@ class PatchScene:
                          "pixel_format": "luminance"},
                 "sampler": {"type": "independent"}}})
         image = np.array(mi.render(
-            scene, integrator=self._integrator, spp=samples, seed=seed), float)
+            scene, integrator=integrator(mi, "volpath"), spp=samples, seed=seed), float)
         known = image[np.isfinite(image)]
         return float(known.mean()), float(known.std() / np.sqrt(known.size))
-
-
-def measure(
-    waters: Sequence[tuple[str, float]] = WATERS, albedos: Sequence[float] = ALBEDOS,
-    diameters: Sequence[float] = DIAMETERS, samples: int = 64, threads: int = 2,
-) -> Iterator[tuple[str, float, float, float, PatchDecay]]:
-    """Yield phase function, its mean cosine, albedo, diameter, and the patch's decay."""
-    for phase, asymmetry in waters:
-        scene = PatchScene(phase, asymmetry, threads)
-        for albedo in albedos:
-            for diameter in diameters:
-                seen = [scene.transmission(albedo, diameter, distance, samples, 1 + k)
-                        for k, distance in enumerate(DISTANCES)]
-                values, noise = (np.array(a) for a in zip(*seen, strict=True))
-                ratio, stddev = slope(np.array(DISTANCES), values, noise)
-                yield phase, asymmetry, albedo, diameter, PatchDecay(
-                    ratio, stddev, values.tolist())
 
 
 def main() -> None:
@@ -174,15 +132,20 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2)
     arguments = parser.parse_args()
     rows = []
-    for phase, asymmetry, albedo, diameter, decay in measure(
-            samples=arguments.samples, threads=arguments.threads):
-        rows.append({
-            "phase": phase, "asymmetry": asymmetry, "albedo": albedo, "diameter": diameter,
-            "ratio": round(decay.ratio, 4), "stddev": round(decay.stddev, 4),
-            "transmissions": [float(f"{t:.5g}") for t in decay.transmissions]})
-        say(f"{phase} {asymmetry:g}, albedo {albedo:g}, {diameter:g}/c: "
-            f"β/c {decay.ratio:.3f} ± {decay.stddev:.3f}")
-        write_whole(arguments.output, json.dumps(rows, indent=1) + "\n")
+    for phase, asymmetry in WATERS:
+        scene = PatchScene(phase, asymmetry, arguments.threads)
+        for albedo, diameter in product(ALBEDOS, DIAMETERS):
+            seen = [scene.transmission(albedo, diameter, distance, arguments.samples, 1 + k)
+                    for k, distance in enumerate(DISTANCES)]
+            transmissions, noise = (np.array(a) for a in zip(*seen, strict=True))
+            ratio, stddev = slope(np.array(DISTANCES), transmissions, noise)
+            rows.append({
+                "phase": phase, "asymmetry": asymmetry, "albedo": albedo, "diameter": diameter,
+                "ratio": round(ratio, 4), "stddev": round(stddev, 4),
+                "transmissions": [float(f"{t:.5g}") for t in transmissions]})
+            say(f"{phase} {asymmetry:g}, albedo {albedo:g}, {diameter:g}/c: "
+                f"β/c {ratio:.3f} ± {stddev:.3f}")
+            write_whole(arguments.output, json.dumps(rows, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -5,17 +5,20 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.integrate import trapezoid
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
-from uw_visibility_lab.simulation.phase_functions import fournier_forand
+from uw_visibility_lab.simulation.phase_functions import (
+    FOURNIER_FORAND,
+    HENYEY_GREENSTEIN,
+    fournier_forand,
+)
 
-HENYEY_GREENSTEIN, FOURNIER_FORAND, PETZOLD = "henyey-greenstein", "fournier-forand", "petzold"
-PHASE_FUNCTIONS = (HENYEY_GREENSTEIN, FOURNIER_FORAND, PETZOLD)
+PETZOLD = "petzold"
 
 ENTRIES = 1 << 18
 """Of a table. What is scattered by less than its last step, 0.22°, is spread over that."""
@@ -90,7 +93,8 @@ def cosine_table(phase: str, entries: int = ENTRIES) -> Array:
     return np.asarray(np.append(table, max(last, table[-1])))
 
 
-def mean_cosine(table: Array) -> float:
-    """Return the mean cosine of the scattering angle of a table, trapezium rule."""
-    cosine = np.linspace(-1.0, 1.0, len(table))
-    return float(trapezoid(table * cosine, cosine) / trapezoid(table, cosine))
+def phase_of(phase: str, asymmetry: float) -> dict[str, Any]:
+    """Return a phase function as Mitsuba takes it; `asymmetry` is Henyey-Greenstein's."""
+    if phase == HENYEY_GREENSTEIN:
+        return {"type": "hg", "g": asymmetry}
+    return {"type": "tabphase", "values": ",".join(f"{v:.6g}" for v in cosine_table(phase))}

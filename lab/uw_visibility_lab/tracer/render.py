@@ -14,11 +14,9 @@ import numpy as np
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.images.arrays import Array, Image
 from uw_visibility_lab.tracer import engine
-from uw_visibility_lab.tracer.phase import HENYEY_GREENSTEIN, cosine_table
+from uw_visibility_lab.tracer.phase import phase_of
 from uw_visibility_lab.tracer.scene import Description, camera_position, shapes_of
 from uw_visibility_lab.tracer.shapes import Shape
-
-WIDTH, HEIGHT, SAMPLES = 320, 240, 128
 
 VIEWS = ("left", "right")
 
@@ -40,38 +38,12 @@ limits in m."""
 
 @dataclass(frozen=True)
 class Geometry:
-    """What the pixels' rays meet first.
+    """What the pixels' rays meet first, float32."""
 
-    Attributes
-    ----------
-    ranges : ndarray
-        (H, W) float32, Euclidean distance along the line of sight at the pixel's centre, m; NaN
-        in open water.
-    reflectance : ndarray
-        (H, W, 3) float32, mean over the pixel; 0 in open water.
-    normals : ndarray
-        (H, W, 3) float32, mean over the pixel.
-    """
-
+    # (H, W); Euclidean distance along the line of sight at the pixel's centre, m; NaN in open water
     ranges: Array
-    reflectance: Array
-    normals: Array
-
-
-@dataclass(frozen=True)
-class Rendering:
-    """Radiance, where the sea's surface is 1.
-
-    Attributes
-    ----------
-    radiance : ndarray
-        (H, W, 3) float32, denoised.
-    raw : ndarray
-        (H, W, 3) float32, with the tracer's noise, without its bias: for fits.
-    """
-
-    radiance: Array
-    raw: Array
+    reflectance: Array  # (H, W, 3); mean over the pixel; 0 in open water
+    normals: Array  # (H, W, 3); mean over the pixel
 
 
 def focal_length(description: Description, width: int) -> float:
@@ -100,8 +72,8 @@ class Tracer:
     """
 
     def __init__(
-        self, description: Description, width: int = WIDTH, height: int = HEIGHT,
-        view: str = "left", threads: int = 2,
+        self, description: Description, width: int, height: int, view: str = "left",
+        threads: int = 2,
     ) -> None:
         check_range("the image's size", (width, height), 16, 8192, "px")
         if view not in VIEWS:
@@ -110,7 +82,7 @@ class Tracer:
         self.description, self.width, self.height = description, width, height
         self.shapes = shapes_of(description)
         self._view = view
-        self._scene = self.mi.load_dict(self._described(view))
+        self._scene = self.mi.load_dict(self._described())
         self._values = self.mi.traverse(self._scene)
 
     def geometry(self, samples: int = 16) -> Geometry:
@@ -128,7 +100,6 @@ class Tracer:
 
     def radiance(
         self, samples: int, *, black: bool = False, through_water: bool = True,
-        channels: tuple[int, ...] = (0, 1, 2),
     ) -> Array:
         """Trace light.
 
@@ -141,8 +112,6 @@ class Tracer:
         through_water : bool
             False: surfaces as they are lit at this depth, with no water between them and the
             camera; open water is 0.
-        channels : tuple of int
-            That are traced; the others are 0.
 
         Returns
         -------
@@ -151,7 +120,7 @@ class Tracer:
         """
         check_range("the number of samples", samples, 1, 1 << 20)
         image = np.zeros((self.height, self.width, 3), np.float32)
-        for channel in channels:
+        for channel in range(3):
             self._dye(channel)
             self._paint(channel, black)
             # Every image has noise of its own, the same for the same arguments.
@@ -161,8 +130,8 @@ class Tracer:
             image[..., channel] = self._traced(name, samples, seed + 1)[..., 0]
         return without_gaps(image)
 
-    def _traced(self, integrator: str, samples: int, seed: int) -> Array:
-        made = _integrator(self.mi, integrator)
+    def _traced(self, name: str, samples: int, seed: int) -> Array:
+        made = integrator(self.mi, name)
         image = self.mi.render(self._scene, integrator=made, spp=samples, seed=seed)
         return np.asarray(np.array(image), np.float32)
 
@@ -177,14 +146,14 @@ class Tracer:
         rays = forward + x[..., None] * right + y[..., None] * below
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         rays, origin = rays.reshape(-1, 3), self._origin()
-        if mi.variant().startswith("scalar"):
-            start = mi.Point3f(*origin.tolist())
+        start = mi.Point3f(*origin.tolist())
+        if _jit(mi):
+            found = np.array(self._scene.ray_intersect(mi.Ray3f(
+                start, mi.Vector3f(rays.T.astype(np.float32)))).t)
+        else:
             found = np.array([
                 self._scene.ray_intersect(mi.Ray3f(start, mi.Vector3f(*ray))).t
                 for ray in rays.tolist()])
-        else:
-            found = np.array(self._scene.ray_intersect(mi.Ray3f(
-                mi.Point3f(*origin.tolist()), mi.Vector3f(rays.T.astype(np.float32)))).t)
         # The shining surface is no part of the scene.
         top = origin[2] + found * rays[:, 2] > self._surface() - 1e-2
         found = np.where(np.isfinite(found) & ~top, found, np.nan)
@@ -214,24 +183,20 @@ class Tracer:
     def _dye(self, channel: int) -> None:
         """Give water and lights the values of a channel."""
         water, values = self.description.water, self._values
-        _set(values, "water.sigma_t.value.value", float(water.beam_attenuation[channel]))
-        _set(values, "water.albedo.value.value", float(water.albedo[channel]))
+        values["water.sigma_t.value.value"] = float(water.beam_attenuation[channel])
+        values["water.albedo.value.value"] = float(water.albedo[channel])
         if any(self.description.daylight):
-            _set(values, "sky.emitter.radiance.value", self.description.daylight[channel])
+            values["sky.emitter.radiance.value"] = self.description.daylight[channel]
         for k, lamp in enumerate(self.description.lamps):
-            _set(values, f"lamp{k}.intensity.value", lamp.intensity[channel])
+            values[f"lamp{k}.intensity.value"] = lamp.intensity[channel]
         values.update()
 
-    def _described(self, view: str) -> dict[str, Any]:
+    def _described(self) -> dict[str, Any]:
         mi, given = self.mi, self.description
         transform = mi.ScalarTransform4f
         origin = self._origin()
         forward, right, down = self._axes()
-        if given.water.phase == HENYEY_GREENSTEIN:
-            phase: dict[str, Any] = {"type": "hg", "g": given.water.asymmetry}
-        else:
-            table = cosine_table(given.water.phase)
-            phase = {"type": "tabphase", "values": ",".join(f"{v:.6g}" for v in table)}
+        phase = phase_of(given.water.phase, given.water.asymmetry)
         scene: dict[str, Any] = {
             "type": "scene",
             "water": {"type": "homogeneous", "albedo": 0.5, "sigma_t": 0.3, "phase": phase},
@@ -257,7 +222,7 @@ class Tracer:
         for k, lamp in enumerate(given.lamps):
             frame = np.stack([right, down, forward], -1)
             place, axis = origin + frame @ lamp.position, frame @ lamp.direction
-            if view == "right":
+            if self._view == "right":
                 place = place - given.baseline * right
             scene[f"lamp{k}"] = {
                 "type": "spot", "cutoff_angle": lamp.beam_angle / 2.0,
@@ -307,13 +272,9 @@ def _jit(mi: Any) -> bool:
     return not mi.variant().startswith("scalar")
 
 
-def _set(values: Any, key: str, value: float) -> None:
-    values[key] = value
-
-
 @lru_cache(maxsize=8)
-def _integrator(mi: Any, name: str) -> Any:
-    """Return an integrator by its name here."""
+def integrator(mi: Any, name: str) -> Any:
+    """Return Mitsuba's integrator by its name here: volpath, bare, aov or albedo."""
     water = {"type": "volpath", "max_depth": MOST_SCATTERED, "rr_depth": ROULETTE}
     if name == "volpath":
         return mi.load_dict(water)
@@ -343,49 +304,6 @@ def _integrator(mi: Any, name: str) -> Any:
 
     mi.register_integrator("bare", lambda properties: Bare(properties))
     return mi.load_dict({"type": "bare"})
-
-
-def render(
-    description: Description, width: int = WIDTH, height: int = HEIGHT, samples: int = SAMPLES,
-    black: bool = False, view: str = "left", through_water: bool = True,
-) -> Rendering:
-    """Render one image.
-
-    Parameters
-    ----------
-    description : Description
-        What is rendered.
-    width, height : int
-        Of the image, px.
-    samples : int
-        Paths for each pixel and channel.
-    black : bool
-        Surfaces reflect nothing: the veil alone.
-    view : str
-        One of `VIEWS`.
-    through_water : bool
-        False: surfaces as they are lit, without the water between them and the camera.
-
-    Returns
-    -------
-    Rendering
-        Denoised, and raw.
-
-    Raises
-    ------
-    InputError
-        For bad sizes or views, or if Mitsuba or pyoidn is missing.
-    """
-    tracer = Tracer(description, width, height, view)
-    geometry = tracer.geometry()
-    raw = tracer.radiance(samples, black=black, through_water=through_water)
-    if black:
-        return Rendering(denoised(raw, veil_guide(geometry)), raw)
-    if not through_water:
-        return Rendering(denoised(raw, geometry.reflectance, geometry.normals), raw)
-    bare = tracer.radiance(max(samples // AUXILIARY, 1), through_water=False)
-    surface = denoised(bare, geometry.reflectance, geometry.normals)
-    return Rendering(denoised(raw, image_guide(surface, geometry, description)), raw)
 
 
 def veil_guide(geometry: Geometry) -> Image:
@@ -418,22 +336,3 @@ def image_guide(surface: Image, geometry: Geometry, description: Description) ->
     straight = surface * np.exp(-description.water.beam_attenuation * far)
     top = np.maximum(np.quantile(straight, 0.995, axis=(0, 1)), 1e-12)
     return np.asarray(np.clip(straight / top, 0.0, 1.0), np.float32)
-
-
-def denoised(raw: Image, guide: Image, normals: Image | None = None) -> Image:
-    """Denoise an image channel by channel.
-
-    Parameters
-    ----------
-    raw, guide : ndarray
-        (H, W, 3) float32, and what each channel follows, 0 .. 1.
-    normals : ndarray, optional
-        (H, W, 3) float32.
-
-    Returns
-    -------
-    ndarray
-        (H, W, 3) float32.
-    """
-    return np.stack([
-        engine.denoise(raw[..., k], guide[..., k], normals) for k in range(3)], axis=-1)

@@ -11,6 +11,7 @@ import numpy as np
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
+from uw_visibility_lab.tracer.engine import denoise
 from uw_visibility_lab.tracer.files import (
     TRUTH,
     describe,
@@ -24,7 +25,6 @@ from uw_visibility_lab.tracer.files import (
 from uw_visibility_lab.tracer.render import (
     AUXILIARY,
     Tracer,
-    denoised,
     focal_length,
     image_guide,
     veil_guide,
@@ -74,13 +74,11 @@ def render_scene(
     if (folder / TRUTH).exists():
         return False
     folder.mkdir(parents=True, exist_ok=True)
-    left = _view(description, size, samples, "left", None, threads)
-    gain = left.pop("gain").item()
+    left, gain = _view(description, size, samples, "left", None, threads)
     write_view(folder, "left", left)
     if stereo:
         # Both cameras have one exposure.
-        right = _view(description, size, samples, "right", gain, threads)
-        right.pop("gain")
+        right, _ = _view(description, size, samples, "right", gain, threads)
         write_view(folder, "right", right)
     write_truth(folder, truth_of(
         description, focal_length(description, size[0]), gain, samples, left))
@@ -104,18 +102,19 @@ def refit(folder: Path) -> None:
 def _view(
     description: Description, size: tuple[int, int], samples: int, view: str,
     gain: float | None, threads: int,
-) -> dict[str, Array]:
+) -> tuple[dict[str, Array], float]:
+    """Return a view's arrays, and its gain: that which is given, or the image's own."""
     tracer = Tracer(description, *size, view, threads)
     geometry = tracer.geometry()
     raw = tracer.radiance(samples)
     fewer = max(samples // AUXILIARY, 1)
     raw_black = tracer.radiance(fewer, black=True)
-    black = denoised(raw_black, veil_guide(geometry))
-    surface = denoised(
+    black = denoise(raw_black, veil_guide(geometry))
+    surface = denoise(
         tracer.radiance(fewer, through_water=False), geometry.reflectance, geometry.normals)
-    image = denoised(raw, image_guide(surface, geometry, description))
+    image = denoise(raw, image_guide(surface, geometry, description))
     gain = exposure(image) if gain is None else gain
     return {
-        "gain": np.array(gain), "image": np.asarray(image * gain, np.float32), "raw": raw * gain,
+        "image": np.asarray(image * gain, np.float32), "raw": raw * gain,
         "raw_black": raw_black * gain, "black": black * gain, "surface": surface * gain,
-        "ranges": geometry.ranges, "reflectance": geometry.reflectance}
+        "ranges": geometry.ranges, "reflectance": geometry.reflectance}, gain

@@ -23,37 +23,25 @@ FEWEST_PIXELS = 60
 
 @dataclass(frozen=True)
 class Decay:
-    """Exponential decay of light over range, by channel.
+    """Exponential decay of light over range, by channel, each (3,)."""
 
-    Attributes
-    ----------
-    attenuation : ndarray
-        (3,), 1/m; NaN where it cannot be told.
-    stddev : ndarray
-        (3,), 1/m: of the samples' noise and of the departure from an exponential.
-    start : ndarray
-        (3,), transmission at range 0 that the exponential comes to; 1 if it were one from there.
-    departure : ndarray
-        (3,), rms of transmission over its exponential, less 1, weighted as in the fit.
-    """
-
-    attenuation: Array
-    stddev: Array
+    attenuation: Array  # 1/m; NaN where it cannot be told
+    stddev: Array  # 1/m: of the samples' noise and of the departure from an exponential
+    # transmission at range 0 that the exponential comes to; 1 if it were one from there
     start: Array
-    departure: Array
+    departure: Array  # rms of transmission over its exponential, less 1, weighted as in the fit
 
 
-def range_bins(ranges: Array, bins: int = BINS) -> list[NDArray[np.int64]]:
+def range_bins(ranges: Array) -> list[NDArray[np.int64]]:
     """Return the flat indices of the pixels of each bin of range, nearest first."""
     flat = np.ravel(ranges)
     seen = np.flatnonzero(np.isfinite(flat))
     ordered = seen[np.argsort(flat[seen], kind="stable")]
-    return [part for part in np.array_split(ordered, bins) if len(part) >= FEWEST_PIXELS]
+    return [part for part in np.array_split(ordered, BINS) if len(part) >= FEWEST_PIXELS]
 
 
 def transmissions(
     image: Array, veil: Array, surface: Array, ranges: Array, *, contrast: bool,
-    bins: int = BINS,
 ) -> tuple[Array, Array, Array]:
     """Transmission of surfaces' light by range.
 
@@ -74,8 +62,6 @@ def transmissions(
         (H, W), m, NaN in open water.
     contrast : bool
         Which of the two.
-    bins : int
-        Of range.
 
     Returns
     -------
@@ -89,7 +75,7 @@ def transmissions(
     InputError
         If too few pixels have a range.
     """
-    parts = range_bins(ranges, bins)
+    parts = range_bins(ranges)
     if len(parts) < 3:
         raise InputError("too few pixels have a range: the view needs more of the scene")
     distance = np.ravel(ranges).astype(float)
