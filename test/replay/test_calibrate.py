@@ -72,7 +72,7 @@ def test_white_and_water_are_found_and_make_the_depth_right(
     given, found = tmp_path / "given.yaml", tmp_path / "found.yaml"
     given.write_text("/**: {ros__parameters: {water: {bins: 50}, plausibility.max_gate: 4.0}}")
     command = ["calibrate", str(bag), "--jobs", "1", "--params-file", str(given)]
-    assert main([*command, "-o", str(found)]) == 0
+    assert main([*command, "--transfer", "linear", "-o", str(found)]) == 0
     printed = capsys.readouterr().out
     assert f"{DIVE_FRAMES - 2} of {DIVE_FRAMES} frames have an estimate and a depth" in printed
     assert "±" in printed
@@ -82,6 +82,7 @@ def test_white_and_water_are_found_and_make_the_depth_right(
     # What was given before is there as well, so that the file takes the other one's place.
     values = read_yaml(found)
     assert (values["water.bins"], values["plausibility.max_gate"]) == (50, 4.0)
+    assert values["camera.transfer"] == "linear"
     before = depth_error(run(bag, tmp_path / "before", "--params-file", str(given)).rows)
     after = depth_error(run(bag, tmp_path / "after", "--params-file", str(found)).rows)
     assert after < 0.6 < 2.0 < before

@@ -129,8 +129,8 @@ def _write(
     from uw_visibility.config.parameter_file import render_values
 
     names = printable(", ".join(bag.resolve().name for bag in arguments.bags))
-    text = render_values(
-        read_params_file(arguments.params_file) | parameters, f"{what}, of {names}: {how}")
+    given = read_params_file(arguments.params_file, arguments.transfer)
+    text = render_values(given | parameters, f"{what}, of {names}: {how}")
     # Standard output holds the file only.
     print(told, file=sys.stderr if arguments.output is None else sys.stdout)
     for note in damage:
