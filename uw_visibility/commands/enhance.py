@@ -9,7 +9,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -98,8 +98,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     Raises `InputError` if an option, a file or the pair of images cannot be used.
     """
-    values = _parameters(arguments)
-    config = PipelineConfig.from_parameters(values)
+    config, told = _read_config(arguments)
     left, right = _read_pair(arguments.left, arguments.right)
     rig = _make_rig(arguments, left.shape)
     _prepare_folder(arguments)
@@ -111,22 +110,21 @@ def run(arguments: argparse.Namespace) -> None:
         with gathered(arguments.output, PRODUCTS, force=arguments.force) as folder:
             report = _write(folder, result, left)
     say(_summary(report, arguments.output))
-    say(assumptions(config.to_parameters(), values))
-    if "camera.transfer" not in values and arguments.left.suffix.lower() in LOSSY:
+    say(assumptions(config.to_parameters(), told))
+    if "camera.transfer" not in told and arguments.left.suffix.lower() in LOSSY:
         say(ASK_TRANSFER, error=True)
 
 
-def _parameters(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the parameters that are given, those of options before those of the file."""
+def _read_config(arguments: argparse.Namespace) -> tuple[PipelineConfig, Collection[str]]:
+    """Return the parameters, options before the file, and the names of those that are given."""
     values = read_params_file(arguments.params_file, arguments.transfer)
     if arguments.max_disparity is None:
-        return values
+        return PipelineConfig.from_parameters(values), values
     values["stereo.max_disparity"] = arguments.max_disparity
     try:
-        PipelineConfig.from_parameters(values)
+        return PipelineConfig.from_parameters(values), values
     except InputError as error:
         raise InputError(f"--max-disparity: {error}") from error
-    return values
 
 
 def _read_pair(left_path: Path, right_path: Path) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -32,21 +32,15 @@ def assumptions(parameters: Mapping[str, Any], told: Collection[str]) -> str:
     """
     parts = []
     for name, title in _ASSUMED.items():
-        value = parameters[name]
-        if name == "camera.vignetting":
-            flat = parameters["camera.flat_field"]
-            text = "from the flat field" if flat else "none" if not any(value) else _numbers(value)
-            by_default = name not in told and not flat
-        else:
-            text = value if isinstance(value, str) else _numbers(value)
-            by_default = name not in told
-        how = ""
-        if by_default:
-            how = " (assumed; --transfer srgb for video)" if name == "camera.transfer" and (
-                value == "linear") else " (assumed)"
-        parts.append(f"{title} {text}{how}")
+        text, given = _text(parameters[name]), name in told
+        if name == "camera.vignetting" and parameters["camera.flat_field"]:
+            text, given = "from the flat field", True
+        hint = "; --transfer srgb for video" if name == "camera.transfer" else ""
+        parts.append(f"{title} {text}" if given else f"{title} {text} (assumed{hint})")
     return f"Camera and light: {', '.join(parts)}."
 
 
-def _numbers(values: Any) -> str:
-    return " : ".join(f"{value:g}" for value in values)
+def _text(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    return " : ".join(f"{number:g}" for number in value) if any(value) else "none"

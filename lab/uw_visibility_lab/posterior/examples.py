@@ -36,8 +36,6 @@ from uw_visibility_lab.worlds.scenes import pool as scenes_of
 
 # Views that a process draws at a time.
 BLOCK = 100
-
-
 # Statistics and truth of a view, and the flags of `Examples`.
 Row = tuple[Statistics, NDArray[np.float32], bool, bool]
 
@@ -116,9 +114,7 @@ def draw_all(
     return gather(rows)
 
 
-def _draw_block(
-    block: range, places: Sequence[Path], seed: int
-) -> list[Row]:
+def _draw_block(block: range, places: Sequence[Path], seed: int) -> list[Row]:
     rows = []
     for index in block:
         rng = np.random.default_rng((seed, index, 0))

@@ -172,41 +172,36 @@ def draw(
     thicker = _thicker(streams, names, ranges, heights, median)
     transmission, unveiled, attenuation = _transmissions(
         streams("veil coefficient"), names, water, ranges, thicker)
-    rows = np.linspace(1.0, -1.0, height, dtype=np.float32)[:, np.newaxis, np.newaxis]
-    columns = np.linspace(-1.0, 1.0, width, dtype=np.float32)[np.newaxis, :, np.newaxis]
-    light_map = _light_map(streams, names, water, ranges, heights, rows, columns)
-    veil_map: Map | None = None
-    if "veil gradient" in names:
-        sloping = streams("veil gradient")
-        veil_map = np.maximum(
-            1.0 + np.float32(drawn(sloping, "veil.gradient")) * rows
-            + np.float32(drawn(sloping, "veil.gradient_across")) * columns, 0.2).astype(np.float32)
-
     light = water.light
     veil = light * water.ratio
     if lamps:
-        direct, scattered = light_by_lamps(
+        direct, irradiance = light_by_lamps(
             streams("lamps"), reflectance, ranges, water.attenuation)
         light = direct[known].max(axis=0).astype(np.float64)
     else:
+        rows = np.linspace(1.0, -1.0, height, dtype=np.float32)[:, np.newaxis, np.newaxis]
+        columns = np.linspace(-1.0, 1.0, width, dtype=np.float32)[np.newaxis, :, np.newaxis]
         direct = reflectance
         direct *= light.astype(np.float32)
         direct *= transmission
+        light_map = _light_map(streams, names, water, ranges, heights, rows, columns)
         if light_map is not None:
             direct *= light_map
             light = light * light_map[known].mean(axis=0, dtype=np.float64)
+        irradiance = np.float32(1.0) - unveiled
+        irradiance *= veil.astype(np.float32)
+        if "veil gradient" in names:
+            sloping = streams("veil gradient")
+            veil_map = np.maximum(
+                1.0 + np.float32(drawn(sloping, "veil.gradient")) * rows
+                + np.float32(drawn(sloping, "veil.gradient_across")) * columns, 0.2,
+            ).astype(np.float32)
+            irradiance *= veil_map
+            veil = veil * veil_map.mean(axis=(0, 1), dtype=np.float64)
     if "halo" in names:
         direct = _add_halo(streams("halo"), direct, ranges, water.forward)
     if "forward scatter" in names:
         direct = _scatter_forward(streams("forward scatter"), direct, transmission)
-    if lamps:
-        irradiance = scattered
-    else:
-        irradiance = np.float32(1.0) - unveiled
-        irradiance *= veil.astype(np.float32)
-        if veil_map is not None:
-            irradiance *= veil_map
-            veil = veil * veil_map.mean(axis=(0, 1), dtype=np.float64)
     irradiance += direct
     if "snow" in names:
         _add_snow(streams("snow"), irradiance, light)

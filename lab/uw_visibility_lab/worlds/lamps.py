@@ -11,6 +11,7 @@ import numpy as np
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import Array, Map
+from uw_visibility.stereo.rig import StereoRig
 from uw_visibility_lab.simulation.lamp_light import lamp_array, light_surfaces, scatter
 from uw_visibility_lab.simulation.lamps import Lamp, Triple
 from uw_visibility_lab.simulation.phase_functions import PHASE_FUNCTIONS
@@ -52,11 +53,9 @@ def light_by_lamps(
     lamps = lamp_array(draw_lamps(rng), 0.0)
     height, width = ranges.shape
     focal = draw(rng, "camera.focal_length") * width
-    row, column = np.mgrid[:height, :width].astype(np.float64)
-    rays = np.stack((
-        (column - 0.5 * (width - 1)) / focal, (row - 0.5 * (height - 1)) / focal,
-        np.ones((height, width))), axis=-1)
-    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    # Of one camera: the baseline does not matter.
+    rays = StereoRig(focal, 1.0, (0.5 * (width - 1), 0.5 * (height - 1))).ray_directions(
+        (height, width))
     workers = Workers(1)
     direct = light_surfaces(rays, ranges, reflectance, None, lamps, attenuation, workers)
     scattering = attenuation * np.array([draw(rng, "lamps.albedo") for _ in range(3)])

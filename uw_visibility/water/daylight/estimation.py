@@ -69,8 +69,6 @@ BRIGHT_QUANTILE = 0.99
 # fit knows of noise alone.
 ATTENUATION_ERROR = 0.02
 AMBIENT_ERROR = 0.01
-# Probability of undeclared lamps from which a frame is refused: they are as likely as daylight.
-LIT = 0.5
 # The brightest patch near by is at least so bright: of a darker one noise decides.
 LEAST_RADIANCE = 0.05
 
@@ -156,16 +154,11 @@ class WaterEstimator:
         else:
             estimate = self._estimate(envelope, self._fewest_pixels(colour), start)
             if np.isfinite(estimate.attenuation).any():
-                statistics = summarise(
-                    reduce_to_blocks(colour, ranges, valid), range_error, self._clear_water)
-                if statistics is not None and infer(self._networks, statistics).lamps > LIT:
+                posterior = self._infer(reduce_to_blocks(colour, ranges, valid), range_error)
+                if posterior is not None and posterior.lit_by_lamps:
                     estimate = WaterEstimate.not_assessable(Status.LIT_BY_LAMPS, envelope)
         balance = colour_balance(view.pixels)
         return replace(estimate, grey_on_average=balance.grey, blue_as_green=balance.blue_as_green)
-
-    @property
-    def _networks(self) -> Network:
-        return self._network or trained()
 
     @property
     def by_posterior(self) -> bool:
@@ -187,13 +180,12 @@ class WaterEstimator:
             envelope, min(self._config.min_bin_pixels, FEWEST_BLOCKS))
         if isinstance(status, Status):
             return WaterEstimate.not_assessable(status, envelope)
-        statistics = summarise(blocks, range_error, self._clear_water)
-        if statistics is None:
+        posterior = self._infer(blocks, range_error)
+        if posterior is None:
             return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS, envelope)
-        network = self._networks
-        posterior = infer(network, statistics)
-        if posterior.lamps > LIT:
+        if posterior.lit_by_lamps:
             return WaterEstimate.not_assessable(Status.LIT_BY_LAMPS, envelope)
+        network = self._networks
         if posterior.unlike > network.most_unlike:
             status = refuse(status, Status.UNLIKE_TRAINING)
         if posterior.misfit > network.most_misfit:
@@ -219,6 +211,15 @@ class WaterEstimator:
             light_covariance=light_covariance,
             clearest=posterior.clearest(known, ONE_SIGMA) if known.any() else None,
             transfer_log_odds=float(logit(posterior.other_curve)))
+
+    @property
+    def _networks(self) -> Network:
+        return self._network or trained()
+
+    def _infer(self, blocks: Blocks, range_error: float) -> Posterior | None:
+        """Infer the posterior of blocks of pixels; None where too few ranges are known."""
+        statistics = summarise(blocks, range_error, self._clear_water)
+        return None if statistics is None else infer(self._networks, statistics)
 
     def _validate(
         self, envelope: Envelopes, fewest_pixels: int

@@ -58,6 +58,11 @@ class Posterior:
     unlike: float = 0.0
     misfit: float = 0.0
 
+    @property
+    def lit_by_lamps(self) -> bool:
+        """Whether undeclared lamps are likelier than daylight."""
+        return self.lamps > 0.5
+
     def clearest(self, seen: Mask, quantiles: Array) -> Array:
         """Quantiles of −ln min β over the channels seen; β in 1/m."""
         values = -self.draws[:, seen, 0].min(axis=1)

@@ -355,11 +355,11 @@ def _open_water(
         water, math.log(ragged + LEAST_RAGGED), float((depth > LEAST_OPEN).mean()))
 
 
-def _contrast(relative: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Half the second difference along rows, (h, w, 3); NaN at the ends."""
+def _contrast(relative: NDArray[np.float32], step: int = 1) -> NDArray[np.float32]:
+    """Half the second difference over so many blocks along rows, (h, w, 3); NaN at the ends."""
     contrast = np.full_like(relative, np.nan)
-    contrast[:, 1:-1] = np.abs(
-        relative[:, 1:-1] - 0.5 * (relative[:, :-2] + relative[:, 2:]))
+    contrast[:, step:-step] = np.abs(
+        relative[:, step:-step] - 0.5 * (relative[:, :-2 * step] + relative[:, 2 * step:]))
     return contrast
 
 
@@ -473,14 +473,12 @@ def _coarse_contrast(
 
     Of blocks at most one bin apart. A bin with few of them has that of its neighbours.
     """
-    width = place.shape[1] - 2 * COARSE_STEP
-    left, middle, right = (slice(at, at + max(width, 0)) for at in (
-        0, COARSE_STEP, 2 * COARSE_STEP))
-    bins = place[:, middle]
-    near = [(place[:, side] >= 0) & (np.abs(place[:, side] - bins) <= 1) for side in (left, right)]
-    inside = (bins >= 0) & near[0] & near[1]
-    step = np.abs(relative[:, middle][inside] - 0.5 * (
-        relative[:, left][inside] + relative[:, right][inside]))
+    middle = np.s_[:, COARSE_STEP:-COARSE_STEP]
+    bins = place[middle]
+    inside = bins >= 0
+    for side in (place[:, :-2 * COARSE_STEP], place[:, 2 * COARSE_STEP:]):
+        inside &= (side >= 0) & (np.abs(side - bins) <= 1)
+    step = _contrast(relative, COARSE_STEP)[middle][inside]
     found = np.empty((3, BINS), np.float32)
     for c in range(3):
         there = step[:, c] < MOST_CONTRAST
