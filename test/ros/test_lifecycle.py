@@ -42,14 +42,15 @@ TRANSITIONS = int(os.environ.get("TRANSITIONS", "90"))
 COMPILING = """
 import os, signal, sys, threading, time
 from concurrent.futures import ThreadPoolExecutor
-from uw_visibility.ros import core, lifecycle
+from uw_visibility.messages import processor
+from uw_visibility.ros import lifecycle
 from uw_visibility.ros.run import run
 class Pipeline:
     def __init__(self, *arguments):
         pass
     def warm_up(self, *arguments, **options):
         ThreadPoolExecutor(1).submit(time.sleep, 60.0).result()
-core.Pipeline = Pipeline
+processor.Pipeline = Pipeline
 class Node(lifecycle.UwVisibilityLifecycleNode):
     def __init__(self):
         super().__init__()
