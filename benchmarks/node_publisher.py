@@ -55,8 +55,9 @@ def main() -> None:
             time.sleep(max(due - time.monotonic(), 0.0))
             late += time.monotonic() - due > 0.5 / options.rate
         stamps.append(player.publish(messages))
-    # What was sent last is still on its way.
-    time.sleep(1.0)
+    if not options.paced:
+        # What was sent last is still on its way.
+        time.sleep(1.0)
     print(json.dumps({"sent": len(stamps), "late": late, "first": stamps[0], "last": stamps[-1]}))
     node.destroy_node()
     rclpy.shutdown()

@@ -47,9 +47,18 @@ OUTPUTS = all_topics(NodeConfig(publish_depth_image=True, publish_points=True)) 
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
 }
 
+# What the node answers every frame with.
+ALWAYS = ["disparity", *(
+    f"{side}/enhanced/{topic}" for side in ("left", "right") for topic in ("image", "camera_info"))]
+
 # The first start compiles every kernel: three minutes of processor time, others' beside it.
 READY_TIMEOUT = 900.0
 RESULT_TIMEOUT = 20.0
+# Until publishers and subscriptions have found one another.
+CONNECT_TIMEOUT = 200.0
+# What nobody has heard is said again after this time, then after twice as long, so that a machine
+# under load is given ever more. Frames that are answered count: the node's filter remembers them.
+SERVICE_PATIENCE, FRAME_PATIENCE = 0.1, 2.0
 
 WIDTH, HEIGHT, FOCAL, BASELINE, CENTRE = 160, 120, 200.0, 0.1, (79.5, 59.5)
 
@@ -89,8 +98,14 @@ def double(scene: KnownScene) -> KnownScene:
     return KnownScene(left, right, disparity, scene.attenuation, scene.ambient_light)
 
 
-# As the installed executables do.
-START = "import sys; from uw_visibility.ros.start import {0}; sys.exit({0}())"
+# As the installed executables do, but for diagnostics that come sooner than once a second.
+START = """
+import sys
+from uw_visibility.ros import monitor
+monitor.PERIOD = 0.1
+from uw_visibility.ros.start import {0}
+sys.exit({0}())
+"""
 EXECUTABLES = {"node": "node", "lifecycle": "lifecycle_node"}
 
 
@@ -237,17 +252,32 @@ class Client:
 
     def connect(self, *frame: Any) -> None:
         """Publish a frame until the node answers it, so that nothing later is lost."""
-        for _ in range(100):
+        self.wait(self._is_heard_whole, "a reliable subscription to the images", CONNECT_TIMEOUT)
+        patience = FRAME_PATIENCE
+        while patience < CONNECT_TIMEOUT:
             stamp = self.publish(*frame)
-            try:
-                self.wait(functools.partial(self.has, "disparity", stamp), "an answer", 2.0)
-            except AssertionError:
-                continue
-            time.sleep(0.3)
-            for messages in self.received.values():
-                messages.clear()
-            return
+            end, patience = time.monotonic() + patience, 2.0 * patience
+            while time.monotonic() < end:
+                # What was published before is answered by then, or never.
+                if all(self.has(topic, stamp) for topic in ALWAYS):
+                    for messages in self.received.values():
+                        messages.clear()
+                    return
+                time.sleep(0.01)
         raise AssertionError("the node did not answer")
+
+    def _is_heard_whole(self) -> bool:
+        """Return whether the node subscribes so that no image is lost."""
+        from rclpy.qos import ReliabilityPolicy
+
+        return all(
+            any(
+                info.qos_profile.reliability is ReliabilityPolicy.RELIABLE
+                for info in self.node.get_subscriptions_info_by_topic(
+                    self.publishers[f"{side}/image"].topic_name)
+            )
+            for side in ("left", "right")
+        )
 
     def next_stamp(self) -> int:
         self._seconds += 1
@@ -284,15 +314,16 @@ class Client:
         name = request.__name__.removesuffix("_Request")
         module = sys.modules[request.__module__.rsplit(".", 1)[0]]
         client = self.node.create_client(getattr(module, name), service)
-        end = time.monotonic() + RESULT_TIMEOUT
-        while True:
+        patience = SERVICE_PATIENCE
+        while patience < RESULT_TIMEOUT:
             assert client.wait_for_service(timeout_sec=RESULT_TIMEOUT), service
-            answer, patience = client.call_async(request()), time.monotonic() + 1.0
-            while time.monotonic() < patience:
+            answer, end = client.call_async(request()), time.monotonic() + patience
+            patience *= 2.0
+            while time.monotonic() < end:
                 if answer.done():
                     return client
                 time.sleep(0.005)
-            assert time.monotonic() < end, f"{service} does not answer"
+        raise AssertionError(f"{service} does not answer")
 
     def has(self, topic: str, stamp: int) -> bool:
         return any(m.header.stamp.sec == stamp for m in list(self.received[topic]))
@@ -309,14 +340,14 @@ class Client:
 
     def diagnosis(self, part: str) -> Any:
         """Return the newest status of a part of the node, with its values as `numbers`."""
-        arrays = list(self.received["/diagnostics"])
         name = f"{self.node.get_namespace().strip('/')}/uw_visibility: {part}".lstrip("/")
-        found = [s for array in arrays for s in array.status if s.name == name]
-        if not found:
-            return SimpleNamespace(level=None, message="", numbers={})
-        status = found[-1]
-        numbers = {value.key: value.value for value in status.values}
-        return SimpleNamespace(level=status.level, message=status.message, numbers=numbers)
+        for message in reversed(list(self.received["/diagnostics"])):
+            for status in message.status:
+                if status.name == name:
+                    numbers = {value.key: value.value for value in status.values}
+                    return SimpleNamespace(
+                        level=status.level, message=status.message, numbers=numbers)
+        return SimpleNamespace(level=None, message="", numbers={})
 
     def diagnosed(
         self, part: str, message: str, timeout: float = RESULT_TIMEOUT, **numbers: int | str
@@ -335,7 +366,7 @@ class Client:
             ):
                 return status
             assert time.monotonic() < end, f"{message!r} {wanted} was not said, but {status}"
-            time.sleep(0.05)
+            time.sleep(0.02)
 
     def stamps(self, topic: str) -> list[int]:
         return [stamp_to_nanoseconds(m.header.stamp) for m in self.received[topic]]

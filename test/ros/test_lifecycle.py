@@ -180,7 +180,8 @@ def test_transitions_in_any_order_with_images(
         state = wanted or state
         for _ in range(generator.randrange(4)):
             managed.client.publish(*parts)
-        time.sleep(0.2 * generator.random())
+        # As long as a frame takes, or less.
+        time.sleep(0.1 * generator.random())
         memory.append(managed.memory)
     assert managed.state == state
     if state == UNCONFIGURED:

@@ -334,6 +334,15 @@ def test_burst_ends_with_its_newest_frame(client: Any, scene: Any, image: Any, i
     assert len(answered) < len(stamps)
 
 
+def test_diagnostics_come_once_a_second(client: Any) -> None:
+    # Most have come while the tests before were run.
+    arrays = client.received["/diagnostics"]
+    client.wait(lambda: len(arrays) > 5, "diagnostics")
+    # One may be late where the machine is busy; most are not.
+    gaps = np.diff([1e-9 * stamp for stamp in client.stamps("/diagnostics")])
+    assert np.median(gaps) == pytest.approx(1.0, abs=0.3), gaps
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("ready", [True, False])
 def test_signal_ends_the_node_soon_and_quietly(

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
@@ -43,15 +42,19 @@ def client(node: Any, make_client: Callable[..., Any], parts: Any) -> Any:
     client = make_client(namespace=NAMESPACE)
     client.story = [client.diagnosed("input", "no left/image_rect yet")]
     end = time.monotonic() + 40.0
-    while "no right/camera_info yet" not in client.diagnosis("input").message:
-        assert time.monotonic() < end, client.diagnosis("input")
+    # Until the next pair comes, a pair waits for it.
+    while (
+        "no right/camera_info yet" not in (status := client.diagnosis("input")).message
+        or status.numbers["dropped images"] == "0"
+    ):
+        assert time.monotonic() < end, status
         stamp = client.next_stamp()
         inputs = ("left/image", "right/image", "left/camera_info")
         for name, message in zip(inputs, parts[:3], strict=True):
             message.header.stamp.sec = stamp
             client.publishers[name].publish(message)
         time.sleep(0.2)
-    client.story.append(client.diagnosis("input"))
+    client.story.append(status)
     node.wait_for("no output: ")
     client.connect(*parts)
     return client
@@ -92,11 +95,6 @@ def test_numbers_of_a_working_node(client: Any, parts: Any) -> None:
         lambda: int(client.diagnosis("pipeline").numbers["frames processed"]) >= before + 12,
         "12 frames in the diagnostics",
     )
-    arrays = client.received["/diagnostics"]
-    client.wait(lambda: len(arrays) > 5, "diagnostics")
-    # One may be late where the machine is busy; most are not.
-    gaps = np.diff([1e-9 * stamp for stamp in client.stamps("/diagnostics")])
-    assert np.median(gaps) == pytest.approx(1.0, abs=0.3), gaps
     pipeline = client.diagnosis("pipeline")
     assert pipeline.level == DiagnosticStatus.OK
     assert pipeline.numbers["status"] == "ok"

@@ -78,7 +78,7 @@ def publish(
     before = count()
     with subprocess.Popen(
         [sys.executable, "-m", "benchmarks.node_publisher", str(frame),
-         "--frames", str(FRAMES), "--paced", *options],
+         "--frames", str(FRAMES), "--paced", "--wait", "0", *options],
         env=client.environment | environment, cwd=ROOT, stdin=subprocess.PIPE,
         stdout=subprocess.PIPE, text=True,
     ) as camera:
