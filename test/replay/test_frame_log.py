@@ -17,7 +17,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.view import View
 from uw_visibility.replay.frame_log import NAME, FrameLog, read_records
 from uw_visibility.replay.records import FrameRecord
-from uw_visibility.water.daylight.statistics import Blocks
+from uw_visibility.water.blocks import Blocks
 from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.lamps.tracks import GroundView
 from uw_visibility.water.observations import Envelopes, observe

@@ -23,7 +23,7 @@ from uw_visibility.messages.estimates import ImageHeader
 from uw_visibility.replay.records import FrameEstimate, FrameRecord
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.daylight.statistics import Blocks
+from uw_visibility.water.blocks import Blocks
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.lamps.cells import Cells
 from uw_visibility.water.lamps.tracks import GroundView

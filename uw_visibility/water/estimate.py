@@ -13,8 +13,8 @@ import numpy as np
 
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.status import Status
+from uw_visibility.water.blocks import Blocks
 from uw_visibility.water.daylight.fit import Fit, blank
-from uw_visibility.water.daylight.statistics import Blocks
 from uw_visibility.water.lamps.cells import Cells
 from uw_visibility.water.lamps.tracks import GroundView
 from uw_visibility.water.observations import Envelopes

@@ -20,6 +20,7 @@ from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.images.pair import read_only
 from uw_visibility.images.view import ColourSamples
 from uw_visibility.optics.transfer import linear_table
+from uw_visibility.water.blocks import MAX_RANGE, MIN_RANGE
 
 # 16-bit codes are counted in groups of 16: a group spans a sixteenth of an
 # 8-bit step, and the histogram still fits into the cache.
@@ -271,8 +272,6 @@ SHIFT_UNCERTAINTY = 0.5
 # Ranges beyond these quantiles are mostly wrong matches; they get no bin.
 RANGE_QUANTILES = (0.005, 0.995)
 RANGE_SAMPLES = 4096
-# Beyond these, m, a range is an error of computation.
-MIN_RANGE, MAX_RANGE = 1e-3, 1e5
 # How far from a pixel edges matter, px: as far as the camera, and the median,
 # blur; with measured ranges, as far as a matcher's window takes a surface's
 # range beyond its edge.

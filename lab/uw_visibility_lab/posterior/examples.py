@@ -16,16 +16,13 @@ from numpy.typing import NDArray
 from uw_visibility.config.files import write_whole
 from uw_visibility.errors import InputError
 from uw_visibility.images.view import View as CameraView
+from uw_visibility.water.blocks import BLOCKS_KEPT, reduce_to_blocks, stacked, thinned
 from uw_visibility.water.daylight.statistics import (
     BINS,
-    BLOCKS_KEPT,
     OF_BIN,
     OF_IMAGE,
     Statistics,
-    reduce_to_blocks,
-    stacked,
     summarise,
-    thinned,
 )
 from uw_visibility_lab.evaluation.parallel import Progress, run_all
 from uw_visibility_lab.worlds.beliefs import count, happens

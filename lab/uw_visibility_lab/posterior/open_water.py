@@ -16,10 +16,10 @@ from scipy.optimize import minimize
 
 from uw_visibility.images.arrays import Array
 from uw_visibility.images.view import View as CameraView
+from uw_visibility.water.blocks import reduce_to_blocks
 from uw_visibility.water.daylight.statistics import (
     FEWEST_OF_WATER,
     open_water_of,
-    reduce_to_blocks,
 )
 from uw_visibility_lab.worlds.draw import draw
 from uw_visibility_lab.worlds.scenes import load_scene

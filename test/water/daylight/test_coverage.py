@@ -15,10 +15,13 @@ from uw_visibility.config.water import WaterConfig
 from uw_visibility.images.view import View
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.status import Status
+from uw_visibility.water.blocks import reduce_to_blocks
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.inference import infer
 from uw_visibility.water.daylight.network import trained
-from uw_visibility.water.daylight.statistics import reduce_to_blocks, summarise
+from uw_visibility.water.daylight.statistics import (
+    summarise,
+)
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor
 

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from uw_visibility.images.view import View
+from uw_visibility.water.blocks import Blocks, reduce_to_blocks
 from uw_visibility.water.daylight.curves import (
     GAMMA,
     KEPT,
@@ -41,9 +42,7 @@ from uw_visibility.water.daylight.statistics import (
     UPPER_WATER,
     WEIGHT,
     WITHIN_TILE,
-    Blocks,
     Statistics,
-    reduce_to_blocks,
     summarise,
 )
 

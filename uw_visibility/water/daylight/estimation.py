@@ -18,6 +18,7 @@ from uw_visibility.images.pair import check_valid
 from uw_visibility.images.view import ColourSamples, View
 from uw_visibility.optics.light_model import contrast_gain, radiance_of
 from uw_visibility.status import Status
+from uw_visibility.water.blocks import BLOCKS_KEPT, FEWEST_BLOCKS, Blocks, reduce_to_blocks, thinned
 from uw_visibility.water.daylight.dark_fit import fit_one_light
 from uw_visibility.water.daylight.fit import Fit
 from uw_visibility.water.daylight.grey_average import colour_balance
@@ -30,12 +31,7 @@ from uw_visibility.water.daylight.priors import (
     fuse,
 )
 from uw_visibility.water.daylight.statistics import (
-    BLOCKS_KEPT,
-    FEWEST_BLOCKS,
-    Blocks,
-    reduce_to_blocks,
     summarise,
-    thinned,
 )
 from uw_visibility.water.daylight.validation import (
     brightest_patch,

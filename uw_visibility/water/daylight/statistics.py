@@ -11,7 +11,6 @@ to the median range, so that neither exposure nor the unit of length matters.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import cv2
@@ -22,17 +21,8 @@ from scipy.special import expit
 from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Mask
-from uw_visibility.images.view import ColourSamples
-from uw_visibility.optics.transfer import linear_table
-from uw_visibility.water.observations import MAX_RANGE, MIN_RANGE
+from uw_visibility.water.blocks import FEWEST_BLOCKS, Blocks
 
-# Blocks of an image at most: those of the views that the networks are trained on, so that a patch
-# of an image is as many blocks there as here.
-BLOCKS = 20_000
-# Blocks that are kept of a frame, for a survey to take with those of others.
-BLOCKS_KEPT = 1500
-# Fewest blocks with a range that are a picture of the water.
-FEWEST_BLOCKS = 600
 BINS = 12
 # Ranges that are more times farther, or nearer, than the median get no bin: they are wrong, or few.
 WIDEST = 12.0
@@ -52,8 +42,6 @@ HALF_WEIGHT = 20.0
 FLOOR = 0.004
 # Quantile of a channel's irradiance that stands for its brightest, and the least it may be.
 BRIGHTEST, LEAST_BRIGHTEST = 0.995, 0.002
-# A block whose pixels' ranges differ by more shows two surfaces.
-MOST_RANGE_STEP = 0.1
 # Blocks without range above all surfaces, of the smoothest part of the image, may be open water.
 SMOOTHEST = 0.3
 FEWEST_OF_WATER = 60
@@ -128,35 +116,6 @@ class Statistics(NamedTuple):
     median_range: float
 
 
-class Blocks(NamedTuple):
-    """An image reduced to blocks.
-
-    Attributes
-    ----------
-    light : (h, w, 3) float32 ndarray
-        Mean irradiance; NaN where a block holds pixels that do not count.
-    range : (h, w) float32 ndarray
-        Mean range, m; NaN where unknown, or where surfaces meet.
-    known : float
-        Part of the counted blocks whose range is known, surfaces that meet among them.
-    clipped, black : (3,) float64 ndarray
-        Part of the pixels at the largest and at the smallest code value.
-    noise : (3,) float64 ndarray
-        Standard deviation of a pixel's noise, irradiance at middle grey.
-    encoded, deep : bool
-        Whether codes are sRGB, and of 16 bit.
-    """
-
-    light: NDArray[np.float32]
-    range: NDArray[np.float32]
-    known: float
-    clipped: Array
-    black: Array
-    noise: Array
-    encoded: bool
-    deep: bool
-
-
 def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statistics | None:
     """Summarise an image and its ranges; None where too few ranges are known.
 
@@ -215,107 +174,6 @@ def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statist
         _mean_rows(place)))
     return Statistics(
         of_bins, of_tiles, of_channels, of_image.astype(np.float32), brightest, median)
-
-
-def reduce_to_blocks(
-    samples: ColourSamples, range_map: NDArray[np.floating], valid: Mask | None
-) -> Blocks:
-    """Average irradiance and range over blocks of pixels.
-
-    Parameters
-    ----------
-    samples : ColourSamples
-    range_map : (H, W) ndarray of float
-        Range along the line of sight, m, of each sample; NaN where unknown.
-    valid : (H, W) bool ndarray or None
-        Samples that count.
-    """
-    image = samples.pixels
-    size = max(1, math.ceil(math.sqrt(range_map.size / BLOCKS)))
-    height, width = range_map.shape[0] // size, range_map.shape[1] // size
-    light = np.empty((height, width, 3), np.float32)
-    ranges = np.empty((height, width), np.float32)
-    extreme = np.zeros((2, 3))
-    table = linear_table(samples.transfer, image.dtype)
-    mask = np.ones((1, 1), np.bool_) if valid is None else np.ascontiguousarray(valid)
-    counted, known = _reduce(
-        image, np.ascontiguousarray(range_map, np.float32), mask, valid is not None, table, size,
-        light, ranges, extreme)
-    share = 1.0 / max(counted * size * size, 1)
-    middle = len(table) // 2
-    return Blocks(
-        light, ranges, known / max(counted, 1), extreme[0] * share, extreme[1] * share,
-        samples.noise * float(table[middle] - table[middle - 1]), samples.transfer == "srgb",
-        len(table) > 256)
-
-
-def thinned(blocks: Blocks, number: int) -> Blocks:
-    """Every so many-th row of blocks, so that some `number` of them are left."""
-    step = max(1, round(blocks.range.size / number))
-    rows = slice(step // 2, None, step)
-    return blocks._replace(light=blocks.light[rows].copy(), range=blocks.range[rows].copy())
-
-
-def stacked(frames: Sequence[tuple[Blocks, Array]]) -> Blocks:
-    """Blocks of frames of one size as those of one image, each with a gain of its channels.
-
-    Rows of the frames alternate, so that what is above in a frame stays above.
-    """
-    parts = [blocks for blocks, _ in frames]
-    light = np.stack([blocks.light * gain.astype(np.float32) for blocks, gain in frames], axis=1)
-    together = np.stack([blocks.range for blocks in parts], axis=1)
-    width = together.shape[2]
-    return parts[-1]._replace(
-        light=light.reshape(-1, width, 3), range=together.reshape(-1, width),
-        known=float(np.mean([blocks.known for blocks in parts])),
-        clipped=np.mean([blocks.clipped for blocks in parts], axis=0),
-        black=np.mean([blocks.black for blocks in parts], axis=0),
-        noise=np.mean([blocks.noise * gain for blocks, gain in frames], axis=0))
-
-
-@njit(nogil=True)
-def _reduce(
-    image: Any, range_map: Any, mask: Any, masked: bool, table: Any, size: int, light: Any,
-    ranges: Any, extreme: Any,
-) -> tuple[int, int]:
-    """Fill `light` and `ranges`; count clipped and black pixels, blocks, and those with range."""
-    height, width = ranges.shape
-    top = len(table) - 1
-    counted, known = 0, 0
-    sums = np.zeros(3)
-    for y in range(height):
-        for x in range(width):
-            sums[:] = 0.0
-            near, far, total, number, whole = np.inf, 0.0, 0.0, 0, True
-            for v in range(y * size, (y + 1) * size):
-                for u in range(x * size, (x + 1) * size):
-                    if masked and not mask[v, u]:
-                        whole = False
-                    for c in range(3):
-                        code = image[v, u, c]
-                        sums[c] += table[code]
-                    distance = range_map[v, u]
-                    if distance > MIN_RANGE and distance < MAX_RANGE:
-                        near, far = min(near, distance), max(far, distance)
-                        total += distance
-                        number += 1
-            ranges[y, x] = np.nan
-            if not whole or sums[0] + sums[1] + sums[2] == 0.0:
-                light[y, x, 0] = light[y, x, 1] = light[y, x, 2] = np.nan
-                continue
-            counted += 1
-            for c in range(3):
-                light[y, x, c] = sums[c] / (size * size)
-            for v in range(y * size, (y + 1) * size):
-                for u in range(x * size, (x + 1) * size):
-                    for c in range(3):
-                        extreme[0, c] += image[v, u, c] == top
-                        extreme[1, c] += image[v, u, c] == 0
-            if 2 * number > size * size:
-                known += 1
-                if far - near <= MOST_RANGE_STEP * near:
-                    ranges[y, x] = total / number
-    return counted, known
 
 
 def open_water_of(blocks: Blocks) -> tuple[Mask, float, float]:

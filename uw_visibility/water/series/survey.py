@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from uw_visibility.config.schema import SurveyConfig
 from uw_visibility.images.arrays import Array
 from uw_visibility.status import Status
+from uw_visibility.water.blocks import Blocks, stacked
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.fit import blank
-from uw_visibility.water.daylight.statistics import Blocks, stacked
 from uw_visibility.water.estimate import (
     WaterEstimate,
     joint_covariance,
