@@ -77,7 +77,6 @@ WHOLE = {
     "stereo/elas/confidence.py": {"max(column[x], 0)"},
     "stereo/elas/postprocess.py": {"max(column[x] + 1, 0)"},
     "stereo/elas/support.py": {"abs(after - before) >> 1"},
-    "water/observations.py": {"np.sqrt(height * width / PIXELS_READ_WHOLE)"},
 }
 
 

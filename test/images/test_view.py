@@ -61,13 +61,6 @@ def test_ranges_and_valid_pixels_follow_the_scale_of_colour() -> None:
     assert colour.reduce(ranges, None)[1] is None
 
 
-def test_counts_and_distances_are_those_of_the_camera() -> None:
-    whole = ColourSamples(PIXELS, "linear", np.zeros(3))
-    half = ColourSamples(PIXELS, "linear", np.zeros(3), 2)
-    assert (half.count(100), half.count(2.0), whole.count(100)) == (25, 1, 100)
-    assert ([half.margin(m) for m in (1, 3, 6)], whole.margin(3)) == ([1, 2, 3], 3)
-
-
 def test_foreground_leaves_the_valid_pixels() -> None:
     outside = np.zeros((32, 48), bool)
     outside[:4] = True

@@ -20,30 +20,19 @@ from uw_visibility.replay.records import FrameRecord
 from uw_visibility.water.blocks import Blocks
 from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.lamps.tracks import GroundView
-from uw_visibility.water.observations import Envelopes, observe
-
-
-def envelopes() -> Envelopes:
-    image = np.random.default_rng(0).integers(1, 250, (60, 80, 3)).astype(np.uint8)
-    ranges = np.tile(np.linspace(2, 4, 80, dtype=np.float32), (60, 1))
-    colour = View.of(image).colour
-    assert colour is not None
-    return observe(
-        colour, ranges, None, bins=5, min_pixels=20, edge_tolerance=10.0, dark_quantile=0.1,
-        fewest_dark=0.5, bright_quantile=0.9,
-    )
+from uw_visibility.water.observations import observe
 
 
 def blocks() -> Blocks:
     rng = np.random.default_rng(1)
-    light, ranges = rng.random((4, 6, 3), np.float32), rng.random((4, 6), np.float32)
+    light, ranges = rng.random((40, 60, 3), np.float32), rng.random((40, 60), np.float32)
     return Blocks(light, ranges, 0.7, np.zeros(3), np.ones(3), rng.random(3), True, False)
 
 
 def records() -> list[FrameRecord]:
     estimate = frame_estimate(distance=1 / 3, depth=float("inf"))
     water = replace(
-        estimate.water, envelope=envelopes(), blocks=blocks(), clearest=np.arange(3.0),
+        estimate.water, envelope=observe(blocks()), blocks=blocks(), clearest=np.arange(3.0),
         light_covariance=np.eye(3))
     estimate = replace(estimate, water=water)
     return [

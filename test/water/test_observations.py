@@ -5,216 +5,137 @@
 import numpy as np
 import pytest
 
-from uw_visibility.images.view import View
-from uw_visibility.water import observations
-from uw_visibility.water.observations import PIXELS_READ_WHOLE, accumulate, levels
-from uw_visibility.water.observations import observe as observe_samples
-
-SETTINGS = {
-    "transfer": "linear", "bins": 10, "min_pixels": 20, "edge_tolerance": 10.0,
-    "dark_quantile": 0.1, "fewest_dark": 0.5, "bright_quantile": 0.9,
-    "plain": True,
-}
+from uw_visibility.water.blocks import Blocks
+from uw_visibility.water.observations import FEWEST_OF_BIN, observe
 
 
-def observe(image, distance, mask, *, transfer, **settings):
-    return observe_samples(View.of(image, transfer).colour, distance, mask, **settings)
+def blocks(size=(100, 120), seed=0, noise=0.0, side=1, **changes):
+    """Blocks of random light over ranges from 2 to 4 m."""
+    light = np.random.default_rng(seed).uniform(0.1, 0.9, (*size, 3)).astype(np.float32)
+    ranges = np.tile(np.linspace(2, 4, size[1], dtype=np.float32), (size[0], 1))
+    made = Blocks(
+        light, ranges, 1.0, np.zeros(3), np.zeros(3), np.full(3, noise / 255), False, False, side)
+    return made._replace(**changes)
 
 
-def view(dtype=np.uint8, size=(100, 120), seed=0):
-    rng = np.random.default_rng(seed)
-    top = np.iinfo(dtype).max
-    image = rng.integers(1, top, (*size, 3)).astype(dtype)
-    distance = np.tile(np.linspace(2, 4, size[1], dtype=np.float32), (size[0], 1))
-    return image, distance
-
-
-@pytest.mark.parametrize(("dtype", "tolerance"), [(np.uint8, 1 / 255), (np.uint16, 32 / 65535)])
-def test_envelopes_are_the_quantiles_of_each_bin(dtype, tolerance):
-    image, distance = view(dtype)
-    seen = observe(image, distance, None, **SETTINGS)
-    assert len(seen.range) == 10
-    edges = np.linspace(2, 4, 11)
-    top = np.iinfo(dtype).max
-    for at in range(1, 9):
-        # Away from the outermost bins, which the quantiles of range trim.
-        inside = np.abs(distance - seen.range[at]) < 0.07
+def test_envelopes_are_the_extremes_of_each_bin():
+    seen = observe(made := blocks())
+    middles = np.sqrt(seen.range[1:] * seen.range[:-1])
+    for at in range(1, len(seen.range) - 1):
+        inside = (made.range > middles[at - 1]) & (made.range < middles[at])
         for channel in range(3):
-            values = image[..., channel][inside] / top
-            assert seen.dark[channel, at] == pytest.approx(np.quantile(values, 0.1), abs=0.03)
-            assert seen.bright[channel, at] == pytest.approx(np.quantile(values, 0.9), abs=0.03)
-        assert edges[at] < seen.range[at] < edges[at + 1]
-    assert seen.step == pytest.approx(1 / top)
-    one = observe(image, np.full_like(distance, 3), None, **SETTINGS)
-    for channel in range(3):
-        values = image[..., channel] / top
-        assert one.dark[channel, 0] == pytest.approx(np.quantile(values, 0.1), abs=tolerance)
-        assert one.bright[channel, 0] == pytest.approx(np.quantile(values, 0.9), abs=tolerance)
+            values = made.light[..., channel][inside]
+            assert seen.dark[channel, at] == pytest.approx(np.sort(values)[2], abs=0.02)
+            assert seen.bright[channel, at] == pytest.approx(np.quantile(values, 0.99), abs=0.02)
+    assert (np.diff(seen.range) > 0).all()
+    assert seen.limits == (2.0, pytest.approx(4.0, abs=0.02))
+    assert seen.step == pytest.approx(1 / 255, rel=1e-3)
 
 
-def test_srgb_levels_are_irradiance():
-    image, distance = view()
-    linear = observe(image, distance, None, **SETTINGS)
-    srgb = observe(image, distance, None, **{**SETTINGS, "transfer": "srgb"})
-    expected = ((linear.dark + 0.055) / 1.055) ** 2.4
-    np.testing.assert_allclose(srgb.dark, expected, atol=0.002)
-    assert levels("srgb", np.uint8).step[200] > 4 * levels("srgb", np.uint8).step[20]
+def test_the_paper_takes_a_quantile():
+    made = blocks(size=(300, 120))
+    # Two of 300 rows are less than 1 %.
+    made.light[:2] = 0.01
+    assert observe(made, plain=True).dark == pytest.approx(0.108, abs=0.02)
+    assert observe(made).dark == pytest.approx(0.01)
 
 
-def test_a_sharp_dark_end_is_its_level_and_a_smooth_one_is_interpolated():
-    distance = np.full((100, 100), 3, dtype=np.float32)
-    image = np.full((100, 100, 3), 40, dtype=np.uint8)
-    image[..., 0] = 41
-    seen = observe(image, distance, None, **SETTINGS)
-    np.testing.assert_allclose(seen.dark[:, 0] * 255, [41, 40, 40], atol=1e-9)
-    image[..., 1] = np.tile(np.repeat([37, 38, 39, 40], 25), (100, 1))
-    smooth = observe(image, distance, None, **{**SETTINGS, "dark_quantile": 0.3})
-    assert smooth.dark[1, 0] * 255 == pytest.approx(37.5 + 5 / 25)
+def test_the_paper_takes_bins_of_equal_width():
+    crowded = blocks()
+    crowded.range[:] = np.linspace(2, 4, 120, dtype=np.float32) ** 2 / 4
+    plain = np.diff(observe(crowded, plain=True).range)
+    assert plain[-6:-1].mean() == pytest.approx(plain[1:6].mean(), rel=0.1)
+    of_both = np.diff(observe(crowded).range)
+    assert of_both[-6:-1].mean() > 1.3 * of_both[1:6].mean()
 
 
-def test_saturated_and_padded_pixels_do_not_count():
-    image, distance = view()
-    distance = np.full_like(distance, 3)
-    clean = observe(image, distance, None, **SETTINGS)
-    marred = np.concatenate((image, np.zeros_like(image), np.full_like(image, 255)))
-    seen = observe(marred, np.concatenate((distance,) * 3), None, **SETTINGS)
-    np.testing.assert_allclose(seen.dark, clean.dark, atol=1e-9)
-    np.testing.assert_allclose(seen.bright, clean.bright, atol=1e-9)
-    assert seen.saturated == pytest.approx([0.5] * 3)
-    assert clean.saturated == pytest.approx([0] * 3)
+def test_the_darkest_blocks_know_their_range():
+    made = blocks()
+    made.light[:] = 0.5
+    made.light[::2, 60] = 0.2
+    seen = observe(made)
+    at = int(seen.dark[0].argmin())
+    assert seen.dark_range[:, at] == pytest.approx(made.range[0, 60])
 
 
-def test_pixels_without_a_range_or_outside_the_mask_do_not_count():
-    image, distance = view()
-    marred = distance.copy()
-    marred[:30] = np.nan
-    marred[30:40] = -1
-    mask = np.ones(distance.shape, dtype=bool)
-    mask[40:60] = False
-    image[:60] = 255
-    seen = observe(image, marred, mask, **SETTINGS)
-    clean = observe(image[60:].copy(), distance[60:].copy(), None, **SETTINGS)
-    np.testing.assert_allclose(seen.dark, clean.dark)
-    assert seen.pixels == clean.pixels
+def test_blocks_that_do_not_count_are_left_out():
+    made = blocks()
+    before = observe(made)
+    made.light[:, 30:32] = 0.001
+    made.range[:, 30:32] = np.nan
+    made.light[:, 70] = np.nan
+    after = observe(made)
+    assert after.dark.min() > 0.05
+    assert after.count.sum() < before.count.sum()
 
 
-def edge_view():
-    distance = np.full((60, 60), 2, dtype=np.float32)
-    distance[:, 30:] = 4
-    image = np.full((60, 60, 3), 100, dtype=np.uint8)
-    # Coarse stripes, so that the border of what is painted over them is no noise.
-    image[:, np.arange(60) // 10 % 2 == 1] += 1
-    image[..., 0] += 1
-    return image, distance
+def test_noise_is_taken_out_of_the_dark_envelope():
+    """Where noise alone makes the dark end, its quantile is given back; σ says how well."""
+    made = blocks(noise=3.0)
+    clean = np.full(made.light.shape, 0.4, np.float32)
+    noisy = clean + np.random.default_rng(1).normal(0, 3 / 255, clean.shape).astype(np.float32)
+    seen = observe(made._replace(light=noisy))
+    assert seen.dark.mean() == pytest.approx(0.4, abs=0.003)
+    assert np.abs(seen.dark - 0.4).max() < 0.03
+    assert observe(made._replace(light=noisy, noise=np.zeros(3))).dark.mean() < 0.38
+    # A block is the mean of many pixels.
+    of_many = observe(made._replace(light=clean, side=10))
+    assert (of_many.deviation < 0.4 * seen.deviation.mean()).all()
 
 
-ROBUST = {**SETTINGS, "plain": False, "edge_tolerance": 0.1}
+def test_codes_of_a_camera_span_more_light_where_srgb_is_steeper():
+    linear, srgb = observe(blocks()), observe(blocks(encoded=True))
+    assert (srgb.step[:, 0] < linear.step[:, 0]).all()
+    bright = blocks(encoded=True)
+    bright.light[:] += 0.09
+    assert (observe(bright).step.mean() > srgb.step.mean())
 
 
-@pytest.mark.parametrize(("range_error", "margin"), [(0.0, 2), (0.01, 6)])
-def test_pixels_beside_a_jump_of_range_do_not_count(range_error, margin):
-    image, distance = edge_view()
-    image[:, 30 - margin:30 + margin] = 7
-    seen = observe(image, distance, None, **ROBUST, range_error=range_error)
-    assert seen.dark[1] == pytest.approx(100 / 255)
-    assert seen.pixels == (60 - 2 * margin) * (60 - 4 * margin)
+def test_bins_with_too_few_blocks_are_left_out():
+    made = blocks(size=(12, 60))
+    made.range[:, 50:] = np.linspace(20, 24, 10)
+    seen = observe(made)
+    assert (seen.count >= FEWEST_OF_BIN).all()
+    few = blocks(size=(4, 5))
+    assert len(observe(few).range) == 0
 
 
-def test_pixels_beside_unknown_ranges_do_not_count():
-    image, distance = edge_view()
-    distance[:, 30:34] = np.nan
-    image[:, 24:40] = 7
-    seen = observe(image, distance, None, **ROBUST, range_error=0.01)
-    assert seen.dark[1] == pytest.approx(100 / 255)
-
-
-def test_a_plane_seen_at_an_angle_has_no_edge():
-    image, _ = view(size=(100, 120))
-    distance = np.tile(1 / np.linspace(0.5, 0.2, 120, dtype=np.float32), (100, 1))
-    seen = observe(image, distance, None, **{**ROBUST, "edge_tolerance": 0.01})
-    assert seen.pixels > 0.9 * 96 * 116
-    grazing = np.tile(1 / np.linspace(0.5, 0.01, 120, dtype=np.float32), (100, 1))
-    far = observe(image, grazing, None, **{**ROBUST, "edge_tolerance": 0.01}, range_error=1e-3)
-    assert far.range[-1] < 5
-
-
-def test_bins_are_of_equal_ratio_and_know_where_their_darkest_pixels_are():
-    image, _ = view(size=(200, 400))
-    distance = np.tile(np.geomspace(1, 16, 400, dtype=np.float32), (200, 1))
-    image[:] = 100
-    image[..., 0] = 101
-    # Light grows with range: the darkest pixels of a bin are its nearest.
-    image[..., 1] = (50 * distance**0.5).astype(np.uint8)
-    seen = observe(image, distance, None, **ROBUST)
-    ratio = seen.range[1:] / seen.range[:-1]
-    np.testing.assert_allclose(ratio, 16 ** 0.1, rtol=0.03)
-    assert (seen.dark_range[1] < seen.range * 0.95).all()
-    np.testing.assert_allclose(seen.dark[1] * 255, 50 * seen.dark_range[1] ** 0.5, atol=3)
-    np.testing.assert_allclose(seen.dark_range[0], seen.range, rtol=0.01)
-
-
-def test_noise_is_taken_out_of_both_envelopes():
-    rng = np.random.default_rng(0)
-    image = np.clip(100 + rng.normal(0, 2, (300, 300, 3)) + 0.5, 0, 255).astype(np.uint8)
-    distance = np.full((300, 300), 3, dtype=np.float32)
-    distance[150:] = 4
-    settings = {**ROBUST, "dark_quantile": 2e-4, "fewest_dark": 5, "bright_quantile": 0.99}
-    seen = observe(image, distance, None, **settings)
-    assert seen.noise == pytest.approx([2, 2, 2], abs=0.3)
-    np.testing.assert_allclose(seen.dark * 255, 100, atol=1)
-    np.testing.assert_allclose(seen.bright * 255, 100, atol=1)
-    plain = observe(image, distance, None, **{**settings, "plain": True})
-    assert (plain.dark * 255 < 96).all()
-
-
-def test_bins_with_too_few_pixels_are_left_out():
-    image, distance = view()
-    distance[:, 30:60] = np.nan
-    seen = observe(image, distance, None, **SETTINGS)
-    assert not ((seen.range > 2.6) & (seen.range < 2.9)).any()
-    assert (seen.count >= 20).all()
-    none = observe(image, distance, None, **{**SETTINGS, "min_pixels": 10**6})
-    assert len(none.range) == 0
-
-
-@pytest.mark.parametrize("value", [np.nan, 0.0, -3.0, np.inf])
-def test_a_map_without_any_range_gives_no_bin(value):
-    image, distance = view()
-    seen = observe(image, np.full_like(distance, value), None, **SETTINGS)
-    assert seen.pixels == 0
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
+@pytest.mark.parametrize("plain", [False, True])
+def test_a_map_without_any_range_gives_no_bin(value, plain):
+    made = blocks()
+    made.range[:] = np.nan if value == -1.0 else value
+    if np.isinf(value):
+        made.light[:] = np.nan
+    seen = observe(made, plain=plain)
     assert len(seen.range) == 0
-    assert not seen.grey
+    assert seen.limits == (0.0, 0.0)
+
+
+def test_one_range_for_all_is_no_error():
+    made = blocks()
+    made.range[:] = 3.0
+    for plain in (False, True):
+        seen = observe(made, plain=plain)
+        assert seen.limits == (3.0, 3.0)
+        assert seen.range == pytest.approx(3.0)
 
 
 def test_colour_is_noticed():
-    image, distance = view()
-    assert not observe(image, distance, None, **SETTINGS).grey
-    grey = np.repeat(image[..., :1], 3, axis=2)
-    assert observe(grey, distance, None, **SETTINGS).grey
+    made = blocks()
+    assert not observe(made).grey
+    grey = np.repeat(made.light[..., :1], 3, axis=2)
+    assert observe(made._replace(light=grey)).grey
+    grey[5, 5, 0] += 0.01
+    assert not observe(made._replace(light=grey)).grey
 
 
-def test_large_images_are_read_in_part():
-    image, distance = view(size=(1000, 600))
-    seen = observe(image, distance, None, **SETTINGS)
-    assert PIXELS_READ_WHOLE < seen.pixels < 4 * PIXELS_READ_WHOLE
-    stride = round(image[..., 0].size / seen.pixels)
-    part = observe(
-        image[(stride - 1) // 2::stride].copy(), distance[::stride].copy(), None, **SETTINGS)
-    np.testing.assert_allclose(seen.dark, part.dark, atol=0.01)
-
-
-def test_noisy_images_compile_nothing_more(monkeypatch):
-    """A kernel is compiled apart for arrays that can be written to, in flight."""
-    seen = []
-
-    def record(image, *arguments):
-        seen.append(image.flags.writeable)
-        return accumulate(image, *arguments)
-
-    monkeypatch.setattr(observations, "accumulate", record)
-    distance = view()[1]
-    noise = np.random.default_rng(3).normal(0.0, 12.0, (*distance.shape, 3))
-    for shown in (np.full(noise.shape, 100, np.uint8), (100 + noise).astype(np.uint8)):
-        shown.flags.writeable = False
-        observe(shown, distance, None, **ROBUST)
-    assert seen == [False, False]
+def test_least_light_is_the_third_brightest_bin():
+    made = blocks()
+    made.light[:] = 0.3
+    made.light[:, 60:100] = 0.6
+    made.light[:, 10:13] = 0.9
+    seen = observe(made)
+    assert seen.least_light(0) == pytest.approx(np.sort(seen.bright[0])[-3])
+    assert seen.brightest_near(0)[0] == pytest.approx(0.9)
+    assert seen.brightest_near(0)[1] < 2.5

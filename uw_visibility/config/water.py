@@ -16,8 +16,8 @@ class WaterConfig:
 
     method: str = parameter(
         "lower_envelope",
-        "Fit of the dark envelope, with water.veil paper: lower_envelope (asymmetric loss, "
-        "darkest patches), or paper (symmetric loss, 1 % quantile, without priors and with any "
+        "Estimation: lower_envelope (a trained posterior, and with water.veil paper the darkest "
+        "patches over range), or paper (the paper's least squares on the 1 % quantile, with any "
         "water.veil).",
         choices=("lower_envelope", "paper"),
     )
@@ -29,19 +29,9 @@ class WaterConfig:
         "that holds).",
         choices=("free", "paper"),
     )
-    bins: int = parameter(
-        48, "Number of range bins.", minimum=8, maximum=256,
-    )
-    min_bin_pixels: int = parameter(
-        100, "Pixels that a range bin needs to count.", minimum=10, maximum=100000,
-    )
     min_range_ratio: float = parameter(
         1.25, "Smallest ratio of the farthest to the nearest range that is assessed.",
         minimum=1.0, maximum=10.0,
-    )
-    edge_tolerance: float = parameter(
-        0.03, "Pixels are left out where the range beside them departs from a plane by more "
-        "than this fraction.", minimum=0.0, maximum=1.0,
     )
     daylight_tolerance: float = parameter(
         0.15, "How far the ambient light's colour is expected from that of daylight below "

@@ -36,14 +36,6 @@ class ColourSamples:
     scale: int = 1
     codec_known: bool = False
 
-    def count(self, pixels: float) -> float:
-        """Return how many samples show as much as a number of the camera's pixels; at least 1."""
-        return max(pixels / self.scale**2, 1.0)
-
-    def margin(self, pixels: int) -> int:
-        """Return a distance in the camera's pixels as one in samples, rounded up."""
-        return -(-pixels // self.scale)
-
     def reduce(self, range_map: RangeMap, valid: Mask | None) -> tuple[RangeMap, Mask | None]:
         """Return the range (m) of each sample, and which of them count; None for all.
 

@@ -18,6 +18,17 @@ doi 10.1364/OE.11.002997.
 BLACK_DISC_DEVIATION = 0.1
 """What that is off by over waters and conditions of viewing, as a part (the same source)."""
 
+BEAM_OVER_SEEN = 2.0
+"""Beam attenuation over the attenuation that a camera sees, c / β.
+
+Light that is scattered by less than what is seen is not lost to a camera. Of path-traced scenes
+β / c is 0.49 (0.39 to 0.62; 12 scenes, Henyey and Greenstein's phase functions), 0.56 (0.40 to
+0.72; 13 others) and 0.36 (0.32 to 0.60; 4 with Fournier and Forand's):
+`python -m uw_visibility_lab.tracer.summary FOLDER`, see lab/studies/beam_attenuation.md.
+"""
+BEAM_OVER_SEEN_DEVIATION = 0.3
+"""Standard deviation of its logarithm over these scenes."""
+
 SECCHI_DISK_REFLECTANCE = 0.14
 """Reflectance of a Secchi disk over π, 1/sr."""
 SECCHI_CONTRAST = 0.013

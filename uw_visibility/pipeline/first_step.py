@@ -200,9 +200,12 @@ class FirstStep:
     def _estimate(self, view: View, mesh: DisparityMap, support_points: int) -> WaterEstimate:
         if support_points < FEWEST_SUPPORT_POINTS:
             return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
+        if isinstance(self._estimator, LampEstimator):
+            # Step 2 matches the pair as it is, so that nothing would be gained by it.
+            return WaterEstimate.not_assessable(Status.LEFT_TO_STEP_2)
         ranges = self._rig.range_from_disparity(self._pyramid.upsample_disparity(mesh))
         return self._estimator.estimate_view(
-            view, ranges, range_error=self._rig.range_error(_MESH_DEVIATION), coarse=True)
+            view, ranges, range_error=self._rig.range_error(_MESH_DEVIATION))
 
     def _refuse_useless_pair(self, left: Image, right: Image, support: SupportPoints) -> bool:
         """Raise where few support points have a cause that no water explains.

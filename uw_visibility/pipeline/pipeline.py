@@ -270,7 +270,7 @@ class Pipeline:
         if coarse.by_chance or improved.support_points < FEWEST_SUPPORT_POINTS:
             return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
         water = self._estimator.estimate_view(
-            coarse.view, ranges, start=coarse.water, range_error=self.rig.range_error())
+            coarse.view, ranges, range_error=self.rig.range_error())
         return compare_steps(coarse.water, water)
 
     def _shown_water(

@@ -23,7 +23,7 @@ from uw_visibility.replay.progress import Progress
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.joining import Joiner
 from uw_visibility.replay.work import FrameAnswer, FramePool, FrameTask, Recording, frame_pool
-from uw_visibility.water.daylight.priors import NOTHING_EXPECTED
+from uw_visibility.water.daylight.one_light import NOTHING_EXPECTED
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.calibration import Calibration, calibrate
 

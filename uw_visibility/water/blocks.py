@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +26,8 @@ BLOCKS_KEPT = 1500
 FEWEST_BLOCKS = 600
 # A block whose pixels' ranges differ by more shows two surfaces.
 MOST_RANGE_STEP = 0.1
+# Ranges that are more times farther, or nearer, than the median get no bin: they are wrong, or few.
+WIDEST = 12.0
 # Beyond these, m, a range is an error of computation.
 MIN_RANGE, MAX_RANGE = 1e-3, 1e5
 
@@ -46,6 +49,10 @@ class Blocks(NamedTuple):
         Standard deviation of a pixel's noise, irradiance at middle grey.
     encoded, deep : bool
         Whether codes are sRGB, and of 16 bit.
+    side : int
+        Side of a block, in pixels of the camera.
+    step : float
+        Step of the camera's codes, as a part of full scale.
     """
 
     light: NDArray[np.float32]
@@ -56,6 +63,8 @@ class Blocks(NamedTuple):
     noise: Array
     encoded: bool
     deep: bool
+    side: int = 1
+    step: float = 1.0 / 255.0
 
 
 def reduce_to_blocks(
@@ -87,7 +96,55 @@ def reduce_to_blocks(
     return Blocks(
         light, ranges, known / max(counted, 1), extreme[0] * share, extreme[1] * share,
         samples.noise * float(table[middle] - table[middle - 1]), samples.transfer == "srgb",
-        len(table) > 256)
+        len(table) > 256, size * samples.scale,
+        1.0 / (255 if samples.scale > 1 else len(table) - 1))
+
+
+def away_from_edges(blocks: Blocks) -> Blocks:
+    """Blocks without the ranges beside a step of range, or beside unknown range.
+
+    Ranges of a matcher reach beyond the edges of surfaces. All blocks, if few would be left.
+    """
+    ranges = blocks.range
+    known = np.isfinite(ranges)
+    beside = np.ones((3, 3))
+    far = cv2.dilate(np.where(known, ranges, np.float32(np.inf)), beside)
+    near = cv2.erode(np.where(known, ranges, np.float32(0.0)), beside)
+    smooth = far - near <= np.float32(MOST_RANGE_STEP) * near
+    left = known & smooth & np.isfinite(blocks.light[..., 0])
+    if left.sum() < FEWEST_BLOCKS:
+        return blocks
+    return blocks._replace(range=np.where(left, ranges, np.float32(np.nan)))
+
+
+def place_by_range(
+    ranges: NDArray[np.float32], near: Mask, number: int
+) -> tuple[NDArray[np.int8], Array, Array, tuple[float, float]]:
+    """Bin of each block (−1 for none), mean range and count of each bin, and where bins end, m.
+
+    Bins are equal in the mean of two measures: number of blocks, and logarithm of range. So
+    neither a crowd at one range nor a few far blocks take all bins. `near` are the blocks that
+    count; there is at least one.
+    """
+    order = np.sort(ranges[near])
+    last = len(order) - 1
+    low, middle, high = (
+        float(order[at]) for at in (int(0.005 * len(order)), len(order) // 2, int(0.995 * last)))
+    low, high = max(low, middle / WIDEST), min(high, middle * WIDEST)
+    grid = np.geomspace(low, max(high, low * 1.001), 128)
+    measure = 0.5 * np.searchsorted(order, grid) / len(order) + 0.5 * np.linspace(0, 1, 128)
+    measure = (measure - measure[0]) / (measure[-1] - measure[0])
+    edges = np.interp(np.linspace(0, 1, number + 1), measure, grid)
+    place = np.full(ranges.shape, -1, np.int8)
+    inside = near & (ranges >= low) & (ranges <= high)
+    shown = ranges[inside]
+    at = np.clip(np.searchsorted(edges, shown, "right") - 1, 0, number - 1)
+    place[inside] = at
+    count = np.bincount(at, minlength=number).astype(np.float64)
+    total = np.bincount(at, weights=shown, minlength=number)
+    centres = np.sqrt(edges[1:] * edges[:-1])
+    mean = np.where(count > 0, total / np.maximum(count, 1), centres)
+    return place, mean, count, (float(low), float(high))
 
 
 def thinned(blocks: Blocks, number: int) -> Blocks:

@@ -35,7 +35,7 @@ def envelope(low: float, high: float) -> Envelopes:
     nothing = np.zeros((3, 1))
     return Envelopes(
         np.ones(1), np.ones(1, np.int64), nothing, nothing, nothing, nothing, nothing,
-        np.zeros(3), 1, np.zeros(3), np.zeros(3), False, limits=(low, high),
+        np.zeros(3), np.zeros(3), False, limits=(low, high),
     )
 
 

@@ -83,7 +83,7 @@ def test_table_has_iso_times_and_joined_values(rows: list[dict[str, str]]) -> No
         [float(row["joined_c"]) for row in rows], [0.2 + 0.02 * k for k in range(FRAMES)])
     for row in rows:
         assert float(row["black_disc_visibility"]) == pytest.approx(
-            4.8 / float(row["attenuation_green"]))
+            4.8 / (2.0 * float(row["attenuation_green"])))
         assert float(row["filtered_secchi_depth_stddev"]) > 0.0
         # A single frame may be too uncertain to tell one.
         assert row["water_type"] in ("IA", "IB", "II", "III", "")

@@ -34,9 +34,10 @@ def test_black_disc_and_its_standard_deviation():
     found = MODEL.derive(estimate([0.6, 0.4, 0.38], 0.1))
     assert found.beam_attenuation == 0.4
     assert found.beam_attenuation_stddev == pytest.approx(0.04)
-    assert found.black_disc_visibility == pytest.approx(12.0)
+    # A transmissometer reads twice what a camera sees, within a factor of 1.35.
+    assert found.black_disc_visibility == pytest.approx(6.0)
     # A tenth from the attenuation, and a tenth that the formula itself is off by.
-    assert found.black_disc_visibility_stddev == pytest.approx(12.0 * np.hypot(0.1, 0.1))
+    assert found.black_disc_visibility_stddev == pytest.approx(6.0 * np.sqrt(0.01 + 0.01 + 0.09))
 
 
 def test_turbid_water_hides_a_disk_sooner():
@@ -64,7 +65,7 @@ def test_what_cannot_be_told_is_refused():
     # Blue far beyond green, as in no sea.
     odd = MODEL.derive(estimate([0.3, 0.3, 3.0]))
     assert odd.water_type_status is Status.NO_WATER_TYPE
-    assert odd.black_disc_visibility == pytest.approx(16.0)
+    assert odd.black_disc_visibility == pytest.approx(8.0)
     nothing = MODEL.derive(WaterEstimate.not_assessable(Status.TOO_DARK))
     assert nothing.water_type_status is Status.TOO_DARK
     assert all(np.isnan(getattr(nothing, name)) for name in QUANTITIES)

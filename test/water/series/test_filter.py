@@ -11,8 +11,9 @@ import pytest
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.status import REFUTING, Status
+from uw_visibility.water.blocks import Blocks
 from uw_visibility.water.estimate import WaterEstimate
-from uw_visibility.water.observations import Envelopes
+from uw_visibility.water.observations import observe
 from uw_visibility.water.series.filter import WaterFilter
 from uw_visibility.water.series.tracking import TrackingEvent
 
@@ -111,19 +112,17 @@ def test_nothing_is_filtered_where_tracking_is_off() -> None:
 def flat(frame: int) -> WaterEstimate:
     """A frame of a survey, 2 m above the floor: its envelopes, and why that is all."""
     altitude = 2.0 + 0.3 * np.sin(0.4 * frame)
-    distance = altitude + np.linspace(-0.06, 0.06, 8)
-    beta, light = np.array([[0.5], [0.3], [0.25]]), np.array([[0.3], [0.6], [0.7]])
-    left = np.exp(-beta * distance)
-    rng = np.random.default_rng(frame)
-    dark = light * (1.0 - left * (1.0 - 0.02 * rng.random(left.shape)))
-    bright = light * (1.0 - left * (0.05 + 0.05 * rng.random(left.shape)))
-    envelope = Envelopes(
-        range=distance, count=np.full(8, 5000), dark=dark, dark_range=np.tile(distance, (3, 1)),
-        bright=bright, step=np.full((3, 8), 1 / 255), deviation=np.full((3, 8), 0.002),
-        noise=np.full(3, 0.3), pixels=40000, saturated=np.zeros(3), zero=np.zeros(3), grey=False,
-        limits=(float(distance[0]), float(distance[-1])), range_error=0.001,
-    )
-    return WaterEstimate.not_assessable(Status.RANGE_SPREAD_TOO_SMALL, envelope)
+    distance = np.tile(altitude + np.linspace(-0.06, 0.06, 60), (25, 1))
+    beta, light = np.array([0.5, 0.3, 0.25]), np.array([0.3, 0.6, 0.7])
+    left = np.exp(-beta * distance[..., np.newaxis])
+    shade = 0.9 * np.random.default_rng(frame).random((25, 60, 1)) ** 2
+    shown = light * (1.0 - left * (1.0 - shade))
+    blocks = Blocks(
+        shown.astype(np.float32), distance.astype(np.float32), 1.0, np.zeros(3), np.zeros(3),
+        np.full(3, 0.3 / 255), False, False)
+    estimate = WaterEstimate.not_assessable(
+        Status.RANGE_SPREAD_TOO_SMALL, observe(blocks, 0.001))
+    return replace(estimate, blocks=blocks)
 
 
 def test_frames_that_show_nothing_alone_do_together() -> None:

@@ -116,7 +116,7 @@ def test_a_survey_at_two_metres_shows_the_water(alpha, light):
         errors.append((found.water.attenuation - KAPPA - alpha) / deviation)
         relative.append(deviation / found.water.attenuation)
     assert np.max(np.abs(errors)) < 3.0
-    assert np.mean(relative) < 0.25
+    assert np.mean(relative) < 0.5
 
 
 @pytest.mark.parametrize(("alpha", "veil", "most"), [
@@ -230,12 +230,10 @@ def test_water_that_changes_within_the_window_is_in_the_standard_deviation(befor
 def test_a_channel_that_is_saturated_is_refused_and_the_others_are_not():
     frames = []
     for stamp, alone in observed_survey(0, 0.3):
-        envelope = alone.envelope
-        dark, bright = envelope.dark.copy(), envelope.bright.copy()
-        dark[2, 2:] = bright[2, 2:] = np.nan
-        saturated = np.array([0.0, 0.0, 0.9])
-        frames.append((stamp, replace(alone, envelope=replace(
-            envelope, dark=dark, bright=bright, saturated=saturated))))
+        light = alone.blocks.light.copy()
+        light[..., 2] = np.minimum(3.0 * light[..., 2], 1.0)
+        frames.append((stamp, replace(alone, blocks=alone.blocks._replace(
+            light=light, clipped=np.array([0.0, 0.0, 0.9])))))
     water = surveyed(frames)[0].estimate().water
     assert water.channel_status == (Status.OK, Status.OK, Status.SATURATED)
     assert np.isnan(water.attenuation[2])

@@ -21,6 +21,7 @@ from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import LONGEST_MESSAGE, printable
 from uw_visibility.images.arrays import Array, Image8
 from uw_visibility.messages.stamps import nanoseconds
+from uw_visibility.optics.visual_range import BEAM_OVER_SEEN, BEAM_OVER_SEEN_DEVIATION
 from uw_visibility.replay.columns import CHANNELS, COLUMNS
 from uw_visibility.replay.inputs.sensors import ScalarTopic
 from uw_visibility.replay.line_fit import FEWEST, LineFit, fit_line
@@ -397,7 +398,9 @@ def _sentence(fit: LineFit | None, both: int, values: Array) -> str:
         f"{fit.source} = ({fit.intercept:.3g} ± {fit.intercept_stddev:.2g}) + "
         f"({fit.slope:.3g} ± {fit.slope_stddev:.2g}) m · beam attenuation, over {fit.frames} "
         f"frames from {fit.low:.3g} to {fit.high:.3g} 1/m; correlation {fit.correlation:.2f}. What "
-        f"is left of the values is {left} the standard deviations of the estimates."
+        f"is left of the values is {left} the standard deviations of the estimates. Beam "
+        f"attenuation is as the camera sees it: a transmissometer reads {BEAM_OVER_SEEN:g} times "
+        f"as much, within a factor of {np.exp(BEAM_OVER_SEEN_DEVIATION):.2g}."
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.light_model import transmission, veil_of
+from uw_visibility.water.observations import Envelopes
 
 ATTENUATION_BOUNDS = (1e-4, 10.0)
 # Above the largest code: open water may be overexposed.
@@ -40,10 +41,10 @@ class Fit:
     converged: bool
 
 
-def fit_plain(distance: Array, dark: Array, ambient_min: Array, start: Array, active: Mask) -> Fit:
+def fit_plain(envelope: Envelopes, clear_water: Array, active: Mask) -> Fit:
     """Fit E = I∞(1 − e^(−βd)) with a symmetric robust loss, as the paper does.
 
-    `ambient_min` is the lower bound of I∞ (eq. 7), `start` (3, 2) holds β and I∞ to start from.
+    I∞ is at least the bright envelope (eq. 7); κ, `clear_water` (3,) in 1/m, is what β starts from.
     """
     # Imported here, since it takes long, and other methods do without.
     from scipy.optimize import least_squares
@@ -51,14 +52,14 @@ def fit_plain(distance: Array, dark: Array, ambient_min: Array, start: Array, ac
     parameters = np.full((3, 2), np.nan)
     covariance = np.zeros((6, 6))
     iterations, converged = 0, True
-    for channel in np.flatnonzero(active):
-        known = np.isfinite(dark[channel])
-        d, observed = distance[known], dark[channel, known]
-        lower = np.array([ATTENUATION_BOUNDS[0], ambient_min[channel]])
+    for channel in np.flatnonzero(active).tolist():
+        d, observed = envelope.range, envelope.dark[channel]
+        lower = np.array([ATTENUATION_BOUNDS[0], envelope.least_light(channel)])
+        start = np.array([clear_water[channel], envelope.bright[channel].max()])
         upper = np.array([ATTENUATION_BOUNDS[1], AMBIENT_LIGHT_MAX])
         inside = 1e-6 * (upper - lower)
         solution = least_squares(
-            _residual, np.clip(start[channel], lower + inside, upper - inside), jac=_jacobian,
+            _residual, np.clip(start, lower + inside, upper - inside), jac=_jacobian,
             bounds=(lower, upper), method="trf", loss="soft_l1", f_scale=PLAIN_SCALE,
             args=(d, observed))
         parameters[channel] = solution.x

@@ -21,11 +21,9 @@ from scipy.special import expit
 from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Mask
-from uw_visibility.water.blocks import FEWEST_BLOCKS, Blocks
+from uw_visibility.water.blocks import FEWEST_BLOCKS, Blocks, place_by_range
 
 BINS = 12
-# Ranges that are more times farther, or nearer, than the median get no bin: they are wrong, or few.
-WIDEST = 12.0
 # Fewest blocks of a bin, and of half a bin, that have statistics.
 FEWEST_OF_BIN, FEWEST_OF_HALF = 24, 16
 QUANTILES = np.array((0.003, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99))
@@ -136,7 +134,7 @@ def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statist
     contrast = _contrast(relative)
     ranges = blocks.range[near].astype(np.float64)
     median = float(np.median(ranges))
-    place, mean_range, count = _place(blocks.range, near, ranges)
+    place, mean_range, count, _ = place_by_range(blocks.range, near, BINS)
     of_bins = np.zeros((3, BINS, OF_BIN), np.float32)
     _summarise_bins(relative, contrast, place, QUANTILES, of_bins)
     of_bins[..., COARSE] = _coarse_contrast(relative, place)
@@ -219,33 +217,6 @@ def _contrast(relative: NDArray[np.float32], step: int = 1) -> NDArray[np.float3
     contrast[:, step:-step] = np.abs(
         relative[:, step:-step] - 0.5 * (relative[:, :-2 * step] + relative[:, 2 * step:]))
     return contrast
-
-
-def _place(
-    ranges: NDArray[np.float32], near: Mask, known: Array
-) -> tuple[NDArray[np.int8], Array, Array]:
-    """Bin of each block (−1 for none), mean range and count of each bin.
-
-    Bins are equal in the mean of two measures: number of blocks, and logarithm of range. So
-    neither a crowd at one range nor a few far blocks take all bins.
-    """
-    order = np.sort(known)
-    low, high = order[int(0.005 * len(order))], order[int(0.995 * (len(order) - 1))]
-    middle = order[len(order) // 2]
-    low, high = max(low, middle / WIDEST), min(high, middle * WIDEST)
-    grid = np.geomspace(low, max(high, low * 1.001), 128)
-    measure = 0.5 * np.searchsorted(order, grid) / len(order) + 0.5 * np.linspace(0, 1, 128)
-    measure = (measure - measure[0]) / (measure[-1] - measure[0])
-    edges = np.interp(np.linspace(0, 1, BINS + 1), measure, grid)
-    place = np.full(ranges.shape, -1, np.int8)
-    inside = near & (ranges >= low) & (ranges <= high)
-    shown = ranges[inside]
-    at = np.clip(np.searchsorted(edges, shown, "right") - 1, 0, BINS - 1)
-    place[inside] = at
-    count = np.bincount(at, minlength=BINS).astype(np.float64)
-    total = np.bincount(at, weights=shown, minlength=BINS)
-    centres = np.sqrt(edges[1:] * edges[:-1])
-    return place, np.where(count > 0, total / np.maximum(count, 1), centres), count
 
 
 @njit(nogil=True)

@@ -27,7 +27,6 @@ from uw_visibility.optics.lamps import (
     trilinear,
 )
 from uw_visibility.status import Status
-from uw_visibility.water.daylight import priors
 from uw_visibility.water.daylight.fit import blank
 from uw_visibility.water.daylight.validation import (
     MAX_CLIPPED_FRACTION,
@@ -65,6 +64,12 @@ MODEL_ERROR = 0.07
 # Square of the distance of tracks from contrast, in standard deviations of the three channels,
 # beyond which they are not those of one scene: 0.3 % by chance.
 CONTRADICTION = 14.0
+# Deviation of the channels' attenuation by particles and dissolved matter: relative to its mean,
+# and at least, 1/m.
+CHANNEL_TOLERANCE = 0.3
+CHANNEL_TOLERANCE_MIN = 0.02
+# Attenuation is at least that of clear water (eq. 3), known to about a tenth.
+CLEAR_WATER_TOLERANCE = 0.1
 # Deviation of β, 1/m, of a channel that is not seen.
 UNSEEN = 10.0
 
@@ -131,7 +136,7 @@ class CellEstimator:
         covariance = np.where(np.outer(seen, seen), fit.covariance, 0.0)
         covariance = np.nan_to_num(covariance) + np.diag(np.where(seen, 0.0, UNSEEN**2))
         particles = max(float((beta - clear)[seen].mean()), 0.0)
-        tolerance = (priors.CHANNEL_TOLERANCE_MIN + priors.CHANNEL_TOLERANCE * particles) ** 2
+        tolerance = (CHANNEL_TOLERANCE_MIN + CHANNEL_TOLERANCE * particles) ** 2
         for c in range(3):
             row = np.full(3, -1.0 / 3.0)
             row[c] += 1.0
@@ -145,7 +150,7 @@ class CellEstimator:
             if seen[c] and beta[c] < clear[c]:
                 least = float(clear[c])
                 beta, covariance = _raised(
-                    beta, covariance, c, least, priors.CLEAR_WATER_TOLERANCE * least)
+                    beta, covariance, c, least, CLEAR_WATER_TOLERANCE * least)
         return beta, covariance + MODEL_ERROR**2 * np.outer(beta, beta)
 
     def _assembled(
@@ -208,19 +213,15 @@ class LampEstimator(CellEstimator):
         return self._prepared[shape]
 
     def estimate_view(
-        self, view: View, range_map: NDArray[np.floating], *, start: WaterEstimate | None = None,
-        range_error: float = 0.0, coarse: bool = False,
+        self, view: View, range_map: NDArray[np.floating], *, range_error: float = 0.0
     ) -> WaterEstimate:
         """Estimate attenuation and scattering from a view; see `WaterEstimator.estimate`.
 
-        `start` and `range_error` change nothing here. Coarse ranges are left to step 2.
+        `range_error` changes nothing here.
         `ambient_light` of the result is what the water shows at infinity in the image's middle.
         """
         if view.colour is None:
             return WaterEstimate.not_assessable(Status.NO_COLOUR)
-        if coarse:
-            # Step 2 matches the pair as it is, so that nothing would be gained by it.
-            return WaterEstimate.not_assessable(Status.LEFT_TO_STEP_2)
         prepared = self._prepare(view.shape)
         tables = prepared.tables
         direct = tables.log_direct[REFERENCE].mean(axis=0)

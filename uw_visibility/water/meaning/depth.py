@@ -18,7 +18,7 @@ from uw_visibility.optics.spectra import (
     theoretical_chromaticity,
 )
 from uw_visibility.optics.water_type import water_type_attenuation, water_types
-from uw_visibility.water.daylight.priors import Daylight
+from uw_visibility.water.daylight.one_light import Daylight
 
 GRID_STEP = 0.1
 REFINEMENTS = 8

@@ -14,6 +14,8 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.spectra import CameraResponse, load_response
 from uw_visibility.optics.visual_range import (
+    BEAM_OVER_SEEN,
+    BEAM_OVER_SEEN_DEVIATION,
     BLACK_DISC_DEVIATION,
     SECCHI_DEVIATION,
     black_disc_visibility,
@@ -69,15 +71,17 @@ _BY_TYPE = (
 QUANTITIES = {
     "beam_attenuation": Quantity(
         "m-1", "beam attenuation, green",
-        "Beam attenuation c as the camera's green channel sees it, at its effective wavelength",
-        "What particles scatter by less than the image's blur counts as not lost, so that a "
-        "transmissometer reads more.",
+        "Beam attenuation as the camera's green channel sees it, at its effective wavelength",
+        "Light that is scattered by little is not lost to a camera: a transmissometer reads "
+        f"{BEAM_OVER_SEEN:g} times as much, within a factor of "
+        f"{math.exp(BEAM_OVER_SEEN_DEVIATION):.2g} (lab/studies/beam_attenuation.md).",
         "Roser, Dunbabin and Geiger 2014, eq. 4-7"),
     "black_disc_visibility": Quantity(
         "m", "black-disc visibility",
-        "Horizontal distance at which a diver loses a black disc, 4.8/c with the green "
-        "channel's c",
-        "4.8/c is for the photopic c; green stands for it, within 10 %, which is in σ.",
+        "Horizontal distance at which a diver loses a black disc, 4.8/c, with c the green "
+        f"channel's attenuation times {BEAM_OVER_SEEN:g}",
+        "A camera sees less than c, see beam attenuation; how much less, and 10 % of the formula, "
+        "are in σ.",
         "Zaneveld and Pegau 2003, doi:10.1364/OE.11.002997"),
     "diffuse_attenuation_490": Quantity(
         "m-1", "Kd(490)",
@@ -161,8 +165,9 @@ class DerivedModel:
         stddev = math.sqrt(covariance[GREEN, GREEN])
         disc, disc_stddev = math.nan, math.nan
         if stddev <= MAX_RELATIVE_STDDEV * beam:
-            disc = float(black_disc_visibility(beam))
-            disc_stddev = disc * math.hypot(stddev / beam, BLACK_DISC_DEVIATION)
+            disc = float(black_disc_visibility(BEAM_OVER_SEEN * beam))
+            disc_stddev = disc * math.hypot(
+                stddev / beam, BEAM_OVER_SEEN_DEVIATION, BLACK_DISC_DEVIATION)
         beams = (beam, stddev, disc, disc_stddev)
         likelihood, nearest = self._likelihood(
             estimate.attenuation[known], covariance[np.ix_(known, known)], known)

@@ -1,11 +1,11 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Water of a survey: envelopes of many frames taken together.
+"""Water of a survey: blocks of many frames taken together.
 
 Above a flat sea floor a frame's ranges are too alike to show how light decays with
 range, but a vehicle climbs, sinks and pitches: over a minute the ranges differ enough.
 The frames' pixels, reduced to blocks, are taken together and estimated from like those of one
-frame; with one light for veil and scene (`water.veil: paper`), their envelopes are.
+frame.
 
 Frames that follow one another show the same ground, so their errors are alike. The
 covariance comes from leaving out blocks of frames in turn (delete-a-group jackknife:
@@ -93,13 +93,6 @@ class FrameWindow(Generic[Item]):
         del self._frames[1 + int(np.argmin(stamps[2:] - stamps[:-2]))]
 
 
-# Range bins over all frames; a bin needs so many observations.
-BINS = 32
-FEWEST_OBSERVATIONS = 4
-# The envelopes of a bin are these quantiles of its observations: a single one may hold
-# wrong ranges, or an animal.
-DARK_QUANTILE = 0.05
-BRIGHT_QUANTILE = 0.9
 # A change between older and newer frames beyond so many standard deviations is the water's.
 CHANGE_LIMIT = 5.0
 # Lamps' light falls as 1/d in turbid water, and faster than 1/d² in clear water.
@@ -116,78 +109,29 @@ class FrameEnvelopes:
     ----------
     level : (3,) float64 ndarray
         Geometric mean of the bright envelope over range, in each channel.
-    blocks : Blocks or None
-        Some rows of the frame's blocks of pixels; None without a posterior.
+    blocks : Blocks
+        Some rows of the frame's blocks of pixels.
     """
 
     envelope: Envelopes
     level: Array
-    blocks: Blocks | None = None
+    blocks: Blocks
 
     @classmethod
-    def of(cls, envelope: Envelopes, blocks: Blocks | None = None) -> FrameEnvelopes | None:
-        """Take a frame; None where a channel has no light."""
-        bright = envelope.bright
+    def of(cls, water: WaterEstimate) -> FrameEnvelopes | None:
+        """Take a frame; None without blocks, or where a channel has no light."""
+        if water.envelope is None or water.blocks is None:
+            return None
+        bright = water.envelope.bright
         if bright.shape[1] == 0 or not (bright > 0).any(axis=1).all():
             return None
         known = np.where(bright > 0, bright, np.nan)
-        return cls(envelope, np.exp(np.nanmean(np.log(known), axis=1)), blocks)
+        return cls(water.envelope, np.exp(np.nanmean(np.log(known), axis=1)), water.blocks)
 
 
 def median_level(frames: Sequence[FrameEnvelopes]) -> Array:
     """Median over frames of the bright envelopes' levels, (3,); 1 without frames."""
     return np.asarray(np.median([f.level for f in frames], axis=0) if frames else np.ones(3))
-
-
-def pool(frames: Sequence[FrameEnvelopes]) -> Envelopes:
-    """Pool the envelopes of all frames, at the median level of their bright envelopes."""
-    level = median_level(frames)
-    gains = [level / f.level for f in frames]
-    envelopes = [f.envelope for f in frames]
-
-    def all_of(name: str, scaled: bool) -> Array:
-        return np.concatenate([
-            getattr(e, name) * (g[:, np.newaxis] if scaled else 1.0)
-            for e, g in zip(envelopes, gains, strict=True)], axis=-1)
-
-    distance, count = all_of("range", False), all_of("count", False)
-    dark, bright = all_of("dark", True), all_of("bright", True)
-    dark_range = all_of("dark_range", False)
-    step, deviation = all_of("step", True), all_of("deviation", True)
-    low, high = distance.min(), distance.max() * (1 + 1e-9)
-    place = np.log(distance / low) / max(math.log(high / low), 1e-9)
-    bin_of = np.minimum((place * BINS).astype(int), BINS - 1)
-    size = np.bincount(bin_of, minlength=BINS)
-    full = np.flatnonzero(size >= FEWEST_OBSERVATIONS)
-    out = np.full((5, 3, len(full)), np.nan)
-    mean_range = np.empty(len(full))
-    pixels = np.empty(len(full), np.int64)
-    for i, b in enumerate(full):
-        here = np.flatnonzero(bin_of == b)
-        weight = count[here] / count[here].sum()
-        mean_range[i] = weight @ distance[here]
-        pixels[i] = count[here].sum()
-        for c in range(3):
-            known = here[np.isfinite(dark[c, here])]
-            if len(known) < FEWEST_OBSERVATIONS:
-                continue
-            chosen = known[np.argsort(dark[c, known])[int(DARK_QUANTILE * len(known))]]
-            out[:, c, i] = (
-                dark[c, chosen], dark_range[c, chosen],
-                np.quantile(bright[c, known], BRIGHT_QUANTILE), step[c, chosen],
-                deviation[c, chosen])
-    total = max(sum(e.pixels for e in envelopes), 1)
-    share = np.array([e.pixels for e in envelopes]) / total
-    return replace(
-        envelopes[-1],
-        range=mean_range, count=pixels, dark=out[0], dark_range=out[1], bright=out[2],
-        step=out[3], deviation=out[4], pixels=total,
-        noise=np.asarray(share @ [e.noise for e in envelopes]),
-        saturated=np.asarray(share @ [e.saturated for e in envelopes]),
-        zero=np.asarray(share @ [e.zero for e in envelopes]),
-        grey=all(e.grey for e in envelopes),
-        limits=(float(low), float(high)),
-        range_error=float(share @ [e.range_error for e in envelopes]))
 
 
 def levels_fall_as_by_lamps(frames: Sequence[FrameEnvelopes]) -> bool:
@@ -277,7 +221,7 @@ class SurveyEstimate:
 
 
 class Survey:
-    """Takes the envelopes of frames together over a window of time."""
+    """Takes the blocks of frames together over a window of time."""
 
     def __init__(self, config: SurveyConfig, estimator: WaterEstimator) -> None:
         self._config = config
@@ -295,11 +239,7 @@ class Survey:
         """Add what a frame shows, if anything; a stamp (s) not after the last one begins anew."""
         if not self._frames.continued_by(stamp_seconds):
             self.reset()
-        frame = None
-        if water.envelope is not None and (
-                water.blocks is not None or not self._estimator.by_posterior):
-            frame = FrameEnvelopes.of(water.envelope, water.blocks)
-        self._frames.add(frame, stamp_seconds)
+        self._frames.add(FrameEnvelopes.of(water), stamp_seconds)
 
     def estimate(self) -> SurveyEstimate:
         """Estimate the water over the frames of the window, once in `INTERVAL`."""
@@ -333,18 +273,12 @@ class Survey:
 
     def _together(self, frames: Sequence[FrameEnvelopes]) -> WaterEstimate:
         """Estimate from frames as from one."""
-        observed = pool(frames)
-        if not self._estimator.by_posterior:
-            return self._estimator.estimate_envelope(observed)
         level = median_level(frames)
-        newest = frames[-1].blocks
-        assert newest is not None
-        blocks = stacked([
-            (f.blocks, level / f.level) for f in frames
-            if f.blocks is not None and f.blocks.range.shape == newest.range.shape])
-        water = self._estimator.estimate_blocks(blocks, observed, observed.range_error)
+        alike = [f for f in frames if f.blocks.range.shape == frames[-1].blocks.range.shape]
+        blocks = stacked([(f.blocks, level / f.level) for f in alike])
+        range_error = float(np.mean([f.envelope.range_error for f in alike]))
         # The jackknife's covariance is added to that of the posterior.
-        return replace(water, clearest=None)
+        return replace(self._estimator.estimate_blocks(blocks, range_error), clearest=None)
 
 
 def _blocks_of(frames: Sequence[Any]) -> NDArray[np.intp]:
