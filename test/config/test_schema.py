@@ -13,7 +13,7 @@ import yaml
 
 from uw_visibility.config.parameter_file import render
 from uw_visibility.config.parameters import ParameterInfo, describe
-from uw_visibility.config.schema import NodeConfig, PipelineConfig, read_yaml
+from uw_visibility.config.schema import CameraConfig, NodeConfig, PipelineConfig, read_yaml
 from uw_visibility.errors import InputError
 
 FILE = Path(__file__).resolve().parents[2] / "config" / "uw_visibility.yaml"
@@ -32,12 +32,16 @@ def plain(value: Any) -> Any:
 
 
 def test_the_shipped_file_names_every_parameter_and_no_other() -> None:
-    assert sorted(read_yaml(FILE)) == sorted(info.name for info in INFOS), REMEDY
+    named = {*read_yaml(FILE), "camera.transfer"}
+    assert sorted(named) == sorted(info.name for info in INFOS), REMEDY
+    # Only a user tells it: the node asks about images like video where nobody does.
+    assert "camera.transfer" not in read_yaml(FILE)
+    assert "# transfer: linear" in FILE.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("info", INFOS, ids=lambda info: info.name)
 def test_the_shipped_file_holds_default_unit_and_meaning(info: ParameterInfo) -> None:
-    value = read_yaml(FILE)[info.name]
+    value = read_yaml(FILE).get(info.name, CameraConfig().transfer)
     assert value == plain(info.default), REMEDY
     assert type(value) is type(plain(info.default)), REMEDY
     # The comment may be wrapped anywhere.
@@ -82,7 +86,8 @@ def test_the_shipped_file_makes_the_default_configurations() -> None:
 
 def test_what_is_rendered_reads_back_as_the_defaults(tmp_path: Path) -> None:
     values = read_yaml(file_with(tmp_path, render()))
-    assert values == {info.name: plain(info.default) for info in INFOS}
+    assert values | {"camera.transfer": "linear"} == {
+        info.name: plain(info.default) for info in INFOS}
 
 
 def test_every_parameter_has_a_meaning_and_every_number_has_bounds() -> None:

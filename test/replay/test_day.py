@@ -81,6 +81,8 @@ def test_the_verdict_over_all_links_to_the_worst_and_the_best_frame(day: Path) -
     opening = text[text.index('class="verdict"'):text.index('id="definition"')]
     plain = " ".join(re.sub(r"<[^>]*>", "", opening).split())
     assert "Visibility was assessed in 7 of 9 frames (78 %) of 3 of 4 recordings, from" in plain
+    assert "transfer linear (assumed; --transfer srgb for video)" in plain
+    assert "baseline 0.12 m." in plain
     assert "Without any visibility: murky." in plain
     worst, best = re.findall(r'<a href="([^"]*)">', opening)[:2]
     assert worst.startswith("leg%202/report.html#frame-")

@@ -133,7 +133,8 @@ def test_what_is_listed_of_several_bags_does_not_end_at_an_unreadable_one(
     printed = capsys.readouterr()
     assert "cannot read bag" in printed.err
     assert "would be used: nothing, no pair of images" in printed.out
-    used = printed.out.rpartition("would be used:")[2]
+    used, assumed, _ = printed.out.rpartition("would be used:")[2].partition("Camera and light:")
+    assert assumed and printed.out.count(assumed) == 1
     lines = {line.split()[-1] for line in used.splitlines() if line}
     assert lines == {"/left/image_rect", "/right/image_rect", "/left/camera_info",
                      "/right/camera_info", "/depth_sensor", "none"}
@@ -242,7 +243,7 @@ def test_list_names_what_could_be_joined_and_what_has_to_be_rectified(
     assert main(["replay", str(bag), "--list"]) == 0
     listed = capsys.readouterr().out
     assert "/left/image_raw is raw by its name: add --rectify" in listed
-    joinable = listed.partition("could be joined with --join:")[2].split("\n")[1:-1]
+    joinable = listed.partition("could be joined with --join:")[2].split("\n")[1:-2]
     assert joinable == ["  /c", "  /ctd", "  /way (.point.x, .point.y, .point.z)"]
     assert "--geo" not in listed
 

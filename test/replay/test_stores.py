@@ -52,7 +52,9 @@ def test_a_day_goes_from_store_to_store(store: Any, local: Path) -> None:
     there = {str(path.relative_to(local)) for path in local.rglob("*") if path.is_file()}
     assert names == there
     assert b'href="transect/report.html#' in store.cat("/bucket/day/index.html")
-    assert b"bucket/dives/dive" in store.cat("/bucket/day/transects.json")
+    # Named as the user names them, not by the folder that they are fetched to.
+    assert b'"memory://bucket/dives/dive"' in store.cat("/bucket/day/transects.json")
+    assert b"<code>memory://bucket/dives/dive</code>" in store.cat("/bucket/day/dive/report.html")
 
 
 def test_what_is_there_is_neither_replaced_nor_made_again(
@@ -83,7 +85,10 @@ def test_one_recording_may_come_from_a_store_and_its_result_stay_here(
     assert (tmp_path / "out" / "frames.csv").read_bytes() == (
         local / "transect" / "frames.csv").read_bytes()
     assert main(["replay", "memory://bucket/dives/dive", "--list"]) == 0
-    assert "/left/image_rect" in capsys.readouterr().out
+    listed = capsys.readouterr().out
+    assert "/left/image_rect" in listed
+    assert "memory://bucket/dives/dive: ROS 2, " in listed
+    assert "transfer linear (assumed; " in listed
 
 
 def test_a_calibration_reads_from_a_store(

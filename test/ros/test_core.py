@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from types import SimpleNamespace
 
 import rclpy
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float64
 
@@ -80,13 +82,22 @@ class Processor:
 
 @pytest.fixture
 def core(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    with running(monkeypatch) as core:
+        yield core
+
+
+@contextmanager
+def running(monkeypatch: pytest.MonkeyPatch, **given: Any) -> Iterator[Any]:
+    """Core of a node that was started with these parameters."""
     monkeypatch.setattr(module, "FrameProcessor", Processor)
     # Compiling is of no matter here.
     monkeypatch.setattr(module, "warm_up", lambda *arguments, **options: None)
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
-    node = Node("uw_visibility", namespace="/core", context=context)
+    overrides = [Parameter(name.replace("__", "."), value=value) for name, value in given.items()]
+    node = Node(
+        "uw_visibility", namespace="/core", context=context, parameter_overrides=overrides)
     core = module.NodeCore(node, NodeParameters(node))
     core.activate()
     yield core
@@ -114,6 +125,20 @@ def test_images_are_made_for_subscribers_only_and_estimates_always(core: Any) ->
     wait(lambda: core.state.processed == 2)
     assert core._processor.asked == [ESTIMATES, ESTIMATES | {"disparity"}]
     node.destroy_subscription(subscription)
+
+
+@pytest.mark.parametrize("given, encoding, times", [
+    ({}, "rgb8", 1), ({}, "bayer_rggb8", 0), ({"camera__transfer": "linear"}, "rgb8", 0)])
+def test_images_like_video_are_asked_about_once_where_no_transfer_is_told(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], given: dict[str, Any],
+    encoding: str, times: int,
+) -> None:
+    image = Image(encoding=encoding)
+    with running(monkeypatch, **given) as core:
+        for count in (1, 2):
+            core.worker.offer(FRAME._replace(left=image, right=image))
+            wait(lambda count=count: core.state.processed == count)
+    assert "".join(capfd.readouterr()).count("nothing was told: give --transfer srgb") == times
 
 
 def test_failure_costs_one_frame_and_tells_its_traceback_once(

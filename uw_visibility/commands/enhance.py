@@ -110,7 +110,7 @@ def run(arguments: argparse.Namespace) -> None:
         with gathered(arguments.output, PRODUCTS, force=arguments.force) as folder:
             report = _write(folder, result, left)
     say(_summary(report, arguments.output))
-    say(assumptions(config.to_parameters(), told))
+    say(assumptions(config.to_parameters(), told, [rig.baseline]))
     if "camera.transfer" not in told and arguments.left.suffix.lower() in LOSSY:
         say(ASK_TRANSFER, error=True)
 

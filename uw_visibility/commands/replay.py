@@ -16,6 +16,7 @@ from uw_visibility.commands.options import (
     read_recording_options,
     reading,
 )
+from uw_visibility.config.assumptions import assumptions
 from uw_visibility.config.files import refuse_inputs
 from uw_visibility.errors import InputError, refusing
 from uw_visibility.replay.progress import say
@@ -220,15 +221,16 @@ def _list_all(bags: list[Place], options: ReplayOptions) -> None:
     for bag in bags:
         try:
             with recording_here(bag) as recording:
-                _list(recording, options)
+                _list(recording, options, bag)
         except UnreadableError as error:
             say(f"uw_visibility: {error}", error=True)
             unread += 1
+    say(assumptions(options.parameters(), options.told))
     if unread:
         raise SystemExit(1)
 
 
-def _list(bag: Path, options: ReplayOptions) -> None:
+def _list(bag: Path, options: ReplayOptions, source: Place) -> None:
     from uw_visibility.replay.bags.reader import BagReader
     from uw_visibility.replay.inputs.options import without_lacking
     from uw_visibility.replay.inputs.topics import find_topics, is_raw
@@ -237,7 +239,7 @@ def _list(bag: Path, options: ReplayOptions) -> None:
         span = reader.span
         length = "" if span is None else f", {(span[1] - span[0]) / 1e9:.1f} s"
         kind = "ROS 1" if reader.ros1 else "ROS 2"
-        say(f"{bag}: {kind}, {len(reader.files)} files{length}")
+        say(f"{source}: {kind}, {len(reader.files)} files{length}")
         for note in reader.damage:
             say(f"  damaged: {note}")
         width = max(len(topic) for topic in reader.channels)

@@ -16,11 +16,20 @@ _ASSUMED = {
     "assessment.water_type": "water above the camera",
 }
 ASK_TRANSFER = (
-    "The images are compressed, as video and JPEG are, whose pixels are usually sRGB. They are "
-    "taken as linear, because nothing was told: give --transfer srgb, or --transfer linear.")
+    "The images are compressed or 8-bit colour, as video and JPEG are, whose pixels are usually "
+    "sRGB. They are taken as linear, because nothing was told: give --transfer srgb, or --transfer "
+    "linear (parameter camera.transfer).")
 
 
-def assumptions(parameters: Mapping[str, Any], told: Collection[str]) -> str:
+def like_video(message: Any) -> bool:
+    """Return whether an image message is like video: compressed, or RGB or YUV of 8 bit."""
+    return hasattr(message, "format") or message.encoding.lower().startswith(
+        ("rgb8", "bgr8", "rgba8", "bgra8", "8uc3", "uyvy", "yuyv", "yuv"))
+
+
+def assumptions(
+    parameters: Mapping[str, Any], told: Collection[str], baselines: Collection[float] = ()
+) -> str:
     """Name the camera and the light that an estimate assumes.
 
     Parameters
@@ -29,6 +38,8 @@ def assumptions(parameters: Mapping[str, Any], told: Collection[str]) -> str:
         Values by the names of parameters.
     told : collection of str
         Names of those that the user gave; the others are defaults.
+    baselines : collection of float
+        Smallest and largest distance of the cameras by their calibration, m.
     """
     parts = []
     for name, title in _ASSUMED.items():
@@ -37,6 +48,8 @@ def assumptions(parameters: Mapping[str, Any], told: Collection[str]) -> str:
             text, given = "from the flat field", True
         hint = "; --transfer srgb for video" if name == "camera.transfer" else ""
         parts.append(f"{title} {text}" if given else f"{title} {text} (assumed{hint})")
+    if baselines:
+        parts.append(f"baseline {' to '.join(f'{each:.4g}' for each in baselines)} m")
     return f"Camera and light: {', '.join(parts)}."
 
 

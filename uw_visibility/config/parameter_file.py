@@ -84,7 +84,9 @@ def _render_group(infos: list[ParameterInfo]) -> Iterator[str]:
             comment(info), WIDTH, initial_indent=indent + "# ", subsequent_indent=indent + "# ",
             break_on_hyphens=False, break_long_words=False,
         )
-        yield f"{indent}{name}: {_scalar(info.default)}"
+        # The node asks about the transfer where no file tells it.
+        untold = "# " if info.name == "camera.transfer" else ""
+        yield f"{indent}{untold}{name}: {_scalar(info.default)}"
         yield ""
 
 

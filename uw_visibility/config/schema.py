@@ -42,7 +42,8 @@ class CameraConfig:
 
     transfer: str = parameter(
         "linear",
-        "How pixel values follow light: linear, or encoded with the sRGB curve.",
+        "How pixel values follow light: linear, or encoded with the sRGB curve. Without a value "
+        "it is linear, and compressed or 8-bit colour images are asked about.",
         choices=("linear", "srgb"),
     )
     response: str = parameter(

@@ -139,8 +139,8 @@ def _replay(
         stores.recording_here(bag) as recording,
         stores.result_here(target, force=force) as folder,
     ):
-        summary = replay_bag(recording, folder, options, pool, force=force, **how)
-    return replace(summary, bag=str(bag), output=str(target))
+        summary = replay_bag(recording, folder, options, pool, bag, force=force, **how)
+    return replace(summary, output=str(target))
 
 
 def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | None:
@@ -181,11 +181,13 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
 
 
 def replay_bag(
-    bag: Path, target: Path, options: ReplayOptions, pool: FramePool, *, force: bool, resume: bool
+    bag: Path, target: Path, options: ReplayOptions, pool: FramePool, source: Place, *,
+    force: bool, resume: bool,
 ) -> Summary:
     """Replay a recording into a folder, as `replay_bags` does.
 
-    What there is after an interruption is a readable partial result.
+    `source` is where it was fetched from. What there is after an interruption is a readable
+    partial result.
     """
     check_exports(options)
     with BagReader(bag) as reader, sole_writer(target, RESULT, DAY):
@@ -193,7 +195,7 @@ def replay_bag(
         stream = InputStream(reader, used)
         folder = ResultFolder(target, force=force, resume=resume)
         try:
-            replay = _Replay(reader, stream, options, folder)
+            replay = _Replay(reader, stream, options, folder, source)
             replay.summary.lacks = [f"{name} is not joined: {why}" for name, why in lacks.items()]
             with replay:
                 replay.run(pool)
@@ -214,16 +216,16 @@ class _Replay:
         stream: InputStream,
         options: ReplayOptions,
         folder: ResultFolder,
+        source: Place,
     ) -> None:
         self._reader, self._stream = reader, stream
         self._options, self._folder = options, folder
         self._begin = time.monotonic()
         selection = stream.selection
-        self.summary = Summary(str(reader.path), str(folder.target), notes=list(selection.notes))
+        self.summary = Summary(str(source), str(folder.target), notes=list(selection.notes))
         self.summary.topics = {
             name: topic for name, topic in selection.by_use().items() if topic is not None}
-        compressed = reader.channels[selection.left].type.endswith("CompressedImage")
-        if compressed and "camera.transfer" not in options.told:
+        if "camera.transfer" not in options.told and stream.like_video():
             self.summary.notes.append(ASK_TRANSFER)
         self._origin = Origin.of(reader.path, reader.files, options.parameters())
         self._check_earlier()

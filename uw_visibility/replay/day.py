@@ -14,6 +14,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from uw_visibility.config.assumptions import assumptions
 from uw_visibility.config.files import gathered, sole_writer
 from uw_visibility.errors import InputError
 from uw_visibility.replay.columns import TRANSECT, TRANSECT_COLUMN
@@ -149,7 +150,7 @@ def write_index(
     contrast = next(iter(synopses.values())).contrast
     write_page(
         path, "day.html", title=f"Visibility: {title}",
-        sentences=_verdict(synopses, len(results) + len(failed)),
+        sentences=_verdict(synopses, len(results) + len(failed), results[0].provenance),
         definition=definition(contrast), formula=formula(contrast),
         rows=[
             _row(summary, synopses[summary.name], recordings[summary.name])
@@ -163,8 +164,10 @@ def write_index(
     )
 
 
-def _verdict(synopses: dict[str, Synopsis], recordings: int) -> list[list[dict[str, str]]]:
-    """Say over all recordings what `verdict` says of one."""
+def _verdict(
+    synopses: dict[str, Synopsis], recordings: int, provenance: Mapping[str, Any]
+) -> list[list[dict[str, str]]]:
+    """Say over all recordings, replayed alike, what `verdict` says of one."""
     frames, assessed, told = (
         sum(getattr(synopsis, name) for synopsis in synopses.values())
         for name in ("frames", "assessed", "told")
@@ -201,6 +204,10 @@ def _verdict(synopses: dict[str, Synopsis], recordings: int) -> list[list[dict[s
         f"{upto} (one standard deviation), which holds noise and what the scene leaves open, but "
         "no wrong calibration or camera setting; the reports of the recordings say why not more."
     )])
+    if provenance:
+        bases = sorted(base for s in synopses.values() for base in s.baselines)
+        parts.append([_text(assumptions(
+            provenance["parameters"], provenance["told"], dict.fromkeys(bases[:1] + bases[-1:])))])
     if any(synopsis.start < FIRST_DATE for synopsis in synopses.values() if synopsis.frames):
         parts.append([_text(CLOCK_NOT_SET)])
     none = [name for name, s in synopses.items() if not s.told]

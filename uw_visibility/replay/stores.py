@@ -92,7 +92,11 @@ def expand(places: Iterable[Place]) -> list[Place]:
             names = sorted(store.glob(path))
         if not names:
             raise InputError(f"nothing is at {where}")
-        found += [str(store.unstrip_protocol(name)) for name in names]
+        # Paths of some stores begin with a slash, those of others do not.
+        before = where.removesuffix(path.lstrip("/"))
+        found += [
+            str(store.unstrip_protocol(name)) if before == where else before + name.lstrip("/")
+            for name in names]
     return found
 
 

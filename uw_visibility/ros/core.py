@@ -17,6 +17,7 @@ from rclpy.node import Node
 
 from uw_visibility.compute.jit import counts
 from uw_visibility.compute.kernel_folder import writable_folder
+from uw_visibility.config.assumptions import ASK_TRANSFER, like_video
 from uw_visibility.errors import InputError
 from uw_visibility.messages.depth_sensor import SENSOR_TYPES, read_depth
 from uw_visibility.messages.estimates import NIS_TOPICS, nis_messages
@@ -265,6 +266,8 @@ class NodeCore:
         self._depth.add_result(stamp, result)
         if self.state.processed == 1:
             self._log.info("first frame processed")
+            if "camera.transfer" not in self._parameters.told and like_video(frame.left):
+                self._log.warning(ASK_TRANSFER)
 
     def _read(self, frame: StereoFrame, settings: Settings) -> FrameWork:
         """Read the images of a frame."""

@@ -68,6 +68,8 @@ class NodeParameters:
     try_out : callable or None
         Raises `InputError` for settings that cannot work; asked before a change is
         accepted.
+    told : set of str
+        Names of the parameters that were given a value, at start or since.
     """
 
     def __init__(self, node: Node) -> None:
@@ -81,6 +83,7 @@ class NodeParameters:
             if not name.startswith(QOS_PREFIX) and not node.has_parameter(name)
         }
         self.settings = Settings.from_values(given)
+        self.told = set(given)
         self._values = {**flatten(self.settings.pipeline), **flatten(self.settings.node)}
         for info in infos:
             value = self._values[info.name]
@@ -123,6 +126,7 @@ class NodeParameters:
         mine = self._mine(parameters)
         if mine:
             self._values |= mine
+            self.told |= set(mine)
             self.settings = Settings.from_values(self._values)
 
     def _mine(self, parameters: list[Parameter]) -> dict[str, Any]:

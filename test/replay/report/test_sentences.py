@@ -169,7 +169,12 @@ def test_what_is_assumed_of_camera_and_light_is_said() -> None:
     _, summary = told(seen(0, 6.0))
     summary.provenance = {"parameters": PipelineConfig().to_parameters(), "told": []}
     sentences = ["".join(map(str, parts)) for parts in verdict(summary)]
-    assert sum("transfer linear (assumed; --transfer srgb for video)" in s for s in sentences) == 1
+    (said,) = [s for s in sentences if "transfer linear (assumed; --transfer srgb for video)" in s]
+    assert said.endswith("baseline 0.12 m.")
+    # A finished recording that is told again says the same.
+    origin = Origin("bag", "of its files", "1.0", summary.provenance["parameters"])
+    again = Summary.of_finished("bag", "out", summary.state(origin))
+    assert ["".join(map(str, parts)) for parts in verdict(again)] == sentences
 
 
 def test_the_filter_and_surveys_are_told() -> None:
@@ -227,8 +232,11 @@ def test_the_synopsis_comes_back_from_its_state() -> None:
         [seen(0, 4.0), seen(1, 8.0)], [seen(0, math.nan, status=Status.TOO_DARK)], [],
         [seen(1, 6.0, filtered=6.0), outlier],
     ):
-        sentences, summary = told(*frames)
-        state = summary.state(Origin("bag", "of its files", "1.0", {}))
+        _, summary = told(*frames)
+        summary.provenance = {"parameters": PipelineConfig().to_parameters(), "told": []}
+        sentences = ["".join(map(str, parts)) for parts in verdict(summary)]
+        origin = Origin("bag", "of its files", "1.0", summary.provenance["parameters"])
+        state = summary.state(origin)
         again = Summary.of_finished("bag", "out", state)
         assert ["".join(map(str, parts)) for parts in verdict(again)] == sentences
         assert isinstance(again.synopsis, Synopsis)

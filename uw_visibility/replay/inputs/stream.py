@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from uw_visibility.config.assumptions import like_video
 from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.errors import InputError
 from uw_visibility.messages.depth_sensor import read_depth
@@ -207,6 +208,14 @@ class InputStream:
         """Return when the first image was received, ns."""
         first = next(self._reader.messages(self.selection.images()), None)
         return otherwise if first is None else first.time
+
+    def like_video(self) -> bool:
+        """Return whether the first left image is like video, see `assumptions.like_video`."""
+        first = next(self._reader.messages([self.selection.left]), None)
+        try:
+            return first is not None and like_video(self._reader.deserialize(first))
+        except InputError:
+            return False
 
     def _take_calibration(self, start: int | None) -> None:
         """Add the calibration that is given, or the last one sent before the start."""

@@ -50,7 +50,8 @@ def verdict(summary: Summary) -> list[Sentence]:
         found += [_distance(synopsis), _trust(synopsis)]
     provenance = summary.provenance
     if provenance:
-        found.append([assumptions(provenance["parameters"], provenance["told"])])
+        found.append([assumptions(
+            provenance["parameters"], provenance["told"], synopsis.baselines)])
     if synopsis.start < FIRST_DATE:
         found.append([CLOCK_NOT_SET])
     refused = _refused(summary, synopsis)

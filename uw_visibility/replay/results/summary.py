@@ -163,7 +163,7 @@ class Summary:
             "dropped": dict(self.dropped),
             "damage": self.damage, "lacks": self.lacks, "plausibility": dict(self.verdicts),
             "seconds": round(self.seconds, 3), "python": sys.version.split()[0],
-            "parameters": origin.parameters,
+            "parameters": origin.parameters, "told": self.provenance.get("told"),
         }
 
     @classmethod
@@ -179,6 +179,7 @@ class Summary:
             dropped=Counter(state["dropped"]),
             damage=list(state["damage"]), lacks=list(state.get("lacks", [])),
             topics=state["topics"],
+            provenance={name: state[name] for name in ("parameters", "told")},
             synopsis=None if state.get("synopsis") is None else Synopsis.of_state(
                 state["synopsis"]),
         )

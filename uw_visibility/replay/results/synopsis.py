@@ -79,6 +79,8 @@ class Synopsis:
     rejected_distances : list of float
         Smallest and largest distance, m, that frames show by themselves which the filter
         rejected; empty without any.
+    baselines : list of float
+        The cameras' distance by their calibration, m; smallest and largest where it changes.
     """
 
     frames: int
@@ -97,6 +99,7 @@ class Synopsis:
     relative_stddev: float = math.nan
     channels: dict[str, int] = field(default_factory=dict)
     rejected_distances: list[float] = field(default_factory=list)
+    baselines: list[float] = field(default_factory=list)
 
     @property
     def share(self) -> float:
@@ -145,12 +148,16 @@ class Findings:
         self._channels: Counter[str] = Counter()
         self._ranges = (math.inf, -math.inf)
         self._rejected: list[float] = []
+        self._baselines: list[float] = []
 
     def count(self, joined: JoinedFrame) -> None:
         """Take the next frame."""
         record, filtered = joined.record, joined.filtered
         self._frames.append(record.frame)
         self._stamps.append(record.stamp)
+        if record.estimate is not None:
+            known = {*self._baselines, record.estimate.rig.baseline}
+            self._baselines = sorted({min(known), max(known)})
         own = math.nan, math.nan
         if record.estimate is not None and math.isfinite(record.estimate.visibility.distance):
             own = record.estimate.visibility.distance, record.estimate.visibility.distance_stddev
@@ -161,8 +168,8 @@ class Findings:
             if filtered.survey is not None and math.isfinite(of_filter[0]):
                 self._extend(filtered.survey.range_min, filtered.survey.range_max)
             if filtered.event is TrackingEvent.OUTLIER and math.isfinite(own[0]):
-                known = [*self._rejected, own[0]]
-                self._rejected = [min(known), max(known)]
+                apart = [*self._rejected, own[0]]
+                self._rejected = [min(apart), max(apart)]
         for columns, pair in ((self._own, own), (self._filtered, of_filter)):
             columns[0].append(pair[0])
             columns[1].append(pair[1])
@@ -182,6 +189,7 @@ class Findings:
             "filtered": of_filter, "contrast": self._contrast,
             "ranges": list(self._ranges) if self._ranges[0] <= self._ranges[1] else [],
             "channels": dict(self._channels), "rejected_distances": list(self._rejected),
+            "baselines": list(self._baselines),
         }
         if not known.any():
             return Synopsis(**counts)
