@@ -82,6 +82,9 @@ def check_outputs(folder: Path, image: NDArray[Any]) -> dict[str, Any]:
         "status", "step1", "step2", "clear_water_attenuation", "mean_attenuation",
         "mean_attenuation_stddev", "visibility_distance", "visibility_distance_stddev",
         "visibility_distance_low", "visibility_distance_high", "depth", "depth_stddev",
+        *(f"{name}{end}" for name in (
+            "black_disc_visibility", "secchi_depth", "diffuse_attenuation_490")
+          for end in ("_low", "", "_high")),
         "matched_fraction", "timing_ms", "white", "channels",
     }
     assert set(report["step1"]) == {"attenuation", "ambient_light", "support_points", "coverage"}

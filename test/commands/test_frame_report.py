@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,8 +14,10 @@ import pytest
 
 from uw_visibility.commands.enhance import frame_report
 from uw_visibility.status import Status
+from uw_visibility.water.meaning.derived import DerivedQuantities
 
 NAN = float("nan")
+DERIVED = DerivedQuantities(black_disc_visibility=10.0, black_disc_visibility_stddev=1.0)
 
 
 def water(**changes: Any) -> SimpleNamespace:
@@ -59,7 +62,7 @@ def frame(**changes: Any) -> Any:
 
 
 def test_the_report_holds_every_estimate_in_its_place() -> None:
-    assert frame_report(frame()) == {
+    assert frame_report(frame(), DERIVED) == {
         "status": "ok",
         "step1": {
             "attenuation": [0.6, 0.2, 0.1], "ambient_light": [0.1, 0.4, 0.5],
@@ -75,6 +78,11 @@ def test_the_report_holds_every_estimate_in_its_place() -> None:
         "channels": "RGB",
         "visibility_distance": 23.5, "visibility_distance_stddev": 1.5,
         "visibility_distance_low": 22.0, "visibility_distance_high": 25.0,
+        "black_disc_visibility_low": pytest.approx(10.0 / math.exp(0.1)),
+        "black_disc_visibility": 10.0,
+        "black_disc_visibility_high": pytest.approx(10.0 * math.exp(0.1)),
+        **{f"{name}{end}": None for name in ("secchi_depth", "diffuse_attenuation_490")
+           for end in ("_low", "", "_high")},
         "depth": 3.0, "depth_stddev": 0.5,
         "white": {"scene_light": [0.25, 0.5, 0.75], "from_camera": 0.5},
         "matched_fraction": {"original": 0.25, "enhanced": 0.75},
@@ -94,7 +102,7 @@ def test_what_is_not_assessable_is_null() -> None:
             visibility=visibility(status=Status.NO_COLOUR, mean_attenuation=NAN, distance=np.inf),
             original=None,
             images=SimpleNamespace(scene_light=None, balanced=0.0),
-        )
+        ), DerivedQuantities(),
     )
     assert report["status"] == "no colour"
     assert report["step2"]["attenuation"] is None
@@ -120,4 +128,4 @@ def test_what_is_not_assessable_is_null() -> None:
     ],
 )
 def test_the_status_is_the_first_reason(changes: dict[str, Any], status: Status) -> None:
-    assert frame_report(frame(**changes))["status"] == str(status)
+    assert frame_report(frame(**changes), DERIVED)["status"] == str(status)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from uw_visibility.pipeline.pipeline import FrameResult
     from uw_visibility.stereo.rig import StereoRig
+    from uw_visibility.water.meaning.derived import DerivedModel, DerivedQuantities
 
 REPORT = "report.json"
 MAPS = ("disparity.pfm", "confidence.pfm", "disparity_filled.pfm", "range.pfm")
@@ -102,14 +103,19 @@ def run(arguments: argparse.Namespace) -> None:
     left, right = _read_pair(arguments.left, arguments.right)
     rig = _make_rig(arguments, left.shape)
     _prepare_folder(arguments)
+    # Imported late: compiled modules load slowly, and bad input is refused before.
+    from uw_visibility.replay.report.sentences import definition
+    from uw_visibility.water.meaning.derived import DerivedModel
+
     with sole_writer(arguments.output):
         try:
             result = _process(rig, config, left, right, arguments.left)
         except InputError as error:
             raise InputError(f"{arguments.left}, {arguments.right}: {error}") from error
         with gathered(arguments.output, PRODUCTS, force=arguments.force) as folder:
-            report = _write(folder, result, left)
+            report = _write(folder, result, DerivedModel.from_config(config), left)
     say(_summary(report, arguments.output))
+    say(definition(config.assessment.contrast))
     say(assumptions(config.to_parameters(), told, [rig.baseline]))
     if "camera.transfer" not in told and arguments.left.suffix.lower() in LOSSY:
         say(ASK_TRANSFER, error=True)
@@ -178,7 +184,6 @@ def _make_rig(arguments: argparse.Namespace, shape: tuple[int, ...]) -> StereoRi
 def _process(
     rig: StereoRig, config: PipelineConfig, left: NDArray[Any], right: NDArray[Any], path: Path
 ) -> FrameResult:
-    # Imported late: compiled modules load slowly, and bad input is refused before.
     from uw_visibility.images.jpeg import file_chroma
     from uw_visibility.images.pair import check_pair
     from uw_visibility.pipeline.pipeline import Pipeline
@@ -206,7 +211,9 @@ def _prepare_folder(arguments: argparse.Namespace) -> None:
     PRODUCTS.check_room(folder, force=arguments.force)
 
 
-def _write(folder: Path, result: FrameResult, left: NDArray[Any]) -> dict[str, Any]:
+def _write(
+    folder: Path, result: FrameResult, model: DerivedModel, left: NDArray[Any]
+) -> dict[str, Any]:
     import numpy as np
 
     from uw_visibility.images.files import write_pfm, write_png
@@ -227,16 +234,22 @@ def _write(folder: Path, result: FrameResult, left: NDArray[Any]) -> dict[str, A
             share = 1.0 - known.mean()
             print(f"{name}.pfm: {share:.1%} of the pixels are 0, unknown", file=sys.stderr)
         write_pfm(folder / f"{name}.pfm", np.where(known, values, np.float32(0)))
-    report = frame_report(result)
+    report = frame_report(result, model.derive(result.water))
     text = json.dumps(report, indent=1, allow_nan=False)
     write_whole(folder / REPORT, text + "\n")
     return report
 
 
 def _summary(report: dict[str, Any], folder: Path) -> str:
+    from uw_visibility.replay.report.sentences import headline
+    from uw_visibility.replay.results.synopsis import TOLD
+
     parts = [f"status: {report['status']}"]
+    typical = {
+        name: [report[f"{name}_low"], report[name], report[f"{name}_high"]]
+        for name in TOLD if report[name] is not None}
+    parts += [f"{title} {value}" for title, value, _ in headline(typical, "")]
     for name, title, unit in (
-        ("visibility_distance", "visibility", "m"),
         ("depth", "depth", "m"),
         ("mean_attenuation", "mean attenuation", "1/m"),
     ):
@@ -257,8 +270,8 @@ def _size(image: NDArray[Any]) -> str:
     return f"{image.shape[1]}x{image.shape[0]}"
 
 
-def frame_report(result: FrameResult) -> dict[str, Any]:
-    """Return the contents of `report.json`.
+def frame_report(result: FrameResult, derived: DerivedQuantities) -> dict[str, Any]:
+    """Return the contents of `report.json`, of a result and of what is derived from its water.
 
     Returns
     -------
@@ -294,6 +307,11 @@ def frame_report(result: FrameResult) -> dict[str, Any]:
         "visibility_distance_stddev": _number(visibility.distance_stddev),
         "visibility_distance_low": _number(visibility.distance_low),
         "visibility_distance_high": _number(visibility.distance_high),
+        **{
+            f"{name}{end}": _number(value)
+            for name in ("black_disc_visibility", "secchi_depth", "diffuse_attenuation_490")
+            for end, value in zip(("_low", "", "_high"), derived.interval(name), strict=True)
+        },
         "depth": _number(visibility.depth),
         "depth_stddev": _number(visibility.depth_stddev),
         "white": None if result.images.scene_light is None else {

@@ -49,11 +49,13 @@ class Column:
         What each of `choices` says in reports and messages.
     stddev_of : str
         The column whose standard deviation this is.
+    bound_of : str
+        The column whose 16 or 84 % quantile this is.
     status : str
         The column that says why a value is missing.
     source : str
         Where the value is, as in ``"estimate.water.attenuation.0"``: an attribute of a
-        `JoinedFrame` or what `recorder.row_of` derives, and on from there.
+        `JoinedFrame` or what `recorder.row_of` adds, and on from there.
     """
 
     kind: Kind
@@ -64,6 +66,7 @@ class Column:
     choices: tuple[str, ...] = ()
     meanings: tuple[str, ...] = ()
     stddev_of: str = ""
+    bound_of: str = ""
     status: str = ""
     source: str = ""
 
@@ -130,6 +133,17 @@ def _with_stddev(
     }
 
 
+def _interval(name: str, source: str, title: str) -> dict[str, Column]:
+    """Return the columns of a distance's 16 and 84 % quantiles."""
+    return {
+        f"{name}_{end}": replace(_number(
+            f"{source}_{end}", f"{title}, {quantile} % quantile", "m",
+            "Attenuation is uncertain by a factor, so that the distance is farther above its "
+            "median than below"), bound_of=name)
+        for end, quantile in (("low", 16), ("high", 84))
+    }
+
+
 def _by_channel(
     name: str, source: str, title: str, unit: str, description: str, standard_name: str = "",
     status: str = "", of: str = "",
@@ -165,14 +179,9 @@ def _visibility(prefix: str, source: str, of: str) -> dict[str, Column]:
             "names, 5 % if not changed, in the clearest channel: "
             "ln((1 - C)/(2 C) + 1)/min β, 2.35/min β (Roser et al. 2014, eq. 11-12)",
             status="" if prefix else "visibility_status"),
-        **{
-            f"{prefix}visibility_distance_{end}": _number(
-                f"{source}.visibility.distance_{end}",
-                f"visibility distance{of}, {quantile} % quantile", "m",
-                "Attenuation is uncertain by a factor, so that the distance is farther above its "
-                "median than below")
-            for end, quantile in (("low", 16), ("high", 84))
-        },
+        **_interval(
+            f"{prefix}visibility_distance", f"{source}.visibility.distance",
+            f"visibility distance{of}"),
         **_with_stddev(
             f"{prefix}depth", f"{source}.visibility.depth",
             f"depth of the camera by the colour of daylight{of}", "m",
@@ -195,8 +204,10 @@ def _derived(prefix: str, of: str) -> dict[str, Column]:
             f"{prefix}{name}", f"{source}.{name}", f"{quantity.title}{of}", quantity.unit,
             f"{quantity.definition}. {quantity.caveat} Source: {quantity.source}.",
             _STANDARD_NAMES.get(name, ""), status=f"{prefix}water_type_status")
+    disc = "black_disc_visibility"
     return {
         **found,
+        **_interval(f"{prefix}{disc}", f"{source}.{disc}", f"{QUANTITIES[disc].title}{of}"),
         f"{prefix}water_type": Column(
             "choice", f"nearest Jerlov water type{of}", choices=TYPES, meanings=TYPES,
             description="By the likelihood of the attenuation in the three channels",

@@ -14,6 +14,7 @@ from uw_visibility.plausibility.comparison import Comparison, DepthSample, Verdi
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Visibility
+from uw_visibility.water.meaning.derived import DerivedQuantities
 from uw_visibility.water.series.filter import FilteredWater
 
 # Reasons may carry numbers of the input, and a recording may be long.
@@ -102,6 +103,8 @@ class JoinedFrame:
         Degrees, and a position in metres; NaN where they are not known.
     scalars : tuple of float
         Values of the joined topics; NaN where they are not known.
+    derived, filtered_derived : DerivedQuantities or None
+        Of the frame's water and of the filtered one, once the row is written.
     """
 
     record: FrameRecord
@@ -115,6 +118,8 @@ class JoinedFrame:
     x: float = math.nan
     y: float = math.nan
     scalars: tuple[float, ...] = ()
+    derived: DerivedQuantities | None = None
+    filtered_derived: DerivedQuantities | None = None
 
 
 def count_reason(counter: Counter[str], reason: str) -> None:

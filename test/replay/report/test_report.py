@@ -117,7 +117,8 @@ def test_colours_mean_the_same_disparity_in_all_pictures(replayed: Path) -> None
 def test_numbers_tables_and_parameters_are_there(replayed: Path, tmp_path: Path) -> None:
     text = Page(replayed / "report.html").text
     for words in (
-        "visibility distance, 2.35/β of the clearest channel; median", "improved disparity",
+        "<dt>visibility distance: 2.35/β of the clearest channel</dt>",
+        "<dt>black-disc visibility: horizontal distance at which", "improved disparity",
         "SHA-256", "stereo.max_disparity", "± ",
         "/depth_sensor",
     ):
@@ -141,7 +142,7 @@ def test_the_report_opens_with_what_the_table_says(replayed: Path) -> None:
     assert f"Visibility was assessed in all {FRAMES} frames, from 2023-11-14 22:13:20" in opening
     # The water becomes twice as turbid.
     found = re.search(
-        r"It was from ([\d.]+) ± [\d.]+ m to ([\d.]+) ± [\d.]+ m, median ([\d.]+) m", opening)
+        r"distance was from ([\d.]+) ± [\d.]+ m to ([\d.]+) ± [\d.]+ m, median ([\d.]+) m", opening)
     assert found, opening
     assert [float(value) for value in found.groups()] == pytest.approx(
         [min(filtered), max(filtered), np.median(filtered)], rel=0.01)

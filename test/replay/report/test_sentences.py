@@ -23,6 +23,7 @@ from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.results.synopsis import Findings, Synopsis
 from uw_visibility.status import Status
 from uw_visibility.water.meaning.assessment import Visibility
+from uw_visibility.water.meaning.derived import QUANTITIES, DerivedQuantities
 from uw_visibility.water.observations import Envelopes
 from uw_visibility.water.series.filter import FilteredWater
 from uw_visibility.water.series.survey import SurveyEstimate
@@ -46,14 +47,20 @@ def seen(
 ) -> JoinedFrame:
     """Frame with a distance, or without (NaN), and what a filter makes of it."""
     estimate = frame_estimate(
-        status, status=status, distance=distance, distance_stddev=stddev + 0.0 * distance)
+        status, status=status, distance=distance, distance_stddev=stddev + 0.0 * distance,
+        distance_low=distance - stddev, distance_high=distance + stddev)
     estimate = replace(estimate, water=replace(estimate.water, envelope=envelope(*reach)))
     of_filter = None
     if filtered is not None:
         visibility = Visibility(
-            Status.OK, Status.OK, distance=filtered, distance_stddev=stddev)
+            Status.OK, Status.OK, distance=filtered, distance_stddev=stddev,
+            distance_low=filtered - stddev, distance_high=filtered + stddev)
         of_filter = FilteredWater(estimate.water, visibility, event, survey=survey)
-    return JoinedFrame(frame_record(BASE + number, number, estimate=estimate), of_filter)
+    derived = DerivedQuantities(
+        black_disc_visibility=0.8 * distance, black_disc_visibility_stddev=0.08 * distance,
+        secchi_depth=0.7 * distance, secchi_depth_stddev=0.14 * distance)
+    return JoinedFrame(
+        frame_record(BASE + number, number, estimate=estimate), of_filter, derived=derived)
 
 
 def told(*frames: JoinedFrame, contrast: float = 0.05) -> tuple[list[str], Summary]:
@@ -73,30 +80,48 @@ def test_when_where_and_how_far_one_could_see() -> None:
     assert sentences[0] == (
         "Visibility was assessed in all 8 frames, from 2023-11-14 22:13:20 to 22:13:27 UTC, "
         "over ranges from 0.50 to 10 m.")
-    assert sentences[1].startswith("It was from 4.00 ± 0.10 m to 8.10 ± 0.10 m, median 7.45 m")
+    assert sentences[2].startswith(
+        "Visibility distance was from 4.00 ± 0.10 m to 8.10 ± 0.10 m, median 7.45 m")
     assert "2.35/β of green, the clearest channel" in sentences[1]
-    assert "sure to be" not in sentences[2]
-    assert sentences[1].endswith("worst in frames 4-5, best in frames 0-2.")
-    assert "beyond" not in sentences[2]
-    linked = [part.frame for part in verdict(summary)[1] if not isinstance(part, str)]
+    assert "sure to be" not in sentences[3]
+    assert sentences[2].endswith("worst in frames 4-5, best in frames 0-2.")
+    assert "beyond" not in sentences[3]
+    linked = [part.frame for part in verdict(summary)[2] if not isinstance(part, str)]
     assert linked == [4, 1]
     assert sentences[-1] == "Frames were not filtered: each stands by itself."
 
 
+def test_the_black_disc_and_the_distance_of_the_paper_stand_side_by_side() -> None:
+    sentences, summary = told(seen(0, 10.0, 2.0), seen(1, 10.0, 2.0), seen(2, 30.0, 6.0))
+    # Of a factor exp(0.1) and exp(0.2) up and down; Kd is not known.
+    assert sentences[1].startswith(
+        "Black-disc visibility 8.0 m (7.2 to 8.8): horizontal distance at which a diver loses a")
+    assert QUANTITIES["black_disc_visibility"].definition[1:] in sentences[1]
+    assert ("; visibility distance 10 m (8 to 12): 2.35/β of green, the clearest channel; Secchi "
+            "depth 7 m (6 to 9): depth at which a white disk is lost from above" in sentences[1])
+    assert sentences[1].endswith(" In brackets: from 16 to 84 %, of the median frame.")
+    columns = {name: np.full(3, math.nan) for name in OVERVIEW_COLUMNS}
+    tiles = key_numbers(columns, summary, "2.35/β")
+    assert [value for value, _ in tiles[:3]] == [
+        "8.0 m (7.2 to 8.8)", "10 m (8 to 12)", "7 m (6 to 9)"]
+    assert tiles[0][1].startswith("black-disc visibility: horizontal distance at which a diver")
+    assert tiles[1][1] == "visibility distance: 2.35/β of the clearest channel"
+
+
 def test_a_value_that_is_hardly_known_is_neither_worst_nor_best() -> None:
     sentences, _ = told(seen(0, 6.0), seen(1, 40.0, 35.0), seen(2, 8.0), seen(3, 1.0, 9.0))
-    assert sentences[1].startswith("It was from 6.00 ± 0.10 m to 8.00 ± 0.10 m")
-    assert sentences[1].endswith("worst in frame 0, best in frame 2.")
+    assert sentences[2].startswith("Visibility distance was from 6.00 ± 0.10 m to 8.00 ± 0.10 m")
+    assert sentences[2].endswith("worst in frame 0, best in frame 2.")
     # The page shows the quantiles too, which lie beyond.
     assert ("are sure to be by one standard deviation; 90 % of the distances are from 1.75 to "
-            "35.2 m." in sentences[2])
+            "35.2 m." in sentences[3])
 
 
 def test_what_differs_within_sigma_is_no_change() -> None:
     sentences, _ = told(*(seen(k, 6.0 + 0.05 * (k % 2)) for k in range(6)))
-    assert sentences[1].startswith("It was 6.03 ± 0.10 m throughout")
-    assert "within the standard deviations. Lowest, 6.00 m, in frame 0." in sentences[1]
-    assert "worst" not in sentences[1]
+    assert sentences[2].startswith("Visibility distance was 6.03 ± 0.10 m throughout")
+    assert "within the standard deviations. Lowest, 6.00 m, in frame 0." in sentences[2]
+    assert "worst" not in sentences[2]
 
 
 def test_what_was_carried_over_frames_that_saw_nothing_is_not_said_of_them() -> None:
@@ -105,10 +130,11 @@ def test_what_was_carried_over_frames_that_saw_nothing_is_not_said_of_them() -> 
         seen(k, math.nan, status=Status.TOO_FEW_SUPPORT_POINTS, filtered=6.0,
              event=TrackingEvent.PREDICTED) for k in range(1, 9)]
     sentences, _ = told(seen(0, 6.0, filtered=6.0, event=TrackingEvent.STARTED), *blind)
-    assert sentences[1].startswith("It was 6.00 ± 0.10 m in the frames that show it (")
+    assert sentences[2].startswith(
+        "Visibility distance was 6.00 ± 0.10 m in the frames that show it: ")
     assert "throughout" not in "".join(sentences)
     sentences, _ = told(*blind)
-    assert sentences[1].startswith("It was 6.00 ± 0.10 m in these (")
+    assert sentences[2].startswith("Visibility distance was 6.00 ± 0.10 m in these: ")
 
 
 def test_nothing_assessed_is_said_first_and_why() -> None:
@@ -134,9 +160,9 @@ def test_a_frame_refused_is_a_share_below_all() -> None:
 
 def test_what_lies_beyond_all_that_was_seen_is_said_to_be_extrapolated() -> None:
     sentences, _ = told(seen(0, 20.0), seen(1, 20.0))
-    assert "Nothing was seen beyond 9.0 m" in sentences[2]
-    assert "to ± 0.50 % (one standard deviation)" in sentences[2]
-    assert "no wrong calibration or camera setting" in sentences[2]
+    assert "Nothing was seen beyond 9.0 m" in sentences[3]
+    assert "to ± 0.50 % (one standard deviation)" in sentences[3]
+    assert "no wrong calibration or camera setting" in sentences[3]
 
 
 @pytest.mark.parametrize("start", [0.0, 5e5, 315_964_800.0])
@@ -156,13 +182,13 @@ def test_numbers_say_in_how_many_frames_they_are_known() -> None:
     columns["depth"][3], columns["depth_stddev"][3] = 2.0, 0.5
     columns["mean_attenuation"][:5], columns["mean_attenuation_stddev"][:5] = 0.3, 0.1
     _, summary = told(seen(0, 6.0), seen(1, nan, status=Status.TOO_DARK), seen(2, 6.0))
-    texts = [name for _, name in key_numbers(columns, summary, "2.35/β")]
-    assert texts[1].endswith("median of 2 of 3 frames, 6.00 to 6.00 m in 90 % of them")
-    assert texts[2].endswith("median of 5 of 12 frames, 0.300 to 0.300 1/m in 90 % of them")
-    assert texts[3] == "depth by colour; in 1 of 12 frames"
+    texts = [name for _, name in key_numbers(columns, summary, "2.35/β")][-3:]
+    assert texts[0] == "of 3 frames show visibility by themselves"
+    assert texts[1].endswith("median of 5 of 12 frames, 0.300 to 0.300 1/m in 90 % of them")
+    assert texts[2] == "depth by colour; in 1 of 12 frames"
     columns["depth"][:] = 2.0
     texts = [name for _, name in key_numbers(columns, summary, "2.35/β")]
-    assert texts[3] == "depth by colour; median, 2.00 to 2.00 m in 90 % of the frames"
+    assert texts[-1] == "depth by colour; median, 2.00 to 2.00 m in 90 % of the frames"
 
 
 def test_what_is_assumed_of_camera_and_light_is_said() -> None:
@@ -184,10 +210,10 @@ def test_the_filter_and_surveys_are_told() -> None:
         seen(2, 1.0, filtered=6.2, event=event.OUTLIER),
         seen(3, math.nan, status=Status.NO_TEXTURE, filtered=6.3, event=event.PREDICTED),
     )
-    assert "from 6.00 ± 0.10 m to 6.30 ± 0.10 m" in sentences[1]
+    assert "from 6.00 ± 0.10 m to 6.30 ± 0.10 m" in sentences[2]
     assert "filtered over frames" in sentences[1]
     assert ("1 frame without a distance of its own is given that of others: what the water did "
-            "meanwhile was not seen." in sentences[2])
+            "meanwhile was not seen." in sentences[3])
     assert "The filter rejected 1 of 3 frames." in sentences
     sentences, _ = told(seen(0, 5.0, filtered=6.0, event=event.STARTED))
     assert sentences[-1] == "The filter over frames rejected none of 1 estimate."
@@ -208,12 +234,12 @@ def test_frames_that_the_filter_rejected_are_not_called_alike() -> None:
         for k, d in enumerate((15.4, 8.3))
     ]
     sentences, _ = told(*frames, *passing)
-    assert "what differs between frames that the filter took is within" in sentences[1]
-    assert sentences[1].endswith(
+    assert "what differs between frames that the filter took is within" in sentences[2]
+    assert sentences[2].endswith(
         "Frames that the filter rejected show from 8.30 to 15.4 m by themselves.")
     sentences, _ = told(*frames)
-    assert "what differs between frames is within" in sentences[1]
-    assert "rejected show" not in sentences[1]
+    assert "what differs between frames is within" in sentences[2]
+    assert "rejected show" not in sentences[2]
 
 
 def test_the_definition_is_that_of_the_code() -> None:

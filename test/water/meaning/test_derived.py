@@ -37,7 +37,10 @@ def test_black_disc_and_its_standard_deviation():
     # A transmissometer reads twice what a camera sees, within a factor of 1.35.
     assert found.black_disc_visibility == pytest.approx(6.0)
     # A tenth from the attenuation, and a tenth that the formula itself is off by.
-    assert found.black_disc_visibility_stddev == pytest.approx(6.0 * np.sqrt(0.01 + 0.01 + 0.09))
+    relative = np.sqrt(0.01 + 0.01 + 0.09)
+    assert found.black_disc_visibility_stddev == pytest.approx(6.0 * relative)
+    assert found.black_disc_visibility_low == pytest.approx(6.0 / np.exp(relative))
+    assert found.black_disc_visibility_high == pytest.approx(6.0 * np.exp(relative))
 
 
 def test_turbid_water_hides_a_disk_sooner():

@@ -35,6 +35,7 @@ from uw_visibility.replay.report.sentences import (
     clock,
     definition,
     formula,
+    headline,
     number,
     rounded,
     verdict,
@@ -207,18 +208,18 @@ def _part(part: str | Frames, linked: Collection[str]) -> dict[str, str]:
 def key_numbers(
     columns: Mapping[str, Array], summary: Summary, short: str
 ) -> list[tuple[str, str]]:
-    """Return the numbers that a page begins with, of `OVERVIEW_COLUMNS`: values and names."""
-    numbers: list[tuple[str, str]] = []
+    """Return the numbers that a page begins with: values and names.
+
+    They are those of the synopsis, then of `OVERVIEW_COLUMNS`.
+    """
     synopsis = summary.synopsis
+    typical = {} if synopsis is None else synopsis.typical
+    numbers = [
+        (value, f"{title}: {what}")
+        for title, value, what in headline(typical, f"{short} of the clearest channel")]
     if synopsis is not None and synopsis.frames:
         count = amount(synopsis.frames, "frame")
         numbers.append((percent(synopsis.share), f"of {count} show visibility by themselves"))
-    if synopsis is not None and synopsis.told:
-        numbers.append((
-            f"{rounded(synopsis.median, synopsis.relative_stddev * synopsis.median)} m",
-            f"visibility distance, {short} of the clearest channel; "
-            f"{_extent(synopsis.told, synopsis.frames, synopsis.low, synopsis.high, 'm')}",
-        ))
     for name, unit, title in (
         ("mean_attenuation", "1/m", "mean attenuation α, beyond that of clear water"),
         ("depth", "m", "depth by colour"),

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import NamedTuple
 
@@ -14,7 +15,8 @@ from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.report.meaning import MEANINGS
 from uw_visibility.replay.results.refusals import DISTANCE, WHOLE_FRAME, Refusal
 from uw_visibility.replay.results.summary import TAKEN, Summary
-from uw_visibility.replay.results.synopsis import Extreme, Synopsis
+from uw_visibility.replay.results.synopsis import TOLD, Extreme, Synopsis
+from uw_visibility.water.meaning.derived import QUANTITIES
 from uw_visibility.water.series.tracking import TrackingEvent
 
 # 1990, ns: unset clocks start in 1970 or 1980.
@@ -47,6 +49,7 @@ def verdict(summary: Summary) -> list[Sentence]:
         return [["There are no frames, so that nothing can be said of the water."]]
     found = [_seen(synopsis)]
     if synopsis.told:
+        found += [_headline(synopsis)] if synopsis.typical else []
         found += [_distance(synopsis), _trust(synopsis)]
     provenance = summary.provenance
     if provenance:
@@ -59,17 +62,41 @@ def verdict(summary: Summary) -> list[Sentence]:
 
 
 def definition(contrast: float) -> str:
-    """Say what visibility distance is, and what it is not."""
+    """Say what the distances are."""
+    disc = QUANTITIES["black_disc_visibility"]
     return (
+        f"Black-disc visibility, which divers mean by visibility: {_lower(disc.definition)} "
+        f"({disc.source}). {disc.caveat} "
         "Visibility distance: how far off a white and a black patch side by side still differ by "
         f"a contrast of {100.0 * contrast:g} % (Michelson), before open water as bright as the "
         "white one (farther where it is darker): ln((1 + C)/(2C))/β = "
         f"{formula(contrast)}, with C that contrast and β the attenuation of the clearest channel "
         "(Roser, Dunbabin and Geiger 2014, eq. 12). It is not Koschmieder's distance of a black "
         f"object before open water, ln(1/C)/c = {number(math.log(1.0 / contrast), 2)}/c (Duntley "
-        "1963), nor the 4.8/c at which a diver loses a black disc (Davies-Colley 1988, "
-        "doi:10.4319/lo.1988.33.4_part_1.0616)."
+        "1963)."
     )
+
+
+def headline(typical: Mapping[str, Sequence[float]], paper: str) -> list[tuple[str, str, str]]:
+    """Return title, value with interval, and definition of the quantities that come first.
+
+    Parameters
+    ----------
+    typical : mapping of str to sequence of three floats
+        16, 50 and 84 % by name, of those of `TOLD` that are known.
+    paper : str
+        Formula and channel of the paper's visibility distance.
+    """
+    found = []
+    for name in (name for name in TOLD if name in typical):
+        title, unit, what = "visibility distance", "m", paper
+        if name in QUANTITIES:
+            title, what = QUANTITIES[name].title, _lower(QUANTITIES[name].definition)
+            unit = QUANTITIES[name].unit.replace("m-1", "1/m")
+        low, middle, high = typical[name]
+        digits = f".{len(number(0.5 * (high - low), 1).partition('.')[2])}f"
+        found.append((title, f"{middle:{digits}} {unit} ({low:{digits}} to {high:{digits}})", what))
+    return found
 
 
 def formula(contrast: float) -> str:
@@ -110,11 +137,17 @@ def _seen(synopsis: Synopsis) -> Sentence:
     ]
 
 
+def _headline(synopsis: Synopsis) -> Sentence:
+    paper = f"{formula(synopsis.contrast)} of {_channels(synopsis)}"
+    paper += ", filtered over frames" if synopsis.filtered else ""
+    parts = [f"{title} {value}: {what}" for title, value, what in headline(
+        synopsis.typical, paper)]
+    return [f"{_sentence('; '.join(parts))} In brackets: from 16 to 84 %, of the median frame."]
+
+
 def _distance(synopsis: Synopsis) -> Sentence:
     low, high = synopsis.lowest, synopsis.highest
     assert low is not None and high is not None
-    how = f"{formula(synopsis.contrast)} of {_channels(synopsis)}"
-    how += ", filtered over frames" if synopsis.filtered else ""
     apart, others = "", ""
     if synopsis.filtered and synopsis.rejected_distances:
         least, most = map(number, synopsis.rejected_distances)
@@ -127,13 +160,15 @@ def _distance(synopsis: Synopsis) -> Sentence:
         if synopsis.assessed < synopsis.frames:
             where = "in the frames that show it" if synopsis.assessed else "in these"
         return [
-            f"It was {_value(synopsis.median, spread)} {where} ({how}): what differs between "
-            f"frames {others}is within the standard deviations. Lowest, {number(low.value)} m, in ",
+            f"Visibility distance was {_value(synopsis.median, spread)} {where}: what differs "
+            f"between frames {others}is within the standard deviations. "
+            f"Lowest, {number(low.value)} m, in ",
             Frames(f"frame {low.frame}", low.frame), f".{apart}",
         ]
     return [
-        f"It was from {_value(low.value, low.stddev)} to {_value(high.value, high.stddev)}, "
-        f"median {number(synopsis.median)} m ({how}); worst in ", *_frames(low), ", best in ",
+        f"Visibility distance was from {_value(low.value, low.stddev)} to "
+        f"{_value(high.value, high.stddev)}, median {number(synopsis.median)} m; worst in ",
+        *_frames(low), ", best in ",
         *_frames(high), f".{apart}",
     ]
 
@@ -191,7 +226,7 @@ def _reason(refusal: Refusal) -> str:
         # The remedy is in the table.
         why = why.partition(" (")[0]
     text = f"{why} ({refusal.count})"
-    return f"{text}, that is: {meant[0].lower()}{meant[1:].rstrip('.')}" if meant else text
+    return f"{text}, that is: {_lower(meant).rstrip('.')}" if meant else text
 
 
 def _filtering(summary: Summary) -> list[Sentence]:
@@ -210,6 +245,10 @@ def _filtering(summary: Summary) -> list[Sentence]:
 
 def _sentence(text: str) -> str:
     return f"{text[0].upper()}{text[1:]}."
+
+
+def _lower(text: str) -> str:
+    return text[0].lower() + text[1:]
 
 
 def _channels(synopsis: Synopsis) -> str:

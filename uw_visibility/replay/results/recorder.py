@@ -39,12 +39,14 @@ def row_of(
     columns: Mapping[str, Column], joined: JoinedFrame, model: DerivedModel,
     turbidity: LineFit | None = None,
 ) -> dict[str, str]:
-    """Write a frame as a row of the table; what it lacks stays empty."""
+    """Write a frame as a row of the table, and derive its quantities; what it lacks stays empty."""
     estimate = joined.record.estimate
+    joined.derived = None if estimate is None else model.derive(estimate.water)
+    if joined.filtered is not None:
+        joined.filtered_derived = model.derive(joined.filtered.water)
     sources = {**vars(joined), "estimate": estimate}
-    for prefix, found in (("", estimate), ("filtered_", joined.filtered)):
-        derived = None if found is None else model.derive(found.water)
-        sources[f"{prefix}derived"] = derived
+    for prefix in ("", "filtered_"):
+        derived = sources[f"{prefix}derived"]
         if turbidity is not None:
             sources[f"{prefix}turbidity"], sources[f"{prefix}turbidity_stddev"] = (
                 (math.nan, math.nan) if derived is None else turbidity.predict(

@@ -21,6 +21,8 @@ from uw_visibility.water.series.tracking import TrackingEvent
 
 # Distances that differ by more than this many standard deviations are told apart.
 SIGNIFICANT = 2.0
+# Quantities that a verdict begins with, in this order.
+TOLD = ("black_disc_visibility", "visibility_distance", "secchi_depth", "diffuse_attenuation_490")
 # Runs of frames that are named at most.
 MOST_RUNS = 3
 
@@ -74,6 +76,8 @@ class Synopsis:
         Distance in the median frame, and 5 % and 95 % quantiles, m; NaN without any.
     relative_stddev : float
         Standard deviation over distance in the median frame.
+    typical : dict of str to list of float
+        16, 50 and 84 % of each of `TOLD` that is known, each the median over frames; m, or 1/m.
     channels : dict of str to int
         Frames by the channel that decides, the clearest one.
     rejected_distances : list of float
@@ -97,6 +101,7 @@ class Synopsis:
     low: float = math.nan
     high: float = math.nan
     relative_stddev: float = math.nan
+    typical: dict[str, list[float]] = field(default_factory=dict)
     channels: dict[str, int] = field(default_factory=dict)
     rejected_distances: list[float] = field(default_factory=list)
     baselines: list[float] = field(default_factory=list)
@@ -133,7 +138,7 @@ class Synopsis:
 
 
 class Findings:
-    """Collects the values of each frame that a synopsis needs, 56 bytes a frame.
+    """Collects the values of each frame that a synopsis needs, 240 bytes a frame.
 
     Parameters
     ----------
@@ -145,6 +150,8 @@ class Findings:
         self._contrast = contrast
         self._frames, self._stamps = array("q"), array("q")
         self._own, self._filtered = (array("d"), array("d")), (array("d"), array("d"))
+        # 16, 50 and 84 % of each of `TOLD`, of a frame by itself and filtered.
+        self._told = array("d"), array("d")
         self._channels: Counter[str] = Counter()
         self._ranges = (math.inf, -math.inf)
         self._rejected: list[float] = []
@@ -170,6 +177,18 @@ class Findings:
             if filtered.event is TrackingEvent.OUTLIER and math.isfinite(own[0]):
                 apart = [*self._rejected, own[0]]
                 self._rejected = [min(apart), max(apart)]
+        for told, source, derived in zip(
+            self._told, (record.estimate, filtered), (joined.derived, joined.filtered_derived),
+            strict=True,
+        ):
+            for name in TOLD:
+                values = (math.nan,) * 3
+                if name == "visibility_distance" and source is not None:
+                    seen = source.visibility
+                    values = seen.distance_low, seen.distance, seen.distance_high
+                elif derived is not None and name != "visibility_distance":
+                    values = derived.interval(name)
+                told.extend(values)
         for columns, pair in ((self._own, own), (self._filtered, of_filter)):
             columns[0].append(pair[0])
             columns[1].append(pair[1])
@@ -195,11 +214,15 @@ class Findings:
             return Synopsis(**counts)
         low, middle, high = np.percentile(distance[known], [5.0, 50.0, 95.0])
         numbers = np.array(self._frames)
+        told = np.array(self._told[of_filter]).reshape(-1, len(TOLD), 3)[known]
+        typical = {
+            name: np.nanmedian(told[:, place], axis=0).tolist()
+            for place, name in enumerate(TOLD) if np.isfinite(told[:, place]).all(axis=1).any()}
         return Synopsis(
             **counts,
             lowest=_extreme(numbers, distance, stddev, 1.0),
             highest=_extreme(numbers, distance, stddev, -1.0),
-            median=float(middle), low=float(low), high=float(high),
+            typical=typical, median=float(middle), low=float(low), high=float(high),
             relative_stddev=float(np.median(stddev[known] / distance[known])),
         )
 

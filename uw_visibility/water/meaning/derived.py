@@ -129,6 +129,22 @@ class DerivedQuantities:
     secchi_depth: float = math.nan
     secchi_depth_stddev: float = math.nan
 
+    def interval(self, name: str) -> tuple[float, float, float]:
+        """Return 16, 50 and 84 % of a quantity, which is uncertain by a factor (log-normal)."""
+        value = getattr(self, name)
+        spread = getattr(self, f"{name}_stddev") / value
+        return value * math.exp(-spread), value, value * math.exp(spread)
+
+    @property
+    def black_disc_visibility_low(self) -> float:
+        """Where the black disc's distance is with 16 % probability at most, m."""
+        return self.interval("black_disc_visibility")[0]
+
+    @property
+    def black_disc_visibility_high(self) -> float:
+        """Where the black disc's distance is with 84 % probability at most, m."""
+        return self.interval("black_disc_visibility")[2]
+
 
 class DerivedModel:
     """Model of the field's quantities, given a camera.
