@@ -18,7 +18,7 @@ from uw_visibility.cli import main
 from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.day import DAY_MARK
 from uw_visibility.replay.table import SUFFIX, read_rows
-from uw_visibility_lab.simulation import bag as simulation
+from uw_visibility_lab.simulation.bag import START, write_transect
 from uw_visibility_lab.simulation.camera import StereoCamera
 from uw_visibility_lab.simulation.transect import Transect
 
@@ -30,14 +30,12 @@ LEGS = {"leg 1": (0.1, 2 * HOUR, 4), "leg 2": (0.3, 0, 3), "murky": (2.5, 4 * HO
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("bags")
-    with pytest.MonkeyPatch.context() as patch:
-        for name, (attenuation, later, frames) in LEGS.items():
-            patch.setattr(simulation, "START", 1_700_000_000 + later)
-            simulation.write_transect(
-                folder / name, Transect(
-                    frames=frames, attenuation=(attenuation, attenuation),
-                    camera=StereoCamera(160, 120, 150.0, 0.12)),
-                position=(60.0 + later * 1e-7, 10.5))
+    for name, (attenuation, later, frames) in LEGS.items():
+        write_transect(
+            folder / name, Transect(
+                frames=frames, attenuation=(attenuation, attenuation),
+                camera=StereoCamera(160, 120, 150.0, 0.12)),
+            start=START + later * 10**9, position=(60.0 + later * 1e-7, 10.5))
     broken = folder / "broken.mcap"
     broken.write_bytes(b"\x89MCAP0\r\n" + bytes(100))
     return [folder / "leg 1", broken, folder / "murky", folder / "leg 2"]

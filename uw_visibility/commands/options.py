@@ -115,7 +115,8 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     """Add the recordings and the options to them."""
     add = parser.add_argument
     add("bags", metavar="BAG", type=named_place, nargs="+", help="recording")
-    add("--rectify", action="store_true", help="rectify raw images (parameter rectify)")
+    add("--rectify", action="store_true", help="rectify raw images (parameter rectify); those of "
+        "recordings that have rectified ones alone are taken as they are")
     add("--params-file", metavar="YAML", type=Path, help="parameters, those of the node")
     add_transfer(parser)
     add(

@@ -233,8 +233,7 @@ class _Replay:
         self._earlier: EarlierPart | None = None
         if folder.earlier is not None:
             self._earlier = EarlierPart(folder.earlier, frame_topics(options))
-        self._copied = copied_topics(
-            selection, reader.channels, rectify=options.node.rectify) if options.all_topics else {}
+        self._copied = copied_topics(selection, reader.channels) if options.all_topics else {}
         self._recorder = FrameRecorder(
             folder.work, options, self._earlier.timings if self._earlier else {}, self._copied
         )

@@ -25,8 +25,10 @@ from uw_visibility.replay.report.sentences import (
     CLOCK_NOT_SET,
     FIRST_DATE,
     amount,
+    course,
     definition,
     formula,
+    headline,
     number,
     percentage,
     rounded,
@@ -39,7 +41,7 @@ from uw_visibility.replay.results.exports import write_exports
 from uw_visibility.replay.results.folder import DAY, DAY_MARK, MARK, read_state
 from uw_visibility.replay.results.recorder import columns_of
 from uw_visibility.replay.results.summary import Summary
-from uw_visibility.replay.results.synopsis import Synopsis
+from uw_visibility.replay.results.synopsis import Synopsis, apart
 from uw_visibility.replay.stores import Place, child, exists, place, results_here
 from uw_visibility.replay.table import TableWriter, read_columns, read_rows, write_dictionary
 
@@ -188,14 +190,16 @@ def _verdict(
         (s.lowest.value + s.lowest.stddev, name) for name, s in synopses.items() if s.lowest)[1]
     high = max(
         (s.highest.value - s.highest.stddev, name) for name, s in synopses.items() if s.highest)[1]
-    worst_of, best = synopses[low], synopses[high].highest
-    worst = worst_of.lowest
+    worst, best = synopses[low].lowest, synopses[high].highest
     assert worst is not None and best is not None
+    lead = "Visibility distance, "
+    if not apart(worst.value, worst.stddev, best.value, best.stddev):
+        lead = "Recordings cannot be told apart by visibility distance, "
     parts.append([
-        _text(f"It was from {rounded(worst.value, worst.stddev)} m ("),
-        _link(low, worst.frame), _text(f") to {rounded(best.value, best.stddev)} m ("),
-        _link(high, best.frame),
-        _text(f"), {formula(worst_of.contrast)} of the clearest channel."),
+        _text(f"{lead}{formula(synopses[low].contrast)} of the clearest channel: lowest "
+              f"{rounded(worst.value, worst.stddev)} m ("),
+        _link(low, worst.frame), _text(f"), highest {rounded(best.value, best.stddev)} m ("),
+        _link(high, best.frame), _text(")."),
     ])
     spreads = [s.relative_stddev for s in synopses.values() if s.told]
     upto = f" to {percentage(max(spreads))}" if len(spreads) > 1 else ""
@@ -221,8 +225,11 @@ def _row(summary: Summary, synopsis: Synopsis, columns: Columns) -> dict[str, An
     name = summary.name
     seen, trust = "not assessed", f"none of {amount(synopsis.frames, 'frame')}"
     if synopsis.told and synopsis.lowest and synopsis.highest:
-        seen = f"{number(synopsis.low)} to {number(synopsis.high)} m, median " \
-               f"{number(synopsis.median)} m"
+        seen = "; ".join(
+            f"{title} {value}" for title, value, _ in headline(synopsis.typical, "")[:2])
+        if not synopsis.constant:
+            seen += f"; from {number(synopsis.low)} to {number(synopsis.high)} m in 90 % of the " \
+                    f"frames.{course(synopsis)}"
         trust = f"{share(synopsis.assessed, synopsis.frames)}, " \
                 f"± {percentage(synopsis.relative_stddev)}"
     return {
@@ -256,12 +263,17 @@ def _place(columns: Columns) -> str:
 
 
 def _depth(columns: Columns) -> str:
-    for name, source in (
-        ("sensor_depth", "sensor"), ("filtered_depth", "by colour"), ("depth", "by colour")
-    ):
-        known = columns[name][np.isfinite(columns[name])]
-        if known.size:
-            return f"{known.min():.1f} to {known.max():.1f} m ({source})"
+    known = columns["sensor_depth"][np.isfinite(columns["sensor_depth"])]
+    if known.size:
+        return f"{known.min():.1f} to {known.max():.1f} m (sensor)"
+    for name in ("filtered_depth", "depth"):
+        value, spread = columns[name], columns[f"{name}_stddev"]
+        if np.isfinite(value).any():
+            low, high = np.nanargmin(value), np.nanargmax(value)
+            ends = [(float(value[place]), float(spread[place])) for place in (low, high)]
+            if not apart(*ends[0], *ends[1]):
+                ends = [(float(np.nanmedian(value)), float(np.nanmedian(spread)))]
+            return f"{' to '.join(rounded(*end) for end in ends)} m (by colour)"
     return "not known"
 
 

@@ -100,7 +100,7 @@ def _sightings(
 ) -> Iterator[Sightings]:
     """Yield the points of each frame that can be used; count why others cannot."""
     stream = InputStream(reader, options)
-    pairs = FrameReader(options.node.rectify)
+    pairs = FrameReader(stream.selection.rectify)
     pipeline: Pipeline | None = None
     tracker = PointTracker(first)
     with closing(Progress(bag.name, stream.expected_frames)) as progress:

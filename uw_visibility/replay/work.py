@@ -67,7 +67,8 @@ class Recording:
         used = [reader.channels[t] for t in (*selection.images(), *selection.infos())]
         return cls(
             uuid.uuid4().hex, {channel.type: channel for channel in used}, reader.ros1,
-            options.pipeline, options.node, tuple(topics), options.match_original,
+            options.pipeline, replace(options.node, rectify=selection.rectify), tuple(topics),
+            options.match_original,
         )
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,21 @@ if TYPE_CHECKING:
     from uw_visibility_lab.simulation.water import WaterEffects
 
 MOST_THREADS = 64
+
+
+def _stamp(text: str) -> int:
+    """Return a time as ns since 1970 (UTC)."""
+    try:
+        time = datetime.fromisoformat(text)
+        seconds = time.replace(tzinfo=time.tzinfo or UTC).timestamp()
+    except (ValueError, OverflowError) as error:
+        raise argparse.ArgumentTypeError(
+            f"{text} is no time: give one such as 2024-05-01T12:00:00Z") from error
+    # A ROS stamp has 31 bits of seconds.
+    if not 0 <= seconds < 1 << 31:
+        raise argparse.ArgumentTypeError(f"{text} is no stamp: give a time from 1970 to 2037")
+    return round(seconds * 1e6) * 1000
+
 
 HELP = "an underwater stereo transect with its ground truth"
 DESCRIPTION = """\
@@ -65,6 +81,8 @@ OPTIONS: dict[str, Options] = {
         "--height PX": (480, "height of an image"),
         "--focal-length PX": (None, "focal length (default: 15/16 of the width)"),
         "--baseline M": (0.12, "distance of the cameras"),
+        "--start TIME": (
+            "2023-11-14T22:13:20Z", "time of the first frame, ISO 8601, UTC by default", _stamp),
         "--seed N": (0, "seed of reef and noise"),
         "--depth A B": ((2.0, 6.0), "depth at start and end, m"),
         "--attenuation A B": ((0.05, 0.3), "mean attenuation at start and end, 1/m"),
@@ -189,6 +207,7 @@ def run(arguments: argparse.Namespace) -> None:
     write_transect(
         arguments.output,
         transect,
+        start=arguments.start,
         depth_stddev=arguments.depth_stddev,
         range_scale=arguments.range_scale,
         position=None if arguments.position is None else tuple(arguments.position),

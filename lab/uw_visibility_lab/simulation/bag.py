@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Transect as a bag: the vehicle's sensors, and the truth beside them.
 
-Stamps begin at a fixed date and step with the frame rate. Images lie in the
+Stamps begin at a given date and step with the frame rate. Images lie in the
 cameras' optical frames (x right, y down, z forward), depth in a frame whose
 z points up from the surface. The true disparity is a
 ``stereo_msgs/DisparityImage``, 0 for open water, which is below its
@@ -74,8 +74,8 @@ POSITION_TOPIC, POSITION_TYPE = "/gps/fix", "sensor_msgs/msg/NavSatFix"
 TRANSMISSOMETER_NOISE = 0.02
 """Standard deviation of the transmissometer, as a part of its value."""
 
-START = 1_700_000_000
-"""Time of the first frame in s since 1970."""
+START = 1_700_000_000_000_000_000
+"""Time of the first frame unless another is given, ns since 1970 (UTC)."""
 
 LEFT_FRAME = "stereo_left_optical_frame"
 RIGHT_FRAME = "stereo_right_optical_frame"
@@ -86,6 +86,7 @@ def write_transect(
     path: str | Path,
     transect: Transect,
     *,
+    start: int = START,
     depth_stddev: float = 0.05,
     range_scale: float = 1.0,
     position: tuple[float, float] | None = None,
@@ -95,6 +96,7 @@ def write_transect(
 ) -> None:
     """Simulate a transect and record it.
 
+    start: time of the first frame, ns since 1970 (UTC).
     depth_stddev: standard deviation of the depth sensor in m.
     range_scale: ratio of the baseline in CameraInfo to the true one: a wrong calibration.
     position: latitude and longitude of the start, degrees; the way leads east from there.
@@ -121,7 +123,7 @@ def write_transect(
             (bag.path / LIGHTING).write_text(text, encoding="utf-8")
         messages = _Messages(bag.make, transect.camera, range_scale)
         for time, frame in progress(transect.render(workers)):
-            stamp = START * 1_000_000_000 + round(time * 1e9)
+            stamp = start + round(time * 1e9)
             for side, frame_id, pixels in (
                 ("left", LEFT_FRAME, frame.left), ("right", RIGHT_FRAME, frame.right)
             ):

@@ -51,10 +51,21 @@ def test_raw_or_rectified_colour_and_uncompressed_are_preferred_as_asked_for() -
     topics |= camera("/{}", "image_rect/compressed", kind=COMPRESSED)
     assert find(topics).left == "/left/image_rect"
     assert find(topics, rectify=True).left == "/left/image_raw"
+    assert find(topics, rectify=True).rectify
     assert "rather than" in find(topics).notes[0]
     compressed = camera("/{}", "image_rect/compressed", kind=COMPRESSED)
     found = find(compressed)
     assert (found.left, found.left_info) == ("/left/image_rect/compressed", "/left/camera_info")
+
+
+def test_what_is_rectified_by_its_name_is_not_rectified_again() -> None:
+    """Raw and rectified recordings are replayed by one command."""
+    found = find(camera("/{}", "image_rect"), rectify=True)
+    assert not found.rectify
+    assert found.notes == ["/left/image_rect is rectified by its name: it is not rectified again"]
+    # A topic that is named is rectified, whatever its name.
+    assert find(camera("/{}", "image_rect"), rectify=True, left="/left/image_rect").rectify
+    assert not find(camera("/{}", "image_raw")).rectify
 
 
 def test_what_is_no_camera_is_not_taken_for_one() -> None:

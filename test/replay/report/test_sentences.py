@@ -118,10 +118,29 @@ def test_a_value_that_is_hardly_known_is_neither_worst_nor_best() -> None:
 
 
 def test_what_differs_within_sigma_is_no_change() -> None:
-    sentences, _ = told(*(seen(k, 6.0 + 0.05 * (k % 2)) for k in range(6)))
-    assert sentences[2].startswith("Visibility distance was 6.03 ± 0.10 m throughout")
-    assert "within the standard deviations. Lowest, 6.00 m, in frame 0." in sentences[2]
-    assert "worst" not in sentences[2]
+    distances = (6.05, 6.0, 6.08, 6.02, 6.06, 5.98)
+    sentences, _ = told(*(seen(k, distance) for k, distance in enumerate(distances)))
+    assert sentences[2].startswith("Visibility distance was 6.04 ± 0.10 m throughout")
+    assert sentences[2].endswith("within the standard deviations. Lowest, 5.98 m, in frame 5.")
+
+
+def test_estimates_that_jump_or_rise_within_sigma_are_not_called_constant() -> None:
+    noise = np.exp(0.05 * np.random.default_rng(0).normal(size=40))
+    jumping = np.where(np.arange(40) % 3 == 0, 9.0, 25.0) * noise
+    sentences, summary = told(*(seen(k, d, 0.5 * d) for k, d in enumerate(jumping)))
+    assert summary.synopsis is not None and not summary.synopsis.differs
+    assert "throughout" not in sentences[2]
+    found = re.search(
+        r"Frames jump between two groups, (\S+) m in 14 and (\S+) m in 26:", sentences[2])
+    assert found
+    assert [float(value) for value in found.groups()] == pytest.approx([9.0, 25.0], rel=0.05)
+    rising = np.geomspace(9.0, 14.0, 40) * noise
+    sentences, summary = told(*(seen(k, d, 0.5 * d) for k, d in enumerate(rising)))
+    assert summary.synopsis is not None and not summary.synopsis.differs
+    assert "throughout" not in sentences[2] and "jump" not in sentences[2]
+    assert re.search(r" It rises: median of the first third of the frames (9|10)\.", sentences[2])
+    sentences, _ = told(*(seen(k, d, 0.5 * d) for k, d in enumerate(12.0 * noise)))
+    assert "throughout" in sentences[2] and "rise" not in sentences[2]
 
 
 def test_what_was_carried_over_frames_that_saw_nothing_is_not_said_of_them() -> None:

@@ -235,7 +235,7 @@ class InputStream:
             return
         self._checked.add(side)
         image = self.selection.left if side == "left" else self.selection.right
-        if self._options.node.rectify or not is_raw(image):
+        if self.selection.rectify or not is_raw(image):
             return
         try:
             calibration = CameraCalibration.from_camera_info(

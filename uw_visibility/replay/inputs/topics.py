@@ -58,6 +58,8 @@ class Selection:
         Type of the depth sensor's messages, as ``plausibility.sensor_type`` names it.
     notes : list of str
         What was chosen among others.
+    rectify : bool
+        Whether these images are to be rectified.
     """
 
     left: str
@@ -68,6 +70,7 @@ class Selection:
     sensor_type: str = "none"
     position: str | None = None
     notes: list[str] = field(default_factory=list)
+    rectify: bool = False
 
     def by_use(self) -> dict[str, str | None]:
         """Return the topics by what they are used for."""
@@ -99,7 +102,8 @@ def find_topics(
     channels, wanted : mapping of str to Channel, Wanted
         What the recording has, and what is given.
     rectify : bool
-        Whether raw images are looked for, rather than rectified ones.
+        Whether raw images are looked for, rather than rectified ones. Where there are none,
+        those that are rectified by their name are not rectified again.
     calibrated : bool
         Whether the calibration is known, so that no CameraInfo is needed.
     sensor_type : str, optional
@@ -107,6 +111,9 @@ def find_topics(
     """
     notes: list[str] = []
     left, right = _find_pair(channels, wanted, rectify, notes)
+    if rectify and wanted.left is None and _is_rectified(left):
+        rectify = False
+        notes.append(f"{left} is rectified by its name: it is not rectified again")
     infos: list[str | None] = [None, None]
     if not calibrated:
         infos = [
@@ -117,12 +124,16 @@ def find_topics(
     position = wanted.position
     if position is not None:
         check_topic(channels, position, POSITION_TYPES)
-    return Selection(left, right, infos[0], infos[1], depth, kind, position, notes)
+    return Selection(left, right, infos[0], infos[1], depth, kind, position, notes, rectify)
 
 
 def is_raw(image: str) -> bool:
     """Tell whether a topic's images are raw by its name, as image_raw."""
     return "raw" in image.removesuffix("/compressed").rpartition("/")[2]
+
+
+def _is_rectified(image: str) -> bool:
+    return "rect" in image.rpartition("/left")[2]
 
 
 def partner(topic: str) -> str | None:
@@ -177,7 +188,7 @@ def _rank(channels: Mapping[str, Channel], topic: str, rectify: bool) -> tuple[o
     channel = channels[topic]
     return (
         channel.count == 0,
-        ("rect" in topic.rpartition("/left")[2]) == rectify,
+        _is_rectified(topic) == rectify,
         info_topic(topic) not in channels,
         "mono" in topic,
         channel.type == COMPRESSED,

@@ -154,10 +154,11 @@ def _distance(synopsis: Synopsis) -> Sentence:
         shown = f"{least} m" if least == most else f"from {least} to {most} m"
         apart = f" Frames that the filter rejected show {shown} by themselves."
         others = "that the filter took "
+    apart = f"{course(synopsis)}{apart}"
     if not synopsis.differs:
         spread = synopsis.relative_stddev * synopsis.median
-        where = "throughout"
-        if synopsis.assessed < synopsis.frames:
+        where = "throughout" if synopsis.constant else "in the median frame"
+        if synopsis.constant and synopsis.assessed < synopsis.frames:
             where = "in the frames that show it" if synopsis.assessed else "in these"
         return [
             f"Visibility distance was {_value(synopsis.median, spread)} {where}: what differs "
@@ -171,6 +172,21 @@ def _distance(synopsis: Synopsis) -> Sentence:
         *_frames(low), ", best in ",
         *_frames(high), f".{apart}",
     ]
+
+
+def course(synopsis: Synopsis) -> str:
+    """Say that the distance jumps between two values, or rises or falls; nothing if neither."""
+    if synopsis.groups:
+        (low, few), (high, many) = synopsis.groups
+        return (
+            f" Frames jump between two groups, {number(low)} m in {few} and {number(high)} m in "
+            f"{many}: at most one of them is right, unless the water changes as quickly.")
+    if synopsis.trend:
+        first, last = synopsis.trend
+        return (
+            f" It {'rises' if last > first else 'falls'}: median of the first third of the frames "
+            f"{number(first)} m, of the last third {number(last)} m (Kendall's test, beyond 2 σ).")
+    return ""
 
 
 def _trust(synopsis: Synopsis) -> Sentence:

@@ -144,13 +144,13 @@ class EarlierPart:
 
 
 def copied_topics(
-    selection: Selection, channels: Mapping[str, Channel], *, rectify: bool
+    selection: Selection, channels: Mapping[str, Channel]
 ) -> dict[str, tuple[str, str]]:
     """Return the inputs that are copied to the results."""
     names = {selection.left: "/left/image_rect", selection.left_info: "/left/camera_info"}
     if channels[selection.left].type == COMPRESSED:
         names[selection.left] += "/compressed"
-    if rectify:
+    if selection.rectify:
         names = {topic: topic for topic in names if topic is not None}
     names[selection.depth] = "/depth_sensor"
     return {

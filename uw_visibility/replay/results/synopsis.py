@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import CHANNELS
 from uw_visibility.replay.records import FrameEstimate, JoinedFrame
+from uw_visibility.replay.results.course import groups, trend
 from uw_visibility.water.series.tracking import TrackingEvent
 
 # Distances that differ by more than this many standard deviations are told apart.
@@ -83,6 +84,12 @@ class Synopsis:
     rejected_distances : list of float
         Smallest and largest distance, m, that frames show by themselves which the filter
         rejected; empty without any.
+    trend : list of float
+        Medians of the first and the last third of the frames by themselves, m, where these rise or
+        fall; see `course.trend`.
+    groups : list of (float, int)
+        Distance, m, and number of frames of the two groups that they jump between, if they do;
+        see `course.groups`.
     baselines : list of float
         The cameras' distance by their calibration, m; smallest and largest where it changes.
     """
@@ -104,6 +111,8 @@ class Synopsis:
     typical: dict[str, list[float]] = field(default_factory=dict)
     channels: dict[str, int] = field(default_factory=dict)
     rejected_distances: list[float] = field(default_factory=list)
+    trend: list[float] = field(default_factory=list)
+    groups: list[tuple[float, int]] = field(default_factory=list)
     baselines: list[float] = field(default_factory=list)
 
     @property
@@ -115,9 +124,13 @@ class Synopsis:
     def differs(self) -> bool:
         """Whether the smallest and the largest distance can be told apart."""
         low, high = self.lowest, self.highest
-        if low is None or high is None:
-            return False
-        return high.value - low.value > SIGNIFICANT * math.hypot(low.stddev, high.stddev)
+        return low is not None and high is not None and apart(
+            low.value, low.stddev, high.value, high.stddev)
+
+    @property
+    def constant(self) -> bool:
+        """Whether nothing shows that the distance changes: no two values, no trend, no groups."""
+        return not (self.differs or self.trend or self.groups)
 
     def state(self) -> dict[str, Any]:
         """Serialise for JSON, which has no NaN."""
@@ -214,6 +227,8 @@ class Findings:
             return Synopsis(**counts)
         low, middle, high = np.percentile(distance[known], [5.0, 50.0, 95.0])
         numbers = np.array(self._frames)
+        series = own[0][np.isfinite(own[0])]
+        series = series if series.size else distance[known]
         told = np.array(self._told[of_filter]).reshape(-1, len(TOLD), 3)[known]
         typical = {
             name: np.nanmedian(told[:, place], axis=0).tolist()
@@ -222,7 +237,8 @@ class Findings:
             **counts,
             lowest=_extreme(numbers, distance, stddev, 1.0),
             highest=_extreme(numbers, distance, stddev, -1.0),
-            typical=typical, median=float(middle), low=float(low), high=float(high),
+            typical=typical, trend=trend(series, SIGNIFICANT), groups=groups(series),
+            median=float(middle), low=float(low), high=float(high),
             relative_stddev=float(np.median(stddev[known] / distance[known])),
         )
 
@@ -234,6 +250,11 @@ class Findings:
 
     def _extend(self, low: float, high: float) -> None:
         self._ranges = min(self._ranges[0], float(low)), max(self._ranges[1], float(high))
+
+
+def apart(low: float, low_stddev: float, high: float, high_stddev: float) -> bool:
+    """Return whether two values can be told apart."""
+    return high - low > SIGNIFICANT * math.hypot(low_stddev, high_stddev)
 
 
 def _extreme(frames: NDArray[np.int64], distance: Array, stddev: Array, sign: float) -> Extreme:
