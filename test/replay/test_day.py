@@ -66,6 +66,9 @@ def test_the_index_has_a_row_for_each_recording_by_time(day: Path) -> None:
         ("murky/report.html", "murky")]
     rows = re.findall(r"<tr>(<th scope=\"row\">.*?)</tr>", text, re.DOTALL)
     told = [" ".join(re.sub(r"<[^>]*>", " ", row).split()) for row in rows]
+    assert re.search(
+        r"black-disc visibility [\d.]+\sm \([\d.]+ to [\d.]+\); visibility distance [\d.]+\sm "
+        r"\([\d.]+ to [\d.]+\)", told[0]), told[0]
     for part in ("2023-11-14 22:13:20 to 22:13:21 UTC", "60.00000° N, 10.50000° E",
                  "2.0 to 6.0 m (sensor)", "all 3 frames, ± "):
         assert part in told[0], told[0]
@@ -146,6 +149,8 @@ def test_one_map_and_one_course_of_time_are_of_all(day: Path) -> None:
         "Visibility distance over time"]
     for name in LEGS:
         assert f">{name} start</text>" in text
+        # In the figures of visibility, attenuation and depth, wide and narrow.
+        assert text.count(f">{name}</text>") == 2 * 3
         assert re.search(rf"<title>{name}, frame 0, \d\d:13:20 UTC; ", text)
 
 

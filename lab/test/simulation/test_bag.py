@@ -127,6 +127,17 @@ def test_the_command_writes_the_same_bag(bag: SimpleNamespace, tmp_path: Path) -
 SMALL = ["--frames", "1", "--width", "64", "--height", "48"]
 
 
+@pytest.mark.parametrize("start, seconds", [
+    ("2024-05-01T12:00:00Z", 1714564800), ("2024-05-01T14:00:00+02:00", 1714564800),
+    ("2024-05-01", 1714521600)])
+def test_the_first_frame_has_the_time_that_is_given(
+    tmp_path: Path, start: str, seconds: int
+) -> None:
+    assert main(["simulate", "-o", str(tmp_path / "bag"), *SMALL, "--start", start]) == 0
+    with BagReader(tmp_path / "bag") as reader:
+        assert reader.span == (seconds * 10**9, seconds * 10**9)
+
+
 def test_a_bag_is_replaced_only_when_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -247,6 +258,8 @@ def test_automatic_white_balance_differs_from_frame_to_frame() -> None:
     [
         (["--frames", "0"], "frames"),
         (["--rate", "-1"], "rate"),
+        (["--start", "yesterday"], "yesterday is no time"),
+        (["--start", "2050-01-01"], "from 1970 to 2037"),
         (["--width", "2"], "image size"),
         (["--baseline", "0"], "baseline"),
         (["--attenuation", "-1", "0"], "attenuation"),

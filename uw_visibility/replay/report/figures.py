@@ -14,9 +14,18 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from uw_visibility.errors import printable
 from uw_visibility.images.arrays import Array
 from uw_visibility.replay.report.sentences import number, rounded
-from uw_visibility.replay.report.svg import ESTIMATE, FILTERED, RULE, SENSOR, Spot, draw
+from uw_visibility.replay.report.svg import (
+    ESTIMATE,
+    FILTERED,
+    HOLLOW,
+    RULE,
+    SENSOR,
+    Spot,
+    draw,
+)
 
 Columns = Mapping[str, Array]
 
@@ -26,6 +35,8 @@ MOST_POINTS = 600
 # Room around the axes, in: left, right, below and above. The same for all, so that their
 # times stand above one another.
 MARGINS = (0.68, 0.1, 0.5, 0.28)
+# Beyond so many recordings there is no room for names.
+MOST_NAMES = 12
 # Smaller values are drawn here.
 LEAST_NIS = 1e-3
 # Lines break at gaps longer than this many median steps.
@@ -169,8 +180,8 @@ class _Panel(NamedTuple):
         value, stddev = columns[name], columns[f"{name}_stddev"]
         filtered, band = columns[f"filtered_{name}"], columns[f"filtered_{name}_stddev"]
         axes.errorbar(
-            time, value, stddev, fmt="o", markersize=2.6, color=ESTIMATE, elinewidth=0.7,
-            alpha=0.75, linewidth=0.0, label="a frame by itself, ± 1 σ", zorder=2,
+            time, value, stddev, fmt="o", markersize=_marker(len(time)), color=ESTIMATE,
+            elinewidth=0.7, alpha=0.75, linewidth=0.0, label="a frame by itself, ± 1 σ", zorder=2,
         )
         if np.isfinite(filtered).any():
             x, middle, spread = _with_gaps(time, filtered, band)
@@ -190,7 +201,26 @@ class _Panel(NamedTuple):
             axes.text(
                 0.5, 0.5, "not assessable", transform=axes.transAxes, ha="center", va="center")
         _finish(axes, time, narrow, f"{quantity.short} [{quantity.unit}]")
+        self._name_recordings(axes)
         return self._spots(axes)
+
+    def _name_recordings(self, axes: Any) -> None:
+        """Mark where each of several recordings begins, with its name above the points."""
+        bottom, top = axes.get_ylim()
+        if 0 < len(self.recordings) <= MOST_NAMES:
+            axes.set_ylim(bottom, top + 0.2 * (top - bottom))
+        for place, name in enumerate(self.recordings):
+            frames = np.flatnonzero(self.columns["recording"] == place)
+            if not frames.size:
+                continue
+            begin = float(self.time[frames[0]])
+            axes.axvline(begin, color=HOLLOW, linewidth=0.8, linestyle=":", zorder=0)
+            if len(self.recordings) <= MOST_NAMES:
+                # Neighbours' names on two lines. Folder names may hold a dollar sign.
+                axes.annotate(
+                    printable(name), (begin, 1.0), xycoords=("data", "axes fraction"),
+                    xytext=(3.0, -9.0 - 10.0 * (place % 2)), textcoords="offset points",
+                    fontsize="small", zorder=5, parse_math=False)
 
     def _spots(self, axes: Any) -> list[Spot]:
         """Return a strip around each point."""
@@ -226,8 +256,8 @@ class _Panel(NamedTuple):
 
 def _paint_nis(figure: Figure, time: Array, nis: Array) -> list[Spot]:
     axes: Any = figure.subplots()
-    axes.semilogy(time, np.maximum(nis, LEAST_NIS), "o", markersize=2.6, color=ESTIMATE,
-                  label="ν²/S")
+    axes.semilogy(time, np.maximum(nis, LEAST_NIS), "o", markersize=_marker(len(time)),
+                  color=ESTIMATE, label="ν²/S")
     axes.axhline(3.841, color=FILTERED, linewidth=1.2, linestyle="--", label="95 % of χ²")
     axes.set_ylim(LEAST_NIS / 2.0, max(20.0, 2.0 * float(np.nanmax(nis))))
     # Plain numbers: formulas take a fifth of the drawing time.
@@ -235,6 +265,11 @@ def _paint_nis(figure: Figure, time: Array, nis: Array) -> list[Spot]:
     axes.yaxis.set_minor_locator(matplotlib.ticker.NullLocator())
     _finish(axes, time, figure.get_figwidth() < 6.0, "ν²/S")
     return []
+
+
+def _marker(points: int) -> float:
+    """Return the size of a point's marker, in 1/72 in: larger where there are few."""
+    return 4.5 if points <= 100 else 2.6
 
 
 def _finish(axes: Any, time: Array, narrow: bool, label: str) -> None:

@@ -16,7 +16,7 @@ from matplotlib.ticker import ScalarFormatter
 from uw_visibility.errors import printable
 from uw_visibility.images.arrays import Array
 from uw_visibility.replay.inputs.sensors import EARTH_RADIUS, wrap_longitude
-from uw_visibility.replay.report.figures import Columns, thin
+from uw_visibility.replay.report.figures import MOST_NAMES, Columns, thin
 from uw_visibility.replay.report.sentences import amount, number
 from uw_visibility.replay.report.svg import HOLLOW, INK, NARROW, RULE, WIDE, Spot, draw, fit_layout
 
@@ -26,11 +26,9 @@ COLOURED = {
 }
 TRACK_COLUMNS = ("stamp", "longitude", "latitude", "x", "y", *COLOURED)
 LARGEST_HEIGHT = 6.0
-# Beyond so many tracks there is no room for names.
-MOST_NAMES = 12
 # Cosine of 89.4 degrees of latitude.
 LEAST_COSINE = 0.01
-# Ends nearer to the start than this share of the map have no label.
+# Ends nearer to the start than this share of the map have neither marker nor label.
 LABELLED = 0.08
 # Named tracks of several that start at one place.
 NAMED = 3
@@ -147,8 +145,11 @@ def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
 
 def _labels(
     tracks: list[_Track], metres: tuple[float, float], near: float
-) -> tuple[list[str], list[str]]:
-    """Return labels of starts and ends; one for all that are near one another, m."""
+) -> tuple[list[str], list[str | None]]:
+    """Return labels of starts and ends; one for all that are near one another, m.
+
+    An end that is near its start has none, and no marker.
+    """
     if len(tracks) > MOST_NAMES:
         return [""] * len(tracks), [""] * len(tracks)
     places = [np.column_stack([t.x[[0, -1]], t.y[[0, -1]]]) * metres for t in tracks]
@@ -158,7 +159,7 @@ def _labels(
             (k for k in names if math.dist(places[k][0], place[0]) <= near), index)
         names.setdefault(first, []).append(track.name)
     starts = [_start(names.get(index, [])) for index in range(len(tracks))]
-    return starts, ["end" if math.dist(*place) > near else "" for place in places]
+    return starts, ["end" if math.dist(*place) > near else None for place in places]
 
 
 def _start(names: list[str]) -> str:
@@ -168,7 +169,7 @@ def _start(names: list[str]) -> str:
 
 
 def _paint_track(
-    axes: Any, track: _Track, limits: tuple[float, float], start: str, end: str
+    axes: Any, track: _Track, limits: tuple[float, float], start: str, end: str | None
 ) -> Any:
     """Draw a track with labels of its ends; returns what has colours, if anything has."""
     axes.plot(track.x, track.y, color=HOLLOW, linewidth=0.8, zorder=1)
@@ -181,8 +182,10 @@ def _paint_track(
             track.x[seen], track.y[seen], s=22, c=track.seen[seen], cmap="viridis", zorder=3,
             edgecolors=HOLLOW, linewidths=0.3, vmin=limits[0], vmax=limits[1])
     for place, marker, label in ((0, "^", start), (-1, "s", end)):
-        axes.plot(track.x[place], track.y[place], marker=marker, markersize=9, zorder=4,
-                  markerfacecolor="none", markeredgecolor=INK, linewidth=0.0)
+        if label is None:
+            continue
+        axes.plot(track.x[place], track.y[place], marker=marker, markersize=12, zorder=4,
+                  markerfacecolor="none", markeredgecolor=INK, markeredgewidth=1.4, linewidth=0.0)
         if label:
             # Folder names may hold a dollar sign.
             axes.annotate(
