@@ -94,11 +94,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "diagnostics, and the left images and the depth sensor as recorded",
     )
     add("--netcdf", action="store_true", help="write frames.nc (CF trajectory; extra: netcdf)")
+    add(
+        "--attribute", metavar="NAME=TEXT", action="append", default=[],
+        help="global attribute of frames.nc, such as institution, license, title, summary or "
+        "creator_name (ACDD); may be repeated",
+    )
     add("--parquet", action="store_true", help="write frames.parquet (extra: parquet)")
     add(
-        "--join", metavar="TOPIC[.FIELD]", action="append", default=[],
+        "--join", metavar="TOPIC[.FIELD][=UNIT]", action="append", default=[],
         help="join a number of any topic by time: a column, and in the report a fit over the beam "
-        "attenuation, which comes to fit_TOPIC.json; may be repeated",
+        "attenuation, which comes to fit_TOPIC.json; UNIT as UDUNITS writes it; may be repeated",
     )
     add(
         "--join-tolerance", metavar="S", type=float, default=2.0,
@@ -159,6 +164,7 @@ def _options(arguments: argparse.Namespace) -> ReplayOptions:
     options = read_recording_options(
         arguments, geo=arguments.geo is not None,
         joins=tuple(ScalarTopic.parse(text) for text in arguments.join),
+        attributes=dict(map(_attribute, arguments.attribute)),
         turbidity=None if arguments.turbidity is None else LineFit.read(arguments.turbidity),
     )
     node = options.node
@@ -166,6 +172,13 @@ def _options(arguments: argparse.Namespace) -> ReplayOptions:
         node = replace(node, publish_depth_image=True, publish_points=True)
     return replace(
         options, node=node, wanted=replace(options.wanted, position=arguments.geo))
+
+
+def _attribute(text: str) -> tuple[str, str]:
+    name, _, value = text.partition("=")
+    if not value.strip():
+        raise InputError(f"--attribute is {text!r}: give a name and a text, as license=CC-BY-4.0")
+    return name, value
 
 
 def _replay(

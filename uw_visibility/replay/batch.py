@@ -160,7 +160,7 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
     if not difference and state.get("extras") != options.extras():
         difference = (
             "was made with another choice of --images, --video, --geo, --netcdf, --parquet, "
-            "--all-topics")
+            "--attribute, --all-topics")
     if difference:
         raise InputError(
             f"{target} exists already and {difference}: give another name, or --force to replace"

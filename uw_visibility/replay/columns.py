@@ -102,8 +102,8 @@ def word(value: Enum) -> str:
     return value.name.lower() if isinstance(value, Status) else str(value).replace(" ", "_")
 
 
-def _integer(source: str, title: str) -> Column:
-    return Column("integer", title, "1", source=source)
+def _integer(source: str, title: str, standard_name: str = "") -> Column:
+    return Column("integer", title, "1", "", standard_name, source=source)
 
 
 def _number(
@@ -171,7 +171,8 @@ def _visibility(prefix: str, source: str, of: str) -> dict[str, Column]:
             f"{prefix}mean_attenuation", f"{source}.visibility.mean_attenuation",
             f"mean attenuation α{of}", "m-1",
             "Mean over the channels that have light of what the water attenuates beyond clear sea "
-            "water (Roser et al. 2014, eq. 9)", status="" if prefix else "status"),
+            "water (Roser et al. 2014, eq. 9)", f"{BEAM}_corrected_for_pure_water_attenuance",
+            "" if prefix else "status"),
         **_with_stddev(
             f"{prefix}visibility_distance", f"{source}.visibility.distance",
             f"visibility distance{of}", "m",
@@ -256,12 +257,14 @@ COLUMNS: dict[str, Column] = {
     "filtering": _choice(
         "filtered.event", "what the frame did to the filter's state", TrackingEvent),
     "survey_frames": _integer(
-        "filtered.survey.frames", "frames that the filtered state is a survey of"),
+        "filtered.survey.frames", "frames that the filtered state is a survey of",
+        "number_of_observations"),
     "survey_range_min": _number(
         "filtered.survey.range_min", "least range of the survey", "m"),
     "survey_range_max": _number(
         "filtered.survey.range_max", "largest range of the survey", "m"),
-    "support_points": _integer("estimate.support_points", "support points of step 1"),
+    "support_points": _integer(
+        "estimate.support_points", "support points of step 1", "number_of_observations"),
     "coverage": _number(
         "estimate.coverage", "part of the left image that their mesh covers", "1"),
     "matched_fraction": _number(
@@ -299,7 +302,8 @@ TRANSECT_COLUMN = Column("text", "recording that the frame is of", description="
 """Column that tables of several recordings begin with."""
 
 
-def joined_column(title: str, index: int) -> Column:
+def joined_column(title: str, index: int, unit: str = "") -> Column:
     """Return the column of a joined topic, of its place among them."""
     return _number(
-        f"scalars.{index}", f"{title}, at the frame's stamp", "", "In the unit of the recording")
+        f"scalars.{index}", f"{title}, at the frame's stamp", unit,
+        "" if unit else "In the unit of the recording")

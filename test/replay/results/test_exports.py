@@ -64,8 +64,9 @@ def exported(transect: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("xarray", reason="the extra netcdf is not installed")
     pytest.importorskip("netCDF4", reason="the extra netcdf is not installed")
     pytest.importorskip("pyarrow", reason="the extra parquet is not installed")
-    options = ["--netcdf", "--parquet", "--geo", "/fix", "--join", "/ctd.temperature",
-               "--join", "/c"]
+    options = ["--netcdf", "--parquet", "--geo", "/fix", "--join", "/ctd.temperature=degC",
+               "--join", "/c=m-1", "--attribute", "license=CC-BY-4.0",
+               "--attribute", "institution=Institute of x=y"]
     assert run(bag, folder / "out", *options).code == 0
     return folder / "out"
 
@@ -108,7 +109,7 @@ def test_dictionary_describes_every_column(exported: Path, rows: list[dict[str, 
         for value in column.get("schema:valueReference", []):
             assert re.fullmatch(r"\w+", value["schema:value"])
             assert re.fullmatch(column["datatype"]["format"], value["schema:value"])
-        if column["datatype"] in ("double", "integer") and not name.startswith("joined_"):
+        if column["datatype"] in ("double", "integer"):
             assert column["schema:unitText"], name
 
 
@@ -129,11 +130,12 @@ def test_netcdf_is_a_trajectory_with_everything_in_it(
         column["name"]: column.get("schema:valueReference")
         for column in content["tableSchema"]["columns"]}
     with xarray.open_dataset(exported / "frames.nc") as data:
-        assert data.attrs["Conventions"] == "CF-1.11"
+        assert data.attrs["Conventions"] == "CF-1.11, ACDD-1.3"
         assert data.attrs["featureType"] == "trajectory"
         assert data.attrs["uw_visibility_version"]
         parameters = json.loads(data.attrs["uw_visibility_parameters"])
-        assert parameters["replay.join"] == ["/ctd.temperature", "/c"]
+        assert parameters["replay.join"] == ["/ctd.temperature=degC", "/c=m-1"]
+        assert data[TEMPERATURE].attrs["units"] == "degC"
         assert {"time", "lon", "lat", "sensor_depth"} <= set(data.coords)
         assert data["time"].values[1] == np.datetime64("2023-11-14T22:13:20.5")
         assert float(data["trajectory"].size) == 1
@@ -143,6 +145,10 @@ def test_netcdf_is_a_trajectory_with_everything_in_it(
         beam = data["attenuation_green"]
         assert beam.attrs["units"] == "m-1"
         assert beam.attrs["ancillary_variables"].split() == ["attenuation_green_stddev", "status"]
+        assert data["visibility_distance"].attrs["ancillary_variables"].split() == [
+            "visibility_distance_stddev", "visibility_distance_low", "visibility_distance_high",
+            "visibility_status"]
+        assert data["right_stamp"].values[1] == np.datetime64("2023-11-14T22:13:20.5")
         assert 520.0 < float(beam.coords["wavelength_green"]) < 540.0
         meanings = data["status"].attrs["flag_meanings"].split()
         assert len(meanings) == len(data["status"].attrs["flag_values"])
@@ -160,6 +166,46 @@ def test_netcdf_is_a_trajectory_with_everything_in_it(
         assert data["plausibility_reason"].values[0] == rows[0]["plausibility_reason"]
 
 
+def test_netcdf_says_what_it_is_when_and_where(
+    exported: Path, rows: list[dict[str, str]]
+) -> None:
+    xarray = pytest.importorskip("xarray")
+    with xarray.open_dataset(exported / "frames.nc") as data:
+        said = data.attrs
+        assert (said["license"], said["institution"]) == ("CC-BY-4.0", "Institute of x=y")
+        for name in ("title", "summary", "keywords", "id", "history", "source", "comment"):
+            assert said[name]
+        assert said["time_coverage_start"] == rows[0]["datetime"]
+        assert said["time_coverage_end"] == rows[-1]["datetime"]
+        assert said["time_coverage_duration"] == "PT2.500S"
+        assert said["time_coverage_resolution"] == "PT0.500S"
+        places = [float(row["longitude"]) for row in rows if row["longitude"]]
+        assert (said["geospatial_lon_min"], said["geospatial_lon_max"]) == (
+            min(places), max(places))
+        assert said["geospatial_lat_min"] == said["geospatial_lat_max"] == 59.5
+        depths = [float(row["sensor_depth"]) for row in rows if row["sensor_depth"]]
+        assert said["geospatial_vertical_max"] == max(depths)
+        assert said["geospatial_vertical_positive"] == "down"
+        assert f"59.5 {max(places)!r}" in said["geospatial_bounds"]
+        kinds = {data[name].attrs["coverage_content_type"] for name in data.data_vars
+                 if data[name].attrs.get("coverage_content_type")}
+        assert kinds == {"physicalMeasurement", "qualityInformation", "auxiliaryInformation"}
+
+
+@pytest.mark.parametrize("words, told", [
+    (["--netcdf", "--attribute", "licence=x"], "--attribute names licence: give one of title, "),
+    (["--netcdf", "--attribute", "license"], "--attribute is 'license': give a name and a text"),
+    (["--attribute", "license=x"], "--attribute is given without --netcdf"),
+    (["--join", "/c="], "--join is '/c=': give a unit as UDUNITS writes it"),
+])
+def test_attributes_and_units_that_cannot_be_used_are_named(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], told: str
+) -> None:
+    done = run(transect, tmp_path / "out", *words, capsys=capsys)
+    assert done.code == 2
+    assert told in done.err
+
+
 @pytest.mark.node
 def test_netcdf_passes_the_checker_of_ioos(exported: Path) -> None:
     checker = shutil.which("compliance-checker", path=Path(sys.executable).parent)
@@ -171,6 +217,15 @@ def test_netcdf_passes_the_checker_of_ioos(exported: Path) -> None:
     )
     assert done.returncode == 0, done.stdout
     assert "All tests passed!" in done.stdout
+    done = subprocess.run(
+        [checker, "-t", "acdd:1.3", str(exported / "frames.nc")], capture_output=True, text=True,
+        check=False)
+    found = re.findall(r"^\* (.+)$", done.stdout, re.MULTILINE)
+    # CF has no standard name for some quantities; what else there is only a user knows.
+    others = [line for line in found if line != "standard_name"]
+    assert len(others) <= 10, others
+    assert all(re.match(r"(acknowledg|creator|publisher|project|naming|Attr date)", line)
+               for line in others), others
 
 
 def test_a_long_table_is_written_in_slices(exported: Path, tmp_path: Path) -> None:
@@ -181,7 +236,7 @@ def test_a_long_table_is_written_in_slices(exported: Path, tmp_path: Path) -> No
     for k in range(5000):
         table.write({**{c: row[c] for c in COLUMNS}, "frame": str(k), "depth": repr(0.5 * k)})
     table.close()
-    provenance = {"bag": "long", "version": "0"}
+    provenance = {"bag": "long", "version": "0", "parameters": {}, "input_sha256": "0"}
     tracemalloc.start()
     write_netcdf(
         tmp_path / "frames.nc", tmp_path / "frames.csv", COLUMNS, provenance, np.full(3, 500.0))

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -19,6 +19,15 @@ from uw_visibility.replay.inputs.topics import POSITION_TYPES, Wanted, check_top
 from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.stores import Place, recording_here
 
+ATTRIBUTES = (
+    "title", "summary", "keywords", "institution", "license", "id", "naming_authority", "project",
+    "program", "acknowledgement", "comment", "platform", "platform_vocabulary", "instrument",
+    "instrument_vocabulary", "metadata_link", "date_created", "date_issued",
+    *(f"{role}_{what}" for role in ("creator", "publisher")
+      for what in ("name", "email", "url", "type", "institution")),
+    "contributor_name", "contributor_role",
+)
+"""Global attributes of the ACDD that a user may give; the others are what the table shows."""
 # Seconds that no recording is longer than.
 LONGEST = 1e9
 
@@ -57,6 +66,8 @@ class ReplayOptions:
         Values of theirs further apart than this are not neighbours, s.
     turbidity : LineFit or None
         What turns attenuation into the turbidity that a sensor would read.
+    attributes : dict of str to str
+        Global attributes of ``frames.nc`` by name: those of ACDD that only a user knows.
     several : bool
         Whether this is one of several recordings: what it lacks of the topics to join is told,
         and the rest has its result.
@@ -82,6 +93,7 @@ class ReplayOptions:
     joins: tuple[ScalarTopic, ...] = ()
     join_tolerance: float = 2.0
     turbidity: LineFit | None = None
+    attributes: Mapping[str, str] = field(default_factory=dict)
     several: bool = False
 
     def __post_init__(self) -> None:
@@ -105,6 +117,12 @@ class ReplayOptions:
         twice = [str(join) for join in self.joins if columns.count(join.column) > 1]
         if twice:
             raise InputError(f"--join names {twice[0]} twice: once is enough")
+        if self.attributes and not self.netcdf:
+            raise InputError("--attribute is given without --netcdf: only frames.nc has attributes")
+        unknown = [name for name in self.attributes if name not in ATTRIBUTES]
+        if unknown:
+            raise InputError(
+                f"--attribute names {unknown[0]}: give one of {', '.join(ATTRIBUTES)}")
 
     def parameters(self) -> dict[str, Any]:
         """Return everything that changes results, for provenance, as JSON has it."""
@@ -117,7 +135,8 @@ class ReplayOptions:
             "replay.calibration": None if self.infos is None else repr(self.infos),
             "replay.match_original": self.match_original,
             "replay.origin": self.origin,
-            "replay.join": [str(join) for join in self.joins],
+            "replay.join": [
+                f"{join}={join.unit}" if join.unit else str(join) for join in self.joins],
             "replay.join_tolerance": self.join_tolerance,
             "replay.turbidity": None if self.turbidity is None else asdict(self.turbidity),
             **{f"replay.{name}": topic for name, topic in asdict(self.wanted).items()},
@@ -127,7 +146,8 @@ class ReplayOptions:
     def extras(self) -> dict[str, Any]:
         """Return the outputs beside the table and the messages, for JSON."""
         names = ("images", "video", "geo", "netcdf", "parquet", "all_topics")
-        return {name: getattr(self, name) for name in names}
+        return {name: getattr(self, name) for name in names} | {
+            "attributes": dict(self.attributes)}
 
     def with_threads(self, threads: int) -> ReplayOptions:
         """Return the options with so many threads for each frame, if none are given."""

@@ -140,22 +140,29 @@ class ScalarTopic:
     ----------
     field : str
         Path of the field, parts and indices with dots between; empty takes the only number.
+    unit : str
+        As UDUNITS writes it; empty where it is not told.
     """
 
     topic: str
     field: str = ""
+    unit: str = ""
 
     @classmethod
     def parse(cls, text: str) -> ScalarTopic:
-        """Read ``TOPIC`` or ``TOPIC.field.of.it``: names of topics have no dots.
+        """Read ``TOPIC`` or ``TOPIC.field.of.it``, and ``=unit``: names of topics have no dots.
 
-        Raises `InputError` if there is no topic, or a part of the path is empty.
+        Raises `InputError` if there is no topic, or a part of the path or the unit is empty.
         """
-        topic, _, field = text.partition(".")
-        if not topic or text.endswith(".") or ".." in text:
+        name, told, unit = text.partition("=")
+        topic, _, field = name.partition(".")
+        if not topic or name.endswith(".") or ".." in name:
             raise InputError(
                 f"--join is {text!r}: give a topic, or a topic and a field as /ctd.temperature")
-        return cls(topic, field)
+        if told and not re.fullmatch(r"[\w%°*/^.() -]*\w[\w%°*/^.() -]*|%", unit):
+            raise InputError(
+                f"--join is {text!r}: give a unit as UDUNITS writes it, as /ctd.temperature=degC")
+        return cls(topic, field, unit)
 
     def __str__(self) -> str:
         return f"{self.topic}.{self.field}" if self.field else self.topic

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.errors import needing
 from uw_visibility.images.arrays import Array
+from uw_visibility.messages.stamps import iso_time
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, Column
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.results.provenance import texts_of
@@ -57,7 +59,9 @@ def write_exports(
         write_geojson(folder / "frames.geojson", read_rows(table), more)
     if options.netcdf:
         wavelengths = DerivedModel.from_config(options.pipeline).effective_wavelengths
-        write_netcdf(folder / "frames.nc", table, columns, attributes, wavelengths, transects)
+        write_netcdf(
+            folder / "frames.nc", table, columns, attributes, wavelengths, transects,
+            options.attributes)
     if options.parquet:
         _write_parquet(folder / "frames.parquet", table, columns, attributes)
 
@@ -155,12 +159,12 @@ def _metadata(column: Column) -> dict[str, str]:
     return {key: value for key, value in found.items() if value}
 
 
-CONVENTIONS = "CF-1.11"
+CONVENTIONS = "CF-1.11, ACDD-1.3"
 DIMENSION = "obs"
 # Differs from the variable's name: CF coordinate variables must be numeric.
 INSTANCES = "transects"
-COORDINATES = ("datetime", "longitude", "latitude", "sensor_depth")
-"""Columns that say when and where."""
+COORDINATES = ("datetime", "longitude", "latitude", "sensor_depth", "frame", "x", "y")
+"""Columns that say when and where, and which frame."""
 _UNKNOWN = np.int8(-1)
 
 _EPOCH = "seconds since 1970-01-01 00:00:00"
@@ -175,8 +179,9 @@ def write_netcdf(
     attributes: Mapping[str, Any],
     wavelengths: Array,
     transects: Sequence[str] = (),
+    given: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a table as a CF trajectory, in slices.
+    """Write a table as a CF trajectory, in slices, with the attributes of the ACDD.
 
     Parameters
     ----------
@@ -191,19 +196,28 @@ def write_netcdf(
     transects : sequence of str
         Names in the column `TRANSECT`, of a table of several recordings: an indexed ragged
         array (chapter H.4.4).
+    given : mapping of str to str, optional
+        Global attributes that stand before those of this package.
 
     References
     ----------
+    Attribute Convention for Data Discovery (ACDD) 1.3,
+    https://wiki.esipfed.org/Attribute_Convention_for_Data_Discovery_1-3
     NetCDF Climate and Forecast (CF) Metadata Conventions, version 1.11, chapter 9,
     https://cfconventions.org
     """
     xarray, netcdf = import_netcdf()
     written = 0
+    extents = dict.fromkeys(map(_name, COORDINATES), (np.inf, -np.inf))
     for number, part in enumerate(slices(table, columns)):
         values = {_name(name): _values(part[name], column) for name, column in columns.items()}
         if transects:
             place = {name: number for number, name in enumerate(transects)}
             values[TRANSECT] = np.array([place[name] for name in part[TRANSECT]], np.int32)
+        for name, (low, high) in extents.items():
+            known = values[name][np.isfinite(values[name])]
+            extents[name] = (
+                float(known.min(initial=low)), float(known.max(initial=high)))
         if number == 0:
             # xarray creates the file with an unlimited dimension; netCDF4 appends.
             xarray.Dataset(
@@ -225,6 +239,40 @@ def write_netcdf(
                 for name, array in values.items():
                     file[name][written:written + len(array)] = array
         written += len(part["frame"])
+    with netcdf.Dataset(path, "a") as file:
+        file.setncatts(_bounds(extents, written) | dict(given or {}))
+
+
+def _bounds(extents: Mapping[str, tuple[float, float]], rows: int) -> dict[str, str | float]:
+    """Return the attributes that say when and where: of what is known of smallest and largest."""
+    known = {name: ends for name, ends in extents.items() if ends[0] <= ends[1]}
+    found: dict[str, str | float] = {}
+    if "time" in known:
+        start, end = known["time"]
+        found = {
+            "time_coverage_start": iso_time(round(start * 1e9)),
+            "time_coverage_end": iso_time(round(end * 1e9)),
+            "time_coverage_duration": f"PT{end - start:.3f}S",
+            "time_coverage_resolution": f"PT{(end - start) / max(rows - 1, 1):.3f}S",
+        }
+    for name, kind, unit in (
+        ("lat", "lat", "degrees_north"), ("lon", "lon", "degrees_east"),
+        ("sensor_depth", "vertical", "m"),
+    ):
+        if name in known:
+            ends = dict(zip(("min", "max"), known[name], strict=True))
+            found |= {f"geospatial_{kind}_{end}": value for end, value in ends.items()}
+            found[f"geospatial_{kind}_units"] = unit
+    if "lat" in known and "lon" in known:
+        (south, north), (west, east) = known["lat"], known["lon"]
+        corners = ((south, west), (south, east), (north, east), (north, west), (south, west))
+        found["geospatial_bounds"] = f"POLYGON (({', '.join(f'{a!r} {b!r}' for a, b in corners)}))"
+        found["geospatial_bounds_crs"] = "EPSG:4326"
+    if "sensor_depth" in known:
+        # Depth below the water's surface at the time.
+        found |= {"geospatial_vertical_positive": "down",
+                  "geospatial_bounds_vertical_crs": "EPSG:5831"}
+    return found
 
 
 def import_netcdf() -> tuple[Any, Any]:
@@ -257,12 +305,13 @@ def _attributes(name: str, columns: Mapping[str, Column]) -> dict[str, Any]:
         found["standard_name"] = column.standard_name
     if column.description:
         found["comment"] = column.description
-    if column.kind == "datetime":
+    if column.kind == "datetime" or column.unit == "s":
         return found | {
-            "standard_name": "time", "units": _EPOCH, "calendar": "standard", "axis": "T",
+            "standard_name": "time", "units": _EPOCH, "calendar": "standard",
             # Computer clocks have no leap seconds.
             "units_metadata": "leap_seconds: none",
-        }
+        } | ({"axis": "T"} if column.kind == "datetime" else {})
+    found["coverage_content_type"] = _content(name, column)
     if name not in COORDINATES:
         channel = [f"wavelength_{c}" for c in CHANNELS if f"attenuation_{c}" in name]
         places = [_name(place) for place in COORDINATES if place in columns]
@@ -284,11 +333,21 @@ def _attributes(name: str, columns: Mapping[str, Column]) -> dict[str, Any]:
         found["positive"] = "down"
     if name in ("longitude", "latitude"):
         found["axis"] = "X" if name == "longitude" else "Y"
-    beside = [f"{name}_stddev"] * (f"{name}_stddev" in columns) + [column.status] * bool(
-        column.status)
+    beside = [
+        *(f"{name}_{end}" for end in ("stddev", "low", "high") if f"{name}_{end}" in columns),
+        *[column.status] * bool(column.status)]
     if beside:
         found["ancillary_variables"] = " ".join(beside)
     return found
+
+
+def _content(name: str, column: Column) -> str:
+    """Return what a column is, as ISO 19115-1 has it."""
+    if name in COORDINATES:
+        return "coordinate"
+    if column.stddev_of or column.bound_of or column.kind == "choice":
+        return "qualityInformation"
+    return "physicalMeasurement" if column.unit != "1" else "auxiliaryInformation"
 
 
 def _encoding(column: Column) -> dict[str, Any]:
@@ -323,6 +382,17 @@ def _global(attributes: Mapping[str, Any]) -> dict[str, str]:
     return {
         "Conventions": CONVENTIONS, "featureType": "trajectory",
         "title": "Water attenuation, visibility and depth from a stereo camera",
+        "summary": "Attenuation of light by water in three colour channels, visibility, depth and "
+        "what derives from them, with standard deviations: of each stereo pair by itself and "
+        "filtered over pairs.",
+        "keywords": "EARTH SCIENCE > OCEANS > OCEAN OPTICS > ATTENUATION/TRANSMISSION, EARTH "
+        "SCIENCE > OCEANS > OCEAN OPTICS > SECCHI DEPTH",
+        "keywords_vocabulary": "GCMD Science Keywords",
+        "standard_name_vocabulary": "CF Standard Name Table v90",
+        "processing_level": "geophysical quantities of each frame, and filtered over frames",
+        # The same recording and parameters have the same one.
+        "id": str(uuid.uuid5(uuid.NAMESPACE_OID, texts["input_sha256"] + texts["parameters"])),
+        "product_version": texts["version"],
         "source": "images of a stereo camera under water",
         "history": f"uw_visibility {texts['version']}, replay of {texts['bag']}",
         "references": "Roser, Dunbabin and Geiger, Simultaneous Underwater Visibility "

@@ -31,7 +31,8 @@ def columns_of(options: ReplayOptions) -> dict[str, Column]:
     """Return the columns of the table that a replay writes."""
     return {
         **COLUMNS, **(TURBIDITY if options.turbidity else {}),
-        **{join.column: joined_column(str(join), k) for k, join in enumerate(options.joins)},
+        **{join.column: joined_column(str(join), k, join.unit)
+           for k, join in enumerate(options.joins)},
     }
 
 
