@@ -1,16 +1,16 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Options that commands share: described ones, the node's parameter file, recordings."""
+"""Options that commands share: the node's parameter file, recordings."""
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.errors import InputError, needing
@@ -21,44 +21,8 @@ if TYPE_CHECKING:
     from uw_visibility.replay.stores import Place
 
 Made = TypeVar("Made")
-Options: TypeAlias = Mapping[str, tuple[Any, ...]]
-"""Default and help by option name and metavars.
-
-The default tells the type, float without one, unless it is given behind the help. Braces hold
-choices, dots stand for one value or more.
-"""
 # Processes for each processor: more only take memory.
 MOST_JOBS = 8
-
-
-def add_described(parser: argparse._ActionsContainer, options: Options) -> None:
-    """Add options to a parser, or to a group of one; help ends with the default."""
-    for named, (default, text, *kind) in options.items():
-        name, *values = named.split()
-        if default is False:
-            parser.add_argument(name, action="store_true", help=text)
-            continue
-        shown = default if isinstance(default, tuple | list) else (default,)
-        told = default in (None, []) or text.endswith(")")
-        how: dict[str, Any] = {"metavar": values[0]}
-        if values[-1] == "...":
-            how["nargs"] = "+"
-        elif len(values) > 1:
-            how |= {"nargs": len(values), "metavar": tuple(values)}
-        elif values[0].startswith("{"):
-            how = {"choices": values[0].strip("{}").split(",")}
-        parser.add_argument(
-            name, default=default, type=kind[0] if kind else _kind(shown[0]),
-            help=text if told else f"{text} ({' '.join(map(_shown, shown))})", **how,
-        )
-
-
-def _kind(value: Any) -> type:
-    return float if value is None else type(value)
-
-
-def _shown(value: Any) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
 
 
 def of_arguments(

@@ -8,11 +8,9 @@ import logging
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
 from typing import Any, TypeVar
 
-from uw_visibility.errors import LONGEST_MESSAGE, printable, refusing
+from uw_visibility.errors import LONGEST_MESSAGE, printable
 
 PERIOD = 10.0
 
@@ -99,33 +97,6 @@ def progress_bar(
     finally:
         for counter in counters:
             counter.close()
-
-
-@contextmanager
-def progress_log(path: Path | None, name: str) -> Iterator[logging.Logger | None]:
-    """Open a log of long work, with dated lines: its begin, its progress, its end or failure.
-
-    Lines are added to a file that is there; without a path there is no log, None.
-    """
-    if path is None:
-        yield None
-        return
-    with refusing(f"cannot write log {path}"):
-        handler = logging.FileHandler(path, encoding="utf-8")
-    handler.setFormatter(logging.Formatter("%(asctime)s %(message)s", "%Y-%m-%dT%H:%M:%S%z"))
-    # Of no one else's loggers, and no one else's.
-    log = logging.Logger("uw_visibility")
-    log.addHandler(handler)
-    log.info("%s: begins", name)
-    try:
-        yield log
-    except BaseException as error:
-        log.info("%s: ended by %s", name, str(error) or type(error).__name__)
-        raise
-    else:
-        log.info("%s: done", name)
-    finally:
-        handler.close()
 
 
 def tell(text: str) -> None:

@@ -13,7 +13,8 @@ import pytest
 
 from uw_visibility.cli import main
 from uw_visibility.replay import progress as progress_of_replay
-from uw_visibility.replay.progress import progress_bar, progress_log
+from uw_visibility.replay.progress import progress_bar
+from uw_visibility_lab.commands.evaluate import progress_log
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.commands.options import add_described
 from uw_visibility.errors import needing, refusing
+from uw_visibility_lab.commands.described import add_described
 
 HELP = "simulate, run the node, play the bag into it, report"
 DESCRIPTION = """\

@@ -5,14 +5,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from uw_visibility.commands.options import Options, add_described
 from uw_visibility.config.files import Products, gathered, refuse_inputs, sole_writer
-from uw_visibility.errors import InputError, check_range, needing
-from uw_visibility.replay.progress import progress_bar, progress_log, say
+from uw_visibility.errors import InputError, check_range, needing, refusing
+from uw_visibility.replay.progress import progress_bar, say
+from uw_visibility_lab.commands.described import Options, add_described
 
 if TYPE_CHECKING:
     from uw_visibility.config.schema import PipelineConfig
@@ -157,6 +159,33 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--force", action="store_true", help="replace what an evaluation left there")
     for title, options in OPTIONS.items():
         add_described(parser.add_argument_group(title) if title else parser, options)
+
+
+@contextmanager
+def progress_log(path: Path | None, name: str) -> Iterator[logging.Logger | None]:
+    """Open a log of long work, with dated lines: its begin, its progress, its end or failure.
+
+    Lines are added to a file that is there; without a path there is no log, None.
+    """
+    if path is None:
+        yield None
+        return
+    with refusing(f"cannot write log {path}"):
+        handler = logging.FileHandler(path, encoding="utf-8")
+    handler.setFormatter(logging.Formatter("%(asctime)s %(message)s", "%Y-%m-%dT%H:%M:%S%z"))
+    # Of no one else's loggers, and no one else's.
+    log = logging.Logger("uw_visibility")
+    log.addHandler(handler)
+    log.info("%s: begins", name)
+    try:
+        yield log
+    except BaseException as error:
+        log.info("%s: ended by %s", name, str(error) or type(error).__name__)
+        raise
+    else:
+        log.info("%s: done", name)
+    finally:
+        handler.close()
 
 
 Written = tuple[Callable[[Path], object], str]

@@ -11,9 +11,9 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from uw_visibility.commands.options import Options, add_described
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.replay.progress import progress_bar, say
+from uw_visibility_lab.commands.described import Options, add_described
 
 if TYPE_CHECKING:
     from uw_visibility_lab.posterior.judge import Case, Estimator

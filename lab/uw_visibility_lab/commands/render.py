@@ -8,9 +8,9 @@ import argparse
 import re
 from pathlib import Path
 
-from uw_visibility.commands.options import Options, add_described
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.replay.progress import say
+from uw_visibility_lab.commands.described import Options, add_described
 
 HELP = "path-traced scenes under water with their truth"
 DESCRIPTION = """\

@@ -10,9 +10,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from uw_visibility.commands.options import Options, add_described, of_arguments
+from uw_visibility.commands.options import of_arguments
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.replay.progress import say
+from uw_visibility_lab.commands.described import Options, add_described
 
 if TYPE_CHECKING:
     from uw_visibility_lab.simulation.camera import Sensor

@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.commands.options import Options, add_described
 from uw_visibility.config.files import refuse_inputs
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.replay.progress import say
+from uw_visibility_lab.commands.described import Options, add_described
 
 HELP = "a posterior of the water, trained on random views"
 DESCRIPTION = """\

@@ -84,9 +84,9 @@ def test_when_where_and_how_far_one_could_see() -> None:
         "Visibility distance was from 4.00 ± 0.10 m to 8.10 ± 0.10 m, median 7.45 m")
     assert "2.35/β of green, the clearest channel" in sentences[1]
     assert "sure to be" not in sentences[3]
-    assert sentences[2].endswith("worst in frames 4-5, best in frames 0-2.")
+    assert sentences[2].endswith("worst in frame 4, best in frame 1.")
     assert "beyond" not in sentences[3]
-    linked = [part.frame for part in verdict(summary)[2] if not isinstance(part, str)]
+    linked = [part.number for part in verdict(summary)[2] if not isinstance(part, str)]
     assert linked == [4, 1]
     assert sentences[-1] == "Frames were not filtered: each stands by itself."
 

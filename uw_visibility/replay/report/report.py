@@ -30,7 +30,7 @@ from uw_visibility.replay.report.figures import NEEDED, Columns, draw_series
 from uw_visibility.replay.report.gallery import ColourScale, Gallery, gradient, preview
 from uw_visibility.replay.report.meaning import meaning
 from uw_visibility.replay.report.sentences import (
-    Frames,
+    Frame,
     amount,
     clock,
     definition,
@@ -121,7 +121,7 @@ def _representative(folder: Path, summary: Summary) -> set[str]:
     spaced = np.unique(np.linspace(0, len(rows) - 1, EVENLY_SPACED).round().astype(int))
     chosen = {rows[index][0] for index in spaced}
     for parts in verdict(summary):
-        chosen |= {str(part.frame) for part in parts if isinstance(part, Frames)}
+        chosen |= {str(part.number) for part in parts if isinstance(part, Frame)}
     refused = {
         (status, place): frame for frame, statuses in reversed(rows)
         for place, status in enumerate(statuses) if status != "ok"
@@ -199,9 +199,9 @@ OVERVIEW_COLUMNS = (
     "mean_attenuation", "mean_attenuation_stddev", "depth", "depth_stddev", *MATCHED)
 
 
-def _part(part: str | Frames, linked: Collection[str]) -> dict[str, str]:
+def _part(part: str | Frame, linked: Collection[str]) -> dict[str, str]:
     """Return a part of a sentence; frames with a picture on the page link to it."""
-    frame = str(part.frame) if isinstance(part, Frames) else ""
+    frame = str(part.number) if isinstance(part, Frame) else ""
     return {"text": str(part), "href": f"#frame-{frame}" if frame in linked else ""}
 
 

@@ -15,7 +15,7 @@ from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.report.meaning import MEANINGS
 from uw_visibility.replay.results.refusals import DISTANCE, WHOLE_FRAME, Refusal
 from uw_visibility.replay.results.summary import TAKEN, Summary
-from uw_visibility.replay.results.synopsis import TOLD, Extreme, Synopsis
+from uw_visibility.replay.results.synopsis import TOLD, Synopsis
 from uw_visibility.water.meaning.derived import QUANTITIES
 from uw_visibility.water.series.tracking import TrackingEvent
 
@@ -27,17 +27,16 @@ CLOCK_NOT_SET = (
     "The recording's clock was not set: times are from when it began, not those of the day.")
 
 
-class Frames(NamedTuple):
-    """Numbers of frames in a sentence, to be linked to the picture of the one to look at."""
+class Frame(NamedTuple):
+    """Frame in a sentence, to be linked to its picture."""
 
-    text: str
-    frame: int
+    number: int
 
     def __str__(self) -> str:
-        return self.text
+        return f"frame {self.number}"
 
 
-Sentence = list[str | Frames]
+Sentence = list[str | Frame]
 
 
 def verdict(summary: Summary) -> list[Sentence]:
@@ -164,13 +163,12 @@ def _distance(synopsis: Synopsis) -> Sentence:
             f"Visibility distance was {_value(synopsis.median, spread)} {where}: what differs "
             f"between frames {others}is within the standard deviations. "
             f"Lowest, {number(low.value)} m, in ",
-            Frames(f"frame {low.frame}", low.frame), f".{apart}",
+            Frame(low.frame), f".{apart}",
         ]
     return [
         f"Visibility distance was from {_value(low.value, low.stddev)} to "
         f"{_value(high.value, high.stddev)}, median {number(synopsis.median)} m; worst in ",
-        *_frames(low), ", best in ",
-        *_frames(high), f".{apart}",
+        Frame(low.frame), ", best in ", Frame(high.frame), f".{apart}",
     ]
 
 
@@ -276,17 +274,6 @@ def _channels(synopsis: Synopsis) -> str:
         return f"{counts[0][0]}, the clearest channel"
     named = ", ".join(f"{name} in {amount(count, 'frame')}" for name, count in counts)
     return f"the clearest channel: {named}"
-
-
-def _frames(extreme: Extreme) -> Sentence:
-    parts: Sentence = []
-    several = len(extreme.runs) > 1 or extreme.runs[0][0] != extreme.runs[0][1]
-    for first, last in extreme.runs:
-        parts.append(", " if parts else "frames " if several else "frame ")
-        inside = first <= extreme.frame <= last
-        text = str(first) if first == last else f"{first}-{last}"
-        parts.append(Frames(text, extreme.frame if inside else first))
-    return parts
 
 
 def _value(value: float, stddev: float) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -24,8 +24,6 @@ from uw_visibility.water.series.tracking import TrackingEvent
 SIGNIFICANT = 2.0
 # Quantities that a verdict begins with, in this order.
 TOLD = ("black_disc_visibility", "visibility_distance", "secchi_depth", "diffuse_attenuation_490")
-# Runs of frames that are named at most.
-MOST_RUNS = 3
 
 
 @dataclass(frozen=True)
@@ -38,15 +36,11 @@ class Extreme:
         Number of the frame that shows it.
     value, stddev : float
         m.
-    runs : list of list of int
-        First and last frame of each run of neighbours whose bound is within one standard
-        deviation of this one's; the longest runs.
     """
 
     frame: int
     value: float
     stddev: float
-    runs: list[list[int]]
 
 
 @dataclass(frozen=True)
@@ -260,18 +254,4 @@ def apart(low: float, low_stddev: float, high: float, high_stddev: float) -> boo
 def _extreme(frames: NDArray[np.int64], distance: Array, stddev: Array, sign: float) -> Extreme:
     """Return the smallest distance for certain (sign 1), or the largest one (sign -1)."""
     place = int(np.nanargmin(sign * distance + stddev))
-    with np.errstate(invalid="ignore"):
-        alike = sign * distance + stddev <= sign * distance[place] + 2.0 * stddev[place]
-    return Extreme(
-        int(frames[place]), float(distance[place]), float(stddev[place]),
-        [[int(frames[first]), int(frames[last])] for first, last in _runs(alike, place)],
-    )
-
-
-def _runs(chosen: NDArray[np.bool_], place: int) -> Sequence[tuple[int, int]]:
-    """Return first and last frame of the longest runs, and of the run that holds `place`."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], chosen.astype(np.int8), [0]))))
-    runs = [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]
-    # The run with the place first, then by length.
-    runs.sort(key=lambda run: (not run[0] <= place <= run[1], run[0] - run[1]))
-    return sorted(runs[:MOST_RUNS])
+    return Extreme(int(frames[place]), float(distance[place]), float(stddev[place]))
