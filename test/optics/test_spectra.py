@@ -95,16 +95,6 @@ def test_an_unknown_response_names_the_known_ones():
         optics.load_response("gopro")
 
 
-def test_attenuation_is_the_sum_of_its_parts():
-    total = optics.compose_attenuation([0.2, 0.1, 0.0], 0.3, [0.1, 0.2, 0.3], 0.05)
-    np.testing.assert_allclose(total, [0.65, 0.65, 0.65])
-
-
-def test_negative_attenuation_is_refused():
-    with pytest.raises(InputError, match="particle absorption"):
-        optics.compose_attenuation(0.1, 0.1, [0.1, -0.1, 0.1])
-
-
 def test_theoretical_chromaticity_follows_the_exponential_law():
     kappa = np.array([0.228, 0.066, 0.025])
     light = np.array([1.2, 1.0, 0.7]) * np.exp(-kappa * 3.5)

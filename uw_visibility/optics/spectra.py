@@ -124,33 +124,6 @@ def clear_water_attenuation(response: CameraResponse) -> Array:
     return response.band_average(*clear_water_spectrum())
 
 
-def compose_attenuation(
-    clear_water: ArrayLike, particle_scattering: ArrayLike = 0.0,
-    particle_absorption: ArrayLike = 0.0, dissolved_absorption: ArrayLike = 0.0,
-) -> Array:
-    """Total beam attenuation β = K_w + b_p + a_p + a_y, 1/m (eq. 3, its lower bound).
-
-    Coefficients are in 1/m, per channel or per wavelength; shapes broadcast.
-
-    Raises
-    ------
-    InputError
-        If a coefficient is negative.
-    """
-    terms = {
-        "clear water attenuation": clear_water,
-        "particle scattering": particle_scattering,
-        "particle absorption": particle_absorption,
-        "absorption of dissolved matter": dissolved_absorption}
-    total = np.zeros(())
-    for name, term in terms.items():
-        coefficient = np.asarray(term, dtype=np.float64)
-        if not (coefficient >= 0).all():
-            raise InputError(f"{name} is negative: give 1/m, 0 or more")
-        total = total + coefficient
-    return total
-
-
 def daylight_spectrum() -> tuple[Array, Array]:
     """Wavelength, nm, rising, and relative power of the CIE standard daylight D55."""
     name = "daylight_d55.csv"

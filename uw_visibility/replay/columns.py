@@ -49,8 +49,6 @@ class Column:
         What each of `choices` says in reports and messages.
     stddev_of : str
         The column whose standard deviation this is.
-    bound_of : str
-        The column whose 16 or 84 % quantile this is.
     status : str
         The column that says why a value is missing.
     source : str
@@ -66,7 +64,6 @@ class Column:
     choices: tuple[str, ...] = ()
     meanings: tuple[str, ...] = ()
     stddev_of: str = ""
-    bound_of: str = ""
     status: str = ""
     source: str = ""
 
@@ -136,10 +133,10 @@ def _with_stddev(
 def _interval(name: str, source: str, title: str) -> dict[str, Column]:
     """Return the columns of a distance's 16 and 84 % quantiles."""
     return {
-        f"{name}_{end}": replace(_number(
+        f"{name}_{end}": _number(
             f"{source}_{end}", f"{title}, {quantile} % quantile", "m",
             "Attenuation is uncertain by a factor, so that the distance is farther above its "
-            "median than below"), bound_of=name)
+            "median than below")
         for end, quantile in (("low", 16), ("high", 84))
     }
 

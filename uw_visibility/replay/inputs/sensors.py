@@ -159,7 +159,7 @@ class ScalarTopic:
         if not topic or name.endswith(".") or ".." in name:
             raise InputError(
                 f"--join is {text!r}: give a topic, or a topic and a field as /ctd.temperature")
-        if told and not re.fullmatch(r"[\w%°*/^.() -]*\w[\w%°*/^.() -]*|%", unit):
+        if told and not unit.strip():
             raise InputError(
                 f"--join is {text!r}: give a unit as UDUNITS writes it, as /ctd.temperature=degC")
         return cls(topic, field, unit)

@@ -246,23 +246,23 @@ def write_netcdf(
 def _bounds(extents: Mapping[str, tuple[float, float]], rows: int) -> dict[str, str | float]:
     """Return the attributes that say when and where: of what is known of smallest and largest."""
     known = {name: ends for name, ends in extents.items() if ends[0] <= ends[1]}
-    found: dict[str, str | float] = {}
-    if "time" in known:
-        start, end = known["time"]
-        found = {
-            "time_coverage_start": iso_time(round(start * 1e9)),
-            "time_coverage_end": iso_time(round(end * 1e9)),
-            "time_coverage_duration": f"PT{end - start:.3f}S",
-            "time_coverage_resolution": f"PT{(end - start) / max(rows - 1, 1):.3f}S",
-        }
+    if not known:
+        return {}
+    start, end = known["time"]
+    found: dict[str, str | float] = {
+        "time_coverage_start": iso_time(round(start * 1e9)),
+        "time_coverage_end": iso_time(round(end * 1e9)),
+        "time_coverage_duration": f"PT{end - start:.3f}S",
+        "time_coverage_resolution": f"PT{(end - start) / max(rows - 1, 1):.3f}S",
+    }
     for name, kind, unit in (
         ("lat", "lat", "degrees_north"), ("lon", "lon", "degrees_east"),
         ("sensor_depth", "vertical", "m"),
     ):
         if name in known:
-            ends = dict(zip(("min", "max"), known[name], strict=True))
-            found |= {f"geospatial_{kind}_{end}": value for end, value in ends.items()}
-            found[f"geospatial_{kind}_units"] = unit
+            found |= dict(zip(
+                (f"geospatial_{kind}_{end}" for end in ("min", "max", "units")),
+                (*known[name], unit), strict=True))
     if "lat" in known and "lon" in known:
         (south, north), (west, east) = known["lat"], known["lon"]
         corners = ((south, west), (south, east), (north, east), (north, west), (south, west))
@@ -311,7 +311,11 @@ def _attributes(name: str, columns: Mapping[str, Column]) -> dict[str, Any]:
             # Computer clocks have no leap seconds.
             "units_metadata": "leap_seconds: none",
         } | ({"axis": "T"} if column.kind == "datetime" else {})
-    found["coverage_content_type"] = _content(name, column)
+    # As ISO 19115-1 names it.
+    found["coverage_content_type"] = (
+        "coordinate" if name in COORDINATES
+        else "qualityInformation" if name.endswith(("_stddev", "_low", "_high", "status"))
+        else "auxiliaryInformation" if column.unit in ("", "1") else "physicalMeasurement")
     if name not in COORDINATES:
         channel = [f"wavelength_{c}" for c in CHANNELS if f"attenuation_{c}" in name]
         places = [_name(place) for place in COORDINATES if place in columns]
@@ -339,15 +343,6 @@ def _attributes(name: str, columns: Mapping[str, Column]) -> dict[str, Any]:
     if beside:
         found["ancillary_variables"] = " ".join(beside)
     return found
-
-
-def _content(name: str, column: Column) -> str:
-    """Return what a column is, as ISO 19115-1 has it."""
-    if name in COORDINATES:
-        return "coordinate"
-    if column.stddev_of or column.bound_of or column.kind == "choice":
-        return "qualityInformation"
-    return "physicalMeasurement" if column.unit != "1" else "auxiliaryInformation"
 
 
 def _encoding(column: Column) -> dict[str, Any]:

@@ -18,12 +18,16 @@ from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import CHANNELS
 from uw_visibility.replay.records import FrameEstimate, JoinedFrame
 from uw_visibility.replay.results.course import groups, trend
+from uw_visibility.water.meaning.derived import DerivedQuantities
+from uw_visibility.water.series.filter import FilteredWater
 from uw_visibility.water.series.tracking import TrackingEvent
 
 # Distances that differ by more than this many standard deviations are told apart.
 SIGNIFICANT = 2.0
 # Quantities that a verdict begins with, in this order.
 TOLD = ("black_disc_visibility", "visibility_distance", "secchi_depth", "diffuse_attenuation_490")
+# Place of the distance in `_values`.
+DISTANCE = 2 + 3 * TOLD.index("visibility_distance")
 
 
 @dataclass(frozen=True)
@@ -156,8 +160,7 @@ class Findings:
     def __init__(self, contrast: float) -> None:
         self._contrast = contrast
         self._frames, self._stamps = array("q"), array("q")
-        self._own, self._filtered = (array("d"), array("d")), (array("d"), array("d"))
-        # 16, 50 and 84 % of each of `TOLD`, of a frame by itself and filtered.
+        # Rows of `_values`, of a frame by itself and filtered.
         self._told = array("d"), array("d")
         self._channels: Counter[str] = Counter()
         self._ranges = (math.inf, -math.inf)
@@ -172,46 +175,33 @@ class Findings:
         if record.estimate is not None:
             known = {*self._baselines, record.estimate.rig.baseline}
             self._baselines = sorted({min(known), max(known)})
-        own = math.nan, math.nan
-        if record.estimate is not None and math.isfinite(record.estimate.visibility.distance):
-            own = record.estimate.visibility.distance, record.estimate.visibility.distance_stddev
+        own, of_filter = _values(record.estimate, joined.derived), _values(
+            filtered, joined.filtered_derived)
+        for values, table in zip((own, of_filter), self._told, strict=True):
+            table.extend(values)
+        if record.estimate is not None and math.isfinite(own[DISTANCE]):
             self._count_view(record.estimate)
-        of_filter = math.nan, math.nan
-        if filtered is not None:
-            of_filter = filtered.visibility.distance, filtered.visibility.distance_stddev
-            if filtered.survey is not None and math.isfinite(of_filter[0]):
-                self._extend(filtered.survey.range_min, filtered.survey.range_max)
-            if filtered.event is TrackingEvent.OUTLIER and math.isfinite(own[0]):
-                apart = [*self._rejected, own[0]]
-                self._rejected = [min(apart), max(apart)]
-        for told, source, derived in zip(
-            self._told, (record.estimate, filtered), (joined.derived, joined.filtered_derived),
-            strict=True,
-        ):
-            for name in TOLD:
-                values = (math.nan,) * 3
-                if name == "visibility_distance" and source is not None:
-                    seen = source.visibility
-                    values = seen.distance_low, seen.distance, seen.distance_high
-                elif derived is not None and name != "visibility_distance":
-                    values = derived.interval(name)
-                told.extend(values)
-        for columns, pair in ((self._own, own), (self._filtered, of_filter)):
-            columns[0].append(pair[0])
-            columns[1].append(pair[1])
+        if filtered is not None and filtered.survey is not None and math.isfinite(
+                of_filter[DISTANCE]):
+            self._extend(filtered.survey.range_min, filtered.survey.range_max)
+        if filtered is not None and filtered.event is TrackingEvent.OUTLIER and math.isfinite(
+                own[DISTANCE]):
+            apart = [*self._rejected, own[DISTANCE]]
+            self._rejected = [min(apart), max(apart)]
 
     def synopsis(self) -> Synopsis:
         """Return what the frames so far say."""
         own, filtered = (
-            [np.array(column) for column in pair] for pair in (self._own, self._filtered)
-        )
-        of_filter = bool(np.isfinite(filtered[0]).any())
-        distance, stddev = filtered if of_filter else own
+            np.array(table).reshape(-1, 1 + 3 * len(TOLD)) for table in self._told)
+        of_filter = bool(np.isfinite(filtered[:, DISTANCE]).any())
+        table = filtered if of_filter else own
+        stddev, distance = table[:, 0], table[:, DISTANCE]
         known = np.isfinite(distance) & np.isfinite(stddev)
+        series = own[np.isfinite(own[:, DISTANCE]), DISTANCE]
         counts: dict[str, Any] = {
             "frames": len(self._frames),
             "start": min(self._stamps, default=0), "end": max(self._stamps, default=0),
-            "assessed": int(np.isfinite(own[0]).sum()), "told": int(known.sum()),
+            "assessed": len(series), "told": int(known.sum()),
             "filtered": of_filter, "contrast": self._contrast,
             "ranges": list(self._ranges) if self._ranges[0] <= self._ranges[1] else [],
             "channels": dict(self._channels), "rejected_distances": list(self._rejected),
@@ -221,17 +211,17 @@ class Findings:
             return Synopsis(**counts)
         low, middle, high = np.percentile(distance[known], [5.0, 50.0, 95.0])
         numbers = np.array(self._frames)
-        series = own[0][np.isfinite(own[0])]
         series = series if series.size else distance[known]
-        told = np.array(self._told[of_filter]).reshape(-1, len(TOLD), 3)[known]
-        typical = {
-            name: np.nanmedian(told[:, place], axis=0).tolist()
-            for place, name in enumerate(TOLD) if np.isfinite(told[:, place]).all(axis=1).any()}
+        quantiles = table[known, 1:].reshape(-1, len(TOLD), 3).swapaxes(0, 1)
         return Synopsis(
             **counts,
             lowest=_extreme(numbers, distance, stddev, 1.0),
             highest=_extreme(numbers, distance, stddev, -1.0),
-            typical=typical, trend=trend(series, SIGNIFICANT), groups=groups(series),
+            typical={
+                name: np.nanmedian(values, axis=0).tolist()
+                for name, values in zip(TOLD, quantiles, strict=True)
+                if np.isfinite(values).all(axis=1).any()},
+            trend=trend(series, SIGNIFICANT), groups=groups(series),
             median=float(middle), low=float(low), high=float(high),
             relative_stddev=float(np.median(stddev[known] / distance[known])),
         )
@@ -244,6 +234,21 @@ class Findings:
 
     def _extend(self, low: float, high: float) -> None:
         self._ranges = min(self._ranges[0], float(low)), max(self._ranges[1], float(high))
+
+
+def _values(
+    source: FrameEstimate | FilteredWater | None, derived: DerivedQuantities | None
+) -> list[float]:
+    """Return the distance's σ, then 16, 50 and 84 % of each of `TOLD`; NaN where not known."""
+    if source is None:
+        return [math.nan] * (1 + 3 * len(TOLD))
+    seen, derived = source.visibility, derived or DerivedQuantities()
+    values = [seen.distance_stddev]
+    for name in TOLD:
+        values += (
+            (seen.distance_low, seen.distance, seen.distance_high)
+            if name == "visibility_distance" else derived.interval(name))
+    return values
 
 
 def apart(low: float, low_stddev: float, high: float, high_stddev: float) -> bool:
