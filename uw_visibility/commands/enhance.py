@@ -248,7 +248,7 @@ def _summary(report: dict[str, Any], folder: Path) -> str:
     typical = {
         name: [report[f"{name}_low"], report[name], report[f"{name}_high"]]
         for name in TOLD if report[name] is not None}
-    parts += [f"{title} {value}" for title, value, _ in headline(typical, "")]
+    parts += [f"{each.title} {each.value}" for each in headline(typical, "")]
     for name, title, unit in (
         ("depth", "depth", "m"),
         ("mean_attenuation", "mean attenuation", "1/m"),

@@ -201,13 +201,6 @@ def _verdict(
         _link(low, worst.frame), _text(f"), highest {rounded(best.value, best.stddev)} m ("),
         _link(high, best.frame), _text(")."),
     ])
-    spreads = [s.relative_stddev for s in synopses.values() if s.told]
-    upto = f" to {percentage(max(spreads))}" if len(spreads) > 1 else ""
-    parts.append([_text(
-        f"How far to trust it: in the median frame of a recording to ± {percentage(min(spreads))}"
-        f"{upto} (one standard deviation), which holds noise and what the scene leaves open, but "
-        "no wrong calibration or camera setting; the reports of the recordings say why not more."
-    )])
     if provenance:
         bases = sorted(base for s in synopses.values() for base in s.baselines)
         parts.append([_text(assumptions(
@@ -226,7 +219,7 @@ def _row(summary: Summary, synopsis: Synopsis, columns: Columns) -> dict[str, An
     seen, trust = "not assessed", f"none of {amount(synopsis.frames, 'frame')}"
     if synopsis.told and synopsis.lowest and synopsis.highest:
         seen = "; ".join(
-            f"{title} {value}" for title, value, _ in headline(synopsis.typical, "")[:2])
+            f"{each.title} {each.value}" for each in headline(synopsis.typical, "")[:2])
         if not synopsis.constant:
             seen += f"; from {number(synopsis.low)} to {number(synopsis.high)} m in 90 % of the " \
                     f"frames.{course(synopsis)}"

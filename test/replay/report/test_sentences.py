@@ -121,7 +121,8 @@ def test_what_differs_within_sigma_is_no_change() -> None:
     distances = (6.05, 6.0, 6.08, 6.02, 6.06, 5.98)
     sentences, _ = told(*(seen(k, distance) for k, distance in enumerate(distances)))
     assert sentences[2].startswith("Visibility distance was 6.04 ± 0.10 m throughout")
-    assert sentences[2].endswith("within the standard deviations. Lowest, 5.98 m, in frame 5.")
+    assert sentences[2].endswith("within the standard deviations. Lowest, 5.98 m, in frame 5; "
+        "highest, 6.08 m, in frame 2.")
 
 
 def test_estimates_that_jump_or_rise_within_sigma_are_not_called_constant() -> None:

@@ -89,7 +89,7 @@ def write_report(
         problems=summary.lacks + summary.damage,
         series=draw_series(columns),
         maps=draw_tracks({"": columns}),
-        derived=derived_quantities(folder / "frames.csv"),
+        derived=derived_quantities(summary, folder / "frames.csv"),
         joins=joins,
         pictures=shown,
         colours=_colours(gallery.scale),
@@ -215,8 +215,8 @@ def key_numbers(
     synopsis = summary.synopsis
     typical = {} if synopsis is None else synopsis.typical
     numbers = [
-        (value, f"{title}: {what}")
-        for title, value, what in headline(typical, f"{short} of the clearest channel")]
+        (each.value, f"{each.title}: {each.what}")
+        for each in headline(typical, f"{short} of the clearest channel")]
     if synopsis is not None and synopsis.frames:
         count = amount(synopsis.frames, "frame")
         numbers.append((percent(synopsis.share), f"of {count} show visibility by themselves"))
@@ -257,27 +257,13 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.0f} %"
 
 
-def derived_quantities(table: Path) -> list[dict[str, str]]:
-    """Return the field's quantities, derived from the filtered water where there is one."""
-    columns = read_columns(
-        table, [f"{prefix}{name}{end}" for prefix in ("", "filtered_") for name in QUANTITIES
-                for end in ("", "_stddev")])
-    rows = []
-    for name, quantity in QUANTITIES.items():
-        prefix = "filtered_" if np.isfinite(columns[f"filtered_{name}"]).any() else ""
-        values, stddev = columns[f"{prefix}{name}"], columns[f"{prefix}{name}_stddev"]
-        known = np.isfinite(values)
-        if known.any():
-            low, middle, high = np.percentile(values[known], [5.0, 50.0, 95.0])
-            spread = float(np.median(stddev[known]))
-            unit = quantity.unit.replace("m-1", "1/m")
-            rows.append({
-                "title": quantity.title, "median": f"{rounded(middle, spread)} {unit}",
-                "span": f"{number(low)} to {number(high)} {unit}",
-                "definition": quantity.definition, "caveat": quantity.caveat,
-                "source": quantity.source,
-            })
-    return rows + _water_type(table)
+def derived_quantities(summary: Summary, table: Path) -> list[dict[str, str]]:
+    """Return what the field's quantities of the verdict rest on, and the type of water."""
+    typical = {} if summary.synopsis is None else summary.synopsis.typical
+    return [
+        {"title": each.title, "median": each.value, **QUANTITIES[each.name]._asdict()}
+        for each in headline(typical, "") if each.name in QUANTITIES
+    ] + _water_type(table)
 
 
 def _water_type(table: Path) -> list[dict[str, str]]:
@@ -296,8 +282,8 @@ def _water_type(table: Path) -> list[dict[str, str]]:
     return [{
         "title": "nearest Jerlov type",
         "median": f"{most}, likelihood {np.median(by_type[most]):.2f}",
-        "span": f"frames: {', '.join(others)}",
-        "definition": "Water type whose beam attenuation, as this camera sees it, is the likeliest",
+        "definition": "Water type whose beam attenuation, as this camera sees it, is the likeliest"
+        f"; frames: {', '.join(others)}",
         "caveat": "Types are defined by Kd; particles shift them by a type or more.",
         "source": "Williamson and Hollins 2022, doi:10.1364/AO.470464; Solonenko and Mobley 2015, "
         "doi:10.1364/AO.54.005392",

@@ -76,8 +76,17 @@ def definition(contrast: float) -> str:
     )
 
 
-def headline(typical: Mapping[str, Sequence[float]], paper: str) -> list[tuple[str, str, str]]:
-    """Return title, value with interval, and definition of the quantities that come first.
+class Told(NamedTuple):
+    """Quantity as a verdict has it: value with its interval, and definition."""
+
+    name: str
+    title: str
+    value: str
+    what: str
+
+
+def headline(typical: Mapping[str, Sequence[float]], paper: str) -> list[Told]:
+    """Return the quantities that come first.
 
     Parameters
     ----------
@@ -94,7 +103,8 @@ def headline(typical: Mapping[str, Sequence[float]], paper: str) -> list[tuple[s
             unit = QUANTITIES[name].unit.replace("m-1", "1/m")
         low, middle, high = typical[name]
         digits = f".{len(number(0.5 * (high - low), 1).partition('.')[2])}f"
-        found.append((title, f"{middle:{digits}} {unit} ({low:{digits}} to {high:{digits}})", what))
+        value = f"{middle:{digits}} {unit} ({low:{digits}} to {high:{digits}})"
+        found.append(Told(name, title, value, what))
     return found
 
 
@@ -139,9 +149,9 @@ def _seen(synopsis: Synopsis) -> Sentence:
 def _headline(synopsis: Synopsis) -> Sentence:
     paper = f"{formula(synopsis.contrast)} of {_channels(synopsis)}"
     paper += ", filtered over frames" if synopsis.filtered else ""
-    parts = [f"{title} {value}: {what}" for title, value, what in headline(
-        synopsis.typical, paper)]
-    return [f"{_sentence('; '.join(parts))} In brackets: from 16 to 84 %, of the median frame."]
+    parts = "; ".join(
+        f"{each.title} {each.value}: {each.what}" for each in headline(synopsis.typical, paper))
+    return [f"{_sentence(parts)} In brackets: from 16 to 84 %, of the median frame."]
 
 
 def _distance(synopsis: Synopsis) -> Sentence:
@@ -162,8 +172,8 @@ def _distance(synopsis: Synopsis) -> Sentence:
         return [
             f"Visibility distance was {_value(synopsis.median, spread)} {where}: what differs "
             f"between frames {others}is within the standard deviations. "
-            f"Lowest, {number(low.value)} m, in ",
-            Frame(low.frame), f".{apart}",
+            f"Lowest, {number(low.value)} m, in ", Frame(low.frame),
+            f"; highest, {number(high.value)} m, in ", Frame(high.frame), f".{apart}",
         ]
     return [
         f"Visibility distance was from {_value(low.value, low.stddev)} to "

@@ -80,10 +80,7 @@ def groups(distance: Array) -> list[tuple[float, int]]:
     values = np.log(distance)
     if n < FEWEST or np.ptp(distance) == 0.0:
         return []
-    # From the split of the sorted values that leaves the least variance.
-    ordered = np.sort(values - values.mean())
-    sums, counts = np.cumsum(ordered)[:-1], np.arange(1, n)
-    above = values > np.sort(values)[int(np.argmax(sums**2 / counts + sums**2 / (n - counts)))]
+    above = values > 0.5 * (values.min() + values.max())
     member = np.column_stack((~above, above)).astype(np.float64)
     for _ in range(STEPS):
         weight = member.mean(axis=0)
