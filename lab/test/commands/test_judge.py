@@ -28,6 +28,8 @@ def test_the_table_has_its_rows(tmp_path: Path, capsys: pytest.CaptureFixture[st
     ([], "nothing to judge by"),
     (["--scenes", "{}/no"], "no"),
     (["--traced", "{}"], "no traced scenes"),
+    (["--pictures"], "no pictures"),
+    (["--pictures", "--pairs", "{}"], "no pairs"),
     (["--sea", "{}"], "no frames"),
     (["--sea", "{}", "--estimator", "{}/no.npz"], "no trained networks"),
     (["--sea", "{}", "--cases", "0"], "--cases"),

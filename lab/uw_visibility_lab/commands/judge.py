@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -17,6 +17,7 @@ from uw_visibility_lab.commands.described import Options, add_described
 
 if TYPE_CHECKING:
     from uw_visibility_lab.posterior.judge import Case, Estimator
+    from uw_visibility_lab.posterior.pictures import Row
 
 HELP = "one table of how good an estimator of the water is, world by world"
 DESCRIPTION = """\
@@ -37,7 +38,14 @@ columns:
   long, short  part of the distances that are wrong by more than a fifth
   low          part of the intervals whose lower end is beyond the truth; .16 is right
   crps         continuous ranked probability score of ln d: less is better
-  ms           median time of a case"""
+  ms           median time of a case
+
+columns with --pictures:
+  step, 8 px   99th percentile of the steps of the gain between neighbours, and pixels 8 px apart,
+               that the raw picture has the same values at; codes
+  noise        of the flattest areas, over the raw picture's
+  ΔE           mean colour difference to the scene without water
+  flicker      change of blocks' means in another frame with other noise; codes"""
 
 OPTIONS: Options = {
     "--scenes POOL": (
@@ -46,6 +54,8 @@ OPTIONS: Options = {
     "--middlebury FOLDER": (None, "folder of Middlebury's scenes, for random views", Path),
     "--traced FOLDER": (None, "scenes that `uw_visibility render` made", Path),
     "--sea FOLDER": (None, "frames of FLSea with their ranges", Path),
+    "--pairs FOLDER": (
+        None, "real pairs: left_*.png, right_*.png and calibration.json; with --pictures", Path),
     "--estimator NAME": (
         "free", "free or paper, for the package's with that water.veil; or a file that "
         "`uw_visibility train` wrote"),
@@ -59,11 +69,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_described(parser, OPTIONS)
     parser.add_argument(
         "--each", action="store_true", help="a row for every effect alone, too")
+    parser.add_argument(
+        "--pictures", action="store_true",
+        help="judge enhanced pictures instead, of --pairs and --traced: seams, noise, colour")
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the sub-command."""
     check_range("--cases", arguments.cases, 1, 1_000_000)
+    if arguments.pictures:
+        _judge_pictures(arguments)
+        return
     if not (arguments.scenes or arguments.middlebury or arguments.traced or arguments.sea):
         raise InputError("nothing to judge by: give --scenes, --middlebury, --traced or --sea")
     from uw_visibility_lab.posterior.judge import flips, judge, table
@@ -85,6 +101,36 @@ def _estimator(name: str) -> Estimator:
     from uw_visibility_lab.posterior.estimators import OnBoard
 
     return OnBoard(name) if name in ("free", "paper") else OnBoard(weights=Path(name))
+
+
+def _judge_pictures(arguments: argparse.Namespace) -> None:
+    if not (arguments.pairs or arguments.traced):
+        raise InputError("no pictures to judge: give --pairs or --traced")
+    from uw_visibility.config.schema import PipelineConfig
+    from uw_visibility_lab.posterior.pictures import (
+        compare,
+        real_pairs,
+        summary,
+        table,
+        traced_pairs,
+    )
+
+    say(table([]))
+    for folder, pairs in ((arguments.pairs, real_pairs), (arguments.traced, traced_pairs)):
+        every = []
+        for pair in pairs(folder) if folder else ():
+            rows = compare(pair, PipelineConfig(), arguments.seed)
+            _say_rows(pair.name, rows)
+            every += rows
+        if every:
+            _say_rows(f"all {folder.name}"[:16], summary(every))
+
+
+def _say_rows(name: str, rows: Sequence[Row]) -> None:
+    from uw_visibility_lab.posterior.pictures import table
+
+    for line in table([(name, row) for row in rows]).splitlines()[1:]:
+        say(line)
 
 
 class _Kind(NamedTuple):

@@ -7,7 +7,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from uw_visibility.images.arrays import DisparityMap, Image8
+from uw_visibility.images.arrays import Array, DisparityMap, Image8, RangeMap
+from uw_visibility_lab.evaluation.backscatter import fit_backscatter
 
 # Settings of OpenCV's sample stereo_match, in full mode, but for the range of
 # speckles, which is that of OpenCV's documentation.
@@ -74,3 +75,36 @@ def equalise_adaptively(image: Image8) -> Image8:
     planes = cv2.cvtColor(image, cv2.COLOR_RGB2LAB)
     planes[..., 0] = clahe.apply(np.ascontiguousarray(planes[..., 0]))
     return np.asarray(cv2.cvtColor(planes, cv2.COLOR_LAB2RGB), dtype=np.uint8)
+
+
+def balance_by_grey_world(image: Image8) -> Image8:
+    """Grey world: channels of an (H, W, 3) image scaled so that their means are alike.
+
+    Buchsbaum 1980, doi:10.1016/0016-0032(80)90058-7.
+    """
+    means = image.reshape(-1, 3).mean(axis=0)
+    return _codes(image * (means.mean() / np.maximum(means, 1.0)))
+
+
+def sea_thru(image: Image8, ranges: RangeMap) -> Image8:
+    """Sea-thru's backscatter taken off, its β made up for, then grey world.
+
+    Of the publication's two attenuations that of the backscatter serves for both. Where the
+    range (m) is unknown, or the fit fails, the image stays. See `backscatter`.
+    """
+    water = fit_backscatter(image, ranges)
+    if not np.isfinite(water.attenuation).all():
+        return image
+    transmitted = np.exp(-water.attenuation * ranges[..., np.newaxis])
+    veil = 255.0 * water.ambient_light * (1.0 - transmitted)
+    known = np.isfinite(ranges)
+    restored = image.astype(np.float64)
+    restored[known] = ((image - veil) / transmitted)[known]
+    # Of the pixels that have a range, as colours of open water are not the scene's.
+    means = np.maximum(restored[known].mean(axis=0), 1.0)
+    restored[known] *= means.mean() / means
+    return _codes(restored)
+
+
+def _codes(values: Array) -> Image8:
+    return np.clip(np.rint(values), 0, 255).astype(np.uint8)

@@ -1,0 +1,203 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Seams, noise, colour and flicker of enhanced pictures, beside those of peers.
+
+Real pairs have no truth; traced views have, and a right image that is warped from the left one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.commands.calibration_file import read_rig
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array, Image8, RangeMap
+from uw_visibility.images.files import read_image
+from uw_visibility.images.noise import BLOCK, SMOOTHEST
+from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.stereo.views import in_right_view
+from uw_visibility_lab.evaluation import baselines
+from uw_visibility_lab.evaluation.metrics import colour_difference
+from uw_visibility_lab.posterior.cases import traced_scenes
+from uw_visibility_lab.tracer.files import load
+
+# Steps of the gain are those of this quantile.
+QUANTILE = 0.99
+
+
+class Pair(NamedTuple):
+    """A pair to enhance: ranges, (H, W), m, and the scene without water where they are known."""
+
+    name: str
+    left: Image8
+    right: Image8
+    rig: StereoRig
+    ranges: RangeMap | None = None
+    truth: Image8 | None = None
+
+
+class Row(NamedTuple):
+    """Figures of one method's picture; NaN where they do not apply."""
+
+    method: str
+    steps: Array  # of the gain between neighbours, codes
+    wide_steps: Array  # the same between pixels that are a block apart
+    noise: float  # of flat areas over that of the raw picture
+    colour: float  # mean ΔE*ab to the truth, where ranges are known
+    flicker: float  # change of blocks' means by another frame's noise, codes
+
+
+def gain_steps(raw: Image8, enhanced: Image8, distance: int = 1) -> Array:
+    """Steps of the gain where the raw picture has none, codes.
+
+    Pixels of the same raw values in all channels differ in the enhanced picture by the gain
+    alone. Those `distance` px apart along rows and columns are compared.
+    """
+    steps = []
+    for axis in (0, 1):
+        before, after = (
+            tuple(part if a == axis else slice(None) for a in (0, 1))
+            for part in (slice(None, -distance), slice(distance, None)))
+        alike = (raw[before] == raw[after]).all(axis=-1)
+        steps.append(np.abs(
+            enhanced[before][alike].astype(int) - enhanced[after][alike]).max(axis=-1))
+    return np.concatenate(steps).astype(np.float64)
+
+
+def noise_ratio(raw: Image8, enhanced: Image8) -> float:
+    """Noise of the flattest blocks over that of the raw picture, of luminance, as its RMS.
+
+    Noise is the deviation from the mean of the four neighbours; blocks of one value have none.
+    """
+    before, after = (_block_noise(image) for image in (raw, enhanced))
+    if not (before > 0).any():
+        return float("nan")
+    flat = (before > 0) & (before <= np.quantile(before[before > 0], SMOOTHEST))
+    return float(np.sqrt(after[flat].sum() / before[flat].sum()))
+
+
+def _block_noise(image: Image8) -> Array:
+    kernel = np.array([[0, -1, 0], [-1, 4, -1], [0, -1, 0]]) / 4
+    return _blocks(cv2.filter2D(image.astype(np.float64).mean(axis=-1), -1, kernel) ** 2)
+
+
+def _blocks(values: Array) -> Array:
+    height, width = (BLOCK * (size // BLOCK) for size in values.shape[:2])
+    shape = (height // BLOCK, BLOCK, width // BLOCK, BLOCK, *values.shape[2:])
+    return np.asarray(values[:height, :width].reshape(shape).mean(axis=(1, 3)))
+
+
+def _change(first: Image8, second: Image8) -> float:
+    """Root mean square change of the means of blocks, codes."""
+    return float(np.sqrt(np.mean(_blocks(first.astype(float) - second) ** 2)))
+
+
+def with_noise(image: Image8, seed: tuple[int, ...]) -> Image8:
+    """Return an image with noise of one code, as another frame of the same scene has."""
+    noise = np.random.default_rng(seed).integers(-1, 2, image.shape)
+    return np.clip(image.astype(int) + noise, 0, 255).astype(np.uint8)
+
+
+def real_pairs(folder: Path) -> Iterator[Pair]:
+    """Yield the pairs of a folder: calibration.json beside left_*.png and right_*.png.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    found = sorted(folder.glob("left_*.png"))
+    if not found:
+        raise InputError(f"{folder} holds no pairs: give left_*.png, right_*.png, calibration.json")
+    rig, _ = read_rig([folder / "calibration.json"])
+    for path in found:
+        right = path.with_name(path.name.replace("left", "right", 1))
+        name = f"{folder.name} {path.stem.removeprefix('left_')}"
+        yield Pair(name, read_image(path), read_image(right), rig)
+
+
+def traced_pairs(folder: Path) -> Iterator[Pair]:
+    """Yield traced scenes as 8-bit linear cameras record them, with noise of one code.
+
+    The right image is warped from the left one by its ranges, open water from infinity.
+    """
+    for index, place in enumerate(traced_scenes(folder)):
+        scene = load(place)
+        height, width = scene.ranges.shape
+        rig = StereoRig(
+            scene.focal_length, scene.baseline, ((width - 1) / 2, (height - 1) / 2))
+        disparity = np.nan_to_num(rig.disparity_from_range(scene.ranges.astype(np.float32)))
+        y, x = np.indices(disparity.shape, np.float32)
+        seen = cv2.remap(
+            scene.image.astype(np.float32), x + in_right_view(disparity), y, cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE)
+        rng = np.random.default_rng(index)
+        left, right = (
+            np.clip(np.rint(255.0 * i + rng.normal(0.0, 1.0, i.shape)), 0, 255).astype(np.uint8)
+            for i in (scene.image, seen))
+        truth = np.rint(255.0 * np.clip(scene.surface / scene.light, 0, 1)).astype(np.uint8)
+        yield Pair(place.name, left, right, rig, scene.ranges.astype(np.float32), truth)
+
+
+def enhance(pair: Pair, pipeline: Pipeline) -> dict[str, Image8]:
+    """Return the left picture by each method; those that need ranges only where they are known."""
+    pictures: dict[str, NDArray[np.generic]] = {
+        "raw": pair.left,
+        "ours": pipeline.process(pair.left, pair.right, enhance=("left",)).left_enhanced,
+        "CLAHE": baselines.equalise_adaptively(pair.left),
+        "grey world": baselines.balance_by_grey_world(pair.left),
+    }
+    if pair.ranges is not None:
+        pictures["Sea-thru"] = baselines.sea_thru(pair.left, pair.ranges)
+    return {name: np.asarray(image, np.uint8) for name, image in pictures.items()}
+
+
+def compare(pair: Pair, config: PipelineConfig, seed: int = 0) -> list[Row]:
+    """Measure the pictures of a pair by each method."""
+    pipeline = Pipeline(pair.rig, config)
+    first = enhance(pair, pipeline)
+    other = enhance(pair._replace(
+        left=with_noise(pair.left, (seed, 0)), right=with_noise(pair.right, (seed, 1))), pipeline)
+    rows = []
+    for name, picture in first.items():
+        colour = float("nan")
+        if pair.truth is not None and pair.ranges is not None:
+            colour = float(colour_difference(picture, pair.truth)[np.isfinite(pair.ranges)].mean())
+        rows.append(Row(
+            name, gain_steps(pair.left, picture), gain_steps(pair.left, picture, BLOCK),
+            noise_ratio(pair.left, picture), colour, _change(picture, other[name])))
+    return rows
+
+
+def summary(rows: Sequence[Row]) -> list[Row]:
+    """Return a row for each method: steps of all pictures together, medians of the rest."""
+    methods = dict.fromkeys(row.method for row in rows)
+    return [
+        Row(
+            method, np.concatenate([row.steps for row in of_it]),
+            np.concatenate([row.wide_steps for row in of_it]),
+            *(float(np.nanmedian(values)) if np.isfinite(values).any() else float("nan")
+              for values in np.array([row[3:] for row in of_it]).T))
+        for method in methods for of_it in [[row for row in rows if row.method == method]]]
+
+
+def table(rows: Iterable[tuple[str, Row]]) -> str:
+    """Return the rows as text, steps as their quantile `QUANTILE`."""
+    lines = [f"{'picture':16} {'method':10} {'step':>5} {'8 px':>5} {'noise':>5} {'ΔE':>5} "
+             f"{'flicker':>7}"]
+    for name, row in rows:
+        steps, wide = (
+            np.quantile(values, QUANTILE) if values.size else float("nan")
+            for values in (row.steps, row.wide_steps))
+        lines.append(
+            f"{name:16} {row.method:10} {steps:5.1f} {wide:5.1f} {row.noise:5.2f} "
+            f"{row.colour:5.1f} {row.flicker:7.2f}")
+    return "\n".join(lines)
