@@ -30,7 +30,7 @@ def picture(balance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def board_of(image: np.ndarray, distance: np.ndarray, water: object) -> np.ndarray:
-    enhanced, _ = Restorer(EnhancementConfig(max_noise=10.0)).restore(image, distance, water)
+    enhanced, _ = Restorer(EnhancementConfig(max_gain=1000.0)).restore(image, distance, water)
     return np.median(enhanced[BOARD].reshape(-1, 3), axis=0)
 
 
@@ -62,10 +62,11 @@ def test_nothing_is_overexposed_where_the_light_is_estimated_too_low() -> None:
     low = SimpleNamespace(
         attenuation=ATTENUATION, ambient_light=0.4 * LIGHT, scene_light=0.4 * LIGHT
     )
-    plain, _ = Restorer(EnhancementConfig(max_noise=10.0)).restore(image, distance, low)
+    restorer = Restorer(EnhancementConfig(max_gain=1000.0))
+    plain, _ = restorer.restore(image, distance, low, np.zeros(3))
     assert np.mean((plain == 255).all(axis=2)) > 0.1
     water = restoration_water(image, distance, ALL, low, "linear")
-    enhanced, _ = Restorer(EnhancementConfig(max_noise=10.0)).restore(image, distance, water)
+    enhanced, _ = restorer.restore(image, distance, water, np.zeros(3))
     assert np.mean((enhanced == 255).all(axis=2)) < 0.02
     # The colour is that of the estimate.
     np.testing.assert_allclose(water.scene_light / water.scene_light[0], LIGHT / LIGHT[0])
@@ -132,8 +133,10 @@ def far_error(irradiance, distance, veil, light, true_light=VEIL):
 @pytest.mark.parametrize("factor", [0.97, 1.03])
 def test_a_veil_that_is_off_is_brought_back(seed, factor):
     irradiance, distance = seen(seed)
-    level = level_veil(
+    level, stddev = level_veil(
         irradiance, distance, BETA, factor * VEIL, factor * VEIL, STDDEV, ERROR)
+    assert (stddev < 0.7 * STDDEV).all()
+    assert (np.abs(level - VEIL) < 4.0 * stddev).all()
     before = far_error(irradiance, distance, factor * VEIL, factor * VEIL)
     assert before > 0.5
     assert far_error(irradiance, distance, level, level) < 0.4 * before
@@ -142,7 +145,7 @@ def test_a_veil_that_is_off_is_brought_back(seed, factor):
 def test_light_brighter_than_the_veil_is_allowed_for():
     light = 2.5 * VEIL
     irradiance, distance = seen(0, light=light)
-    level = level_veil(
+    level, _ = level_veil(
         irradiance, distance, BETA, 1.05 * VEIL, 1.05 * light, STDDEV, ERROR)
     before = far_error(irradiance, distance, 1.05 * VEIL, 1.05 * light, light)
     assert far_error(irradiance, distance, level, 2.5 * level, light) < 0.6 * before
@@ -150,14 +153,14 @@ def test_light_brighter_than_the_veil_is_allowed_for():
 
 def test_a_veil_that_is_known_stays():
     irradiance, distance = seen(0, change=0.5)
-    level = level_veil(irradiance, distance, BETA, VEIL, VEIL, 1e-5 * VEIL, ERROR)
+    level, _ = level_veil(irradiance, distance, BETA, VEIL, VEIL, 1e-5 * VEIL, ERROR)
     np.testing.assert_allclose(level, VEIL, rtol=1e-3)
 
 
 def test_what_is_near_tells_nothing_of_the_veil():
     # Objects that differ with range change its estimate by a part of its deviation.
     irradiance, distance = seen(0, change=0.5, farthest=3.0)
-    level = level_veil(irradiance, distance, BETA, VEIL, VEIL, STDDEV, ERROR)
+    level, _ = level_veil(irradiance, distance, BETA, VEIL, VEIL, STDDEV, ERROR)
     assert (np.abs(level - VEIL) < STDDEV).all()
 
 
@@ -166,7 +169,7 @@ def test_without_deviation_or_ranges_it_stays(stddev):
     irradiance, distance = seen(0)
     one = np.full(distance.size, 3.0)
     for ranges in (distance, one):
-        level = level_veil(
+        level, _ = level_veil(
             irradiance, ranges, BETA, VEIL, VEIL, np.full(3, stddev), ERROR)
         np.testing.assert_allclose(level, VEIL, rtol=1e-3)
 
@@ -174,5 +177,14 @@ def test_without_deviation_or_ranges_it_stays(stddev):
 def test_what_no_light_comes_from_tells_nothing():
     irradiance, distance = seen(0)
     distance[-200:] = 1e6
-    level = level_veil(irradiance, distance, BETA, VEIL, VEIL, STDDEV, ERROR)
+    level, _ = level_veil(irradiance, distance, BETA, VEIL, VEIL, STDDEV, ERROR)
     assert (np.abs(level - VEIL) < STDDEV).all()
+
+
+def test_radiance_that_goes_with_range_all_the_same_makes_the_veil_unsure():
+    irradiance, distance = seen(0)
+    _, even = level_veil(irradiance, distance, BETA, VEIL, VEIL, STDDEV, ERROR)
+    # A veil that is brighter at middle ranges, as where the view rises from the floor.
+    irradiance[:, (distance > 5.0) & (distance < 7.0)] += 0.2
+    _, uneven = level_veil(irradiance, distance, BETA, VEIL, VEIL, STDDEV, ERROR)
+    assert (uneven > 2.0 * even).all()

@@ -47,8 +47,10 @@ def test_a_restorer_of_one_s_own_makes_the_images(monkeypatch: pytest.MonkeyPatc
         def __init__(self, *arguments: Any) -> None:
             pass
 
-        def restore(self, image: Any, range_map: Any, water: Any, noise: Any) -> Any:
-            return 255 - image, np.isnan(range_map)
+        def restore(
+            self, image: Any, range_map: Any, water: Any, noise: Any, known: Any
+        ) -> Any:
+            return 255 - image, known < 0.5
 
     monkeypatch.setitem(RESTORERS, RESTORER, Inverse)
     left, right = warm_up_pair((160, 240), np.dtype(np.uint8))

@@ -190,7 +190,7 @@ class EnhancementConfig:
     """Restoration of the scene's radiance (eq. 8) and the dense range it needs."""
 
     max_gain: float = parameter(
-        30.0, "Largest gain exp(attenuation x range); pixels beyond it are marked.",
+        30.0, "Largest gain of contrast; what is restored by less than half is marked.",
         minimum=1.0, maximum=1e3,
     )
     max_noise: float = parameter(

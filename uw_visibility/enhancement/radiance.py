@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,51 +19,31 @@ from uw_visibility.images.noise import ROUNDING_VARIANCE, noise_stddev
 from uw_visibility.optics.light_model import Water, scene_light_of
 from uw_visibility.optics.transfer import encode_table, linear_table
 
-# Attenuation, 1/m, below which no range brings a channel to its limit.
-_LEAST_ATTENUATION = 1e-9
-# However noisy an image and unsure its veil, this much optical thickness is made up for.
-_LEAST_THICKNESS = 0.5
-# Largest standard deviation of radiance by that of the veil, as part of white.
+# Deviation of radiance by that of the veil, as part of white, by which half is restored.
 _MOST_VEIL = 0.5
+# Gains are worked out up to so many times `max_gain`; there hardly a part of them is left.
+_BEYOND = 64.0
+# Noise, as grain, may have this part of what rounding may: of 0.1 to 1 by 0.1, least ΔE of traced
+# scenes with noise of one code (`judge --pictures`).
+_GRAIN = 0.3
+# However noisy an image, what is near is restored by 1 / (1 + this), that is 0.8.
+_MOST_NOISE = 0.25
 
 
 @dataclass(frozen=True)
 class Channels:
-    """Attenuation (1/m), veil B, light W and limits of an image's channels, as kernels take them.
+    """Attenuation (1/m), veil B, light W and errors of an image's channels, as kernels take them.
 
-    `limits` is the largest optical thickness βd. A channel that is not assessable stays as it is:
-    attenuation and limit 0, veil and light 1. The paper's model is W = B.
+    `exposure`, `noise` and `veil_error` are X, N and V of `radiance_kernels.restore`. A channel
+    that is not assessable stays as it is, by infinite noise. The paper's model is W = B.
     """
 
     attenuation: NDArray[np.float32]
     veil: NDArray[np.float32]
     light: NDArray[np.float32]
-    limits: NDArray[np.float32]
-    assessable: NDArray[np.bool_]
-
-    def limited_by_noise(self, noise: Array, largest: float) -> Channels:
-        """Lower the limits so that restored noise, σ exp(βd) / W, stays below ``largest``."""
-        return self._limited(largest * self.light / np.maximum(noise, 1e-9))
-
-    def limited_by_veil(self, stddev: Array, largest: float) -> Channels:
-        """Lower the limits so that the veil's error, σ (exp(βd) - 1) / W, stays below ``largest``.
-
-        Where β and range are large, a veil that is 2 % off makes half of white of a dark wall.
-        """
-        return self._limited(1.0 + largest * self.light / np.maximum(stddev, 1e-9))
-
-    def _limited(self, gain: Array) -> Channels:
-        """Lower the limits to a gain exp(βd), but for the least thickness."""
-        thickness = np.log(np.maximum(gain, math.exp(_LEAST_THICKNESS)))
-        limits = np.where(self.assessable, np.minimum(self.limits, thickness), 0.0)
-        return replace(self, limits=limits.astype(np.float32))
-
-    def farthest(self) -> np.float32:
-        """Range (m) up to which no channel's gain is limited."""
-        steep = self.assessable & (self.attenuation > _LEAST_ATTENUATION)
-        if not steep.any():
-            return np.float32(np.inf)
-        return np.float32((self.limits[steep] / self.attenuation[steep]).min())
+    exposure: NDArray[np.float32]
+    noise: NDArray[np.float32]
+    veil_error: NDArray[np.float32]
 
 
 class Restorer:
@@ -90,75 +70,77 @@ class Restorer:
         range_map: RangeMap,
         water: Water,
         noise: Array | None = None,
+        known: NDArray[np.float32] | None = None,
     ) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
-        """Radiance recovery as an image, its gain limited (eq. 8).
+        """Radiance recovery as an image, as far as noise, veil and range are known (eq. 8).
 
         Radiance is relative to the light on the scene: 1, a white patch, becomes the
-        largest pixel value, and open water B / W of it. Where the range is unknown
-        (NaN, inf or negative), the pixel is taken as far: it gets the largest
-        gain. A channel that is not assessable is handed on as it is.
+        largest pixel value. Of what restoration would change, each channel gets the part that
+        Wiener's filter leaves of its gain (Wiener 1949): less where noise or an error of the veil
+        would be amplified. So open water and all whose range is unknown keep their look, and the
+        far fades into it. A channel that is not assessable is handed on as it is.
 
         Parameters
         ----------
         image : (H, W, 3) or (H, W) ndarray of uint8 or uint16
             Pixel values.
         range_map : (H, W) float32 ndarray
-            Range along the line of sight, m.
+            Range along the line of sight, m; unknown where NaN, inf or negative.
         water : Water
             `attenuation`, `ambient_light` (the veil B) and, where it is another one,
-            `scene_light` (W), one value a channel; `veil_stddev`, where the veil is not exact.
+            `scene_light` (W), one value a channel; `veil_stddev`, where the veil is not exact;
+            `exposure` over that of the camera whose look is kept, where it is another one.
         noise : (3,) or (1,) float64 ndarray, optional
             Standard deviation of the image's noise in code values; measured by default.
+        known : (H, W) float32 ndarray, optional
+            What is known of the range, 0..1, see `known_range`; all by default.
 
         Returns
         -------
         enhanced : ndarray
             Of the image's shape and type.
         limited : (H, W) bool ndarray
-            Where the range is unknown, or the gain of a channel was limited: to `max_gain`, or to
-            what
-            keeps noise below `max_noise` and an error of the veil below half of white.
+            Where an assessable channel is restored by less than half.
         """
         planes = as_channels(image, range_map)
         decode = linear_table(self._transfer, image.dtype)
-        channels = prepare(water, planes.shape[2], self._max_gain)
         noise = noise_stddev(image) if noise is None else noise
-        channels = channels.limited_by_noise(
-            irradiance_noise(noise, decode, channels.veil), self._max_noise
-        )
-        veil_stddev = getattr(water, "veil_stddev", None)
-        if veil_stddev is not None:
-            channels = channels.limited_by_veil(veil_stddev, _MOST_VEIL)
+        channels = self._prepare(water, planes.shape[2], noise, decode)
         enhanced = np.empty(planes.shape, image.dtype)
         limited = np.empty(range_map.shape, np.bool_)
         self._workers.rows(
             kernels.restore, planes.shape[0], planes, range_map,
+            np.ones(range_map.shape, np.float32) if known is None else known,
             decode, encode_table(self._transfer, image.dtype), channels.attenuation,
-            channels.veil, channels.light, channels.limits, channels.farthest(), enhanced, limited,
+            channels.veil, channels.light, channels.exposure, channels.noise, channels.veil_error,
+            np.float32(math.log(_BEYOND * self._max_gain)), enhanced, limited,
         )
-        if not channels.assessable.any():
-            limited[:] = False
         return enhanced.reshape(image.shape), limited
 
-
-def prepare(water: Water, count: int, max_gain: float) -> Channels:
-    """Convert a water's state to the form that kernels take."""
-    attenuation = np.atleast_1d(np.asarray(water.attenuation, dtype=np.float64))
-    veil = np.atleast_1d(np.asarray(water.ambient_light, dtype=np.float64))
-    light = np.atleast_1d(scene_light_of(water))
-    if {attenuation.shape, veil.shape, light.shape} != {(count,)}:
-        raise InputError(
-            f"water with {attenuation.size} channels does not fit an image with {count}: "
-            "give an attenuation and an ambient light for each channel"
-        )
-    assessable = np.isfinite(attenuation) & (veil > 0) & (light > 0)
-    return Channels(
-        attenuation=np.where(assessable, np.maximum(attenuation, 0.0), 0.0).astype(np.float32),
-        veil=np.where(assessable, veil, 1.0).astype(np.float32),
-        light=np.where(assessable, light, 1.0).astype(np.float32),
-        limits=np.where(assessable, max(math.log(max_gain), 1e-6), 0.0).astype(np.float32),
-        assessable=assessable,
-    )
+    def _prepare(
+        self, water: Water, count: int, noise: Array, decode: NDArray[np.float32]
+    ) -> Channels:
+        """Convert a water's state, and the errors of what it restores, to what kernels take."""
+        attenuation = np.atleast_1d(np.asarray(water.attenuation, dtype=np.float64))
+        veil = np.atleast_1d(np.asarray(water.ambient_light, dtype=np.float64))
+        light = np.atleast_1d(scene_light_of(water))
+        if {attenuation.shape, veil.shape, light.shape} != {(count,)}:
+            raise InputError(
+                f"water with {attenuation.size} channels does not fit an image with {count}: "
+                "give an attenuation and an ambient light for each channel"
+            )
+        assessable = np.isfinite(attenuation) & (veil > 0) & (light > 0)
+        veil, light = np.where(assessable, veil, 1.0), np.where(assessable, light, 1.0)
+        # The gain exp(βd) / (1 + N exp(2βd)) is at most 1 / (2 √N).
+        error = irradiance_noise(noise / _GRAIN, decode, veil.astype(np.float32)) / light
+        least = np.minimum((0.5 * error / self._max_noise) ** 2, _MOST_NOISE)
+        least += (0.5 / self._max_gain) ** 2
+        veil_stddev = getattr(water, "veil_stddev", None)
+        stddev = np.zeros(count) if veil_stddev is None else np.nan_to_num(veil_stddev)
+        return Channels(*(values.astype(np.float32) for values in (
+            np.where(assessable, np.maximum(attenuation, 0.0), 0.0), veil, light,
+            np.ones(count) * getattr(water, "exposure", 1.0),
+            np.where(assessable, least, np.inf), (stddev / (_MOST_VEIL * light)) ** 2)))
 
 
 def irradiance_noise(noise: Array, decode: NDArray[np.float32], veil: NDArray[np.float32]) -> Array:

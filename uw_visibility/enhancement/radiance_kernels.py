@@ -43,18 +43,6 @@ def _thickness(distance: Any, attenuation: Any, limit: Any, out: Any) -> None:
 
 
 @njit(nogil=True, error_model="numpy")
-def _kept(distance: Any, attenuation: Any, limit: Any, out: Any) -> None:
-    """Write the part of a deviation that the limit of the thickness leaves, near exp(-excess)."""
-    one = np.float32(1)
-    for x in range(out.size):
-        excess = distance[x] * attenuation - limit
-        # Unknown range has no excess.
-        excess = excess if excess > np.float32(0) else np.float32(0)
-        excess = excess if excess < np.float32(1e3) else np.float32(1e3)
-        out[x] = one / (one + excess + np.float32(0.5) * excess * excess)
-
-
-@njit(nogil=True, error_model="numpy")
 def exponential(p: Any, middle: Any, row: Any) -> None:
     """Replace each thickness in a row by its exponential."""
     p0, p1, p2, p3, p4, p5, p6 = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
@@ -68,65 +56,76 @@ def exponential(p: Any, middle: Any, row: Any) -> None:
 
 @njit(nogil=True, error_model="numpy")
 def restore(
-    start: int, stop: int, image: Any, distance: Any, decode: Any, encode: Any, attenuation: Any,
-    veil: Any, light: Any, limits: Any, farthest: Any, enhanced: Any, limited: Any,
+    start: int, stop: int, image: Any, distance: Any, known: Any, decode: Any, encode: Any,
+    attenuation: Any, veil: Any, light: Any, exposure: Any, noise: Any, veil_error: Any, limit: Any,
+    enhanced: Any, limited: Any,
 ) -> None:
-    """Restore a band of rows: ρ = B/W + (E/W - B/W) exp(βd), with βd and ρ limited.
+    """Restore a band of rows: E/X + k (ρ - E/X), ρ = B/W + (E/W - B/W) exp(βd) within 0..1.
 
-    A channel whose gain is limited keeps only a part of its deviation from
-    open water's B/W. What the least limited channel has more is taken from the mean
-    deviation, each channel counting as far as its own gain goes: else the
-    channel that water takes first would turn all that is far into its colour.
+    X is `exposure`, and k is Wiener's part of the gain: what is known of the range over
+    1 + N exp(2βd) + V (exp(βd) - 1)², with `noise` N and `veil_error` V; with infinite N a
+    channel stays as it is.
+    What the best channel has more, a channel takes from the mean of all, each counting by its k:
+    else the channel that water takes first would turn all that is far into its colour.
     """
     width, count = image.shape[1], image.shape[2]
-    deviation = np.empty((count, width), np.float32)
-    kept = np.empty((count, width), np.float32)
-    row = np.empty(width, np.float32)
+    seen = np.empty((count, width), np.float32)
+    restored = np.empty((count, width), np.float32)
+    part = np.empty((count, width), np.float32)
+    gain = np.empty(width, np.float32)
     total = np.empty(width, np.float32)
     mean = np.empty(width, np.float32)
     best = np.empty(width, np.float32)
+    trust = np.empty(width, np.float32)
     top = np.float32(encode.size - 1)
     half = np.float32(0.5)
     one = np.float32(1)
     zero = np.float32(0)
-    p, middle = polynomial(np.float64(limits.max()), 1.0)
+    p, middle = polynomial(np.float64(limit), 1.0)
     for y in range(start, stop):
         for x in range(width):
             for c in range(count):
-                deviation[c, x] = decode[image[y, x, c]]
+                seen[c, x] = decode[image[y, x, c]]
+        for x in range(width):
+            # Written so that NaN and infinity fail it.
+            ranged = (distance[y, x] >= zero) & (distance[y, x] < np.float32(np.inf))
+            trust[x] = known[y, x] if ranged else zero
+            limited[y, x] = False
         total[:] = np.float32(1e-6)
         mean[:] = 0
-        for c in range(count):
-            _thickness(distance[y], attenuation[c], limits[c], row)
-            exponential(p, middle, row)
-            _kept(distance[y], attenuation[c], limits[c], kept[c])
-            plane = deviation[c]
-            inverse = one / light[c]
-            water = veil[c] / light[c]
-            counts = one if limits[c] > 0 else zero
-            for x in range(width):
-                plane[x] = (plane[x] * inverse - water) * row[x]
-                total[x] += counts * kept[c, x]
-                mean[x] += counts * kept[c, x] * plane[x]
         best[:] = 0
         for c in range(count):
-            if limits[c] > 0:
-                for x in range(width):
-                    best[x] = best[x] if best[x] > kept[c, x] else kept[c, x]
+            if not noise[c] < np.inf:
+                continue
+            _thickness(distance[y], attenuation[c], limit, gain)
+            exponential(p, middle, gain)
+            inverse = one / light[c]
+            water = veil[c] / light[c]
+            for x in range(width):
+                e = gain[x]
+                radiance = water + (seen[c, x] * inverse - water) * e
+                radiance = radiance if radiance > zero else zero
+                radiance = radiance if radiance < one else one
+                k = trust[x] / (one + noise[c] * e * e + veil_error[c] * (e - one) * (e - one))
+                restored[c, x] = radiance
+                part[c, x] = k
+                total[x] += k
+                mean[x] += k * radiance
+                best[x] = best[x] if best[x] > k else k
         for x in range(width):
             mean[x] /= total[x]
         for c in range(count):
-            plane = deviation[c]
-            water = veil[c] / light[c]
+            plane = seen[c]
+            if noise[c] < np.inf:
+                inverse = one / exposure[c]
+                for x in range(width):
+                    k = part[c, x]
+                    plane[x] *= inverse
+                    limited[y, x] |= k < half
+                    plane[x] += (
+                        k * (restored[c, x] - plane[x]) + (best[x] - k) * (mean[x] - plane[x]))
             for x in range(width):
-                lost = best[x] - kept[c, x]
-                lost = lost if lost > zero else zero
-                radiance = water + plane[x] + lost * mean[x]
-                radiance = radiance if radiance > zero else zero
-                radiance = radiance if radiance < one else one
-                plane[x] = radiance * top + half
+                plane[x] = plane[x] * top + half
         for x in range(width):
             for c in range(count):
-                enhanced[y, x, c] = encode[np.uint32(index_of(deviation[c, x], zero, top))]
-        for x in range(width):
-            limited[y, x] = not (distance[y, x] >= zero and distance[y, x] <= farthest)
+                enhanced[y, x, c] = encode[np.uint32(index_of(seen[c, x], zero, top))]

@@ -18,9 +18,10 @@ class ImageRestorer(Protocol):
     """Restorer of images; see `uw_visibility.enhancement.radiance.Restorer`, the first of them."""
 
     def restore(
-        self, image: Any, range_map: RangeMap, water: Water, noise: PerChannel | None = None, /
+        self, image: Any, range_map: RangeMap, water: Water, noise: PerChannel | None = None,
+        known: Any = None, /,
     ) -> tuple[Any, Mask]:
-        """Return the image without the water, and where its gain was limited."""
+        """Return the image without the water, and where it was restored by less than half."""
 
 
 RESTORERS: dict[str, Callable[[EnhancementConfig, str, Workers], ImageRestorer]] = {

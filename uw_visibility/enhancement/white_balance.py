@@ -44,7 +44,8 @@ class RestorationWater(NamedTuple):
     """Attenuation β (1/m), veil B and scene light W for restoration, one value a channel.
 
     NaN is not assessable. `veil_stddev` is None where the veil is taken for exact. `balanced` is
-    how far W was taken from the camera's own white: 0 not at all, 1 wholly.
+    how far W was taken from the camera's own white: 0 not at all, 1 wholly. `exposure` is that of
+    the image over that of the left one.
     """
 
     attenuation: Array
@@ -52,6 +53,7 @@ class RestorationWater(NamedTuple):
     scene_light: Array
     veil_stddev: Array | None = None
     balanced: float = 0.0
+    exposure: Array | float = 1.0
 
 
 def restoration_water(
@@ -84,6 +86,9 @@ def restoration_water(
                 None if veil_stddev is None else veil_stddev[seen]),
             transfer)
         veil[seen], light[seen] = part.ambient_light, part.scene_light
+        if veil_stddev is not None:
+            veil_stddev = np.array(veil_stddev)
+            veil_stddev[seen] = part.veil_stddev
         return RestorationWater(attenuation, veil, light, veil_stddev, part.balanced)
     corrected = RestorationWater(attenuation, veil, light, veil_stddev)
     codes, distance = _samples(image, range_map, measured)
@@ -91,10 +96,10 @@ def restoration_water(
         return corrected
     irradiance = linear_table(transfer, image.dtype)[codes].astype(np.float64)
     if veil_stddev is not None:
-        veil = level_veil(
+        veil, veil_stddev = level_veil(
             irradiance, distance, attenuation, veil, light, veil_stddev,
             _QUANTISATION / np.iinfo(image.dtype).max)
-        corrected = corrected._replace(ambient_light=veil)
+        corrected = corrected._replace(ambient_light=veil, veil_stddev=veil_stddev)
     near = distance < _MOST_THICKNESS / max(float(attenuation.max()), 1e-9)
     irradiance, distance = irradiance[:, near], distance[near]
     if len(distance) < _FEWEST:
@@ -155,14 +160,18 @@ def level_veil(
     light: Array,
     stddev: Array,
     error: float,
-) -> Array:
-    """Veil for which radiance depends least on range, as far as its deviation lets it.
+) -> tuple[Array, Array]:
+    """Veil for which radiance depends least on range, and its standard deviation.
+
+    The veil moves as far as the deviation that it is known with lets it.
 
     Restoration of the far multiplies an error of the veil by e^(βd): of 2 % at an optical
     thickness of 3 it makes 0.4 of white. What lies far is as bright as what lies near, but for
     the scatter from one range to another; as a prior of Bayes' rule that tells the veil better
     than the dark envelope does. Nothing of it goes into the estimate that is published. The mean
-    radiance of a bin is linear in the veil: a weighted least-squares solution.
+    radiance of a bin is linear in the veil: a weighted least-squares solution. Where radiance
+    depends on range all the same, the deviation is larger by Birge's ratio (1932, doi
+    10.1103/PhysRev.40.207).
 
     Parameters
     ----------
@@ -181,8 +190,8 @@ def level_veil(
     count = np.bincount(bins, minlength=_BINS)
     full = count >= _FEWEST
     if np.count_nonzero(full) < 2:
-        return veil
-    level = veil.copy()
+        return veil, stddev
+    level, left_over = veil.copy(), np.array(stddev, np.float64)
     for c in range(len(veil)):
         # The bin's mean of e^(-βd) is not that at its mean range.
         left = _mean(transmission(attenuation[c], distance), bins, count)[full]
@@ -195,9 +204,13 @@ def level_veil(
             values -= weight @ values / max(weight.sum(), 1e-9)
         prior = 1.0 / min(max(stddev[c], 1e-6), _MOST * veil[c]) ** 2
         step = weight @ (change * radiance) / (weight @ change**2 + prior)
-        if step > -veil[c]:
-            level[c] += step
-    return level
+        if not step > -veil[c]:
+            continue
+        level[c] += step
+        residual = _NEIGHBOURS * (weight @ (radiance - step * change) ** 2)
+        birge = max(residual / max(np.count_nonzero(shown) - 1, 1), 1.0)
+        left_over[c] = np.sqrt(birge / (weight @ change**2 + prior))
+    return level, left_over
 
 
 def _mean(values: Array, bins: NDArray[np.intp], count: NDArray[np.intp]) -> Array:

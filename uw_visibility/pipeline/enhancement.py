@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Final enhancement of Fig. 4, from the filled disparity and the water (eq. 8)."""
+"""Final enhancement of Fig. 4, from the matched disparity and the water (eq. 8)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Collection
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.enhancement.hole_range import bound_by_veil
+from uw_visibility.enhancement.known_range import KnownRange, known_range
 from uw_visibility.enhancement.restorers import RESTORER, RESTORERS
 from uw_visibility.enhancement.white_balance import RestorationWater, restoration_water
 from uw_visibility.images.arrays import Image, Mask, PerChannel
@@ -21,12 +21,17 @@ from uw_visibility.pipeline.result import (
     FilledStereo,
 )
 
+# What is known at least of the ranges that tell of the light.
+_KNOWN = 0.5
+
 
 class ImageEnhancement:
-    """Restoration of both views with their filled ranges."""
+    """Restoration of both views; `range_error` is the deviation of inverse range, 1/m."""
 
-    def __init__(self, config: PipelineConfig, workers: Workers) -> None:
+    def __init__(self, config: PipelineConfig, range_error: float, workers: Workers) -> None:
         self._workers = workers
+        self._max_gap = config.enhancement.max_gap
+        self._range_error = range_error
         self._transfer = config.camera.transfer
         self._restorer = RESTORERS[RESTORER](config.enhancement, self._transfer, workers)
 
@@ -41,20 +46,29 @@ class ImageEnhancement:
         """
         if not sides:
             return EnhancedImages(NOT_WANTED, NOT_WANTED, NOT_LIMITED)
-        light = restoration_water(views.left.pixels, *filled.left, water, self._transfer)
-        of_right = light._replace(
-            ambient_light=right_gain * light.ambient_light,
+        of_left, of_right = self._workers.together(
+            lambda: self._known(views.left, filled.left, water),
+            lambda: filled.right and self._known(views.right, filled.right, water))
+        told = filled.left.matched & (of_left.known > _KNOWN)
+        light = restoration_water(
+            views.left.pixels, filled.left.range_map, told, water, self._transfer)
+        right_light = light._replace(
+            exposure=right_gain, ambient_light=right_gain * light.ambient_light,
             scene_light=right_gain * light.scene_light,
             veil_stddev=None if light.veil_stddev is None else right_gain * light.veil_stddev)
         (left, limited), (right, _) = self._workers.together(
-            lambda: self._restore(views.left, filled.left if "left" in sides else None, light),
-            lambda: self._restore(views.right, filled.right, of_right))
+            lambda: self._restore(views.left, of_left if "left" in sides else None, light),
+            lambda: self._restore(views.right, of_right, right_light))
         return EnhancedImages(left, right, limited, light.scene_light, light.balanced)
 
+    def _known(self, view: View, ranges: FilledRanges, water: RestorationWater) -> KnownRange:
+        return known_range(
+            view.pixels, *ranges, view.noise, water.attenuation, self._range_error, self._max_gap)
+
     def _restore(
-        self, view: View, ranges: FilledRanges | None, water: RestorationWater
+        self, view: View, ranges: KnownRange | None, water: RestorationWater
     ) -> tuple[Image, Mask]:
         if ranges is None:
             return NOT_WANTED, NOT_LIMITED
-        bounded = bound_by_veil(*ranges, view.pixels, water, self._transfer, self._workers)
-        return self._restorer.restore(view.pixels, bounded, water, view.noise)
+        return self._restorer.restore(
+            view.pixels, ranges.range_map, water, view.noise, ranges.known)

@@ -75,7 +75,7 @@ class Pipeline:
         self._estimator = make_estimator(self.config, self._assessor, rig)
         centres = rig.principal_point, rig.principal_point_right or rig.principal_point
         self._flat_field = FlatFieldCorrection(self.config.camera, centres, self._workers)
-        self._enhancement = ImageEnhancement(self.config, self._workers)
+        self._enhancement = ImageEnhancement(self.config, rig.range_error(), self._workers)
         self._by_lamps = (
             None if self.config.lighting.model == "daylight"
             else LampEnhancement(rig, self.config, self._workers))

@@ -1,0 +1,157 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Range of every pixel and what is known of it, both smooth but for the edges of the image.
+
+A range that fills a gap is a guess, and so is a match without texture, as in open water; restored
+by it, a picture shows the guess's outlines. So restoration fades with what is known of ranges.
+By a guided filter (He, Sun and Tang, doi 10.1109/TPAMI.2012.213) on cells (arXiv 1505.00996).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.images.arrays import Array, Image, Mask, RangeMap
+from uw_visibility.images.noise import ROUNDING_VARIANCE
+
+Plane = NDArray[np.float32]
+
+# Pixels per cell, in either direction; radius of the guided filter's windows, in cells: of ranges,
+# and of what is known of them.
+_CELL = 8
+_RANGE_WINDOW, _KNOWN_WINDOW = 3, 4
+# Variance of the image, at a scale of 0..1, below which it counts as flat.
+_FLAT = 1e-4
+# Gaps look so many times as far, too, which counts as this part of what is nearer.
+_FARTHER, _FARTHER_COUNTS = 4, 0.1
+# Matches, as part of a window, that tell as much of its gaps as no match at all.
+_NO_MATCH = 0.01
+# Parts of red, green and blue in OpenCV's grey (ITU-R BT.601).
+_GREY = np.array([0.299, 0.587, 0.114])
+# Second differences of white noise have this many times its variance.
+_SECOND_DIFFERENCES = np.array([[-1.0, 2.0, -1.0]], np.float32)
+_OF_NOISE = 6.0
+# Inverse ranges, 1/m: one that is not told from infinity's, and the largest.
+_INFINITY, _NEAREST = 1e-4, 1e3
+
+
+class KnownRange(NamedTuple):
+    """Range without holes, (H, W) float32, m, and what is known of it, (H, W) float32, 0..1."""
+
+    range_map: RangeMap
+    known: Plane
+
+
+def known_range(
+    image: Image, range_map: RangeMap, matched: Mask, noise: Array, attenuation: Array,
+    range_error: float, max_gap: int,
+) -> KnownRange:
+    """Range of every pixel, and the part of the restoration that it is known well enough for.
+
+    With an optical thickness βd of standard deviation σ, the gain of least squares is
+    E[e^(-βd)] / E[e^(-2βd)] = e^(βd) e^(-3σ²/2): the second factor is what is known. Inverse range
+    has the variance of the matcher times one and noise over texture; in gaps, that of what
+    surrounds them, too.
+
+    Parameters
+    ----------
+    image : (H, W, 3) or (H, W) ndarray of uint8 or uint16
+        Pixel values.
+    range_map : (H, W) float32 ndarray
+        Range, m, with gaps filled; NaN and infinity are beyond all that is seen.
+    matched : (H, W) bool ndarray
+        Pixels whose range was measured.
+    noise : (C,) float64 ndarray
+        Standard deviation of the image's noise, in code values.
+    attenuation : (C,) float64 ndarray
+        β, 1/m; NaN where not assessable, and nothing is known where all are. The clearest
+        channel's counts, by which one sees farthest.
+    range_error : float
+        Standard deviation of a matched inverse range, 1/m.
+    max_gap : int
+        How far gaps look for matches, px.
+    """
+    height, width = matched.shape
+    half = ((width + 1) // 2, (height + 1) // 2)
+    cells = (max(width // _CELL, 1), max(height // _CELL, 1))
+    full = np.float32(1.0 / np.iinfo(image.dtype).max)
+    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    guide = _resize(grey.astype(np.float32), half) * full
+    small = _resize(guide, cells)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # What is larger of NaN and 0 is 0.
+        inverse = np.minimum(np.fmax(np.float32(1.0) / range_map[::2, ::2], 0.0), _NEAREST)
+    share = _resize(matched[::2, ::2].astype(np.float32), cells)
+    value = _resize(inverse, cells)
+
+    relative = 1.0 + _noise_over_texture(small, noise, full)
+    weight = share / relative
+    spread = _spread(weight, value, range_error, max(max_gap // _CELL, 1))
+    along = _guided(
+        value, weight + _NO_MATCH * range_error**2 / spread, small, _RANGE_WINDOW)
+    smooth = np.maximum(along[0] * small + along[1], _INFINITY)
+    thickness = float(np.fmin.reduce(attenuation, initial=np.inf)) / smooth
+    variance = range_error**2 * relative + (1.0 - share) * spread
+    known = np.exp(-1.5 * variance * (thickness / smooth) ** 2)
+    # A cell at the border of what is known holds both sides. What is known well stays sharp.
+    known = cv2.erode(known, np.ones((3, 3), np.uint8))
+    planes = (*along, *_guided(known, np.ones_like(known), small, _KNOWN_WINDOW), known**4)
+    slope, offset, known_slope, known_offset, sharp = (
+        cv2.resize(plane, half, interpolation=cv2.INTER_LINEAR) for plane in planes)
+    smooth = slope * guide + offset
+    smooth += sharp * (inverse - smooth)
+    known = np.clip(known_slope * guide + known_offset, 0.0, 1.0)
+    return KnownRange(*(
+        cv2.resize(plane, (width, height), interpolation=cv2.INTER_LINEAR)
+        for plane in (1.0 / np.maximum(smooth, _INFINITY), known)))
+
+
+def _resize(plane: Plane, size: tuple[int, int]) -> Plane:
+    return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _blur(plane: Plane, radius: int) -> Plane:
+    side = 2 * radius + 1
+    return np.asarray(
+        cv2.blur(plane, (side, side), borderType=cv2.BORDER_REFLECT), np.float32)
+
+
+def _noise_over_texture(small: Plane, noise: Array, full: np.float32) -> Plane:
+    """Variance of noise over that of texture along rows, which matches rest upon.
+
+    Texture is what exceeds twice the noise. Differences are second ones, since light that changes
+    evenly, as in open water, matches anywhere.
+    """
+    weights = _GREY if noise.size == 3 else np.ones(1)
+    grey = float(weights**2 @ (noise**2 + ROUNDING_VARIANCE))
+    variance = np.float32(_OF_NOISE * grey * full**2 / _CELL**2)
+    differences = cv2.filter2D(
+        small, -1, _SECOND_DIFFERENCES, borderType=cv2.BORDER_REFLECT)
+    texture = _blur(differences * differences, 1) - 2.0 * variance
+    return np.asarray(variance / np.maximum(texture, 1e-6 * variance), np.float32)
+
+
+def _spread(weight: Plane, value: Plane, error: float, reach: int) -> Plane:
+    """Variance of the inverse range (1/m²) of a gap, by the matches around it and its filling."""
+    near, mean, square = (
+        _blur(plane, reach) + _FARTHER_COUNTS * _blur(plane, _FARTHER * reach)
+        for plane in (weight, weight * value, weight * value * value))
+    near_or_none = np.maximum(near, 1e-9)
+    mean /= near_or_none
+    spread = np.maximum(square / near_or_none - mean * mean, 0.0) + (value - mean) ** 2
+    return np.asarray(
+        spread + error**2 + mean * mean * (_NO_MATCH / (_NO_MATCH + near)), np.float32)
+
+
+def _guided(value: Plane, weight: Plane, guide: Plane, radius: int) -> tuple[Plane, Plane]:
+    """Slope and offset of a value as a linear function of the guide in weighted windows."""
+    total = _blur(weight, radius)
+    mean, level, both, square = (
+        _blur(weight * plane, radius) / total
+        for plane in (guide, value, guide * value, guide * guide))
+    slope = (both - mean * level) / (square - mean * mean + _FLAT)
+    return _blur(slope, radius), _blur(level - slope * mean, radius)
