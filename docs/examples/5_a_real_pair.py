@@ -58,9 +58,10 @@ result = Pipeline(rig, config).process(left, right, match_original=True)
 # Before and after
 # ----------------
 # The same picture as ``overview.png`` of ``uw_visibility enhance``: the left image, the same
-# without the water, the disparity. Near is light, far is dark, and what was not matched is black.
+# without the water, the range with its scale. Near is light, far is dark, and what was not matched
+# is black.
 
-shown = overview(left, result.left_enhanced, result.disparity)
+shown = overview(left, result.left_enhanced, result.range, f"transfer {transfer}")
 figure = plt.figure(figsize=(9.0, 9.0 * shown.shape[0] / shown.shape[1]))
 axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
 axes.imshow(shown)
@@ -68,7 +69,7 @@ axes.axis("off")
 plt.show()
 
 # %%
-# Disparity first: all else rests on it. Planes are to be planes, with steps at the edges of things
+# Range first: all else rests on it. Planes are to be planes, with steps at the edges of things
 # only, and what is before a thing nearer than it. Blotches that follow no shape mean that rows do
 # not correspond, or that the calibration is of another focus. The strip at the left is what
 # the right camera does not see.

@@ -16,10 +16,11 @@ def test_it_shows_before_after_and_what_matched(
     shape: tuple[int, ...], dtype: type, top: int
 ) -> None:
     before, after = np.full(shape, 50 * top, dtype), np.full(shape, 200 * top, dtype)
-    disparity = np.tile(np.linspace(5.0, 9.0, 30, dtype=np.float32), (20, 1))
-    disparity[:4] = np.nan
-    shown = overview(before, after, disparity)
-    assert (shown.shape, shown.dtype) == ((20, 90, 3), np.uint8)
+    ranges = 1.0 / np.tile(np.linspace(0.2, 0.5, 30, dtype=np.float32), (20, 1))
+    ranges[:4] = np.nan
+    whole = overview(before, after, ranges, "light")
+    assert (whole.shape, whole.dtype) == ((20 + 3 * 16, 90, 3), np.uint8)
+    shown = whole[16:36]
     assert (shown[:, :30] == 50).all()
     assert (shown[:, 30:60] == 200).all()
     drawn = shown[:, 60:].astype(int)
@@ -33,4 +34,20 @@ def test_it_shows_before_after_and_what_matched(
 
 def test_where_nothing_matched_it_is_black() -> None:
     image = np.full((8, 9, 3), 7, np.uint8)
-    assert (overview(image, image, np.full((8, 9), np.nan, np.float32))[:, 18:] == 0).all()
+    whole = overview(image, image, np.full((8, 9), np.nan, np.float32), "")
+    assert (whole[16:24, 18:] == 0).all()
+
+
+def test_labels_scale_and_assumptions_are_written() -> None:
+    image = np.full((240, 320, 3), 90, np.uint8)
+    ranges = np.tile(np.linspace(1.0, 9.0, 320, dtype=np.float32), (240, 1))
+    other = overview(image, image, 2.0 * ranges, "transfer srgb")
+    assumed = overview(image, image, ranges, "transfer linear (assumed)")
+    above, below = assumed[:16], assumed[256:]
+    assert all(above[:, x : x + 320].any() for x in (0, 320, 640))
+    # Twice the range has the same colours, but other numbers beside the same bar.
+    np.testing.assert_array_equal(assumed[16:256], other[16:256])
+    np.testing.assert_array_equal(below[:16, 640:], other[256:272, 640:])
+    assert (below[16:, 640:] != other[272:, 640:]).any()
+    assert (below[:, :640] != other[256:, :640]).any()
+    assert overview(image, image, ranges, "word " * 300).shape[0] > assumed.shape[0]

@@ -48,7 +48,8 @@ Images are 8 or 16 bit, colour or grey, and already rectified."""
 
 EPILOG = """\
 written to DIR:
-  overview.png           the left image, itself without the water, disparity in colours
+  overview.png           the left image, itself without the water, range in colours with a
+                         scale in metres, and what was assumed
   left_enhanced.png, right_enhanced.png   the images without the water
   disparity.pfm          matched pixels, px; inf = unmatched
   confidence.pfm         probability that disparity is within 1 px; 0 = unmatched
@@ -113,10 +114,11 @@ def run(arguments: argparse.Namespace) -> None:
         except InputError as error:
             raise InputError(f"{arguments.left}, {arguments.right}: {error}") from error
         with gathered(arguments.output, PRODUCTS, force=arguments.force) as folder:
-            report = _write(folder, result, DerivedModel.from_config(config), left)
+            assumed = assumptions(config.to_parameters(), told, [rig.baseline])
+            report = _write(folder, result, DerivedModel.from_config(config), left, assumed)
     say(_summary(report, arguments.output))
     say(definition(config.assessment.contrast))
-    say(assumptions(config.to_parameters(), told, [rig.baseline]))
+    say(assumed)
     if "camera.transfer" not in told and arguments.left.suffix.lower() in LOSSY:
         say(ASK_TRANSFER, error=True)
 
@@ -212,7 +214,7 @@ def _prepare_folder(arguments: argparse.Namespace) -> None:
 
 
 def _write(
-    folder: Path, result: FrameResult, model: DerivedModel, left: NDArray[Any]
+    folder: Path, result: FrameResult, model: DerivedModel, left: NDArray[Any], assumed: str
 ) -> dict[str, Any]:
     import numpy as np
 
@@ -221,7 +223,7 @@ def _write(
 
     write_png(folder / "left_enhanced.png", result.left_enhanced)
     write_png(folder / "right_enhanced.png", result.right_enhanced)
-    write_png(folder / "overview.png", overview(left, result.left_enhanced, result.disparity))
+    write_png(folder / "overview.png", overview(left, result.left_enhanced, result.range, assumed))
     matched = np.where(np.isfinite(result.disparity), result.disparity, np.float32(np.inf))
     write_pfm(folder / "disparity.pfm", matched)
     if result.stereo.confidence is not None:

@@ -1,28 +1,60 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Overview of a frame: before, after and disparity in colours, side by side.
+"""Overview of a frame: before, after and range in colours, side by side, with a scale.
 
 Viridis: it rises in lightness, so that who is colour-blind, and a grey print, tell far from near.
 """
 
 from __future__ import annotations
 
+import textwrap
+
 import cv2
 import numpy as np
 
-from uw_visibility.images.arrays import DisparityMap, Image, Image8
+from uw_visibility.images.arrays import DisparityMap, Image, Image8, RangeMap
 
 # The colours reach over the disparities that this share of the matched pixels has, %.
 DRAWN_SHARE = (1.0, 99.0)
 NOT_MATCHED = (0, 0, 0)
 
 
-def overview(image: Image, enhanced: Image, disparity: DisparityMap) -> Image8:
-    """Put an image, itself without the water, and its disparity (px, NaN is black) side by side."""
-    known = np.isfinite(disparity)
-    low, high = np.percentile(disparity[known], DRAWN_SHARE) if known.any() else (0.0, 0.0)
-    drawn = draw_disparity(disparity, float(low), float(high))
-    return np.concatenate((shown(image), shown(enhanced), drawn), axis=1)
+# Of text, in px.
+_LINE, _LETTER = 16, 7
+
+
+def overview(image: Image, enhanced: Image, range_map: RangeMap, assumed: str) -> Image8:
+    """Put an image, itself without the water, and its range (m, NaN is black) side by side.
+
+    Above is what they are, below what was `assumed`, and the colours' scale in metres. Colours
+    follow the inverse of the range, as disparities do.
+    """
+    width = image.shape[1]
+    with np.errstate(divide="ignore"):
+        inverse = np.asarray(1.0 / range_map, np.float32)
+    known = np.isfinite(inverse)
+    low, high = np.percentile(inverse[known], DRAWN_SHARE) if known.any() else (0.0, 0.0)
+    drawn = draw_disparity(inverse, float(low), float(high))
+    lines = textwrap.wrap(assumed, max(2 * width // _LETTER, 1))
+    above = np.zeros((_LINE, 3 * width, 3), np.uint8)
+    below = np.zeros((_LINE * max(len(lines), 2), 3 * width, 3), np.uint8)
+    for column, title in enumerate(("as recorded", "without the water", "range; black: none")):
+        _write(above, title, column * width, 0)
+    for row, line in enumerate(lines):
+        _write(below, line, 0, row)
+    below[2:_LINE - 2, 2 * width:] = viridis(np.linspace(0.0, 1.0, width)[np.newaxis])
+    for part in (0.0, 0.5, 1.0) if known.any() else ():
+        value = f"{1.0 / max(low + part * (high - low), 1e-6):.3g} m"
+        space = width - _LETTER * (len(value) + 1)
+        _write(below, value, 2 * width + max(round(part * space), 0), 1)
+    row_of_pictures = np.concatenate((shown(image), shown(enhanced), drawn), axis=1)
+    return np.concatenate((above, row_of_pictures, below))
+
+
+def _write(strip: Image8, text: str, x: int, row: int) -> None:
+    cv2.putText(
+        strip, text, (x + 2, _LINE * (row + 1) - 4), cv2.FONT_HERSHEY_SIMPLEX, 0.38,
+        (255, 255, 255), 1, cv2.LINE_AA)
 
 
 def draw_disparity(disparity: DisparityMap, low: float, high: float) -> Image8:
