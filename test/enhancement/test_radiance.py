@@ -62,7 +62,7 @@ def expected(
     gain = np.exp(np.minimum(
         water.attenuation * distance[..., np.newaxis], np.log(64.0 * config.max_gain)))
     restored = np.clip(veil / white + (light - veil) / white * gain, 0.0, 1.0)
-    error = np.sqrt((noise / 0.3) ** 2 + 1.0 / 12.0) / 255.0 / white
+    error = np.sqrt((noise / 0.2) ** 2 + 1.0 / 12.0) / 255.0 / white
     least = np.minimum((error / 2.0 / config.max_noise) ** 2, 0.25) + (0.5 / config.max_gain) ** 2
     unsure = (water.veil_stddev / (0.5 * white)) ** 2
     part = known[..., np.newaxis] / (1.0 + least * gain**2 + unsure * (gain - 1.0) ** 2)
@@ -194,7 +194,7 @@ def test_noise_limits_the_gain_and_the_result_keeps_to_it() -> None:
     image = np.clip(np.round(light + rng.normal(0, 1.5, light.shape)), 0, 255).astype(np.uint8)
     for distance in (1.0, 3.0, 5.0, 7.0, 9.0):
         ranges = np.full((120, 160), distance, np.float32)
-        enhanced, _ = Restorer(EnhancementConfig(max_noise=0.1)).restore(
+        enhanced, _ = Restorer(EnhancementConfig(max_noise=0.15)).restore(
             image, ranges, water, np.full(3, 1.5))
         assert enhanced.std(axis=(0, 1)).max() / 255 < 0.036
         free, _ = Restorer(EnhancementConfig(max_noise=10.0)).restore(

@@ -23,9 +23,9 @@ from uw_visibility.optics.transfer import encode_table, linear_table
 _MOST_VEIL = 0.5
 # Gains are worked out up to so many times `max_gain`; there hardly a part of them is left.
 _BEYOND = 64.0
-# Noise, as grain, may have this part of what rounding may: of 0.1 to 1 by 0.1, least ΔE of traced
-# scenes with noise of one code (`judge --pictures`).
-_GRAIN = 0.3
+# Noise, as grain, may have this part of what rounding may: of 0.1 to 1 the largest by which steps
+# of the gain in traced scenes, with noise of one code, are 2 codes (`judge --pictures`).
+_GRAIN = 0.2
 # However noisy an image, what is near is restored by 1 / (1 + this), that is 0.8.
 _MOST_NOISE = 0.25
 
