@@ -19,7 +19,7 @@ from uw_visibility.config.parameters import read_yaml
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.replay.work import Recording, RecordingProcessor
-from uw_visibility.water.daylight.priors import NOTHING_EXPECTED
+from uw_visibility.water.daylight.one_light import NOTHING_EXPECTED
 from uw_visibility.water.meaning.depth import diffuse_attenuation
 
 RESPONSE = load_response("nikon_d5100")
@@ -62,15 +62,15 @@ def depth_error(rows: list[dict[str, str]], deviations: float = np.inf) -> float
         np.minimum(errors, deviations * 1.4826 * np.median(errors)) ** 2)))
 
 
-# Of a dozen small frames, a coastal type cannot be told from its neighbour.
-@pytest.mark.parametrize("water_type, alike", [("clear", {"clear"}), ("3C", {"1C", "3C"})])
+# Of a dozen small frames, a type cannot be told from its neighbour.
+@pytest.mark.parametrize("water_type, alike", [("clear", {"clear", "IB"}), ("3C", {"1C", "3C"})])
 def test_white_and_water_are_found_and_make_the_depth_right(
     water_type: str, alike: set[str], dive: Path, tmp_path: Path,
     capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = copy_bag(dive, tmp_path / "bag", edit=seen(water_type))
     given, found = tmp_path / "given.yaml", tmp_path / "found.yaml"
-    given.write_text("/**: {ros__parameters: {water: {bins: 50}, plausibility.max_gate: 4.0}}")
+    given.write_text("/**: {ros__parameters: {water: {daylight_tolerance: 0.2}, plausibility.max_gate: 4.0}}")
     command = ["calibrate", str(bag), "--jobs", "1", "--params-file", str(given)]
     assert main([*command, "--transfer", "linear", "-o", str(found)]) == 0
     printed = capsys.readouterr().out
@@ -81,7 +81,7 @@ def test_white_and_water_are_found_and_make_the_depth_right(
     np.testing.assert_allclose(config.camera.white_reference, WHITE / WHITE[1], rtol=0.12)
     # What was given before is there as well, so that the file takes the other one's place.
     values = read_yaml(found)
-    assert (values["water.bins"], values["plausibility.max_gate"]) == (50, 4.0)
+    assert (values["water.daylight_tolerance"], values["plausibility.max_gate"]) == (0.2, 4.0)
     assert values["camera.transfer"] == "linear"
     before = depth_error(run(bag, tmp_path / "before", "--params-file", str(given)).rows)
     after = depth_error(run(bag, tmp_path / "after", "--params-file", str(found)).rows)

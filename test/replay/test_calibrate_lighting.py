@@ -31,7 +31,7 @@ def test_places_of_lamps_are_found_and_written_as_parameters(
     guess, target = tmp_path / "guess.yaml", tmp_path / "lamps.yaml"
     places = (np.array(true.positions) + GUESSED_OFF).tolist()
     guess.write_text(
-        "/**: {ros__parameters: {water: {bins: 50}, lighting: {model: lamps, directions: [0, 0, 1],"
+        "/**: {ros__parameters: {water: {min_range_ratio: 1.5}, lighting: {model: lamps, directions: [0, 0, 1],"
         f" positions: {places}}}}}}}")
     command = ["calibrate", "--lighting", str(bag), "--params-file", str(guess)]
     command += ["-o", str(target)]
@@ -39,7 +39,7 @@ def test_places_of_lamps_are_found_and_written_as_parameters(
     assert "±" in capsys.readouterr().out
     assert (tmp_path / "lamps.png").stat().st_size > 10_000
     config = PipelineConfig.from_yaml(target)
-    assert config.water.bins == 50
+    assert config.water.min_range_ratio == 1.5
     found = config.lighting
     assert found.model == "lamps"
     assert found.position_stddev < 0.12

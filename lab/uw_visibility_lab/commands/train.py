@@ -33,6 +33,8 @@ OPTIONS: Options = {
     "--jobs N": (1, "processes that draw"),
     "--views-file NPZ": (
         None, "statistics of the views: read where there is one, else written", Path),
+    "--lamps SHARE": (None, "share of the views that are by lamps, instead of the beliefs'", float),
+    "--also NPZ": (None, "statistics of further views, that another run wrote", Path),
 }
 
 
@@ -51,6 +53,7 @@ def run(arguments: argparse.Namespace) -> None:
     check_range("--networks", arguments.networks, 1, 16)
     check_range("--epochs", arguments.epochs, 0.1, 1000.0)
     check_range("--jobs", arguments.jobs, 1, 256)
+    check_range("--lamps", 0.0 if arguments.lamps is None else arguments.lamps, 0.0, 1.0)
     _check_output(arguments)
     if importlib.util.find_spec("torch") is None:
         raise InputError("train needs PyTorch: pip install 'uw_visibility_lab[train]'")
@@ -62,9 +65,12 @@ def run(arguments: argparse.Namespace) -> None:
         views = examples.load(kept)
     else:
         views = examples.draw_all(
-            arguments.pool, arguments.views, arguments.seed, arguments.jobs, _tell)
+            arguments.pool, arguments.views, arguments.seed, arguments.jobs, _tell,
+            arguments.lamps)
         if kept is not None:
             examples.save(views, kept)
+    if arguments.also is not None:
+        views = examples.joined(views, examples.load(arguments.also))
     arrays = train(views, arguments.networks, arguments.epochs, say)
     write(arrays, arguments.output, provenance(arguments.pool, arguments.seed, views))
     say(f"networks: {arguments.output}")

@@ -25,7 +25,7 @@ from uw_visibility.water.daylight.statistics import (
     summarise,
 )
 from uw_visibility_lab.evaluation.parallel import Progress, run_all
-from uw_visibility_lab.worlds.beliefs import count, happens
+from uw_visibility_lab.worlds.beliefs import bounds, count, happens
 from uw_visibility_lab.worlds.beliefs import draw as belief
 from uw_visibility_lab.worlds.draw import View, draw
 from uw_visibility_lab.worlds.scenes import load_scene
@@ -90,11 +90,13 @@ def truth_of(view: View, statistics: Statistics) -> NDArray[np.float32]:
 
 
 def draw_all(
-    pool: Path, number: int, seed: int, jobs: int, progress: Progress
+    pool: Path, number: int, seed: int, jobs: int, progress: Progress,
+    lamps: float | None = None,
 ) -> Examples:
     """Draw and summarise views; the same ones for any number of jobs.
 
-    Views of which too little has a range, or whose water has no finite logarithm, are left out.
+    `lamps` is the share of views by lamps, that of the beliefs where absent. Views of which too
+    little has a range, or whose water has no finite logarithm, are left out.
 
     Raises
     ------
@@ -103,7 +105,7 @@ def draw_all(
     """
     places = scenes_of(pool)
     blocks = [range(at, min(at + BLOCK, number)) for at in range(0, number, BLOCK)]
-    rows = [row for block in run_all(_draw_block, blocks, (places, seed), jobs, progress)
+    rows = [row for block in run_all(_draw_block, blocks, (places, seed, lamps), jobs, progress)
             for row in block]
     if len(rows) < 0.5 * number:
         raise InputError(
@@ -111,12 +113,15 @@ def draw_all(
     return gather(rows)
 
 
-def _draw_block(block: range, places: Sequence[Path], seed: int) -> list[Row]:
+def _draw_block(
+    block: range, places: Sequence[Path], seed: int, share: float | None
+) -> list[Row]:
+    share = bounds("lamps.share")[0] if share is None else share
     rows = []
     for index in block:
         rng = np.random.default_rng((seed, index, 0))
         frames = count(rng, "survey.frames") if happens(rng, "survey.share") else 1
-        lamps = frames == 1 and happens(rng, "lamps.share")
+        lamps = frames == 1 and rng.random() < share
         views = [_frame(places, (seed, index), k, lamps) for k in range(frames)]
         statistics = statistics_of(views[0]) if frames == 1 else statistics_of_survey(rng, views)
         if statistics is None:
@@ -141,6 +146,11 @@ def _frame(
     other = np.random.default_rng((*seed, 1, frame))
     scene = load_scene(places[int(other.integers(len(places)))])
     return draw(rng, scene, nearer=belief(other, "survey.nearer"))
+
+
+def joined(first: Examples, second: Examples) -> Examples:
+    """Examples of both."""
+    return Examples(*(np.concatenate(each) for each in zip(first, second, strict=True)))
 
 
 def gather(rows: Sequence[Row]) -> Examples:
