@@ -70,7 +70,8 @@ def test_white_and_water_are_found_and_make_the_depth_right(
 ) -> None:
     bag = copy_bag(dive, tmp_path / "bag", edit=seen(water_type))
     given, found = tmp_path / "given.yaml", tmp_path / "found.yaml"
-    given.write_text("/**: {ros__parameters: {water: {daylight_tolerance: 0.2}, plausibility.max_gate: 4.0}}")
+    given.write_text(
+        "/**: {ros__parameters: {water: {daylight_tolerance: 0.2}, plausibility.max_gate: 4.0}}")
     command = ["calibrate", str(bag), "--jobs", "1", "--params-file", str(given)]
     assert main([*command, "--transfer", "linear", "-o", str(found)]) == 0
     printed = capsys.readouterr().out

@@ -31,7 +31,8 @@ def test_places_of_lamps_are_found_and_written_as_parameters(
     guess, target = tmp_path / "guess.yaml", tmp_path / "lamps.yaml"
     places = (np.array(true.positions) + GUESSED_OFF).tolist()
     guess.write_text(
-        "/**: {ros__parameters: {water: {min_range_ratio: 1.5}, lighting: {model: lamps, directions: [0, 0, 1],"
+        "/**: {ros__parameters: {water: {min_range_ratio: 1.5}, lighting: {model: lamps,"
+        " directions: [0, 0, 1],"
         f" positions: {places}}}}}}}")
     command = ["calibrate", "--lighting", str(bag), "--params-file", str(guess)]
     command += ["-o", str(target)]
