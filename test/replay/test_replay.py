@@ -177,7 +177,7 @@ def test_the_result_says_where_it_comes_from(transect: Path, replayed: Path) -> 
     expected = hashlib.sha256((transect / "transect.mcap").read_bytes()).hexdigest()
     state = json.loads((replayed / "replay.json").read_text())
     assert (state["complete"], state["input_sha256"]) == (True, expected)
-    assert state["parameters"]["water.method"] == "lower_envelope"
+    assert state["parameters"]["water.veil"] == "free"
     # Where rosbag2 keeps custom data: in the file's metadata, as YAML.
     data = (replayed / "results.mcap").read_bytes()
     for text in ("uw_visibility.version", "uw_visibility.parameters", expected):

@@ -14,13 +14,6 @@ from uw_visibility.errors import InputError
 class WaterConfig:
     """Estimation of attenuation and ambient light (eq. 4-7)."""
 
-    method: str = parameter(
-        "lower_envelope",
-        "Estimation: lower_envelope (a trained posterior, and with water.veil paper the darkest "
-        "patches over range), or paper (the paper's least squares on the 1 % quantile, with any "
-        "water.veil).",
-        choices=("lower_envelope", "paper"),
-    )
     veil: str = parameter(
         "free",
         "Veil, what the water adds, and light on the scene: free (each of its own; networks "

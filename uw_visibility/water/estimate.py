@@ -14,7 +14,6 @@ import numpy as np
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.status import Status
 from uw_visibility.water.blocks import Blocks
-from uw_visibility.water.daylight.fit import Fit, blank
 from uw_visibility.water.lamps.cells import Cells
 from uw_visibility.water.lamps.tracks import GroundView
 from uw_visibility.water.observations import Envelopes
@@ -216,11 +215,21 @@ def refuse(status: list[Status], reason: Status) -> list[Status]:
     return [reason if before is Status.OK else before for before in status]
 
 
-def assemble(fit: Fit, envelope: Envelopes, status: list[Status]) -> WaterEstimate:
-    """Return the estimate that a fit is, NaN for the channels that are refused."""
+def blank(covariance: Array, known: Mask) -> Array:
+    """Copy of a (6, 6) covariance with NaN for unknown channels, (3,), or parameters, (6,)."""
+    both = np.repeat(known, 6 // len(known))
+    return np.where(np.outer(both, both), covariance, np.nan)
+
+
+def assemble(
+    parameters: Array, covariance: Array, envelope: Envelopes, status: list[Status]
+) -> WaterEstimate:
+    """Return an estimate of β and I∞, (3, 2), with their covariance, (6, 6).
+
+    NaN for the channels that are refused.
+    """
     refused = np.array([reason is not Status.OK for reason in status])
-    parameters = np.where(refused[:, np.newaxis], np.nan, fit.parameters)
+    shown = np.where(refused[:, np.newaxis], np.nan, parameters)
     return WaterEstimate(
-        **of_channels(
-            status, parameters[:, 0], parameters[:, 1], blank(fit.covariance, ~refused)),
-        iterations=fit.iterations, bins=len(envelope.range), envelope=envelope)
+        **of_channels(status, shown[:, 0], shown[:, 1], blank(covariance, ~refused)),
+        iterations=1, bins=len(envelope.range), envelope=envelope)

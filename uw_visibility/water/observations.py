@@ -19,9 +19,8 @@ BINS = 32
 FEWEST_OF_BIN = 24
 FEWEST_BINS = 6
 # The dark envelope is the third darkest block of a bin: two may have a wrong range. The paper
-# takes 1 % of the pixels, in bins of equal width (eq. 4).
+# takes 1 % of the pixels (eq. 4).
 DARKEST = 3
-PLAIN_BINS, PLAIN_DARKEST = 48, 0.01
 BRIGHT_QUANTILE = 0.99
 BRIGHT_BINS = 3
 # Quantile that shows how steep the dark end of a bin is, beside the envelope.
@@ -86,7 +85,7 @@ class Envelopes:
         return float(near[at]), float(self.range[at])
 
 
-def observe(blocks: Blocks, range_error: float = 0.0, plain: bool = False) -> Envelopes:
+def observe(blocks: Blocks, range_error: float = 0.0) -> Envelopes:
     """Bin blocks by range and take the envelopes of each bin and channel (eq. 4-5).
 
     Parameters
@@ -94,8 +93,6 @@ def observe(blocks: Blocks, range_error: float = 0.0, plain: bool = False) -> En
     blocks : Blocks
     range_error : float
         Standard deviation of range over its square, 1/m; 0 for exact ranges.
-    plain : bool
-        As the paper: bins of equal width, and a quantile for the dark envelope.
 
     Returns
     -------
@@ -113,8 +110,6 @@ def observe(blocks: Blocks, range_error: float = 0.0, plain: bool = False) -> En
             grey, range_error=range_error)
     number = min(max(int(near.sum()) // (2 * FEWEST_OF_BIN), FEWEST_BINS), BINS)
     place, mean_range, count, limits = place_by_range(blocks.range, near, number)
-    if plain:
-        place, mean_range, count = _equal_widths(blocks.range, near, limits)
     full = np.flatnonzero(count >= FEWEST_OF_BIN)
     slope = _Slope(blocks)
     found = np.empty((5, 3, len(full)))
@@ -124,11 +119,11 @@ def observe(blocks: Blocks, range_error: float = 0.0, plain: bool = False) -> En
     ends = np.cumsum(count).astype(int)
     for i, at in enumerate(full):
         here = slice(ends[at] - int(count[at]), ends[at])
-        found[:, :, i] = _of_bin(light[here], ranges[here], blocks, slope, plain)
+        found[:, :, i] = _of_bin(light[here], ranges[here], blocks, slope)
     dark, dark_range, bright, step, deviation = found
     return Envelopes(
         mean_range[full], count[full].astype(np.int64), dark,
-        np.tile(mean_range[full], (3, 1)) if plain else dark_range, bright, step, deviation,
+        dark_range, bright, step, deviation,
         blocks.clipped, blocks.black, grey, limits, range_error)
 
 
@@ -150,22 +145,19 @@ class _Slope:
 
 
 def _of_bin(
-    light: NDArray[np.float32], ranges: NDArray[np.float32], blocks: Blocks, slope: _Slope,
-    plain: bool,
+    light: NDArray[np.float32], ranges: NDArray[np.float32], blocks: Blocks, slope: _Slope
 ) -> Array:
     """Dark envelope, its range, bright envelope, code step and deviation, (5, 3)."""
     number = len(light)
-    darkest = max(round(PLAIN_DARKEST * number), 1) if plain else DARKEST
-    inner = max(round(STEEPNESS_QUANTILE * number), darkest + 1)
-    ranks = (darkest - 1, inner - 1, int(BRIGHT_QUANTILE * (number - 1)))
+    inner = max(round(STEEPNESS_QUANTILE * number), DARKEST + 1)
+    ranks = (DARKEST - 1, inner - 1, int(BRIGHT_QUANTILE * (number - 1)))
     order = np.argpartition(light, ranks, axis=0)
     dark, steep, bright = np.take_along_axis(light, order[list(ranks)], 0).astype(np.float64)
     scale = slope.at(dark)
     noise = scale * slope.noise / blocks.side
-    if not plain:
-        dark = dark + _noise_shift(noise, steep - dark, np.array((darkest, inner)) / (number + 1.0))
+    dark = dark + _noise_shift(noise, steep - dark, np.array((DARKEST, inner)) / (number + 1.0))
     return np.stack((
-        dark, ranges[order[:darkest]].mean(axis=0), bright,
+        dark, ranges[order[:DARKEST]].mean(axis=0), bright,
         scale * blocks.step, np.hypot(scale * FIXED_PATTERN / 255.0, noise)))
 
 
@@ -178,18 +170,3 @@ def _noise_shift(noise: Array, rise: Array, quantiles: Array) -> Array:
     outer, inner = -ndtri(quantiles)
     steepness = np.minimum((outer - inner) * noise / np.maximum(rise, 1e-9), 1.0)
     return np.asarray(outer * noise * steepness)
-
-
-def _equal_widths(
-    ranges: NDArray[np.float32], near: NDArray[np.bool_], limits: tuple[float, float]
-) -> tuple[NDArray[np.int8], Array, Array]:
-    """As `place_by_range`, with bins of equal width."""
-    low, high = limits
-    inside = near & (ranges >= low) & (ranges <= high)
-    place = np.full(ranges.shape, -1, np.int8)
-    width = max(high - low, 1e-9) / PLAIN_BINS
-    at = np.minimum((ranges[inside] - low) / width, PLAIN_BINS - 1).astype(np.int8)
-    place[inside] = at
-    count = np.bincount(at, minlength=PLAIN_BINS).astype(np.float64)
-    total = np.bincount(at, weights=ranges[inside], minlength=PLAIN_BINS)
-    return place, total / np.maximum(count, 1.0), count

@@ -243,7 +243,7 @@ class _Bench:
         reader = self.reader
         readings = {
             "exact": reader.estimate(left, self.exact_range),
-            "paper_exact": reader.estimate(left, self.exact_range, "paper"),
+            "paper_exact": reader.fit_plain(left, self.exact_range),
         }
         if result is None:
             refused = Reading.refused(refusal or "")
@@ -252,7 +252,7 @@ class _Bench:
             found = self.rig.range_from_disparity(result.disparity)
             readings["step1"] = reader.read(result.coarse_water)
             readings["pipeline"] = Reading.of_result(result)
-            readings["paper_pipeline"] = reader.estimate(left, found, "paper")
+            readings["paper_pipeline"] = reader.fit_plain(left, found)
         for name, own in of_kind("estimator").items():
             found = self.exact_range if result is None else result.range
             readings[name] = reader.read(own.run(left, found, self.config.camera.transfer))

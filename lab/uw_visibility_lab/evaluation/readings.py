@@ -22,6 +22,7 @@ from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor, Visibility
 from uw_visibility.water.series.filter import FilteredWater
+from uw_visibility_lab.evaluation.plain import fit_plain
 
 Triple = tuple[float, float, float]
 
@@ -133,18 +134,18 @@ class Reader:
         """Return an estimate with its assessment."""
         return Reading.of(estimate, self.assessor.assess(estimate))
 
-    def estimate(self, image: Image8, ranges: RangeMap, method: str | None = None) -> Reading:
-        """Estimate the water from an image and ranges, m, each of which is taken as exact.
-
-        `method` is that of the configuration where absent, see `WaterConfig`.
-        """
+    def estimate(self, image: Image8, ranges: RangeMap) -> Reading:
+        """Estimate the water from an image and ranges, m, each of which is taken as exact."""
         config = self._config
-        water = config.water if method is None else replace(config.water, method=method)
         estimator = WaterEstimator(
-            water, self.assessor.clear_water_attenuation, config.camera.transfer,
-            self.assessor.daylight,
-        )
+            config.water, self.assessor.clear_water_attenuation, config.camera.transfer,
+            self.assessor.daylight)
         return self.read(estimator.estimate(image, ranges, range_error=0.0))
+
+    def fit_plain(self, image: Image8, ranges: RangeMap) -> Reading:
+        """Fit the water as the paper does; as `estimate`."""
+        return self.read(fit_plain(
+            image, ranges, self.assessor.clear_water_attenuation, self._config.camera.transfer))
 
 
 def read_pair(

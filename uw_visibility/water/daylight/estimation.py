@@ -25,7 +25,6 @@ from uw_visibility.water.blocks import (
     reduce_to_blocks,
     thinned,
 )
-from uw_visibility.water.daylight.fit import ATTENUATION_BOUNDS, Fit, fit_plain
 from uw_visibility.water.daylight.grey_average import colour_balance
 from uw_visibility.water.daylight.inference import Posterior, infer
 from uw_visibility.water.daylight.network import Network, trained
@@ -126,8 +125,7 @@ class WaterEstimator:
 
     def estimate_blocks(self, blocks: Blocks, range_error: float) -> WaterEstimate:
         """Estimate from blocks of one image or of several; `range_error` in 1/m."""
-        plain = self._config.method == "paper"
-        envelope = observe(blocks, range_error, plain)
+        envelope = observe(blocks, range_error)
         reason = refuse_frame(envelope, self._config.min_range_ratio)
         posterior = None
         if reason is Status.OK:
@@ -142,11 +140,6 @@ class WaterEstimator:
         active = np.array([each is Status.OK for each in status])
         if not active.any():
             return WaterEstimate.not_assessable(overall_status(status), envelope)
-        if plain:
-            fit = fit_plain(envelope, self._clear_water, active)
-            failed = not fit.converged or (fit.parameters[:, 0] >= ATTENUATION_BOUNDS[1]).any()
-            status = refuse(status, Status.FIT_FAILED if failed else Status.OK)
-            return self._validated(fit, envelope, status)
         networks = self._networks
         if posterior.unlike > networks.most_unlike:
             status = refuse(status, Status.UNLIKE_TRAINING)
@@ -154,11 +147,11 @@ class WaterEstimator:
             status = refuse(status, Status.NOT_ONE_WATER)
         if self._config.veil == "paper":
             edgeless = observe(away_from_edges(blocks), range_error)
-            fit = fit_one_light(
+            found = fit_one_light(
                 posterior, edgeless, active, self._daylight, self._config.daylight_tolerance)
-            estimate = self._validated(fit, envelope, status)
+            estimate = self._validated(*found, envelope, status)
         else:
-            estimate = self._validated(_fit_of(posterior), envelope, status)
+            estimate = self._validated(*_attenuation_and_veil(posterior), envelope, status)
             known = np.isfinite(estimate.attenuation)
             light, light_covariance = _light(posterior, envelope, known)
             estimate = replace(
@@ -178,17 +171,18 @@ class WaterEstimator:
         statistics = summarise(blocks, range_error, clear_water)
         return None if statistics is None else infer(self._networks, statistics)
 
-    def _validated(self, fit: Fit, envelope: Envelopes, status: list[Status]) -> WaterEstimate:
-        """Estimate that a fit is, without the channels that are too uncertain."""
-        stddev = np.sqrt(np.diag(fit.covariance)[0::2])
+    def _validated(
+        self, parameters: Array, covariance: Array, envelope: Envelopes, status: list[Status]
+    ) -> WaterEstimate:
+        """Estimate of β and light, (3, 2), without the channels that are too uncertain."""
+        stddev = np.sqrt(np.diag(covariance)[0::2])
         status = [
             refuse_spread(float(value), float(spread)) if reason is Status.OK else reason
-            for reason, value, spread in zip(status, fit.parameters[:, 0], stddev, strict=True)]
+            for reason, value, spread in zip(status, parameters[:, 0], stddev, strict=True)]
         shown = np.where(
-            [reason is Status.OK for reason in status], fit.parameters[:, 0], np.nan)
-        clearer = refute_clearness(
-            shown, np.nan_to_num(fit.covariance[0::2, 0::2]), self._clear_water)
-        return assemble(fit, envelope, refuse(status, clearer))
+            [reason is Status.OK for reason in status], parameters[:, 0], np.nan)
+        clearer = refute_clearness(shown, covariance[0::2, 0::2], self._clear_water)
+        return assemble(parameters, covariance, envelope, refuse(status, clearer))
 
     def estimate_grey_view(
         self, view: View, range_map: NDArray[np.floating], *, range_error: float
@@ -209,22 +203,22 @@ class WaterEstimator:
         posterior = self._infer(blocks, range_error, np.full(3, self._clear_water.min()))
         if posterior is None or posterior.lit_by_lamps:
             return None
-        fit = fit_one_light(
+        parameters, covariance = fit_one_light(
             posterior, observe(away_from_edges(blocks), range_error), np.ones(3, np.bool_), None,
             self._config.daylight_tolerance)
-        attenuation, ambient_light = fit.parameters[0]
-        if refuse_spread(attenuation, np.sqrt(fit.covariance[0, 0])) is not Status.OK:
+        attenuation, ambient_light = parameters[0]
+        if refuse_spread(attenuation, np.sqrt(covariance[0, 0])) is not Status.OK:
             return None
         return float(attenuation), float(ambient_light)
 
 
-def _fit_of(posterior: Posterior) -> Fit:
-    """Posterior of attenuation and veil, as a fit."""
+def _attenuation_and_veil(posterior: Posterior) -> tuple[Array, Array]:
+    """β and B of the posterior, (3, 2), and their covariance, (6, 6)."""
     of_both = np.array([0, 1, 3, 4, 6, 7])
     parameters = np.exp(posterior.mean[:, :2])
     scale = parameters.ravel()
     covariance = posterior.covariance[np.ix_(of_both, of_both)] * np.outer(scale, scale)
-    return Fit(parameters, covariance, 1, True)
+    return parameters, covariance
 
 
 def _light(posterior: Posterior, envelope: Envelopes, known: Mask) -> tuple[Array, Array]:

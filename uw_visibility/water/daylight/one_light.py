@@ -23,7 +23,6 @@ import numpy as np
 
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.light_model import transmission
-from uw_visibility.water.daylight.fit import Fit
 from uw_visibility.water.daylight.inference import Posterior
 from uw_visibility.water.observations import Envelopes
 
@@ -100,7 +99,7 @@ class _Residuals(NamedTuple):
 def fit_one_light(
     posterior: Posterior, envelope: Envelopes, seen: Mask, daylight: Daylight | None,
     daylight_tolerance: float,
-) -> Fit:
+) -> tuple[Array, Array]:
     """Fit β and B = W to the dark envelope, from the posterior.
 
     Parameters
@@ -113,6 +112,13 @@ def fit_one_light(
         None for no prior of colour.
     daylight_tolerance : float
         Standard deviation of the logarithms of the ambient lights about those of daylight.
+
+    Returns
+    -------
+    parameters : (3, 2) float64 ndarray
+        β, 1/m, and B of each channel.
+    covariance : (6, 6) float64 ndarray
+        Of the same, channel by channel.
     """
     expected, spread = _with_one_light(posterior)
     least = np.full(3, -np.inf)
@@ -133,12 +139,10 @@ def fit_one_light(
     lower = start.copy()
     lower[0::2] -= LOWER_START
     found = [_descend(each, envelope, known, prior) for each in (start, lower)]
-    p, iterations, _ = min(found, key=lambda each: each[2])
+    p, _ = min(found, key=lambda each: each[1])
     covariance = _covariance(p, envelope, known, prior) + np.diag(MODEL_ERROR**2)
     parameters = np.exp(p)
-    return Fit(
-        parameters.reshape(3, 2), covariance * np.outer(parameters, parameters), iterations,
-        True)
+    return parameters.reshape(3, 2), covariance * np.outer(parameters, parameters)
 
 
 class _Prior(NamedTuple):
@@ -168,11 +172,10 @@ class _Prior(NamedTuple):
 
 def _descend(
     p: Array, envelope: Envelopes, known: Mask, prior: _Prior
-) -> tuple[Array, int, float]:
-    """Minimum next to `p`, iterations, and its cost; by Levenberg and Marquardt's steps."""
-    damping, iterations = 1e-3, 0
-    while iterations < ITERATIONS:
-        iterations += 1
+) -> tuple[Array, float]:
+    """Minimum next to `p`, and its cost; by Levenberg and Marquardt's steps."""
+    damping = 1e-3
+    for _ in range(ITERATIONS):
         scales = _scales(p, envelope)
         residuals = _residuals(p, envelope, known, scales)
         curvature, slope = _normal_equations(residuals)
@@ -194,7 +197,7 @@ def _descend(
         if length < SMALL_STEP:
             break
     scales = _scales(p, envelope)
-    return p, iterations, _residuals(p, envelope, known, scales).cost + prior.cost(p)
+    return p, _residuals(p, envelope, known, scales).cost + prior.cost(p)
 
 
 def _with_one_light(posterior: Posterior) -> tuple[Array, Array]:

@@ -27,7 +27,6 @@ from uw_visibility.optics.lamps import (
     trilinear,
 )
 from uw_visibility.status import Status
-from uw_visibility.water.daylight.fit import blank
 from uw_visibility.water.daylight.validation import (
     MAX_CLIPPED_FRACTION,
     refuse_spread,
@@ -36,6 +35,7 @@ from uw_visibility.water.daylight.validation import (
 from uw_visibility.water.estimate import (
     LampLight,
     WaterEstimate,
+    blank,
     of_channels,
     overall_status,
     refuse,

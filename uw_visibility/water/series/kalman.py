@@ -38,7 +38,6 @@ from scipy.special import chdtri
 
 from uw_visibility.config.schema import TrackingConfig
 from uw_visibility.images.arrays import Array, Mask
-from uw_visibility.water.daylight.fit import ATTENUATION_BOUNDS
 from uw_visibility.water.estimate import WaterEstimate, joint_covariance
 
 # Errors that channels share are those of model, ranges and scene, which frames share too: in
@@ -47,6 +46,8 @@ from uw_visibility.water.estimate import WaterEstimate, joint_covariance
 _LARGEST_NEW = 30.0
 ATTENUATION = slice(0, 6, 2)
 LIGHT = slice(1, 6, 2)
+# Least attenuation that is told, 1/m.
+_LEAST_TOLD = 1e-4
 
 
 @dataclass(frozen=True)
@@ -337,7 +338,7 @@ class WaterState:
     def published(self, doubt: Array) -> tuple[Array, Array]:
         """β and I∞, interleaved, and their covariance with a doubt added."""
         mean = self.mean.copy()
-        mean[ATTENUATION] = np.maximum(mean[ATTENUATION], ATTENUATION_BOUNDS[0])
+        mean[ATTENUATION] = np.maximum(mean[ATTENUATION], _LEAST_TOLD)
         mean[LIGHT] = np.exp(mean[LIGHT])
         scale = np.ones(6)
         scale[LIGHT] = mean[LIGHT]

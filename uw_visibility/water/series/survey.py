@@ -30,9 +30,9 @@ from uw_visibility.images.arrays import Array
 from uw_visibility.status import Status
 from uw_visibility.water.blocks import Blocks, stacked
 from uw_visibility.water.daylight.estimation import WaterEstimator
-from uw_visibility.water.daylight.fit import blank
 from uw_visibility.water.estimate import (
     WaterEstimate,
+    blank,
     joint_covariance,
     of_channels,
     of_each_channel,

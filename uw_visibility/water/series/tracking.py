@@ -14,8 +14,7 @@ from uw_visibility.config.schema import TrackingConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
 from uw_visibility.status import Status
-from uw_visibility.water.daylight.fit import blank
-from uw_visibility.water.estimate import WaterEstimate, of_channels
+from uw_visibility.water.estimate import WaterEstimate, blank, of_channels
 from uw_visibility.water.series.kalman import ATTENUATION, LIGHT, Measurement, WaterState
 
 

@@ -106,7 +106,7 @@ def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> StudyRes
     if disparity is not None:
         # The peers take the disparities that ours has.
         ranges = rig.range_from_disparity(disparity)
-        readings["paper"] = reader.estimate(left, ranges, "paper")
+        readings["paper"] = reader.fit_plain(left, ranges)
         readings["sea_thru"] = reader.read(fit_backscatter(left, ranges, told.camera.transfer))
     labels = {
         "effect": case.effect, "level": level.label, "scene": scene.name,
