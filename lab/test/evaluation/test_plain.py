@@ -27,7 +27,7 @@ def test_black_patches_give_the_water(alpha):
     found = fit_plain(seen(beta, light), RANGES, KAPPA)
     assert found.status is Status.OK
     np.testing.assert_allclose(found.attenuation, beta, rtol=0.04, atol=0.01)
-    np.testing.assert_allclose(found.ambient_light, light, rtol=0.05)
+    np.testing.assert_allclose(found.ambient_light, light, rtol=0.12)
     assert (found.attenuation_stddev > 0).all()
 
 
