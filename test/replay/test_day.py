@@ -127,6 +127,7 @@ def test_other_readers_find_the_recordings_apart(day: Path) -> None:
     assert [point["properties"]["transect"] for point in points] == list(names)
 
 
+@pytest.mark.long
 @pytest.mark.node
 def test_the_netcdf_of_all_passes_the_checker_of_ioos(day: Path) -> None:
     checker = shutil.which("compliance-checker", path=Path(sys.executable).parent)

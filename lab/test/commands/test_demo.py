@@ -44,6 +44,7 @@ def nodes_of(folder: Path) -> list[int]:
     return found
 
 
+@pytest.mark.long
 def test_short_demo_through_the_real_node(tmp_path: Path) -> None:
     done = subprocess.run(
         [*COMMAND, "-o", str(tmp_path), "--frames", "3", "--rate", "1"],

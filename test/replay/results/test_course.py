@@ -48,7 +48,7 @@ def shares(make: Callable[[Random, int], Array], n: int, runs: int = 100) -> tup
     return tuple(np.mean(found, axis=0))  # type: ignore[return-value]
 
 
-@pytest.mark.parametrize("n", [5, 12, 60, 300])
+@pytest.mark.parametrize("n", [5, 12, 60, pytest.param(300, marks=pytest.mark.long)])
 def test_noise_is_neither_a_trend_nor_two_groups(n: int) -> None:
     for make in (constant, uniform):
         rising, jumps = shares(make, n)
@@ -62,7 +62,7 @@ def test_errors_that_neighbours_have_in_common_are_hardly_a_trend() -> None:
     assert shares(correlated, 100)[0] <= 0.2
 
 
-@pytest.mark.parametrize("n", [30, 700])
+@pytest.mark.parametrize("n", [30, pytest.param(700, marks=pytest.mark.long)])
 def test_a_ramp_is_a_trend_and_has_no_groups(n: int) -> None:
     rising, jumps = shares(ramp, n, 30)
     assert rising >= 0.95
@@ -72,7 +72,7 @@ def test_a_ramp_is_a_trend_and_has_no_groups(n: int) -> None:
     assert trend(ramp(np.random.default_rng(0), n)[::-1], 2.0) == [last, first]
 
 
-@pytest.mark.parametrize("n", [40, 2000])
+@pytest.mark.parametrize("n", [40, pytest.param(2000, marks=pytest.mark.long)])
 def test_jumps_between_two_values_are_two_groups(n: int) -> None:
     assert shares(jumping, n, 30)[1] >= 0.95
     (low, few), (high, many) = groups(jumping(np.random.default_rng(3), n))

@@ -206,6 +206,7 @@ def test_attributes_and_units_that_cannot_be_used_are_named(
     assert told in done.err
 
 
+@pytest.mark.long
 @pytest.mark.node
 def test_netcdf_passes_the_checker_of_ioos(exported: Path) -> None:
     checker = shutil.which("compliance-checker", path=Path(sys.executable).parent)
