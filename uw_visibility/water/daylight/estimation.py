@@ -26,7 +26,7 @@ from uw_visibility.water.blocks import (
     thinned,
 )
 from uw_visibility.water.daylight.grey_average import colour_balance
-from uw_visibility.water.daylight.inference import Posterior, infer
+from uw_visibility.water.daylight.inference import ATTENUATION_AND_VEIL, Posterior, infer
 from uw_visibility.water.daylight.network import Network, trained
 from uw_visibility.water.daylight.one_light import Daylight, fit_one_light
 from uw_visibility.water.daylight.statistics import summarise
@@ -114,10 +114,10 @@ class WaterEstimator:
         colour = view.colour
         if colour is None:
             return WaterEstimate.not_assessable(Status.NO_COLOUR)
-        ranges, valid = colour.reduce(np.asarray(range_map, np.float32), view.valid)
-        blocks = reduce_to_blocks(colour, ranges, valid)
         if not colour.pixels.any():
             return WaterEstimate.not_assessable(Status.TOO_DARK)
+        ranges, valid = colour.reduce(np.asarray(range_map, np.float32), view.valid)
+        blocks = reduce_to_blocks(colour, ranges, valid)
         balance = colour_balance(view.pixels)
         return replace(
             self.estimate_blocks(blocks, range_error), blocks=thinned(blocks, BLOCKS_KEPT),
@@ -127,15 +127,13 @@ class WaterEstimator:
         """Estimate from blocks of one image or of several; `range_error` in 1/m."""
         envelope = observe(blocks, range_error)
         reason = refuse_frame(envelope, self._config.min_range_ratio)
-        posterior = None
-        if reason is Status.OK:
-            posterior = self._infer(blocks, range_error, self._clear_water)
-            if posterior is None:
-                reason = Status.TOO_FEW_OBSERVATIONS
-            elif posterior.lit_by_lamps:
-                reason = Status.LIT_BY_LAMPS
-        if posterior is None or reason is not Status.OK:
+        if reason is not Status.OK:
             return WaterEstimate.not_assessable(reason, envelope)
+        posterior = self._infer(blocks, range_error, self._clear_water)
+        if posterior is None:
+            return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS, envelope)
+        if posterior.lit_by_lamps:
+            return WaterEstimate.not_assessable(Status.LIT_BY_LAMPS, envelope)
         status = [refuse_channel(envelope, channel) for channel in range(3)]
         active = np.array([each is Status.OK for each in status])
         if not active.any():
@@ -146,9 +144,7 @@ class WaterEstimator:
         if posterior.misfit > networks.most_misfit:
             status = refuse(status, Status.NOT_ONE_WATER)
         if self._config.veil == "paper":
-            edgeless = observe(away_from_edges(blocks), range_error)
-            found = fit_one_light(
-                posterior, edgeless, active, self._daylight, self._config.daylight_tolerance)
+            found = self._one_light(posterior, blocks, range_error, active, self._daylight)
             estimate = self._validated(*found, envelope, status)
         else:
             estimate = self._validated(*_attenuation_and_veil(posterior), envelope, status)
@@ -170,6 +166,15 @@ class WaterEstimator:
         """Infer the posterior of blocks of pixels; None where too few ranges are known."""
         statistics = summarise(blocks, range_error, clear_water)
         return None if statistics is None else infer(self._networks, statistics)
+
+    def _one_light(
+        self, posterior: Posterior, blocks: Blocks, range_error: float, seen: Mask,
+        daylight: Daylight | None,
+    ) -> tuple[Array, Array]:
+        """β and B = W of the channels seen, from blocks away from edges; see `fit_one_light`."""
+        return fit_one_light(
+            posterior, observe(away_from_edges(blocks), range_error), seen, daylight,
+            self._config.daylight_tolerance)
 
     def _validated(
         self, parameters: Array, covariance: Array, envelope: Envelopes, status: list[Status]
@@ -203,9 +208,8 @@ class WaterEstimator:
         posterior = self._infer(blocks, range_error, np.full(3, self._clear_water.min()))
         if posterior is None or posterior.lit_by_lamps:
             return None
-        parameters, covariance = fit_one_light(
-            posterior, observe(away_from_edges(blocks), range_error), np.ones(3, np.bool_), None,
-            self._config.daylight_tolerance)
+        parameters, covariance = self._one_light(
+            posterior, blocks, range_error, np.ones(3, np.bool_), None)
         attenuation, ambient_light = parameters[0]
         if refuse_spread(attenuation, np.sqrt(covariance[0, 0])) is not Status.OK:
             return None
@@ -214,10 +218,10 @@ class WaterEstimator:
 
 def _attenuation_and_veil(posterior: Posterior) -> tuple[Array, Array]:
     """β and B of the posterior, (3, 2), and their covariance, (6, 6)."""
-    of_both = np.array([0, 1, 3, 4, 6, 7])
     parameters = np.exp(posterior.mean[:, :2])
     scale = parameters.ravel()
-    covariance = posterior.covariance[np.ix_(of_both, of_both)] * np.outer(scale, scale)
+    of_both = np.ix_(ATTENUATION_AND_VEIL, ATTENUATION_AND_VEIL)
+    covariance = posterior.covariance[of_both] * np.outer(scale, scale)
     return parameters, covariance
 
 

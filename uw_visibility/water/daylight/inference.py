@@ -23,6 +23,8 @@ from uw_visibility.water.daylight.statistics import (
 DRAWS = 128
 # Quantiles of irradiance that no surface is darker, or brighter, than; by place in QUANTILES.
 DARKEST, LIGHTEST = 1, len(QUANTILES) - 1
+# Places of ln β and ln B of each channel among the nine unknowns.
+ATTENUATION_AND_VEIL = np.array([0, 1, 3, 4, 6, 7])
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ import numpy as np
 
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.light_model import transmission
-from uw_visibility.water.daylight.inference import Posterior
+from uw_visibility.water.daylight.inference import ATTENUATION_AND_VEIL, Posterior
 from uw_visibility.water.observations import Envelopes
 
 # Deviation of ln B − ln W.
@@ -210,7 +210,7 @@ def _with_one_light(posterior: Posterior) -> tuple[Array, Array]:
     mean = posterior.mean.ravel()
     mean = mean - gain @ (difference @ mean)
     covariance = posterior.covariance - gain @ off.T
-    both = np.array([0, 1, 3, 4, 6, 7])
+    both = ATTENUATION_AND_VEIL
     return mean[both], WIDENED**2 * covariance[np.ix_(both, both)]
 
 
