@@ -66,15 +66,8 @@ def run() -> NoReturn:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; those of the process where absent.
-
-    Returns
-    -------
-    int
-        0 when done, 2 for unusable input or options, 1 for a failure inside.
+    argv: arguments; those of the process where absent.
+    Returns 0 when done, 2 for unusable input or options, 1 for a failure inside.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     _take_any_text()

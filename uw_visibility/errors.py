@@ -20,17 +20,9 @@ def printable(text: object, length: int = LONGEST_NAME) -> str:
     file or the message. Escape sequences in them would steer a terminal, line
     breaks would forge lines of a log, and their length has no bound.
 
-    Parameters
-    ----------
-    text : object
-        Anything that has a text.
-    length : int
-        Characters kept; of more, the middle is left out.
-
-    Returns
-    -------
-    str
-        One line of printable characters.
+    text: anything that has a text.
+    length: characters kept; of more, the middle is left out.
+    Returns one line of printable characters.
     """
     whole = str(text)
     if len(whole) > length:
@@ -96,23 +88,12 @@ def check_range(
 ) -> None:
     """Refuse a number, or one of several, that is not within a range.
 
-    Parameters
-    ----------
-    what : str
-        What the number is.
-    values : float or sequence of float
-        One finite number, or several, but not none.
-    low, high : float
-        Ends of the range, in `unit`.
-    unit : str
-        As it follows a number; empty for none.
-    above : bool
-        Whether `low` itself is beyond the range.
-
-    Raises
-    ------
-    InputError
-        Naming the range.
+    what: what the number is.
+    values: one finite number, or several, but not none.
+    low, high: ends of the range, in `unit`.
+    unit: as it follows a number; empty for none.
+    above: whether `low` itself is beyond the range.
+    Raises `InputError` naming the range.
     """
     several = isinstance(values, Sequence)
     numbers = values if isinstance(values, Sequence) else (values,)
@@ -134,19 +115,10 @@ def check_range(
 def needing(extra: str, what: str, otherwise: str = "") -> Iterator[None]:
     """Turn an optional library that is missing into a sentence that names its extra.
 
-    Parameters
-    ----------
-    extra : str
-        Extra of this package, or several with commas, that installs it.
-    what : str
-        What needs it.
-    otherwise : str
-        What can be done instead.
-
-    Raises
-    ------
-    InputError
-        If an import within fails.
+    extra: extra of this package, or several with commas, that installs it.
+    what: what needs it.
+    otherwise: what can be done instead.
+    Raises `InputError` if an import within fails.
     """
     try:
         yield

@@ -46,24 +46,13 @@ class FileCameraInfo:
 def read_rig(paths: Sequence[str | Path]) -> tuple[StereoRig, tuple[int, int] | None]:
     """Read the geometry of a rectified pair.
 
-    Parameters
-    ----------
-    paths : sequence of str or Path
-        One JSON file with the projection matrices ``P1`` and ``P2`` (3 by 4)
-        and, where known, the ``width`` and ``height`` of the images; or the
-        left and the right camera's YAML file, as camera_calibration writes them.
-
-    Returns
-    -------
-    rig : StereoRig
-    size : tuple of int or None
-        Width and height of the images calibrated, px; None where not stated.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read or has another form, or if the numbers are
-        not those of a rectified pair; the file is named.
+    paths: one JSON file with the projection matrices ``P1`` and ``P2`` (3 by 4) and, where known,
+        the ``width`` and ``height`` of the images; or the left and the right camera's YAML file, as
+        camera_calibration writes them.
+    Returns `rig`, StereoRig; `size`, width and height of the images calibrated, px; None where not
+    stated.
+    Raises `InputError` if a file cannot be read or has another form, or if the numbers are not
+    those of a rectified pair; the file is named.
     """
     if len(paths) == 1:
         return _from_projection_file(Path(paths[0]))
@@ -78,17 +67,9 @@ def read_rig(paths: Sequence[str | Path]) -> tuple[StereoRig, tuple[int, int] | 
 def read_camera_infos(paths: Sequence[str | Path]) -> tuple[FileCameraInfo, FileCameraInfo]:
     """Read the calibration of each camera of a pair.
 
-    Parameters
-    ----------
-    paths : sequence of str or Path
-        As `read_rig` takes them. A JSON file must state ``width`` and ``height``;
-        to rectify, it needs ``K_left``, ``D_left``, ``R1`` and ``K_right``,
-        ``D_right``, ``R2`` besides.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read or has another form; the file is named.
+    paths: as `read_rig` takes them. A JSON file must state ``width`` and ``height``; to rectify, it
+        needs ``K_left``, ``D_left``, ``R1`` and ``K_right``, ``D_right``, ``R2`` besides.
+    Raises `InputError` if a file cannot be read or has another form; the file is named.
     """
     _, size = read_rig(paths)
     if len(paths) == 2:

@@ -275,11 +275,8 @@ def _size(image: NDArray[Any]) -> str:
 def frame_report(result: FrameResult, derived: DerivedQuantities) -> dict[str, Any]:
     """Return the contents of `report.json`, of a result and of what is derived from its water.
 
-    Returns
-    -------
-    dict
-        Numbers, strings, lists and dicts only. What is not assessable is None:
-        a channel's place in a list, or the whole list where no channel is.
+    Returns numbers, strings, lists and dicts only. What is not assessable is None: a channel's
+    place in a list, or the whole list where no channel is.
     """
     visibility = result.visibility
     statuses = (result.status, visibility.status, visibility.depth_status)

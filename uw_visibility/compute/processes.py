@@ -38,10 +38,7 @@ class _Pool(ProcessPoolExecutor):
     def start(self) -> None:
         """Start the processes.
 
-        Raises
-        ------
-        InputError
-            If the system refuses one.
+        Raises `InputError` if the system refuses one.
         """
         try:
             with _interrupted_later():

@@ -32,14 +32,9 @@ def assumptions(
 ) -> str:
     """Name the camera and the light that an estimate assumes.
 
-    Parameters
-    ----------
-    parameters : mapping of str to object
-        Values by the names of parameters.
-    told : collection of str
-        Names of those that the user gave; the others are defaults.
-    baselines : collection of float
-        Smallest and largest distance of the cameras by their calibration, m.
+    parameters: values by the names of parameters.
+    told: names of those that the user gave; the others are defaults.
+    baselines: smallest and largest distance of the cameras by their calibration, m.
     """
     parts = []
     for name, title in _ASSUMED.items():

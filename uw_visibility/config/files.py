@@ -35,18 +35,11 @@ _MARK_BYTES = 1 << 16
 class Products:
     """Files that a command writes to a folder; all others in it are foreign.
 
-    Parameters
-    ----------
-    mark : str
-        File that every such folder has.
-    files : tuple of str
-        Patterns of the others, relative to the folder; a folder in it ends with ``/``.
-    what : str
-        What a folder without the mark is told to be, such as ``no replay``.
-    keys : tuple of str
-        Texts of which a mark holds one; none where its name tells enough.
-    folders : Products, optional
-        What every other folder in it holds.
+    mark: file that every such folder has.
+    files: patterns of the others, relative to the folder; a folder in it ends with ``/``.
+    what: what a folder without the mark is told to be, such as ``no replay``.
+    keys: texts of which a mark holds one; none where its name tells enough.
+    folders: what every other folder in it holds.
     """
 
     mark: str
@@ -195,19 +188,9 @@ def read_regular(path: str | Path, most: int, what: str = "file") -> bytes:
 
     A pipe or a device would make the reader wait for ever, or never end.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    most : int
-        Bytes that are read at most.
-    what : str
-        What errors call the file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is no regular file, or is larger; names the file.
+    most: bytes that are read at most.
+    what: what errors call the file.
+    Raises `InputError` if it cannot be read, is no regular file, or is larger; names the file.
     """
     with refusing(f"cannot read {what} {path}"):
         check_regular(path, what)
@@ -237,17 +220,9 @@ def check_regular(path: str | Path, what: str = "file") -> None:
 def write_whole(path: str | Path, content: bytes | str) -> None:
     """Write a file that appears under its name when all of it is on the disk.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file; an older one is replaced.
-    content : bytes or str
-        Text is encoded as UTF-8.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written, as on a full disk; an older file is left as it was.
+    path: the file; an older one is replaced.
+    content: text is encoded as UTF-8.
+    Raises `InputError` if it cannot be written, as on a full disk; an older file is left as it was.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
     with refusing(f"cannot write {path}", OSError, ValueError):

@@ -23,25 +23,14 @@ ISOTROPIC = 360.0
 
 
 class Lamp(NamedTuple):
-    """Place, axis, beam and colour of one lamp.
+    """Place, axis, beam and colour of one lamp."""
 
-    Attributes
-    ----------
-    position : tuple of float
-        In the left camera's optical frame (x right, y down, z forward), m.
-    direction : tuple of float
-        Axis of the beam in that frame, of length 1.
-    beam_angle : float
-        Full angle between the directions of half the power, degrees: relative power is
-        ``exp(-ln 2 (2 θ / beam_angle)²)`` at θ from the axis. 360 for alike in all directions.
-    colour : tuple of float
-        Relative power in R, G, B, as the camera sees it.
-    """
-
-    position: Vector
-    direction: Vector
+    position: Vector  # in the left camera's optical frame (x right, y down, z forward), m
+    direction: Vector  # axis of the beam in that frame, of length 1
+    # full angle between the directions of half the power, degrees: relative power is ``exp(-ln 2 (2
+    # θ / beam_angle)²)`` at θ from the axis. 360 for alike in all directions.
     beam_angle: float
-    colour: Vector
+    colour: Vector  # relative power in R, G, B, as the camera sees it
 
     @property
     def falloff(self) -> float:
@@ -60,10 +49,7 @@ def beam_falloff(angle: float) -> float:
 class LightingConfig:
     """What lights the scene: daylight, the vehicle's lamps, or both.
 
-    Raises
-    ------
-    InputError
-        If lamps light the scene and their parameters do not fit one another.
+    Raises `InputError` if lamps light the scene and their parameters do not fit one another.
     """
 
     model: str = parameter(

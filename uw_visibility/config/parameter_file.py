@@ -50,12 +50,8 @@ def render() -> str:
 def render_values(values: Mapping[str, Any], comment: str) -> str:
     """Return a parameter file with some values.
 
-    Parameters
-    ----------
-    values : mapping of str to object
-        Values by dotted name.
-    comment : str
-        What they are, for the first lines.
+    values: values by dotted name.
+    comment: what they are, for the first lines.
     """
     nested: dict[str, Any] = {}
     for name, value in values.items():

@@ -22,58 +22,26 @@ ROS_PARAMETERS = ("qos_overrides.", "start_type_description_service", "use_sim_t
 
 @dataclasses.dataclass(frozen=True)
 class ParameterInfo:
-    """Description, unit, bounds and choices of a parameter.
+    """Description, unit, bounds and choices of a parameter."""
 
-    Attributes
-    ----------
-    name : str
-        Dotted name, as in the YAML file and on the node.
-    type : type
-        One of bool, int, float, str, or tuple for a list of floats.
-    default : object
-        Value where nothing is given.
-    description : str
-        One sentence.
-    unit : str
-        Unit, or "" where there is none.
-    minimum, maximum : float or None
-        Inclusive bounds of a number.
-    choices : tuple of str
-        The words allowed, or () where any is.
-    read_only : bool
-        Whether a change needs a restart of the node.
-    repeats : bool
-        Whether a list may hold what the default holds several times over.
-    """
-
-    name: str
-    type: type
-    default: Any
-    description: str
-    unit: str = ""
+    name: str  # dotted name, as in the YAML file and on the node
+    type: type  # one of bool, int, float, str, or tuple for a list of floats
+    default: Any  # value where nothing is given
+    description: str  # one sentence
+    unit: str = ""  # unit, or "" where there is none
+    # minimum, maximum: inclusive bounds of a number
     minimum: float | None = None
     maximum: float | None = None
-    choices: tuple[str, ...] = ()
-    read_only: bool = False
-    repeats: bool = False
+    choices: tuple[str, ...] = ()  # the words allowed, or () where any is
+    read_only: bool = False  # whether a change needs a restart of the node
+    repeats: bool = False  # whether a list may hold what the default holds several times over
 
     def check(self, value: Any) -> Any:
         """Convert a value to the parameter's type, or say why it cannot be.
 
-        Parameters
-        ----------
-        value : object
-            The value given, of whatever type.
-
-        Returns
-        -------
-        object
-            The value, of the parameter's type.
-
-        Raises
-        ------
-        InputError
-            If type, bounds or choice do not fit; names the parameter.
+        value: the value given, of whatever type.
+        Returns the value, of the parameter's type.
+        Raises `InputError` if type, bounds or choice do not fit; names the parameter.
         """
         value = self._of_type(value)
         for number in value if isinstance(value, tuple) else (value,):
@@ -138,12 +106,7 @@ class ParameterInfo:
 def parameter(default: Any, description: str, **facts: Any) -> Any:
     """Declare a described parameter as a dataclass field.
 
-    Parameters
-    ----------
-    description : str
-        One sentence.
-    **facts
-        Unit, bounds and what else `ParameterInfo` has of it, by the names there.
+    **facts: unit, bounds and what else `ParameterInfo` has of it, by the names there.
     """
     return dataclasses.field(default=default, metadata={"description": description, **facts})
 
@@ -175,23 +138,11 @@ def _group_of(field: Any) -> Any:
 def build(group: type, values: Mapping[str, Any], prefix: str = "") -> Any:
     """Make a dataclass of parameters from dotted names.
 
-    Parameters
-    ----------
-    group : type
-        A dataclass of `parameter` fields and `section` fields.
-    values : mapping of str to object
-        Values by dotted name; what is absent keeps its default.
-
-    Returns
-    -------
-    object
-        An instance of `group`.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown (the nearest known one is named) or a value is
-        not allowed.
+    group: a dataclass of `parameter` fields and `section` fields.
+    values: values by dotted name; what is absent keeps its default.
+    Returns an instance of `group`.
+    Raises `InputError` if a name is unknown (the nearest known one is named) or a value is not
+    allowed.
     """
     infos = {info.name: info for info in describe(group, prefix)}
     check_names(values, infos)
@@ -241,17 +192,8 @@ def read_yaml(path: str | Path, node: str | None = None) -> dict[str, Any]:
     The form is that of ``ros2 param dump``: a node's name (or ``/**``), perhaps under
     namespaces, then ``ros__parameters``, then the values, nested or with dots.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    node : str, optional
-        Full name of a node, such as ``/auv/uw_visibility``, whose values are wanted alone.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or has another form.
+    node: full name of a node, such as ``/auv/uw_visibility``, whose values are wanted alone.
+    Raises `InputError` if the file cannot be read or has another form.
     """
     values: dict[str, Any] = {}
     for name, parameters in _node_blocks(read_document(path, "parameter file"), "", path):

@@ -17,22 +17,15 @@ from uw_visibility.images.pair import read_only
 
 @dataclass(frozen=True, eq=False)
 class ChromaImage:
-    """Colour at its native (subsampled) resolution, with the codec's noise.
+    """Colour at its native (subsampled) resolution, with the codec's noise."""
 
-    Attributes
-    ----------
-    pixels : (h, w, 3) ndarray of uint8 or uint16, or None
-        RGB at that resolution; None where that is the image itself.
-    scale : int
-        A pixel is the mean of so many times so many of the camera's.
-    hidden_noise : (3,) float64 ndarray or None
-        Standard deviation of R, G, B in 8-bit code values that the smoothest parts of
-        the image do not show: what a codec rounds where there is texture, and what
-        interpolation smooths. None where there is none.
-    """
-
+    # (h, w, 3) of uint8 or uint16, or None, RGB at that resolution; None where that is the image
+    # itself
     pixels: Image | None
-    scale: int = 1
+    scale: int = 1  # a pixel is the mean of so many times so many of the camera's
+    # (3,) float64 or None, standard deviation of R, G, B in 8-bit code values that the smoothest
+    # parts of the image do not show: what a codec rounds where there is texture, and what
+    # interpolation smooths. None where there is none.
     hidden_noise: Array | None = None
 
     @property

@@ -200,21 +200,17 @@ def restore_colour(
 ) -> None:
     """Decode colour within the file's intervals, as brightness predicts it.
 
-    Parameters
-    ----------
-    planes : (h, w, 3) uint8 ndarray
-        Y, Cb and Cr; `rounded` says that they hold the file's coefficients unchanged.
-    steps : (2, rows, columns) float32 ndarray
-        Steps of the coefficients of Cb and Cr, by vertical and horizontal frequency.
-    across, down : (columns, columns), (rows, rows) float32 ndarray
-        Cosine transform of a row and of a column of a block, orthonormal.
-    colour : (H, W, 3) uint16 ndarray
-        Filled with R, G, B, `code` for one of the planes' codes; not larger than the planes.
-    missed, beyond : (2, rows, columns) float64 ndarray
-        Filled: share of the coefficients that are not predicted within their interval,
-        and how far they are from it on average.
-    slope : (2,) float64 ndarray
-        Filled: change of Cb and Cr with Y, on average where there is texture.
+    planes: (h, w, 3) uint8, Y, Cb and Cr; `rounded` says that they hold the file's coefficients
+        unchanged.
+    steps: (2, rows, columns) float32, steps of the coefficients of Cb and Cr, by vertical and
+        horizontal frequency.
+    across, down: (columns, columns), (rows, rows) float32, cosine transform of a row and of a
+        column of a block, orthonormal.
+    colour: (H, W, 3) uint16, filled with R, G, B, `code` for one of the planes' codes; not larger
+        than the planes.
+    missed, beyond: (2, rows, columns) float64, filled: share of the coefficients that are not
+        predicted within their interval, and how far they are from it on average.
+    slope: (2,) float64, filled: change of Cb and Cr with Y, on average where there is texture.
     """
     rows, columns = down.shape[0], across.shape[0]
     tall, wide = -(-planes.shape[0] // rows), -(-planes.shape[1] // columns)

@@ -17,24 +17,15 @@ from uw_visibility.images.noise import noise_stddev
 
 @dataclass(frozen=True, eq=False)
 class ColourSamples:
-    """Pixels (RGB code values) at the resolution at which their colour was measured.
-
-    Attributes
-    ----------
-    noise : (3,) float64 ndarray
-        Standard deviation in code values, with what a codec or the
-        interpolation of a mosaic hides.
-    scale : int
-        A sample is the mean of so many times so many of the camera's pixels.
-    codec_known : bool
-        Whether the noise holds what a codec or a mosaic did to the colour.
-    """
+    """Pixels (RGB code values) at the resolution at which their colour was measured."""
 
     pixels: Image
     transfer: str
+    # (3,) float64, standard deviation in code values, with what a codec or the interpolation of a
+    # mosaic hides
     noise: PerChannel
-    scale: int = 1
-    codec_known: bool = False
+    scale: int = 1  # a sample is the mean of so many times so many of the camera's pixels
+    codec_known: bool = False  # whether the noise holds what a codec or a mosaic did to the colour
 
     def reduce(self, range_map: RangeMap, valid: Mask | None) -> tuple[RangeMap, Mask | None]:
         """Return the range (m) of each sample, and which of them count; None for all.
@@ -56,31 +47,17 @@ class ColourSamples:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One image with its valid pixels, transfer, noise and colour; see `View.of`.
+    """One image with its valid pixels, transfer, noise and colour; see `View.of`."""
 
-    Attributes
-    ----------
-    pixels : (H, W, 3) or (H, W) ndarray of uint8 or uint16
-        RGB or grey code values.
-    transfer : str
-        How they follow light: ``"linear"`` or ``"srgb"``.
-    valid : (H, W) bool ndarray or None
-        Pixels that show the scene; None for all.
-    noise : (3,) or (1,) float64 ndarray
-        Standard deviation of the noise that the pixels show, in code values.
-    colour : ColourSamples or None
-        What the water is read from; None for a grey image.
-    low_frequency_noise : (3,) or (1,) float64 ndarray
-        Standard deviation of the white noise that would leave as much once the pixels are
-        smoothed: `noise`, and more where JPEG took the fine part of it; see
-        `uw_visibility.stereo.codec_noise`.
-    """
-
-    pixels: Image
-    transfer: str
-    valid: Mask | None
+    pixels: Image  # (H, W, 3) or (H, W) of uint8 or uint16, RGB or grey code values
+    transfer: str  # how they follow light: ``"linear"`` or ``"srgb"``
+    valid: Mask | None  # (H, W) bool or None, pixels that show the scene; None for all
+    # (3,) or (1,) float64, standard deviation of the noise that the pixels show, in code values
     noise: PerChannel
-    colour: ColourSamples | None
+    colour: ColourSamples | None  # what the water is read from; None for a grey image
+    # (3,) or (1,) float64, standard deviation of the white noise that would leave as much once the
+    # pixels are smoothed: `noise`, and more where JPEG took the fine part of it; see
+    # `uw_visibility.stereo.codec_noise`
     low_frequency_noise: PerChannel
 
     @classmethod

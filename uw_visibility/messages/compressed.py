@@ -45,13 +45,9 @@ def read_format(kind: str) -> tuple[str, bool]:
 def read_compressed(message: CompressedImageMessage, name: str = "image") -> tuple[Image, str]:
     """Decompress a CompressedImage, JPEG or PNG; `name` is what errors call it.
 
-    Returns
-    -------
-    pixels : (H, W) or (H, W, 3) ndarray of uint8 or uint16
-        Grey, or RGB; alpha is dropped and Bayer patterns are interpolated.
-    encoding : str
-        How the enhanced image is to be encoded: in the order of the image that
-        was compressed, with the depth of what was stored.
+    Returns `pixels`, (H, W) or (H, W, 3) of uint8 or uint16, grey, or RGB; alpha is dropped and
+    Bayer patterns are interpolated; `encoding`, how the enhanced image is to be encoded: in the
+    order of the image that was compressed, with the depth of what was stored.
     """
     original, swapped = read_format(str(message.format))
     stored = _decoded(message, name, decode)

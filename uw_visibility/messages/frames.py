@@ -35,30 +35,18 @@ class StereoFrame(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StereoPair:
-    """Rectified pair of images with its rig, as the pipeline takes it.
+    """Rectified pair of images with its rig, as the pipeline takes it."""
 
-    Attributes
-    ----------
-    left, right : (H, W) or (H, W, 3) ndarray of uint8 or uint16
-        Grey or RGB.
-    rig : StereoRig
-        Geometry of the pair.
-    valid : (H, W) bool ndarray or None
-        Where a left image rectified here shows the raw one; None for all of it.
-    valid_window : tuple of int
-        (x, y, width, height) of the smallest window that holds all of `valid`.
-    encodings : tuple of str
-        How the enhanced left and right image are to be encoded.
-    chroma : ChromaImage or None
-        Colour of the left image as its codec left it; None where its pixels say all.
-    """
-
+    # left, right: (H, W) or (H, W, 3) of uint8 or uint16, grey or RGB
     left: Image
     right: Image
-    rig: StereoRig
+    rig: StereoRig  # geometry of the pair
+    # (H, W) bool or None, where a left image rectified here shows the raw one; None for all of it
     valid: Mask | None
+    # (x, y, width, height) of the smallest window that holds all of `valid`
     valid_window: tuple[int, int, int, int]
-    encodings: tuple[str, str]
+    encodings: tuple[str, str]  # how the enhanced left and right image are to be encoded
+    # colour of the left image as its codec left it; None where its pixels say all
     chroma: ChromaImage | None = None
 
 

@@ -24,23 +24,13 @@ def published_disparity(
 ) -> DisparityMap:
     """Return a disparity as ``stereo_msgs/DisparityImage`` defines it.
 
-    Parameters
-    ----------
-    disparity : (H, W) float32 ndarray
-        x_left - x_right, px; NaN where nothing was matched.
-    valid : (H, W) bool ndarray or None
-        Where the left image shows anything; None where all of it does.
-    offset : float
-        cx_left - cx_right, px.
-    low, high : float
-        Smallest and largest disparity published, px.
-
-    Returns
-    -------
-    (H, W) float32 ndarray
-        x_left - x_right - offset, rounded to `DISPARITY_STEP`; ``low - 1`` where nothing
-        was matched, and where what was matched does not lie in front of the camera or
-        between the limits.
+    disparity: (H, W) float32, x_left - x_right, px; NaN where nothing was matched.
+    valid: (H, W) bool or None, where the left image shows anything; None where all of it does.
+    offset: cx_left - cx_right, px.
+    low, high: smallest and largest disparity published, px.
+    Returns (H, W) float32, x_left - x_right - offset, rounded to `DISPARITY_STEP`; ``low - 1``
+    where nothing was matched, and where what was matched does not lie in front of the camera or
+    between the limits.
     """
     published = np.empty_like(disparity)
     _publish_disparity(

@@ -42,25 +42,13 @@ class Synchronizer:
     Recordings may be played again, from any stamp: where the stamps of a side go back and
     go on from there, all that follows is new.
 
-    Parameters
-    ----------
-    config : SynchronizationConfig
-        Tolerance and length of the queues.
-    on_drop : callable
-        Called with the reason for every image dropped.
-
-    Attributes
-    ----------
-    config : SynchronizationConfig
-        May be replaced at any time.
-    received : Counter of str
-        Messages by input: left, right, left info, right info.
-    dropped : Counter of str
-        Images by the reason why they are in no frame.
-    frames : int
-        Frames made.
-    restarts : int
-        How often the stamps jumped back, or the clock did before them.
+    config: tolerance and length of the queues.
+    on_drop: called with the reason for every image dropped.
+    config: may be replaced at any time.
+    received: messages by input: left, right, left info, right info.
+    dropped: images by the reason why they are in no frame.
+    frames: frames made.
+    restarts: how often the stamps jumped back, or the clock did before them.
     """
 
     def __init__(

@@ -25,21 +25,11 @@ WAVELENGTHS = np.arange(WAVELENGTH_MIN, WAVELENGTH_MAX + 0.5)
 
 @dataclass(frozen=True)
 class CameraResponse:
-    """Relative spectral response of a camera.
+    """Relative spectral response of a camera."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the shipped table, or path of the file.
-    wavelength : (N,) float64 ndarray
-        Wavelengths, nm, rising.
-    sensitivity : (N, 3) float64 ndarray
-        Response of R, G and B; the scale of each channel is free.
-    """
-
-    name: str
-    wavelength: Array
-    sensitivity: Array
+    name: str  # name of the shipped table, or path of the file
+    wavelength: Array  # (N,) float64, wavelengths, nm, rising
+    sensitivity: Array  # (N, 3) float64, response of R, G and B; the scale of each channel is free
 
     def at(self, wavelength: Array) -> Array:
         """Response at wavelengths (N,), nm, as (N, 3) float64; 0 beyond those measured."""
@@ -136,14 +126,9 @@ def theoretical_chromaticity(
 ) -> Array:
     """Chromaticity I∞ / Σ I∞ of the ambient light over depth, (..., 3) (eq. 13-14).
 
-    Parameters
-    ----------
-    depth : array_like
-        Depths z, m, of any shape.
-    attenuation : (3,) array_like
-        Attenuation of the water above, 1/m; κ for clear water.
-    white_reference : (3,) array_like
-        R, G, B of white at the surface; the scale is free.
+    depth: depths z, m, of any shape.
+    attenuation: (3,) array_like, attenuation of the water above, 1/m; κ for clear water.
+    white_reference: (3,) array_like, R, G, B of white at the surface; the scale is free.
     """
     rate = np.asarray(attenuation, dtype=np.float64)
     below = np.asarray(depth, dtype=np.float64)[..., np.newaxis]

@@ -37,10 +37,7 @@ def shipped_names(prefix: str) -> list[str]:
 def read_file(path: Path) -> tuple[list[str], list[list[str]]]:
     """Read a CSV file: its column names and its rows, without ``#`` lines.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read as text.
+    Raises `InputError` if the file cannot be read as text.
     """
     with refusing(f"table {path} is not a CSV text file", UnicodeDecodeError, csv.Error):
         return parse(read_regular(path, MOST_BYTES, "table").decode("utf-8-sig"))
@@ -60,11 +57,8 @@ def numbers(
 
     The first column is the wavelength; `name` is that of the table, for messages.
 
-    Raises
-    ------
-    InputError
-        If a column is absent, a cell is not a number, there are fewer than
-        two rows, or the wavelengths do not rise.
+    Raises `InputError` if a column is absent, a cell is not a number, there are fewer than two
+    rows, or the wavelengths do not rise.
     """
     head, rows = table
     missing = [column for column in columns if column not in head]

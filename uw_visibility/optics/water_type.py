@@ -37,27 +37,13 @@ BACKSCATTERED = 0.0183
 
 @dataclass(frozen=True)
 class WaterType:
-    """Jerlov water type.
+    """Jerlov water type."""
 
-    Attributes
-    ----------
-    name : str
-        One of `TYPES`.
-    diffuse_attenuation_490 : float
-        Kd at 490 nm, 1/m (Jerlov 1976).
-    least_diffuse_attenuation : float
-        The least Kd between 443 and 665 nm, 1/m.
-    clearest_wavelength : float
-        Where that is, nm.
-    secchi_depth : float
-        By Lee et al. 2015, m.
-    """
-
-    name: str
-    diffuse_attenuation_490: float
-    least_diffuse_attenuation: float
-    clearest_wavelength: float
-    secchi_depth: float
+    name: str  # one of `TYPES`
+    diffuse_attenuation_490: float  # Kd at 490 nm, 1/m (Jerlov 1976)
+    least_diffuse_attenuation: float  # the least Kd between 443 and 665 nm, 1/m
+    clearest_wavelength: float  # where that is, nm
+    secchi_depth: float  # by Lee et al. 2015, m.
 
 
 @cache
@@ -140,10 +126,7 @@ def water_type_spectrum(
     B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types, Applied Optics 61(33),
     2022, doi 10.1364/AO.470464.
 
-    Raises
-    ------
-    InputError
-        If the type is not one of `water_types`.
+    Raises `InputError` if the type is not one of `water_types`.
     """
     if water_type not in water_types():
         raise InputError(f"no water type {water_type!r}: give one of {', '.join(water_types())}")
@@ -166,10 +149,7 @@ def water_type_attenuation(
     K = a + b_b is that by which daylight fades with depth: light scattered forwards is not lost to
     it. Beyond the measured wavelengths, the nearest one counts.
 
-    Raises
-    ------
-    InputError
-        If the type is not one of `water_types`.
+    Raises `InputError` if the type is not one of `water_types`.
     """
     wavelength, absorbed, scattered = water_type_spectrum(water_type)
     lost = BACKSCATTERED if diffuse else 1.0

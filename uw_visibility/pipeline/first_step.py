@@ -53,36 +53,18 @@ _MESH_DEVIATION = 1.0
 
 @dataclass(frozen=True)
 class CoarseEstimate:
-    """Water and coarse disparity of the raw pair (step 1).
+    """Water and coarse disparity of the raw pair (step 1)."""
 
-    Attributes
-    ----------
-    water : WaterEstimate
-        Attenuation and ambient light.
-    points : ndarray
-        ``(N, 3)`` float32: column, row and disparity of the support points, px of the
-        images.
-    disparity : ndarray
-        ``(h, w)`` float32, dense, px of the small copies.
-    rig : StereoRig
-        Geometry of the small copies.
-    view : View
-        The left view, with the pixels that may tell of the water as its valid ones.
-    right_gain : ndarray
-        ``(3,)`` or ``(1,)`` float64, irradiance in the right image over that in the left.
-    coverage : float
-        Part of the left image that the mesh covers.
-    by_chance : bool
-        Whether the support points are few, and no more than the images match by chance.
-    """
-
-    water: WaterEstimate
+    water: WaterEstimate  # attenuation and ambient light
+    # ``(N, 3)`` float32: column, row and disparity of the support points, px of the images
     points: Points
-    disparity: DisparityMap
-    rig: StereoRig
-    view: View
+    disparity: DisparityMap  # ``(h, w)`` float32, dense, px of the small copies
+    rig: StereoRig  # geometry of the small copies
+    view: View  # the left view, with the pixels that may tell of the water as its valid ones
+    # ``(3,)`` or ``(1,)`` float64, irradiance in the right image over that in the left
     right_gain: PerChannel
-    coverage: float
+    coverage: float  # part of the left image that the mesh covers
+    # whether the support points are few, and no more than the images match by chance
     by_chance: bool = False
 
     def whole_disparity(self) -> DisparityMap:
@@ -117,18 +99,11 @@ class Scale:
 class FirstStep:
     """Sparse matching, matting and a first estimate of the water; buffers preallocated.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the images, px.
-    rig : StereoRig
-        Geometry of the pair.
-    config : PipelineConfig
-        Parameters, for images of this size.
-    estimator : WaterEstimator
-        Reads the water.
-    workers : Workers
-        Threads.
+    shape: height and width of the images, px.
+    rig: geometry of the pair.
+    config: parameters, for images of this size.
+    estimator: reads the water.
+    workers: threads.
     """
 
     def __init__(
@@ -146,10 +121,8 @@ class FirstStep:
     def run(self, views: StereoViews, clock: StageClock) -> CoarseEstimate:
         """Estimate the water and a coarse disparity from the raw pair.
 
-        Raises
-        ------
-        InputError
-            If the images are dark, saturated or of one colour, exchanged, or the same.
+        Raises `InputError` if the images are dark, saturated or of one colour, exchanged, or the
+        same.
         """
         with clock("support points"):
             left, right = self._workers.together(

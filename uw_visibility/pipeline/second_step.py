@@ -39,36 +39,20 @@ _FEWEST_DISPARITIES = 10
 
 @dataclass(frozen=True)
 class ImprovedDisparity:
-    """Disparity matched in step 2.
+    """Disparity matched in step 2."""
 
-    Attributes
-    ----------
-    disparity : ndarray
-        ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
-    confidence : ndarray or None
-        ``(H, W)`` float32, probability that `disparity` is within 1 px of the truth;
-        0 where unmatched; None where not asked for.
-    with_occlusions : ndarray
-        ``(H, W)`` float32, `disparity` with what the right view does not show; see
-        `DenseMatch`. Of a coarser scale than the finest, without matches that are more
-        likely wrong than right.
-    original : ndarray or None
-        ``(H, W)`` float32, px; the raw pair matched alone, where asked for.
-    match : DenseMatch
-        Both views, at the size at which they were matched.
-    support_points : int
-        Support points of the restored pair.
-    scale : int
-        Side of the squares of pixels whose means were matched, px.
-    """
-
-    disparity: DisparityMap
+    disparity: DisparityMap  # ``(H, W)`` float32, left-referenced, px; NaN where unmatched
+    # (H, W) float32 or None, probability that `disparity` is within 1 px of the truth; 0 where
+    # unmatched; None where not asked for
     confidence: DisparityMap | None
+    # ``(H, W)`` float32, `disparity` with what the right view does not show; see `DenseMatch`. Of a
+    # coarser scale than the finest, without matches that are more likely wrong than right.
     with_occlusions: DisparityMap
+    # (H, W) float32 or None, px; the raw pair matched alone, where asked for
     original: DisparityMap | None
-    match: DenseMatch
-    support_points: int
-    scale: int = 1
+    match: DenseMatch  # both views, at the size at which they were matched
+    support_points: int  # support points of the restored pair
+    scale: int = 1  # side of the squares of pixels whose means were matched, px
 
 
 class SecondStep:
@@ -76,23 +60,12 @@ class SecondStep:
 
     Those of a coarser scale, which noise may ask for, are allocated when it first does.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the images, px.
-    rig : StereoRig
-        Geometry of the pair.
-    config : PipelineConfig
-        Parameters, for images of this size.
-    workers : Workers
-        Threads.
-    lamps : DirectLight, optional
-        How the light of lamps falls with range, where they alone light the scene.
-
-    Raises
-    ------
-    InputError
-        If the limits of the disparity leave nothing to search.
+    shape: height and width of the images, px.
+    rig: geometry of the pair.
+    config: parameters, for images of this size.
+    workers: threads.
+    lamps: how the light of lamps falls with range, where they alone light the scene.
+    Raises `InputError` if the limits of the disparity leave nothing to search.
     """
 
     def __init__(

@@ -66,19 +66,10 @@ def neighbours(
 ) -> tuple[Value, Value, float] | None:
     """Return the values before and after a stamp, and which part of the way it is.
 
-    Parameters
-    ----------
-    values : sequence of Stamped
-        By rising stamp.
-    stamp : int
-        In ns.
-    longest_gap : float
-        Values further apart than this are not neighbours, s.
-
-    Returns
-    -------
-    tuple or None
-        None where the values do not enclose the stamp closely.
+    values: by rising stamp.
+    stamp: in ns.
+    longest_gap: values further apart than this are not neighbours, s.
+    Returns None where the values do not enclose the stamp closely.
     """
     index = bisect_left(values, stamp, key=lambda value: value.stamp)
     if index == len(values):

@@ -36,41 +36,25 @@ Array = NDArray[np.float64]
 
 
 class Camera(NamedTuple):
-    """How a camera's depths err beyond their own variance; sizes are standard deviations.
+    """How a camera's depths err beyond their own variance; sizes are standard deviations."""
 
-    Attributes
-    ----------
-    constant, slope : float
-        Of the dive's constant and its slope, relative to what the estimate says beforehand.
-    fast : float
-        Of what wanders with the scene, relative to a frame's own.
-    fast_time, slow_time : float
-        Correlation times of what wanders with the scene and with the water, s.
-    slow : float
-        Of what wanders with the water, relative to what the estimate says of the constant.
-    bursts : float
-        Rate at which the scene throws the estimate off, 1/s; it decays as what wanders with it.
-    burst : float
-        By how much, relative to the model's (`PlausibilityConfig.model_stddev`).
-    outliers : float
-        Share of frames that are off by themselves.
-    outlier : float
-        By how much, relative to the model's.
-    spread : float
-        Factor by which wandering, bursts and outliers of a restless dive are larger than a usual
-        one's, and those of a calm dive smaller.
-    """
-
+    # constant, slope: of the dive's constant and its slope, relative to what the estimate says
+    # beforehand
     constant: float
     slope: float
-    fast: float
+    fast: float  # of what wanders with the scene, relative to a frame's own
+    # fast_time, slow_time: correlation times of what wanders with the scene and with the water, s
     fast_time: float
+    # of what wanders with the water, relative to what the estimate says of the constant
     slow: float
     slow_time: float
+    # rate at which the scene throws the estimate off, 1/s; it decays as what wanders with it
     bursts: float
-    burst: float
-    outliers: float
-    outlier: float
+    burst: float  # by how much, relative to the model's (`PlausibilityConfig.model_stddev`)
+    outliers: float  # share of frames that are off by themselves
+    outlier: float  # by how much, relative to the model's
+    # factor by which wandering, bursts and outliers of a restless dive are larger than a usual
+    # one's, and those of a calm dive smaller
     spread: float
 
 
@@ -107,45 +91,26 @@ SEEN = np.array((1.0, 0.0, 1.0, 1.0, 1.0, 0.0))
 
 
 class Taken(NamedTuple):
-    """A difference that is to be taken.
+    """A difference that is to be taken."""
 
-    Attributes
-    ----------
-    elapsed : float
-        Since the last one taken, s.
-    depth : float
-        As the camera tells it, m.
-    variance, sensor_variance : float
-        Of the estimate, of what differs between frames, and of the sensor, m².
-    sensor_change : float
-        Of the sensor since the last one taken, m; NaN where there is none.
-    """
-
-    elapsed: float
-    depth: float
+    elapsed: float  # since the last one taken, s
+    depth: float  # as the camera tells it, m
+    # variance, sensor_variance: of the estimate, of what differs between frames, and of the sensor,
+    # m²
     variance: float
     sensor_variance: float
+    # of the sensor since the last one taken, m; NaN where there is none
     sensor_change: float = math.nan
 
 
 class RightSensor:
     """Filter of the difference of a right sensor and the estimate.
 
-    Parameters
-    ----------
-    stddev : float
-        Of what the estimate's own does not hold and is not constant, m.
-    constant_stddev : float
-        Of what is constant over a dive, beforehand, m.
-    depth : float
-        As the camera tells it at first, m.
-    camera : Camera
-        How its depths err.
-
-    Attributes
-    ----------
-    stddev : float
-        As given.
+    stddev: of what the estimate's own does not hold and is not constant, m.
+    constant_stddev: of what is constant over a dive, beforehand, m.
+    depth: as the camera tells it at first, m.
+    camera: how its depths err.
+    stddev: as given.
     """
 
     def __init__(
@@ -187,10 +152,8 @@ class RightSensor:
     def predict(self, taken: Taken, confidence: float) -> tuple[float, float]:
         """Predict a difference.
 
-        Returns
-        -------
-        mean, gate : float
-            Of the difference, m, and how far from it a right sensor's is with a probability.
+        Returns `mean, gate`, of the difference, m, and how far from it a right sensor's is with a
+        probability.
         """
         means, covariances = self.filter.predict(*self.motion(taken))
         variances = covariances @ SEEN @ SEEN + taken.sensor_variance
@@ -246,12 +209,8 @@ class RightSensor:
 class InnovationModel:
     """Evidence of a fault of the sensor, by filters without and with one.
 
-    Attributes
-    ----------
-    right : RightSensor
-        Filter without a fault.
-    evidence : float
-        Of a fault, s; a right sensor reaches it once in so long on average at most.
+    right: filter without a fault.
+    evidence: of a fault, s; a right sensor reaches it once in so long on average at most.
     """
 
     def __init__(self, right: RightSensor) -> None:
@@ -263,14 +222,9 @@ class InnovationModel:
     def update(self, taken: Taken, difference: float, most: float) -> None:
         """Take a difference.
 
-        Parameters
-        ----------
-        taken : Taken
-            See there.
-        difference : float
-            Of sensor and estimate, m.
-        most : float
-            The evidence is no more than this, s, so that a sensor that recovers is believed.
+        taken: see there.
+        difference: of sensor and estimate, m.
+        most: the evidence is no more than this, s, so that a sensor that recovers is believed.
         """
         right = self.right
         transition, added = right.motion(taken)

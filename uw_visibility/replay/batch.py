@@ -53,29 +53,16 @@ def replay_bags(
 ) -> list[Summary]:
     """Replay recordings into folders.
 
-    Parameters
-    ----------
-    targets : mapping of (Path or str) to (Path or str)
-        Folder to make, by recording; each a path, or a URL that fsspec knows.
-    options : ReplayOptions
-        What is wanted.
-    jobs : int
-        Processes that work on frames. The results do not depend on it.
-    force, resume : bool
-        Whether existing results are replaced, or partial ones gone on from and
-        complete ones left as they are.
-
-    Returns
-    -------
-    list of Summary
-        One for each recording.
-
-    Raises
-    ------
-    InputError
-        If a folder or every recording cannot be used, or no recording has a topic to
-        join. Of several recordings, one that cannot be used holds up no other: its
-        summary says why, and what a recording lacks of the topics to join.
+    targets: mapping of (Path or str) to (Path or str), folder to make, by recording; each a path,
+        or a URL that fsspec knows.
+    options: what is wanted.
+    jobs: processes that work on frames. The results do not depend on it.
+    force, resume: whether existing results are replaced, or partial ones gone on from and complete
+        ones left as they are.
+    Returns one for each recording.
+    Raises `InputError` if a folder or every recording cannot be used, or no recording has a topic
+    to join. Of several recordings, one that cannot be used holds up no other: its summary says why,
+    and what a recording lacks of the topics to join.
     """
     stores.check_urls([*targets, *targets.values()])
     options = replace(options, several=options.several or len(targets) > 1)

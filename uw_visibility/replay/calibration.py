@@ -34,26 +34,15 @@ LEAST_DEPTH_SPREAD = 1.0
 
 @dataclass
 class CalibrationSeries:
-    """Estimates of recordings beside a sensor's depth.
+    """Estimates of recordings beside a sensor's depth."""
 
-    Attributes
-    ----------
-    estimates : list of WaterEstimate
-        One a frame with a result.
-    sensed, assessed : list of float
-        Depth by the sensor, and by the estimate with the parameters as they
-        are, m; NaN where there is none.
-    unusable : int
-        Frames without a result.
-    damage : list of str
-        What of the recordings could not be read.
-    """
-
-    estimates: list[WaterEstimate] = field(default_factory=list)
+    estimates: list[WaterEstimate] = field(default_factory=list)  # one a frame with a result
+    # sensed, assessed: depth by the sensor, and by the estimate with the parameters as they are, m;
+    # NaN where there is none
     sensed: list[float] = field(default_factory=list)
     assessed: list[float] = field(default_factory=list)
-    unusable: int = 0
-    damage: list[str] = field(default_factory=list)
+    unusable: int = 0  # frames without a result
+    damage: list[str] = field(default_factory=list)  # what of the recordings could not be read
 
     def add(self, frames: Iterable[JoinedFrame]) -> None:
         """Add frames with the sensor's depth."""

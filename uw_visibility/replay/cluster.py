@@ -38,19 +38,11 @@ def replay_on_cluster(
     on with, from the last frame that is on disk; where the result goes to a URL, from the
     beginning.
 
-    Parameters
-    ----------
-    address : str
-        Of the scheduler, such as ``tcp://10.0.0.5:8786``.
-    targets, options, force, resume
-        As `replay_bags` takes them.
-
-    Raises
-    ------
-    InputError
-        If `distributed` is not installed, the scheduler cannot be reached, a worker has
-        another version, every recording or its folder cannot be used, or no recording
-        has a topic to join.
+    address: of the scheduler, such as ``tcp://10.0.0.5:8786``.
+    targets, options, force, resume: as `replay_bags` takes them.
+    Raises `InputError` if `distributed` is not installed, the scheduler cannot be reached, a worker
+    has another version, every recording or its folder cannot be used, or no recording has a topic
+    to join.
     """
     with needing("distributed", "--scheduler"):
         distributed = importlib.import_module("distributed")

@@ -29,42 +29,19 @@ Kind = Literal["integer", "number", "text", "choice", "datetime"]
 
 @dataclass(frozen=True)
 class Column:
-    """Column of a table.
+    """Column of a table."""
 
-    Attributes
-    ----------
-    kind : str
-        ``"choice"`` is a text that is one of `choices`.
-    title : str
-        What it is, in a few words.
-    unit : str
-        As UDUNITS writes it; ``"1"`` for a number without one, empty for texts.
-    description : str
-        Definition, caveat and source, where the title does not say all.
-    standard_name : str
-        That of the CF conventions, where there is one.
-    choices : tuple of str
-        The words that may stand there; empty where they are not known.
-    meanings : tuple of str
-        What each of `choices` says in reports and messages.
-    stddev_of : str
-        The column whose standard deviation this is.
-    status : str
-        The column that says why a value is missing.
-    source : str
-        Where the value is, as in ``"estimate.water.attenuation.0"``: an attribute of a
-        `JoinedFrame` or what `recorder.row_of` adds, and on from there.
-    """
-
-    kind: Kind
-    title: str
-    unit: str = ""
-    description: str = ""
-    standard_name: str = ""
-    choices: tuple[str, ...] = ()
-    meanings: tuple[str, ...] = ()
-    stddev_of: str = ""
-    status: str = ""
+    kind: Kind  # ``"choice"`` is a text that is one of `choices`
+    title: str  # what it is, in a few words
+    unit: str = ""  # as UDUNITS writes it; ``"1"`` for a number without one, empty for texts
+    description: str = ""  # definition, caveat and source, where the title does not say all
+    standard_name: str = ""  # that of the CF conventions, where there is one
+    choices: tuple[str, ...] = ()  # the words that may stand there; empty where they are not known
+    meanings: tuple[str, ...] = ()  # what each of `choices` says in reports and messages
+    stddev_of: str = ""  # the column whose standard deviation this is
+    status: str = ""  # the column that says why a value is missing
+    # where the value is, as in ``"estimate.water.attenuation.0"``: an attribute of a `JoinedFrame`
+    # or what `recorder.row_of` adds, and on from there
     source: str = ""
 
     def meaning(self, choice: str) -> str:

@@ -68,16 +68,10 @@ def write_day(
 ) -> None:
     """Write over all results of several recordings: page, table, NetCDF, Parquet, GeoJSON.
 
-    Parameters
-    ----------
-    output : Path or str
-        That has the folders of the results; a path, or a URL that fsspec knows.
-    summaries : sequence of Summary
-        Of all recordings, those that failed too. Nothing is written without any result.
-    options : ReplayOptions
-        What all were replayed with.
-    again : bool
-        Whether what an earlier run wrote there may be replaced.
+    output: that has the folders of the results; a path, or a URL that fsspec knows.
+    summaries: of all recordings, those that failed too. Nothing is written without any result.
+    options: what all were replayed with.
+    again: whether what an earlier run wrote there may be replaced.
     """
     results = sorted(
         (s for s in summaries if not s.error and s.complete and s.synopsis is not None),

@@ -39,22 +39,10 @@ def calibrate_lighting(
 ) -> tuple[LampCalibration, int, list[str]]:
     """Find a vehicle's lamps from recordings of ground at many ranges.
 
-    Parameters
-    ----------
-    bags : sequence of Path
-        Recordings with the same lamps, exposure and water.
-    options : ReplayOptions
-        Parameters, with the lamps to start from, topics, and the part to use.
-    lamps : int, optional
-        How many there are, where the parameters name none: 1, 2 or 4.
-
-    Returns
-    -------
-    LampCalibration
-    int
-        Frames used.
-    list of str
-        What of the recordings could not be read.
+    bags: recordings with the same lamps, exposure and water.
+    options: parameters, with the lamps to start from, topics, and the part to use.
+    lamps: how many there are, where the parameters name none: 1, 2 or 4.
+    Returns what was found, how many frames were used, and what of the recordings could not be read.
     """
     lighting = options.pipeline.lighting
     if lamps is None and lighting.model != "lamps":

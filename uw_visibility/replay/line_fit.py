@@ -27,33 +27,21 @@ BEYOND = 0.25
 
 @dataclass(frozen=True)
 class LineFit:
-    """Line y = intercept + slope · x through estimates x and a sensor's values y.
+    """Line y = intercept + slope · x through estimates x and a sensor's values y."""
 
-    Attributes
-    ----------
-    source : str
-        Topic and field of the sensor.
-    against : str
-        Column of the estimates.
-    intercept_stddev, slope_stddev, covariance : float
-        Of both, by jackknife over blocks of frames, whose errors are alike.
-    residual_stddev : float
-        What the sensor's values differ by from the line, beyond the estimates' errors.
-    correlation : float
-        Of estimates and sensor.
-    low, high : float
-        Least and largest estimate.
-    """
-
-    source: str
-    against: str
+    source: str  # topic and field of the sensor
+    against: str  # column of the estimates
     intercept: float
     slope: float
+    # intercept_stddev, slope_stddev, covariance: of both, by jackknife over blocks of frames, whose
+    # errors are alike
     intercept_stddev: float
     slope_stddev: float
     covariance: float
+    # what the sensor's values differ by from the line, beyond the estimates' errors
     residual_stddev: float
-    correlation: float
+    correlation: float  # of estimates and sensor
+    # low, high: least and largest estimate
     low: float
     high: float
     frames: int
@@ -61,15 +49,8 @@ class LineFit:
     def predict(self, x: float, stddev: float) -> tuple[float, float]:
         """Return what the sensor would say, and its standard deviation.
 
-        Parameters
-        ----------
-        x, stddev : float
-            Estimate.
-
-        Returns
-        -------
-        tuple of float
-            NaN where the estimate is not known, or far outside of those fitted.
+        x, stddev: estimate.
+        Returns NaN where the estimate is not known, or far outside of those fitted.
         """
         margin = BEYOND * (self.high - self.low)
         if not self.low - margin <= x <= self.high + margin:
@@ -117,19 +98,10 @@ def fit_line(
     never more of it than brings all values onto the line, since a part of σ may be alike in
     all frames.
 
-    Parameters
-    ----------
-    x, x_stddev : (n,) float64 ndarray
-        Estimates and their standard deviations.
-    y : (n,) float64 ndarray
-        Values of the sensor.
-    source, against : str
-        Names for the result.
-
-    Returns
-    -------
-    LineFit or None
-        None where there are too few frames, or estimates or values are all the same.
+    x, x_stddev: (n,) float64, estimates and their standard deviations.
+    y: (n,) float64, values of the sensor.
+    source, against: names for the result.
+    Returns None where there are too few frames, or estimates or values are all the same.
 
     References
     ----------

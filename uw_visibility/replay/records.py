@@ -24,21 +24,13 @@ FURTHER = "further reasons"
 
 @dataclass(frozen=True)
 class FrameEstimate:
-    """A frame's result without what is large.
+    """A frame's result without what is large."""
 
-    Attributes
-    ----------
-    water, visibility
-        Of the frame alone.
-    rig : StereoRig
-        The filter begins anew with another one.
-    field_of_view, header : float, ImageHeader
-        Of the left image; rad.
-    """
-
+    # water, visibility: of the frame alone
     water: WaterEstimate
     visibility: Visibility
-    rig: StereoRig
+    rig: StereoRig  # the filter begins anew with another one
+    # field_of_view, header: of the left image; rad
     field_of_view: float
     header: ImageHeader
     support_points: int
@@ -67,57 +59,38 @@ class FrameEstimate:
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """What became of a frame by itself: an estimate, or the reason why it has none.
+    """What became of a frame by itself: an estimate, or the reason why it has none."""
 
-    Attributes
-    ----------
-    frame : int
-        Its number among the recording's.
-    stamp, right_stamp : int
-        Of its images, ns.
-    time : int
-        When the left image was received, ns.
-    """
-
-    frame: int
+    frame: int  # its number among the recording's
+    # stamp, right_stamp: of its images, ns
     stamp: int
     right_stamp: int
-    time: int
+    time: int  # when the left image was received, ns
     reason: str = ""
     estimate: FrameEstimate | None = None
 
 
 @dataclass
 class JoinedFrame:
-    """A frame with what the frames and sensors around it say: a row of the table.
-
-    Attributes
-    ----------
-    sensor : DepthSample or None
-        The depth sensor's value at the frame's stamp.
-    comparison : Comparison or None
-        Of the estimate with the sensor; None where they were not compared.
-    verdict, verdict_reason : Verdict or None, str
-        Of the sensor's plausibility, and why that is not ok; None without a sensor.
-    longitude, latitude, x, y : float
-        Degrees, and a position in metres; NaN where they are not known.
-    scalars : tuple of float
-        Values of the joined topics; NaN where they are not known.
-    derived, filtered_derived : DerivedQuantities or None
-        Of the frame's water and of the filtered one, once the row is written.
-    """
+    """A frame with what the frames and sensors around it say: a row of the table."""
 
     record: FrameRecord
     filtered: FilteredWater | None = None
-    sensor: DepthSample | None = None
+    sensor: DepthSample | None = None  # the depth sensor's value at the frame's stamp
+    # of the estimate with the sensor; None where they were not compared
     comparison: Comparison | None = None
+    # verdict, verdict_reason: of the sensor's plausibility, and why that is not ok; None without a
+    # sensor
     verdict: Verdict | None = None
     verdict_reason: str = ""
+    # longitude, latitude, x, y: degrees, and a position in metres; NaN where they are not known
     longitude: float = math.nan
     latitude: float = math.nan
     x: float = math.nan
     y: float = math.nan
-    scalars: tuple[float, ...] = ()
+    scalars: tuple[float, ...] = ()  # values of the joined topics; NaN where they are not known
+    # derived, filtered_derived: of the frame's water and of the filtered one, once the row is
+    # written
     derived: DerivedQuantities | None = None
     filtered_derived: DerivedQuantities | None = None
 

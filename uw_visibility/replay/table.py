@@ -65,10 +65,7 @@ def read_rows(path: Path) -> Iterator[dict[str, str]]:
 def read_columns(path: Path, names: Sequence[str]) -> dict[str, Array]:
     """Read columns of numbers.
 
-    Returns
-    -------
-    dict of str to ndarray, (n,) float64
-        NaN for what is not known.
+    Returns dict of str to (n,) float64, NaN for what is not known.
     """
     parts = list(slices(path, dict.fromkeys(names, Column("number", ""))))
     return {name: np.concatenate([part[name] for part in parts]) for name in names}
@@ -77,10 +74,8 @@ def read_columns(path: Path, names: Sequence[str]) -> dict[str, Array]:
 def slices(path: Path, columns: Mapping[str, Column]) -> Iterator[dict[str, NDArray]]:
     """Yield a table's columns in slices of `ROWS`; one without rows where there are none.
 
-    Yields
-    ------
-    dict of str to ndarray, (n,)
-        float64 for numbers, NaN where they are not known; object (str) for texts.
+    Yields dict of str to (n,), float64 for numbers, NaN where they are not known; object (str) for
+    texts.
     """
     found = read_rows(path)
     for number in itertools.count():

@@ -38,24 +38,14 @@ from uw_visibility.water.series.filter import FilteredWater, WaterFilter
 
 @dataclass(frozen=True)
 class Recording:
-    """Options and topics that all frames of a recording share.
+    """Options and topics that all frames of a recording share."""
 
-    Attributes
-    ----------
-    key : str
-        Tells recordings apart.
-    channels : dict of str to Channel
-        Definitions by type of message.
-    topics : tuple of str
-        Outputs to make of each frame.
-    """
-
-    key: str
-    channels: Mapping[str, Channel]
+    key: str  # tells recordings apart
+    channels: Mapping[str, Channel]  # definitions by type of message
     ros1: bool
     pipeline: PipelineConfig
     node: NodeConfig
-    topics: tuple[str, ...]
+    topics: tuple[str, ...]  # outputs to make of each frame
     match_original: bool = False
 
     @classmethod

@@ -66,21 +66,11 @@ class NodeCore:
     The executor's callbacks only sort messages; the pipeline runs in the
     worker's threads, which also publish, in the order of the frames.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Subscriptions and publishers are made on it.
-    parameters : NodeParameters
-        Hold the settings of the next frame.
-
-    Attributes
-    ----------
-    input : StereoInput
-        Knows what came in and what was dropped.
-    worker : NewestWorker
-        Knows what was skipped.
-    state : PipelineState
-        Knows what became of the frames.
+    node: subscriptions and publishers are made on it.
+    parameters: hold the settings of the next frame.
+    input: knows what came in and what was dropped.
+    worker: knows what was skipped.
+    state: knows what became of the frames.
     """
 
     def __init__(self, node: Node, parameters: NodeParameters) -> None:
@@ -323,22 +313,12 @@ def check_megapixels(width: int, height: int, most: float) -> None:
 class PipelineState:
     """Counts frames by their outcome; written by the worker, read by the diagnostics.
 
-    Parameters
-    ----------
-    failures : ReasonLog
-        Logs why frames gave no result.
-
-    Attributes
-    ----------
-    ready : bool
-        Whether the pipeline is compiled.
-    processed, refused, failed : int
-        Frames whose results were published; those that cannot be used; those
-        lost to an error inside.
-    calibrations : int
-        How often CameraInfo was new.
-    failures : ReasonLog
-        Why frames gave no result.
+    failures: logs why frames gave no result.
+    ready: whether the pipeline is compiled.
+    processed, refused, failed: frames whose results were published; those that cannot be used;
+        those lost to an error inside.
+    calibrations: how often CameraInfo was new.
+    failures: why frames gave no result.
     """
 
     def __init__(self, failures: ReasonLog) -> None:
@@ -370,16 +350,10 @@ class PipelineState:
     ) -> None:
         """Note a result that was published.
 
-        Parameters
-        ----------
-        result : FrameResult
-            What the pipeline found.
-        latency : float
-            Time since the image's stamp, s.
-        around : float
-            What reading the images and publishing the messages took, ms.
-        filtered : FilteredWater, optional
-            The water filtered up to this frame.
+        result: what the pipeline found.
+        latency: time since the image's stamp, s.
+        around: what reading the images and publishing the messages took, ms.
+        filtered: the water filtered up to this frame.
         """
         with self._lock:
             self._result, self._latency, self._problem = result, latency, ""
@@ -498,14 +472,9 @@ LEVELS = {
 class DepthCheck:
     """Plausibility test, fed from the sensor's callback and the pipeline's thread.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Subscription and publisher are made on it.
-    parameters : NodeParameters
-        Type of the sensor, and what the monitor is told.
-    made : ExitStack
-        Destroys subscription and publishers.
+    node: subscription and publisher are made on it.
+    parameters: type of the sensor, and what the monitor is told.
+    made: destroys subscription and publishers.
     """
 
     def __init__(self, node: Node, parameters: NodeParameters, made: ExitStack) -> None:

@@ -41,25 +41,13 @@ ADVICE = {
 class StereoInput:
     """Subscribes to images and CameraInfo, once told not to rest, and hands on stereo frames.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Subscriptions are made on it.
-    parameters : NodeParameters
-        Tolerance, queue size, and transport.
-    offer : callable
-        Takes each stereo frame.
-    on_restart : callable
-        Called when the stamps jump back.
-
-    Attributes
-    ----------
-    synchronizer : Synchronizer
-        Knows what came in and what was dropped.
-    active : bool
-        Whether images are taken; CameraInfo always is.
-    resting : bool
-        Whether nothing is subscribed to; see `rest`.
+    node: subscriptions are made on it.
+    parameters: tolerance, queue size, and transport.
+    offer: takes each stereo frame.
+    on_restart: called when the stamps jump back.
+    synchronizer: knows what came in and what was dropped.
+    active: whether images are taken; CameraInfo always is.
+    resting: whether nothing is subscribed to; see `rest`.
     """
 
     def __init__(

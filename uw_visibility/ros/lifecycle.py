@@ -31,10 +31,7 @@ class UwVisibilityLifecycleNode(LifecycleNode):
     images and publishes results. With the parameter `autostart` it does both when
     its process starts, so that one that crashed and was started again goes on.
 
-    Attributes
-    ----------
-    faults : FaultLog
-        Counts what callbacks raise.
+    faults: counts what callbacks raise.
     """
 
     def __init__(self) -> None:

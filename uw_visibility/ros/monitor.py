@@ -46,15 +46,8 @@ class Finding:
 class RecentCounts:
     """Differences of counters over the last seconds.
 
-    Parameters
-    ----------
-    window : float
-        How far back the differences reach, s.
-
-    Attributes
-    ----------
-    duration : float
-        How far back they reach so far, s.
+    window: how far back the differences reach, s.
+    duration: how far back they reach so far, s.
     """
 
     def __init__(self, window: float) -> None:
@@ -65,17 +58,9 @@ class RecentCounts:
     def update(self, now: float, counts: Mapping[str, int]) -> dict[str, int]:
         """Return the counts over the last seconds.
 
-        Parameters
-        ----------
-        now : float
-            Time, s.
-        counts : mapping of str to int
-            Counters, which only grow.
-
-        Returns
-        -------
-        dict of str to int
-            What each counter grew by; those that did not grow are absent.
+        now: time, s.
+        counts: counters, which only grow.
+        Returns what each counter grew by; those that did not grow are absent.
         """
         self._snapshots.append((now, dict(counts)))
         while len(self._snapshots) > 2 and now - self._snapshots[1][0] >= self._window:
@@ -93,21 +78,11 @@ class ReasonLog:
 
     Safe to use from several threads.
 
-    Parameters
-    ----------
-    log : callable
-        Takes the line to log.
-    period : float
-        Shortest time between two lines for one reason, s.
-    clock : callable
-        Returns a time in s.
-
-    Attributes
-    ----------
-    counts : Counter of str
-        How often each of the latest reasons occurred, the last one last.
-    total : int
-        How often any reason occurred.
+    log: takes the line to log.
+    period: shortest time between two lines for one reason, s.
+    clock: returns a time in s.
+    counts: how often each of the latest reasons occurred, the last one last.
+    total: how often any reason occurred.
     """
 
     def __init__(
@@ -132,15 +107,8 @@ class ReasonLog:
     def selection(self, number: int) -> dict[str, int]:
         """Return the latest and the most frequent reasons, so many of each, and all others as one.
 
-        Parameters
-        ----------
-        number : int
-            How many of either.
-
-        Returns
-        -------
-        dict of str to int
-            How often each occurred.
+        number: how many of either.
+        Returns how often each occurred.
         """
         with self._lock:
             shown = dict([*self.counts.items()][-number:]) | dict(self.counts.most_common(number))
@@ -176,10 +144,7 @@ class FaultLog:
     Safe to use from several threads. Once the node's context has ended, which rclpy's own
     handlers of signals do while callbacks run, whatever uses it fails: that is no fault.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Whose log tells of them.
+    node: whose log tells of them.
     """
 
     def __init__(self, node: Node) -> None:
@@ -217,14 +182,9 @@ def describe_fault(error: BaseException) -> str:
 class DiagnosticsPublisher:
     """Publishes findings as diagnostic_updater does, under the node's name, once a second.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Publisher and timer are made on it.
-    find : callable
-        Returns the findings by the part of the node that they are about.
-    faults : FaultLog
-        Is told if that fails, and reports on the part `callbacks`.
+    node: publisher and timer are made on it.
+    find: returns the findings by the part of the node that they are about.
+    faults: is told if that fails, and reports on the part `callbacks`.
     """
 
     def __init__(

@@ -15,10 +15,7 @@ from uw_visibility.ros.run import run
 class UwVisibilityNode(Node):
     """Node that assesses the water, enhances images and improves the disparity of stereo frames.
 
-    Attributes
-    ----------
-    faults : FaultLog
-        Counts what callbacks raise.
+    faults: counts what callbacks raise.
     """
 
     def __init__(self) -> None:

@@ -55,21 +55,11 @@ class Settings:
 class NodeParameters:
     """ROS parameters of a node, declared at once; `settings` follows their changes.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Declared on this node, with the values that it was started with.
-
-    Attributes
-    ----------
-    settings : Settings
-        Replaced as a whole once a change was accepted, so that a reader in
-        another thread sees either all of it or nothing.
-    try_out : callable or None
-        Raises `InputError` for settings that cannot work; asked before a change is
-        accepted.
-    told : set of str
-        Names of the parameters that were given a value, at start or since.
+    node: declared on this node, with the values that it was started with.
+    settings: replaced as a whole once a change was accepted, so that a reader in another thread
+        sees either all of it or nothing.
+    try_out: raises `InputError` for settings that cannot work; asked before a change is accepted.
+    told: names of the parameters that were given a value, at start or since.
     """
 
     def __init__(self, node: Node) -> None:

@@ -43,15 +43,8 @@ def give_memory(environment: MutableMapping[str, str] = os.environ) -> bool:
     Nothing changes where the middleware was set up otherwise. Other middlewares do not
     read the variable.
 
-    Parameters
-    ----------
-    environment : mutable mapping of str to str
-        Of the process.
-
-    Returns
-    -------
-    bool
-        Whether the node's own profile is in use.
+    environment: of the process.
+    Returns whether the node's own profile is in use.
     """
     if any(environment.get(name) for name in (PROFILES_VARIABLE, *OTHER_VARIABLES)):
         return False
@@ -88,20 +81,11 @@ SWITCH_INTERVAL = 5e-4
 def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
     """Run a node until it is told to stop.
 
-    Parameters
-    ----------
-    make_node : callable
-        Makes a node with a method ``stop(timeout) -> bool``, which ends its work
-        and tells whether that has ended within the timeout (s), and an attribute
-        ``faults`` (`FaultLog`), which is told what callbacks raise.
-    arguments : sequence of str or None
-        Command line with ROS arguments; that of the process where absent.
-
-    Returns
-    -------
-    int
-        Exit code: 0 after Ctrl-C or SIGTERM, 2 where a parameter or argument
-        cannot be used.
+    make_node: makes a node with a method ``stop(timeout) -> bool``, which ends its work and tells
+        whether that has ended within the timeout (s), and an attribute ``faults`` (`FaultLog`),
+        which is told what callbacks raise.
+    arguments: command line with ROS arguments; that of the process where absent.
+    Returns exit code: 0 after Ctrl-C or SIGTERM, 2 where a parameter or argument cannot be used.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
     # A signal only asks for the end. rclpy's handlers would end the context under whatever

@@ -16,20 +16,11 @@ Item = TypeVar("Item")
 class NewestWorker(Generic[Item]):
     """Processes items one after the other in a thread of its own; the newest waits, others go.
 
-    Parameters
-    ----------
-    process : callable
-        Called with each item. It must not raise.
-    prepare : callable
-        Called in the thread once, before the first item. It must not raise.
-    niceness : int
-        How far the thread, and those that it starts, give way to others: 0 not at
-        all, 19 most. Only Linux knows it of single threads; elsewhere it does nothing.
-
-    Attributes
-    ----------
-    skipped : int
-        Items that a newer one replaced before their turn came.
+    process: called with each item. It must not raise.
+    prepare: called in the thread once, before the first item. It must not raise.
+    niceness: how far the thread, and those that it starts, give way to others: 0 not at all, 19
+        most. Only Linux knows it of single threads; elsewhere it does nothing.
+    skipped: items that a newer one replaced before their turn came.
     """
 
     def __init__(
@@ -68,15 +59,8 @@ class NewestWorker(Generic[Item]):
     def stop(self, timeout: float) -> bool:
         """Take no further item.
 
-        Parameters
-        ----------
-        timeout : float
-            How long to wait for the item that is being processed, s.
-
-        Returns
-        -------
-        bool
-            Whether the thread has ended.
+        timeout: how long to wait for the item that is being processed, s.
+        Returns whether the thread has ended.
         """
         with self._changed:
             self._stopping = True

@@ -28,14 +28,9 @@ UNSTAMPED = ("std_msgs/msg/Float64",)
 class Player:
     """Publisher of serialised messages.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Publishers are made on it.
-    topics : mapping of str to str
-        Type of message by topic. Every type begins with a header.
-    reliability : ReliabilityPolicy
-        By default reliable, so that an image of many packets arrives whole.
+    node: publishers are made on it.
+    topics: type of message by topic. Every type begins with a header.
+    reliability: by default reliable, so that an image of many packets arrives whole.
     """
 
     def __init__(
@@ -59,10 +54,7 @@ class Player:
     def publish(self, messages: Mapping[str, bytes]) -> int:
         """Publish messages of one instant, stamped with the present time.
 
-        Returns
-        -------
-        int
-            The stamp in ns, the same for all.
+        Returns the stamp in ns, the same for all.
         """
         stamp = time.time_ns()
         for topic, data in messages.items():
@@ -71,18 +63,10 @@ class Player:
 
 
 class Arrival(NamedTuple):
-    """Received message with the time of its arrival.
+    """Received message with the time of its arrival."""
 
-    Attributes
-    ----------
-    time : int
-        When it came, in ns since 1970.
-    data : bytes
-        The serialised message.
-    """
-
-    time: int
-    data: bytes
+    time: int  # when it came, in ns since 1970
+    data: bytes  # the serialised message
 
 
 class Collector:
@@ -91,12 +75,8 @@ class Collector:
     Messages stay serialised while they come in: that takes no time from the
     node that is being measured.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Subscriptions are made on it; somebody has to spin it.
-    topics : mapping of str to str
-        Type of message by topic.
+    node: subscriptions are made on it; somebody has to spin it.
+    topics: type of message by topic.
     """
 
     def __init__(self, node: Node, topics: Mapping[str, str]) -> None:
@@ -112,14 +92,9 @@ class Collector:
     def wait(self, topic: str, stamp: int, timeout: float) -> bool:
         """Wait for a topic's message of that stamp or a later one; False if none comes.
 
-        Parameters
-        ----------
-        topic : str
-            A topic whose messages have headers.
-        stamp : int
-            Stamp in ns.
-        timeout : float
-            In s.
+        topic: a topic whose messages have headers.
+        stamp: stamp in ns.
+        timeout: in s.
         """
         def arrived() -> bool:
             return any(header_stamp(a.data) >= stamp for a in self._arrivals[topic])
@@ -165,18 +140,9 @@ def open_link(
 ) -> Iterator[tuple[Player, Collector]]:
     """Join a ROS domain with a player and a collector, as long as the context lasts.
 
-    Parameters
-    ----------
-    domain : int
-        ROS domain.
-    played, collected : mapping of str to str
-        Types of message by topic.
-
-    Yields
-    ------
-    player : Player
-    collector : Collector
-        Receives in a thread of its own.
+    domain: ROS domain.
+    played, collected: types of message by topic.
+    Yields `player`, player; `collector`, receives in a thread of its own.
     """
     context = rclpy.Context()
     # The command handles signals: Ctrl-C ends more than ROS.

@@ -50,15 +50,8 @@ def mitsuba(threads: int = 2) -> Any:
     without bound in the other. Without an LLVM library that fits it is scalar_rgb, of which
     one channel is used: several times slower.
 
-    Parameters
-    ----------
-    threads : int
-        That trace.
-
-    Raises
-    ------
-    InputError
-        If Mitsuba is not installed.
+    threads: that trace.
+    Raises `InputError` if Mitsuba is not installed.
     """
     library = os.environ.get(LLVM) or find_llvm()
     if library:
@@ -80,25 +73,12 @@ def denoise(image: Image, guide: Image, normals: Image | None = None) -> Image:
 
     Channels go through it one by one: together, their means move by 1 to 4 %.
 
-    Parameters
-    ----------
-    image : ndarray
-        (H, W, 3) float32, linear, not below 0.
-    guide : ndarray
-        (H, W, 3) float32, 0 .. 1: what each channel follows, without noise. What the image has not
-        should not be in it: edges of the guide are taken over.
-    normals : ndarray, optional
-        (H, W, 3) float32, of surfaces, without noise.
-
-    Returns
-    -------
-    ndarray
-        (H, W, 3) float32, not below 0.
-
-    Raises
-    ------
-    InputError
-        If pyoidn is not installed.
+    image: (H, W, 3) float32, linear, not below 0.
+    guide: (H, W, 3) float32, 0 .. 1: what each channel follows, without noise. What the image has
+        not should not be in it: edges of the guide are taken over.
+    normals: (H, W, 3) float32, of surfaces, without noise.
+    Returns (H, W, 3) float32, not below 0.
+    Raises `InputError` if pyoidn is not installed.
     """
     return np.stack([
         _denoise_channel(image[..., k], guide[..., k], normals) for k in range(3)], axis=-1)

@@ -99,23 +99,12 @@ def truth_of(
 ) -> dict[str, Any]:
     """Return what is true of a traced view, as JSON has it.
 
-    Parameters
-    ----------
-    description : Description
-        What was rendered.
-    focal_length : float
-        px.
-    gain : float
-        Image over radiance.
-    samples : int
-        Paths for each pixel and channel of the image.
-    arrays : dict
-        As `write_view` has them.
-
-    Returns
-    -------
-    dict
-        In units of the image, 1/m and m.
+    description: what was rendered.
+    focal_length: px.
+    gain: image over radiance.
+    samples: paths for each pixel and channel of the image.
+    arrays: as `write_view` has them.
+    Returns in units of the image, 1/m and m.
     """
     ranges = arrays["ranges"]
     # A denoised veil is smooth, but its mean may be off: for a sum the raw one, for a slope this.
@@ -150,14 +139,9 @@ def truth_of(
 def write_view(folder: Path, view: str, arrays: dict[str, Array]) -> None:
     """Write a view: VIEW.png (16 bit, linear), VIEW.npz and VIEW_srgb.png to look at.
 
-    Parameters
-    ----------
-    folder : Path
-        That exists.
-    view : str
-        left or right.
-    arrays : dict
-        image (H, W, 3), 0 .. 1; ranges (H, W), and further ones.
+    folder: that exists.
+    view: left or right.
+    arrays: image (H, W, 3), 0 .. 1; ranges (H, W), and further ones.
     """
     image = np.clip(arrays["image"], 0.0, 1.0)
     codes = np.round(image[..., ::-1] * FULL).astype(np.uint16)
@@ -176,10 +160,7 @@ def write_view(folder: Path, view: str, arrays: dict[str, Array]) -> None:
 def read_view(folder: Path, view: str = "left") -> dict[str, Array]:
     """Read what `write_view` has written.
 
-    Raises
-    ------
-    InputError
-        If a file is missing or is none of its kind.
+    Raises `InputError` if a file is missing or is none of its kind.
     """
     codes = cv2.imread(str(folder / f"{view}.png"), cv2.IMREAD_UNCHANGED)
     if codes is None or codes.dtype != np.uint16 or codes.ndim != 3:
@@ -214,22 +195,10 @@ def read_truth(folder: Path) -> dict[str, Any]:
 def load(folder: str | Path, view: str = "left") -> Traced:
     """Read a traced scene.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Of one scene.
-    view : str
-        left, or right of a stereo pair. The truth is the left view's.
-
-    Returns
-    -------
-    Traced
-        Image, ranges and truth.
-
-    Raises
-    ------
-    InputError
-        If a file is missing or damaged.
+    folder: of one scene.
+    view: left, or right of a stereo pair. The truth is the left view's.
+    Returns image, ranges and truth.
+    Raises `InputError` if a file is missing or damaged.
     """
     folder = Path(folder)
     truth = read_truth(folder)

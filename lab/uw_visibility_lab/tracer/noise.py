@@ -15,17 +15,9 @@ _PERIOD = 2048
 def value_noise(points: Array, seed: int) -> Array:
     """Value noise with a wavelength of about two units.
 
-    Parameters
-    ----------
-    points : ndarray
-        (N, 3) float.
-    seed : int
-        Of the lattice.
-
-    Returns
-    -------
-    ndarray
-        (N,) float64, within -1 .. 1 and about 0.
+    points: (N, 3) float.
+    seed: of the lattice.
+    Returns (N,) float64, within -1 .. 1 and about 0.
 
     References
     ----------
@@ -58,25 +50,13 @@ def fractal(
 ) -> Array:
     """Sum of octaves of value noise, each half as long and `gain` times as high.
 
-    Parameters
-    ----------
-    points : ndarray
-        (N, 3), m.
-    seed : int
-        Of the noise.
-    wavelength : float
-        Of the first octave, m.
-    octaves : int
-        How many.
-    gain : float
-        Height of an octave over that of the one before.
-    spacing : ndarray or float
-        (N,), distance of samples, m: octaves that these cannot carry fade out.
-
-    Returns
-    -------
-    ndarray
-        (N,) float64, about 0, the first octave within -1 .. 1.
+    points: (N, 3), m.
+    seed: of the noise.
+    wavelength: of the first octave, m.
+    octaves: how many.
+    gain: height of an octave over that of the one before.
+    spacing: or float, (N,), distance of samples, m: octaves that these cannot carry fade out.
+    Returns (N,) float64, about 0, the first octave within -1 .. 1.
     """
     total = np.zeros(len(points))
     length, height = wavelength, 1.0

@@ -51,17 +51,9 @@ SIDE = 64
 def slope(distances: Array, transmissions: Array, stddevs: Array) -> tuple[float, float]:
     """Slope of -log transmission, weighted, and its standard deviation.
 
-    Parameters
-    ----------
-    distances : ndarray
-        (N,), attenuation lengths.
-    transmissions, stddevs : ndarray
-        (N,).
-
-    Returns
-    -------
-    slope, stddev : float
-        β/c; the scatter about the line counts where it is above the noise.
+    distances: (N,), attenuation lengths.
+    transmissions, stddevs: (N,).
+    Returns `slope, stddev`, β/c; the scatter about the line counts where it is above the noise.
     """
     # 1 % of each beside the noise: otherwise the nearest alone would count.
     noise = np.hypot(stddevs / transmissions, 0.01)
@@ -87,16 +79,10 @@ class PatchScene:
     ) -> tuple[float, float]:
         """Radiance of a patch's centre over that without water, and its standard deviation.
 
-        Parameters
-        ----------
-        albedo : float
-            Single-scattering albedo.
-        diameter, distance : float
-            Attenuation lengths.
-        samples : int
-            Paths for each of `SIDE`² pixels.
-        seed : int
-            Of the paths.
+        albedo: single-scattering albedo.
+        diameter, distance: attenuation lengths.
+        samples: paths for each of `SIDE`² pixels.
+        seed: of the paths.
         """
         mi = self.mi
         transform = mi.ScalarTransform4f

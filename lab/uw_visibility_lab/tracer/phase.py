@@ -63,22 +63,10 @@ def cosine_table(phase: str, entries: int = ENTRIES) -> Array:
 
     The table keeps what is scattered into each step, though the function has a pole at 0.
 
-    Parameters
-    ----------
-    phase : str
-        `FOURNIER_FORAND` or `PETZOLD`.
-    entries : int
-        Length of the table.
-
-    Returns
-    -------
-    ndarray
-        (entries,) float64, 1/sr; its integral over the sphere, linear between entries, is 1.
-
-    Raises
-    ------
-    InputError
-        For a phase function that has no table.
+    phase: `FOURNIER_FORAND` or `PETZOLD`.
+    entries: length of the table.
+    Returns (entries,) float64, 1/sr; its integral over the sphere, linear between entries, is 1.
+    Raises `InputError` for a phase function that has no table.
     """
     measured = {FOURNIER_FORAND: fournier_forand, PETZOLD: petzold}
     if phase not in measured:

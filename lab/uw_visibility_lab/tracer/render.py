@@ -54,21 +54,11 @@ def focal_length(description: Description, width: int) -> float:
 class Tracer:
     """A described scene as Mitsuba holds it, for one view.
 
-    Parameters
-    ----------
-    description : Description
-        What is rendered.
-    width, height : int
-        Of the image, px.
-    view : str
-        One of `VIEWS`.
-    threads : int
-        That trace.
-
-    Raises
-    ------
-    InputError
-        For sizes and views that do not exist, or if Mitsuba is not installed.
+    description: what is rendered.
+    width, height: of the image, px.
+    view: one of `VIEWS`.
+    threads: that trace.
+    Raises `InputError` for sizes and views that do not exist, or if Mitsuba is not installed.
     """
 
     def __init__(
@@ -103,20 +93,11 @@ class Tracer:
     ) -> Array:
         """Trace light.
 
-        Parameters
-        ----------
-        samples : int
-            Paths for each pixel and channel.
-        black : bool
-            Surfaces reflect nothing: what is left is the veil.
-        through_water : bool
-            False: surfaces as they are lit at this depth, with no water between them and the
-            camera; open water is 0.
-
-        Returns
-        -------
-        ndarray
-            (H, W, 3) float32, where the sea's surface is 1.
+        samples: paths for each pixel and channel.
+        black: surfaces reflect nothing: what is left is the veil.
+        through_water: False: surfaces as they are lit at this depth, with no water between them and
+            the camera; open water is 0.
+        Returns (H, W, 3) float32, where the sea's surface is 1.
         """
         check_range("the number of samples", samples, 1, 1 << 20)
         image = np.zeros((self.height, self.width, 3), np.float32)
@@ -252,10 +233,7 @@ def without_gaps(image: Image) -> Image:
 
     One pixel in some 10,000 holds a path that met an edge in such a way that it has no direction.
 
-    Raises
-    ------
-    InputError
-        If these are more than one in a hundred: then the image means nothing.
+    Raises `InputError` if these are more than one in a hundred: then the image means nothing.
     """
     gaps = ~np.isfinite(image).all(axis=-1)
     if gaps.mean() > 0.01:
@@ -318,19 +296,10 @@ def image_guide(surface: Image, geometry: Geometry, description: Description) ->
     Reflectance would be a guide to surfaces that water hides: its edges were found again in the
     image, with up to three times the contrast of the raw image at the far end, and a horizon.
 
-    Parameters
-    ----------
-    surface : ndarray
-        (H, W, 3), radiance of the surfaces.
-    geometry : Geometry
-        Of the same view.
-    description : Description
-        With the water.
-
-    Returns
-    -------
-    ndarray
-        (H, W, 3), 0 .. 1.
+    surface: (H, W, 3), radiance of the surfaces.
+    geometry: of the same view.
+    description: with the water.
+    Returns (H, W, 3), 0 .. 1.
     """
     far = np.where(np.isfinite(geometry.ranges), geometry.ranges, np.inf)[..., None]
     straight = surface * np.exp(-description.water.beam_attenuation * far)

@@ -130,24 +130,11 @@ def _colour(values: Array) -> Colour:
 def draw_scene(seed: int, kind: str, lamps: int = 0) -> Description:
     """Draw a scene.
 
-    Parameters
-    ----------
-    seed : int
-        0 or more.
-    kind : str
-        One of `KINDS`.
-    lamps : int
-        0 for daylight; else lamps beside the camera, by night.
-
-    Returns
-    -------
-    Description
-        The same for the same arguments.
-
-    Raises
-    ------
-    InputError
-        For an unknown kind.
+    seed: 0 or more.
+    kind: one of `KINDS`.
+    lamps: 0 for daylight; else lamps beside the camera, by night.
+    Returns the same for the same arguments.
+    Raises `InputError` for an unknown kind.
     """
     check_kind(kind)
     random = np.random.default_rng([seed, sorted(KINDS).index(kind)])

@@ -51,25 +51,13 @@ def render_scene(
 ) -> bool:
     """Render a scene into a folder, unless it is complete already.
 
-    Parameters
-    ----------
-    folder : Path
-        Made if missing.
-    description : Description
-        What is rendered.
-    size : tuple of int
-        Width and height, px.
-    samples : int
-        Paths for each pixel and channel.
-    stereo : bool
-        Also the right view.
-    threads : int
-        That trace.
-
-    Returns
-    -------
-    bool
-        Whether it was rendered.
+    folder: made if missing.
+    description: what is rendered.
+    size: width and height, px.
+    samples: paths for each pixel and channel.
+    stereo: also the right view.
+    threads: that trace.
+    Returns whether it was rendered.
     """
     if (folder / TRUTH).exists():
         return False
@@ -88,10 +76,7 @@ def render_scene(
 def refit(folder: Path) -> None:
     """Fit the truth of a complete scene again, from the images that were kept.
 
-    Raises
-    ------
-    InputError
-        If the folder is not complete.
+    Raises `InputError` if the folder is not complete.
     """
     truth, arrays = read_truth(folder), read_view(folder)
     write_truth(folder, truth_of(

@@ -38,19 +38,10 @@ def polar_grid(
 ) -> tuple[Array, Array]:
     """Points of the plane at steps that grow with their distance, as pixels see them.
 
-    Parameters
-    ----------
-    nearest, farthest : float
-        Radii, m.
-    rings, rays : int
-        How many; an eighth of the rays is outside of `SECTOR`.
-
-    Returns
-    -------
-    points : ndarray
-        (rings × rays, 3) float64, z = 0, m.
-    spacing : ndarray
-        (rings × rays,) float64, distance of neighbours, m.
+    nearest, farthest: radii, m.
+    rings, rays: how many; an eighth of the rays is outside of `SECTOR`.
+    Returns `points`, (rings × rays, 3) float64, z = 0, m; `spacing`, (rings × rays,) float64,
+    distance of neighbours, m.
     """
     radius = np.geomspace(nearest, farthest, rings)
     seen = rays - rays // 8
@@ -106,25 +97,13 @@ def painted(
 ) -> Array:
     """Reflectance of natural surfaces: patches of a palette, with grain on them.
 
-    Parameters
-    ----------
-    points : ndarray
-        (N, 3), m.
-    palette : ndarray
-        (K, 3), reflectances.
-    seed : int
-        Of the texture.
-    patch, grain : float
-        Wavelengths of patches and grain, m.
-    roughness : float
-        Relative height of the grain.
-    spacing : ndarray or float
-        Distance of vertices, m.
-
-    Returns
-    -------
-    ndarray
-        (N, 3) float32, 0.01 .. 0.95.
+    points: (N, 3), m.
+    palette: (K, 3), reflectances.
+    seed: of the texture.
+    patch, grain: wavelengths of patches and grain, m.
+    roughness: relative height of the grain.
+    spacing: or float, distance of vertices, m.
+    Returns (N, 3) float32, 0.01 .. 0.95.
     """
     mixed = np.zeros((len(points), 3))
     total = np.zeros((len(points), 1))

@@ -26,19 +26,10 @@ MEASURES = ("attenuation", "attenuation_contrast", "veil_growth")
 def ratios(scenes: Sequence[Traced], measure: str) -> tuple[Array, Array]:
     """Ratio of a measure to beam attenuation, and what it comes to as a share of scattering.
 
-    Parameters
-    ----------
-    scenes : sequence of Traced
-        Read from folders.
-    measure : str
-        One of `MEASURES`.
-
-    Returns
-    -------
-    ratio : ndarray
-        (N, 3), measure / c.
-    kept : ndarray
-        (N, 3), (c - measure) / b: the share of what is scattered that is not lost.
+    scenes: read from folders.
+    measure: one of `MEASURES`.
+    Returns `ratio`, (N, 3), measure / c; `kept`, (N, 3), (c - measure) / b: the share of what is
+    scattered that is not lost.
     """
     values = np.array([getattr(scene, measure) for scene in scenes])
     beam = np.array([scene.beam_attenuation for scene in scenes])

@@ -50,30 +50,13 @@ def transmissions(
     radiance within a bin, beside a constant and a trend with range: light that the floor sends
     into the water adds to the veil on dark and bright patches alike, and is no part of it.
 
-    Parameters
-    ----------
-    image : ndarray
-        (H, W, 3), light in water; with noise, but not denoised: that flattens texture.
-    veil : ndarray
-        (H, W, 3), the same with black surfaces.
-    surface : ndarray
-        (H, W, 3), radiance of the surfaces themselves.
-    ranges : ndarray
-        (H, W), m, NaN in open water.
-    contrast : bool
-        Which of the two.
-
-    Returns
-    -------
-    middles : ndarray
-        (N,), mean range of each bin, m.
-    values, stddevs : ndarray
-        (N, 3).
-
-    Raises
-    ------
-    InputError
-        If too few pixels have a range.
+    image: (H, W, 3), light in water; with noise, but not denoised: that flattens texture.
+    veil: (H, W, 3), the same with black surfaces.
+    surface: (H, W, 3), radiance of the surfaces themselves.
+    ranges: (H, W), m, NaN in open water.
+    contrast: which of the two.
+    Returns `middles`, (N,), mean range of each bin, m; `values, stddevs`, (N, 3).
+    Raises `InputError` if too few pixels have a range.
     """
     parts = range_bins(ranges)
     if len(parts) < 3:
@@ -106,17 +89,9 @@ def fit_decay(middles: Array, values: Array, stddevs: Array) -> Decay:
 
     k is free since a camera does not know it: reflectance and light are unknown to it alike.
 
-    Parameters
-    ----------
-    middles : ndarray
-        (N,), m.
-    values, stddevs : ndarray
-        (N, 3).
-
-    Returns
-    -------
-    Decay
-        Its stddev is scaled by √χ² per degree of freedom where that is above 1.
+    middles: (N,), m.
+    values, stddevs: (N, 3).
+    Returns its stddev is scaled by √χ² per degree of freedom where that is above 1.
     """
     result = np.full((4, 3), np.nan)
     for channel in range(3):
@@ -157,24 +132,12 @@ def veil_at_infinity(
 ) -> tuple[Array, str, Array]:
     """Veil B: open water where it is in view, else what the veil's growth with range comes to.
 
-    Parameters
-    ----------
-    image, veil : ndarray
-        (H, W, 3), light in water, and the same with black surfaces.
-    ranges : ndarray
-        (H, W), m, NaN in open water.
-    fewest : float
-        Share of open water that is enough.
-
-    Returns
-    -------
-    veil : ndarray
-        (3,), NaN where it cannot be told.
-    source : str
-        "open water", or "growth over range".
-    growth : ndarray
-        (3,), 1/m: β of B (1 - e^(-βd)) that comes nearest to the black surfaces' veil; NaN
-        where ranges are too short to show it.
+    image, veil: (H, W, 3), light in water, and the same with black surfaces.
+    ranges: (H, W), m, NaN in open water.
+    fewest: share of open water that is enough.
+    Returns `veil`, (3,), NaN where it cannot be told; `source`, "open water", or "growth over
+    range"; `growth`, (3,), 1/m: β of B (1 - e^(-βd)) that comes nearest to the black surfaces'
+    veil; NaN where ranges are too short to show it.
     """
     parts = range_bins(ranges)
     # In 64 bit: NumPy 1 computes an array of 32 with scalars of 64 in 32 bit, NumPy 2 in 64, and

@@ -22,24 +22,13 @@ class UnreadableError(InputError):
 
 @dataclass(frozen=True)
 class Layout:
-    """Files of a recording.
+    """Files of a recording."""
 
-    Attributes
-    ----------
-    files : list of Path
-        Those that are there, in the order of time.
-    packed_messages : bool
-        Whether each message is packed by itself.
-    expected : dict of str to int
-        Messages by topic, as the metadata counts them.
-    notes : list of str
-        What is missing.
-    """
-
-    files: list[Path]
-    packed_messages: bool = False
+    files: list[Path]  # those that are there, in the order of time
+    packed_messages: bool = False  # whether each message is packed by itself
+    # messages by topic, as the metadata counts them
     expected: dict[str, int] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # what is missing
 
 
 def find_files(path: Path) -> Layout:

@@ -49,19 +49,10 @@ class Unpacked(NamedTuple):
 def unpack(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> bytes:
     """Decompress data.
 
-    Parameters
-    ----------
-    data : bytes
-        Packed data.
-    compression : str
-        "zstd", "lz4", "bz2", or "" or "none" for none.
-    most : int
-        Bytes at which unpacking is given up.
-
-    Raises
-    ------
-    PackingError
-        If that cannot be done.
+    data: packed data.
+    compression: "zstd", "lz4", "bz2", or "" or "none" for none.
+    most: bytes at which unpacking is given up.
+    Raises `PackingError` if that cannot be done.
     """
     unpacked = unpack_part(data, compression, most)
     if unpacked.problem:

@@ -31,12 +31,8 @@ ERRORS = (sqlite3.Error, OverflowError, MemoryError)
 class SqliteFile:
     """SQLite recording; a `Storage`.
 
-    Raises
-    ------
-    InputError
-        If it has no topics, or its tables are not plain ones.
-    sqlite3.Error
-        If it is damaged.
+    Raises `InputError` if it has no topics, or its tables are not plain ones.
+    Raises `sqlite3.Error` if it is damaged.
     """
 
     def __init__(self, path: Path) -> None:

@@ -20,23 +20,13 @@ class Recorded(NamedTuple):
 
 @dataclass(frozen=True)
 class Channel:
-    """Topic of a file: type, definition and number of messages.
-
-    Attributes
-    ----------
-    format : str
-        Of the definition: "msg", "idl", or "" where there is none.
-    definition : str
-        The type's definition as the recording holds it.
-    count : int or None
-        Messages, as the file's index says.
-    """
+    """Topic of a file: type, definition and number of messages."""
 
     topic: str
     type: str
-    format: str = ""
-    definition: str = ""
-    count: int | None = None
+    format: str = ""  # of the definition: "msg", "idl", or "" where there is none
+    definition: str = ""  # the type's definition as the recording holds it
+    count: int | None = None  # messages, as the file's index says
 
 
 class Part(NamedTuple):
@@ -58,18 +48,11 @@ class Part(NamedTuple):
 class Storage(Protocol):
     """Reader of one file of a recording.
 
-    Attributes
-    ----------
-    channels : list of Channel
-        Its topics.
-    span : tuple of int or None
-        Times of the first and the last message, ns, where the file has an index.
-    damage : list of str
-        What could not be read so far, in sentences.
+    span: times of the first and the last message, ns, where the file has an index.
     """
 
-    channels: list[Channel]
-    damage: list[str]
+    channels: list[Channel]  # its topics
+    damage: list[str]  # what could not be read so far, in sentences
 
     @property
     def span(self) -> tuple[int, int] | None: ...

@@ -34,66 +34,39 @@ LONGEST = 1e9
 
 @dataclass(frozen=True)
 class ReplayOptions:
-    """Options of a replay: configuration, topics, part of the recording, outputs.
-
-    Attributes
-    ----------
-    pipeline, node : PipelineConfig, NodeConfig
-    told : tuple of str
-        Names of the parameters that the user gave; the others are defaults.
-        The node's parameters; `node.rectify` says whether images are raw.
-    wanted : Wanted
-        Topics that are given.
-    sensor_type : str or None
-        Type of the depth sensor, where it is given.
-    infos : tuple of two CameraInfo, or None
-        Calibration to use instead of the recording's.
-    start, duration : float
-        Seconds of the recording that are left out, and that are replayed.
-    every, images : int
-        One frame of so many is processed, or written to ``images/``; 0 for none.
-    video, geo, netcdf, parquet : bool
-        Whether ``video.mp4`` and ``frames`` in these formats are written.
-    all_topics : bool
-        Whether ``results.mcap`` holds all that the Foxglove layout shows.
-    match_original : bool
-        Whether the raw pair is matched too, for comparison.
-    origin : tuple of float or None
-        Latitude and longitude, in degrees, of the origin of an Odometry.
-    joins : tuple of ScalarTopic
-        Numbers of other topics that are joined to the frames.
-    join_tolerance : float
-        Values of theirs further apart than this are not neighbours, s.
-    turbidity : LineFit or None
-        What turns attenuation into the turbidity that a sensor would read.
-    attributes : dict of str to str
-        Global attributes of ``frames.nc`` by name: those of ACDD that only a user knows.
-    several : bool
-        Whether this is one of several recordings: what it lacks of the topics to join is told,
-        and the rest has its result.
-    """
+    """Options of a replay: configuration, topics, part of the recording, outputs."""
 
     pipeline: PipelineConfig = field(default_factory=PipelineConfig)
     node: NodeConfig = field(default_factory=NodeConfig)
-    wanted: Wanted = field(default_factory=Wanted)
-    sensor_type: str | None = None
+    wanted: Wanted = field(default_factory=Wanted)  # topics that are given
+    sensor_type: str | None = None  # type of the depth sensor, where it is given
+    # names of the parameters that the user gave; the others are defaults. The node's parameters;
+    # `node.rectify` says whether images are raw.
     told: tuple[str, ...] = ()
-    infos: tuple[Any, Any] | None = None
+    infos: tuple[Any, Any] | None = None  # calibration to use instead of the recording's
+    # start, duration: seconds of the recording that are left out, and that are replayed
     start: float = 0.0
     duration: float = math.inf
+    # every, images: one frame of so many is processed, or written to ``images/``; 0 for none
     every: int = 1
     images: int = 0
+    # video, geo, netcdf, parquet: whether ``video.mp4`` and ``frames`` in these formats are written
     video: bool = False
     geo: bool = False
     netcdf: bool = False
     parquet: bool = False
-    all_topics: bool = False
-    match_original: bool = False
+    all_topics: bool = False  # whether ``results.mcap`` holds all that the Foxglove layout shows
+    match_original: bool = False  # whether the raw pair is matched too, for comparison
+    # latitude and longitude, in degrees, of the origin of an Odometry
     origin: tuple[float, float] | None = None
-    joins: tuple[ScalarTopic, ...] = ()
-    join_tolerance: float = 2.0
+    joins: tuple[ScalarTopic, ...] = ()  # numbers of other topics that are joined to the frames
+    join_tolerance: float = 2.0  # values of theirs further apart than this are not neighbours, s
+    # what turns attenuation into the turbidity that a sensor would read
     turbidity: LineFit | None = None
+    # global attributes of ``frames.nc`` by name: those of ACDD that only a user knows
     attributes: Mapping[str, str] = field(default_factory=dict)
+    # whether this is one of several recordings: what it lacks of the topics to join is told, and
+    # the rest has its result
     several: bool = False
 
     def __post_init__(self) -> None:

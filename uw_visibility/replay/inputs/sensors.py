@@ -134,19 +134,12 @@ _LARGE = ("Image", "CompressedImage", "CameraInfo", "DisparityImage", "PointClou
 
 @dataclass(frozen=True)
 class ScalarTopic:
-    """A number in the messages of a topic.
-
-    Attributes
-    ----------
-    field : str
-        Path of the field, parts and indices with dots between; empty takes the only number.
-    unit : str
-        As UDUNITS writes it; empty where it is not told.
-    """
+    """A number in the messages of a topic."""
 
     topic: str
+    # path of the field, parts and indices with dots between; empty takes the only number
     field: str = ""
-    unit: str = ""
+    unit: str = ""  # as UDUNITS writes it; empty where it is not told
 
     @classmethod
     def parse(cls, text: str) -> ScalarTopic:

@@ -35,20 +35,11 @@ from uw_visibility.stereo.calibration import CameraCalibration
 
 
 class RecordedFrame(NamedTuple):
-    """Recorded stereo frame: images, and each CameraInfo recorded or as given.
+    """Recorded stereo frame: images, and each CameraInfo recorded or as given."""
 
-    Attributes
-    ----------
-    number : int
-        Among all frames of the recording (from `start` on).
-    time : int
-        When the left image was received, ns.
-    stamp, right_stamp : int
-        Stamps of the images, ns.
-    """
-
-    number: int
-    time: int
+    number: int  # among all frames of the recording (from `start` on)
+    time: int  # when the left image was received, ns
+    # stamp, right_stamp: stamps of the images, ns
     stamp: int
     right_stamp: int
     left: Recorded
@@ -82,14 +73,9 @@ Event = RecordedFrame | SensorValue | Position | ScalarValue | Restart
 class InputStream:
     """Stream of stereo frames and sensor values of a recording.
 
-    Attributes
-    ----------
-    plausibility : PlausibilityConfig
-        The configuration, with the type of the sensor found.
-    problems : Counter of str
-        Messages that could not be used, by reason.
-    frames : int
-        Frames so far, those left out too.
+    plausibility: the configuration, with the type of the sensor found.
+    problems: messages that could not be used, by reason.
+    frames: frames so far, those left out too.
     """
 
     def __init__(self, reader: BagReader, options: ReplayOptions) -> None:

@@ -48,29 +48,19 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Selection:
-    """Topics used, as `Wanted` has them.
-
-    Attributes
-    ----------
-    left_info, right_info : str or None
-        None where the calibration comes from files.
-    sensor_type : str
-        Type of the depth sensor's messages, as ``plausibility.sensor_type`` names it.
-    notes : list of str
-        What was chosen among others.
-    rectify : bool
-        Whether these images are to be rectified.
-    """
+    """Topics used, as `Wanted` has them."""
 
     left: str
     right: str
+    # left_info, right_info: None where the calibration comes from files
     left_info: str | None
     right_info: str | None
     depth: str | None = None
+    # type of the depth sensor's messages, as ``plausibility.sensor_type`` names it
     sensor_type: str = "none"
     position: str | None = None
-    notes: list[str] = field(default_factory=list)
-    rectify: bool = False
+    notes: list[str] = field(default_factory=list)  # what was chosen among others
+    rectify: bool = False  # whether these images are to be rectified
 
     def by_use(self) -> dict[str, str | None]:
         """Return the topics by what they are used for."""
@@ -97,17 +87,11 @@ def find_topics(
 ) -> Selection:
     """Choose the topics to use.
 
-    Parameters
-    ----------
-    channels, wanted : mapping of str to Channel, Wanted
-        What the recording has, and what is given.
-    rectify : bool
-        Whether raw images are looked for, rather than rectified ones. Where there are none,
+    channels, wanted: what the recording has, and what is given.
+    rectify: whether raw images are looked for, rather than rectified ones. Where there are none,
         those that are rectified by their name are not rectified again.
-    calibrated : bool
-        Whether the calibration is known, so that no CameraInfo is needed.
-    sensor_type : str, optional
-        Type of the depth sensor, as ``plausibility.sensor_type`` has it; None finds one.
+    calibrated: whether the calibration is known, so that no CameraInfo is needed.
+    sensor_type: type of the depth sensor, as ``plausibility.sensor_type`` has it; None finds one.
     """
     notes: list[str] = []
     left, right = _find_pair(channels, wanted, rectify, notes)

@@ -68,38 +68,23 @@ NEEDED = (
 
 
 class Series(NamedTuple):
-    """Figure of one quantity.
-
-    Attributes
-    ----------
-    start, end : float
-        Ends of its axis, s since 1970 (UTC); the same for all.
-    together : int
-        Frames that a point is the median of; the same for all.
-    """
+    """Figure of one quantity."""
 
     title: str
     drawing: Markup
+    # start, end: ends of its axis, s since 1970 (UTC); the same for all
     start: float
     end: float
-    together: int
+    together: int  # frames that a point is the median of; the same for all
 
 
 def draw_series(columns: Columns, recordings: Sequence[str] = ()) -> list[Series]:
     """Draw the estimates over time.
 
-    Parameters
-    ----------
-    columns : mapping of str to ndarray, (n,) float64
-        Those of `NEEDED`; NaN for what is not known. With `recordings`, ``recording`` too:
-        the place there of each frame's.
-    recordings : sequence of str
-        Names, where the frames are of several.
-
-    Returns
-    -------
-    list of Series
-        One for each quantity; nothing without frames.
+    columns: mapping of str to (n,) float64, those of `NEEDED`; NaN for what is not known. With
+        `recordings`, ``recording`` too: the place there of each frame's.
+    recordings: names, where the frames are of several.
+    Returns one for each quantity; nothing without frames.
     """
     if not len(columns["stamp"]):
         return []

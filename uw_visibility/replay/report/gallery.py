@@ -104,10 +104,7 @@ class Picture(NamedTuple):
 class Gallery:
     """Pictures of a result's frames, from its folder and, raw ones, from the recording.
 
-    Attributes
-    ----------
-    scale : ColourScale or None
-        Of the disparities of all pictures; None where nothing matched, and all are black. It is
+    scale: of the disparities of all pictures; None where nothing matched, and all are black. It is
         chosen from evenly spaced frames, and does not depend on which pictures are wanted.
     """
 

@@ -88,12 +88,8 @@ class Told(NamedTuple):
 def headline(typical: Mapping[str, Sequence[float]], paper: str) -> list[Told]:
     """Return the quantities that come first.
 
-    Parameters
-    ----------
-    typical : mapping of str to sequence of three floats
-        16, 50 and 84 % by name, of those of `TOLD` that are known.
-    paper : str
-        Formula and channel of the paper's visibility distance.
+    typical: 16, 50 and 84 % by name, of those of `TOLD` that are known.
+    paper: formula and channel of the paper's visibility distance.
     """
     found = []
     for name in (name for name in TOLD if name in typical):

@@ -99,24 +99,13 @@ def draw(
 ) -> Markup:
     """Draw a figure for wide and for narrow pages.
 
-    Parameters
-    ----------
-    name : str
-        What tells it from all others of the page; letters, digits, ``-``.
-    title, description : str
-        What it is, and what is to be seen, for who does not see it.
-    height : float
-        Inches.
-    paint : callable
-        Draws into a figure, told whether it is the narrow one, and returns what can be
-        pointed at there.
-    narrow_height : float, optional
-        Height of the narrow drawing; the same.
-
-    Returns
-    -------
-    Markup
-        Two SVGs, of which the page shows one. The same result has the same drawing.
+    name: what tells it from all others of the page; letters, digits, ``-``.
+    title, description: what it is, and what is to be seen, for who does not see it.
+    height: inches.
+    paint: draws into a figure, told whether it is the narrow one, and returns what can be pointed
+        at there.
+    narrow_height: height of the narrow drawing; the same.
+    Returns two SVGs, of which the page shows one. The same result has the same drawing.
     """
     return Markup("").join(
         _draw(f"{name}-{'narrow' if narrow else 'wide'}", title, description,

@@ -54,17 +54,10 @@ class _LongitudeFormatter(ScalarFormatter):
 def draw_tracks(recordings: Mapping[str, Columns]) -> list[Markup]:
     """Draw the positions of frames, in the colours of visibility and of attenuation.
 
-    Parameters
-    ----------
-    recordings : mapping of str to Columns
-        Columns `TRACK_COLUMNS` of each, by its name.
-
-    Returns
-    -------
-    list of Markup
-        A map for each quantity that is known somewhere, one without any where none is; empty
-        where no frame has a position. Recordings with longitude and latitude are drawn
-        alone where there are both kinds.
+    recordings: columns `TRACK_COLUMNS` of each, by its name.
+    Returns a map for each quantity that is known somewhere, one without any where none is; empty
+    where no frame has a position. Recordings with longitude and latitude are drawn alone where
+    there are both kinds.
     """
     geographic = any(np.isfinite(c["longitude"]).any() for c in recordings.values())
     names = ("longitude", "latitude") if geographic else ("x", "y")

@@ -31,12 +31,8 @@ def trend(distance: Array, significant: float) -> list[float]:
     Without a trend there are none. The test is Kendall's, with the variance of correlated
     neighbours.
 
-    Parameters
-    ----------
-    distance : (n,) float64 ndarray
-        m, in the order of time.
-    significant : float
-        Standard deviations of Kendall's statistic beyond which there is a trend.
+    distance: (n,) float64, m, in the order of time.
+    significant: standard deviations of Kendall's statistic beyond which there is a trend.
 
     References
     ----------
@@ -71,10 +67,7 @@ def groups(distance: Array) -> list[tuple[float, int]]:
     information criterion they are held against a single one, one around a line over time, and a
     uniform one.
 
-    Parameters
-    ----------
-    distance : (n,) float64 ndarray
-        m, in the order of time.
+    distance: (n,) float64, m, in the order of time.
     """
     n = len(distance)
     values = np.log(distance)

@@ -183,21 +183,13 @@ def write_netcdf(
 ) -> None:
     """Write a table as a CF trajectory, in slices, with the attributes of the ACDD.
 
-    Parameters
-    ----------
-    path, table : Path
-        File to write, and the table.
-    columns : mapping of str to Column
-        Its columns.
-    attributes : mapping of str to object
-        Global attributes; what is no text is written as JSON.
-    wavelengths : (3,) float64 ndarray
-        Effective wavelengths of the channels, nm.
-    transects : sequence of str
-        Names in the column `TRANSECT`, of a table of several recordings: an indexed ragged
+    path, table: file to write, and the table.
+    columns: its columns.
+    attributes: global attributes; what is no text is written as JSON.
+    wavelengths: (3,) float64, effective wavelengths of the channels, nm.
+    transects: names in the column `TRANSECT`, of a table of several recordings: an indexed ragged
         array (chapter H.4.4).
-    given : mapping of str to str, optional
-        Global attributes that stand before those of this package.
+    given: global attributes that stand before those of this package.
 
     References
     ----------

@@ -107,12 +107,8 @@ def read_state(folder: Path) -> dict[str, Any]:
 class ResultFolder:
     """Folder that a replay writes; it appears under its name when all is there.
 
-    Attributes
-    ----------
-    work : Path
-        Folder to write to, beside the target.
-    earlier : Path or None
-        Folder of the partial result to go on from.
+    work: folder to write to, beside the target.
+    earlier: folder of the partial result to go on from.
     """
 
     def __init__(self, target: Path, *, force: bool = False, resume: bool = False) -> None:

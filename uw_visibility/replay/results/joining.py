@@ -39,21 +39,11 @@ class Joiner:
     A frame waits until the sensors' values enclose its stamp, or are too far
     behind it. What comes out depends on the order of what goes in alone.
 
-    Parameters
-    ----------
-    config : PlausibilityConfig
-        The sensor's type is "none" where there is none.
-    position : bool
-        Whether positions will come.
-    origin, joins, tolerance
-        As `ReplayOptions` has them.
-
-    Attributes
-    ----------
-    verdicts : Counter of str
-        Frames by verdict of the plausibility test.
-    unplaced : Counter of str
-        Frames without a position, by reason.
+    config: the sensor's type is "none" where there is none.
+    position: whether positions will come.
+    origin, joins, tolerance: as `ReplayOptions` has them.
+    verdicts: frames by verdict of the plausibility test.
+    unplaced: frames without a position, by reason.
     """
 
     def __init__(

@@ -48,18 +48,12 @@ def _samples(size: int) -> list[tuple[int, int]]:
 @dataclass(frozen=True)
 class Origin:
     """Origin of a result, with all parameters that change it: the same one makes the same result.
-
-    Attributes
-    ----------
-    bag, fingerprint : str
-        Name of the recording, and what tells its files from others.
-    version : str
-        Of the package.
     """
 
+    # bag, fingerprint: name of the recording, and what tells its files from others
     bag: str
     fingerprint: str
-    version: str
+    version: str  # of the package
     parameters: dict[str, Any]
 
     @classmethod

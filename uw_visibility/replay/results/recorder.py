@@ -67,23 +67,12 @@ def frame_topics(options: ReplayOptions) -> list[str]:
 class FrameRecorder:
     """Writer of frames' rows and messages, with the filter over frames.
 
-    Parameters
-    ----------
-    folder, options, copied
-        As `ResultWriter` takes them.
-    earlier : mapping of str to dict
-        Timings of the frames that an earlier part had worked on.
-
-    Attributes
-    ----------
-    resumed : int
-        Frames of the earlier part so far.
-    columns : mapping of str to Column
-        Of the table.
-    results : ResultWriter
-        Writer of the messages.
-    log : FrameLog
-        What only a resumed replay would need.
+    folder, options, copied: as `ResultWriter` takes them.
+    earlier: timings of the frames that an earlier part had worked on.
+    resumed: frames of the earlier part so far.
+    columns: of the table.
+    results: writer of the messages.
+    log: what only a resumed replay would need.
     """
 
     def __init__(

@@ -28,24 +28,16 @@ MOST_RUNS = 8
 
 @dataclass
 class Refusal:
-    """Quantities that were not assessable in the same frames for the same reason.
+    """Quantities that were not assessable in the same frames for the same reason."""
 
-    Attributes
-    ----------
-    what, why : str
-        Quantities and reason.
-    count : int
-        Frames.
-    runs : list of list of str
-        First and last frame of each run of neighbours in the table; the first runs.
-    shown, last_row, mark : int
-        Frames in `runs`, row of the last frame, and what tells sets of frames apart.
-    """
-
+    # what, why: quantities and reason
     what: str
     why: str
-    count: int = 0
+    count: int = 0  # frames
+    # first and last frame of each run of neighbours in the table; the first runs
     runs: list[list[str]] = field(default_factory=list)
+    # shown, last_row, mark: frames in `runs`, row of the last frame, and what tells sets of frames
+    # apart
     shown: int = 0
     last_row: int = -2
     mark: int = 0

@@ -26,63 +26,40 @@ TAKEN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTARTED)
 
 @dataclass
 class Summary:
-    """Summary of a replay.
-
-    Attributes
-    ----------
-    frames, resumed : int
-        Rows of the table, and those of an earlier part among them.
-    status, visibility_status, depth_status, reasons : Counter of str
-        Frames by status, in the words of the table, by that of the visibility distance and
-        that of the depth, and those without result by reason.
-    filtering : Counter of str
-        Frames by what they did to the water filtered over frames.
-    survey : dict of str to float
-        How many frames' filtered water is that of a survey, of how many frames at most,
-        and their ranges, m; empty without any.
-    refusals : Refusals
-        What was not assessable in which frames.
-    dropped : Counter of str
-        Images that became part of no frame, by reason.
-    lacks : list of str
-        What was to be joined and is not in this one of several recordings.
-    error : str
-        Why there is no result, where that holds up no other recording.
-    notes : list of str
-        Choices made for the user.
-    topics : dict of str to str
-        Topics used, by purpose.
-    seconds : float
-        Duration of the replay.
-    verdicts : Counter of str
-        Frames by verdict of the depth sensor's plausibility.
-    synopsis : Synopsis or None
-        None before the end.
-    """
+    """Summary of a replay."""
 
     bag: str
     output: str
     complete: bool = False
+    # frames, resumed: rows of the table, and those of an earlier part among them
     frames: int = 0
     resumed: int = 0
+    # status, visibility_status, depth_status, reasons: frames by status, in the words of the table,
+    # by that of the visibility distance and that of the depth, and those without result by reason
     status: Counter[str] = field(default_factory=Counter)
     visibility_status: Counter[str] = field(default_factory=Counter)
     depth_status: Counter[str] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
+    # frames by what they did to the water filtered over frames
     filtering: Counter[str] = field(default_factory=Counter)
+    # how many frames' filtered water is that of a survey, of how many frames at most, and their
+    # ranges, m; empty without any
     survey: dict[str, Any] = field(default_factory=dict)
-    refusals: Refusals = field(default_factory=Refusals)
+    refusals: Refusals = field(default_factory=Refusals)  # what was not assessable in which frames
+    # images that became part of no frame, by reason
     dropped: Counter[str] = field(default_factory=Counter)
     damage: list[str] = field(default_factory=list)
+    # what was to be joined and is not in this one of several recordings
     lacks: list[str] = field(default_factory=list)
-    error: str = ""
-    notes: list[str] = field(default_factory=list)
-    topics: dict[str, str] = field(default_factory=dict)
-    seconds: float = 0.0
+    error: str = ""  # why there is no result, where that holds up no other recording
+    notes: list[str] = field(default_factory=list)  # choices made for the user
+    topics: dict[str, str] = field(default_factory=dict)  # topics used, by purpose
+    seconds: float = 0.0  # duration of the replay
     provenance: dict[str, Any] = field(default_factory=dict)
     plausibility: Report | None = None
+    # frames by verdict of the depth sensor's plausibility
     verdicts: Counter[str] = field(default_factory=Counter)
-    synopsis: Synopsis | None = None
+    synopsis: Synopsis | None = None  # None before the end
 
     @property
     def name(self) -> str:

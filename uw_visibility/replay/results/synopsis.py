@@ -32,85 +32,52 @@ DISTANCE = 2 + 3 * TOLD.index("visibility_distance")
 
 @dataclass(frozen=True)
 class Extreme:
-    """Smallest or largest visibility distance of a recording.
+    """Smallest or largest visibility distance of a recording."""
 
-    Attributes
-    ----------
-    frame : int
-        Number of the frame that shows it.
-    value, stddev : float
-        m.
-    """
-
-    frame: int
+    frame: int  # number of the frame that shows it
+    # value, stddev: m
     value: float
     stddev: float
 
 
 @dataclass(frozen=True)
 class Synopsis:
-    """What a recording says of visibility as a whole.
+    """What a recording says of visibility as a whole."""
 
-    Attributes
-    ----------
-    frames : int
-        All of them.
-    start, end : int
-        First and last stamp, ns.
-    assessed : int
-        Frames that show a visibility distance by themselves.
-    told : int
-        Frames that have one: filtered over frames where `filtered`, else by themselves.
-    filtered : bool
-        Whether the distances below are the filtered ones.
-    contrast : float
-        The smallest that counts as visible: what visibility distance is for.
-    ranges : list of float
-        Nearest and farthest range that the estimates rest on, m; empty without any.
-    lowest, highest : Extreme or None
-        Smallest and largest distance for certain: those with the lowest upper and the
-        highest lower bound, of one standard deviation. A value that is hardly known is
-        neither.
-    median, low, high : float
-        Distance in the median frame, and 5 % and 95 % quantiles, m; NaN without any.
-    relative_stddev : float
-        Standard deviation over distance in the median frame.
-    typical : dict of str to list of float
-        16, 50 and 84 % of each of `TOLD` that is known, each the median over frames; m, or 1/m.
-    channels : dict of str to int
-        Frames by the channel that decides, the clearest one.
-    rejected_distances : list of float
-        Smallest and largest distance, m, that frames show by themselves which the filter
-        rejected; empty without any.
-    trend : list of float
-        Medians of the first and the last third of the frames by themselves, m, where these rise or
-        fall; see `course.trend`.
-    groups : list of (float, int)
-        Distance, m, and number of frames of the two groups that they jump between, if they do;
-        see `course.groups`.
-    baselines : list of float
-        The cameras' distance by their calibration, m; smallest and largest where it changes.
-    """
-
-    frames: int
+    frames: int  # all of them
+    # start, end: first and last stamp, ns
     start: int
     end: int
-    assessed: int
-    told: int
-    filtered: bool
-    contrast: float
+    assessed: int  # frames that show a visibility distance by themselves
+    told: int  # frames that have one: filtered over frames where `filtered`, else by themselves
+    filtered: bool  # whether the distances below are the filtered ones
+    contrast: float  # the smallest that counts as visible: what visibility distance is for
+    # nearest and farthest range that the estimates rest on, m; empty without any
     ranges: list[float] = field(default_factory=list)
+    # lowest, highest: smallest and largest distance for certain: those with the lowest upper and
+    # the highest lower bound, of one standard deviation. A value that is hardly known is neither.
     lowest: Extreme | None = None
     highest: Extreme | None = None
+    # median, low, high: distance in the median frame, and 5 % and 95 % quantiles, m; NaN without
+    # any
     median: float = math.nan
     low: float = math.nan
     high: float = math.nan
-    relative_stddev: float = math.nan
+    relative_stddev: float = math.nan  # standard deviation over distance in the median frame
+    # 16, 50 and 84 % of each of `TOLD` that is known, each the median over frames; m, or 1/m
     typical: dict[str, list[float]] = field(default_factory=dict)
+    # frames by the channel that decides, the clearest one
     channels: dict[str, int] = field(default_factory=dict)
+    # smallest and largest distance, m, that frames show by themselves which the filter rejected;
+    # empty without any
     rejected_distances: list[float] = field(default_factory=list)
+    # medians of the first and the last third of the frames by themselves, m, where these rise or
+    # fall; see `course.trend`
     trend: list[float] = field(default_factory=list)
+    # distance, m, and number of frames of the two groups that they jump
+    # between, if they do; see `course.groups`
     groups: list[tuple[float, int]] = field(default_factory=list)
+    # the cameras' distance by their calibration, m; smallest and largest where it changes
     baselines: list[float] = field(default_factory=list)
 
     @property
@@ -151,10 +118,7 @@ class Synopsis:
 class Findings:
     """Collects the values of each frame that a synopsis needs, 240 bytes a frame.
 
-    Parameters
-    ----------
-    contrast : float
-        Smallest contrast that counts as visible.
+    contrast: smallest contrast that counts as visible.
     """
 
     def __init__(self, contrast: float) -> None:

@@ -57,21 +57,13 @@ def subscribe_to(
 ) -> Any:
     """Create a subscription for sensor data.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The subscription is made on it.
-    kind : type
-        Class of the messages.
-    topic : str
-        Its name, to be resolved by the node.
-    callback : callable
-        Takes each message.
-    available : ReliabilityPolicy, optional
-        What the best reliability is that the publishers allow. It is taken unless
+    node: the subscription is made on it.
+    kind: class of the messages.
+    topic: its name, to be resolved by the node.
+    callback: takes each message.
+    available: what the best reliability is that the publishers allow. It is taken unless
         ``qos_overrides`` asks for one; without it, best effort is.
-    depth : int
-        How many messages wait to be taken, unless ``qos_overrides`` says otherwise.
+    depth: how many messages wait to be taken, unless ``qos_overrides`` says otherwise.
     """
     # Overrides are written into the profile.
     qos = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -125,18 +117,11 @@ class AdaptiveReliabilitySubscription:
     between the two and no message is delivered by both. Where ``qos_overrides`` names a
     reliability, that one stays.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Subscriptions are made on it.
-    kind : type
-        Class of the messages, which have a header.
-    topic : str
-        Its name, to be resolved by the node.
-    callback : callable
-        Takes each message.
-    depth : int
-        How many messages wait to be taken.
+    node: subscriptions are made on it.
+    kind: class of the messages, which have a header.
+    topic: its name, to be resolved by the node.
+    callback: takes each message.
+    depth: how many messages wait to be taken.
     """
 
     def __init__(

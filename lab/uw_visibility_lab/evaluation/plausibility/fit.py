@@ -42,10 +42,7 @@ def fit(series: Sequence[Series], start: Camera = START, steps: int = STEPS) -> 
 
     The search is quasi-Newton in logarithms (L-BFGS-B, doi:10.1145/279232.279236).
 
-    Raises
-    ------
-    InputError
-        If there is no series.
+    Raises `InputError` if there is no series.
     """
     if not series:
         raise InputError("no series of depths to fit to: give one or more")

@@ -89,19 +89,10 @@ def load_series(
 ) -> dict[str, Series]:
     """Return the series of transects; what is not in the folder is rendered and kept there.
 
-    Parameters
-    ----------
-    transects : mapping
-        Plans by name.
-    folder : Path
-        Holds a JSON file for each, by its name.
-    workers : Workers, optional
-        Threads that render.
-
-    Raises
-    ------
-    InputError
-        If a file there is of another plan or version, or is damaged.
+    transects: plans by name.
+    folder: holds a JSON file for each, by its name.
+    workers: threads that render.
+    Raises `InputError` if a file there is of another plan or version, or is damaged.
     """
     ways: dict[tuple[int, float], dict[str, Transect]] = {}
     for name, transect in transects.items():
