@@ -24,7 +24,7 @@ BEAM_OVER_SEEN = 2.0
 Light that is scattered by less than what is seen is not lost to a camera. Of path-traced scenes
 β / c is 0.49 (0.39 to 0.62; 12 scenes, Henyey and Greenstein's phase functions), 0.56 (0.40 to
 0.72; 13 others) and 0.36 (0.32 to 0.60; 4 with Fournier and Forand's):
-`python -m uw_visibility_lab.tracer.summary FOLDER`, see lab/studies/beam_attenuation.md.
+lab/studies/beam_attenuation.md, which names the command.
 """
 BEAM_OVER_SEEN_DEVIATION = 0.3
 """Standard deviation of its logarithm over these scenes."""

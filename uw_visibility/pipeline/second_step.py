@@ -115,11 +115,6 @@ class SecondStep:
         filled = inpaint(scale.gaps.fill(_whole(match), match.right), self._workers)
         return scale.pyramid.upsample_disparity(filled)
 
-    def coarse_disparity(self, left: View, right: View) -> DisparityMap:
-        """Return the mesh of a raw pair's support points, at the images' size, px."""
-        mesh = self._finest.matcher.coarse_disparity(self._raw_support(StereoViews(left, right)))
-        return self._finest.pyramid.upsample_disparity(mesh)
-
     def support_points(self, left: View, right: View) -> Points:
         """Return the support points of a raw pair, px of the images."""
         points = self._raw_support(StereoViews(left, right)).points

@@ -32,7 +32,7 @@ from uw_visibility_lab.simulation.camera import Sensor
 KAPPA = clear_water_attenuation(load_response("nikon_d5100"))
 ALPHA, DEPTH = 0.2, 2.0
 OPTIONS = ["--quick", "--frames", "2"]
-TABLES = ("cases.csv", "conditions.csv", "edges.csv", "transect.csv", "evaluation.json")
+TABLES = ("cases.csv", "conditions.csv", "transect.csv", "evaluation.json")
 
 
 class Run(NamedTuple):

@@ -72,23 +72,6 @@ def test_disparity_fractions() -> None:
     assert np.isnan(metrics.correct_fraction(found, nothing))
 
 
-def test_halo_compares_edges_with_the_rest() -> None:
-    disparity = np.full((30, 60), 5, np.float32)
-    disparity[:, 30:] = 20
-    near = metrics.depth_edges(disparity, distance=5)
-    np.testing.assert_array_equal(np.flatnonzero(near.any(axis=0)), np.arange(25, 35))
-    error = np.where(near, 6.0, 2.0)
-    assert metrics.halo(error, disparity) == (6, 2)
-    flat = metrics.halo(error, np.full((30, 60), 5, np.float32))
-    assert np.isnan(flat.near)
-
-
-def test_unknown_disparity_is_no_edge() -> None:
-    disparity = np.full((20, 20), 5, np.float32)
-    disparity[10] = np.nan
-    assert not metrics.depth_edges(disparity).any()
-
-
 def test_normalised_errors_of_honest_deviations() -> None:
     random = np.random.default_rng(0)
     sigma = random.uniform(0.1, 3, 20000)

@@ -12,9 +12,7 @@ import pytest
 from uw_visibility.errors import InputError
 from uw_visibility_lab.tracer import load
 from uw_visibility_lab.tracer.files import (
-    describe,
     exposure,
-    read_truth,
     truth_of,
     write_truth,
     write_view,
@@ -54,7 +52,6 @@ def test_a_scene_is_read_as_it_was_written(scene: Path) -> None:
     assert traced.veil == pytest.approx(0.3, abs=0.001)
     assert traced.light == pytest.approx(0.8, rel=0.01)
     assert traced.absorption + traced.scattering == pytest.approx(traced.beam_attenuation)
-    assert describe(read_truth(scene)["description"]) == draw_scene(5, "reef")
 
 
 def test_a_folder_without_truth_is_refused(tmp_path: Path) -> None:

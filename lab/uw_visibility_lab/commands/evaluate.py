@@ -64,7 +64,6 @@ written to DIR:
   conditions.csv    means over the scenes for each water
   noisy_cases.csv   the same with noise of the sensor
   noise.csv         means over the scenes for each noise of the sensor and α, at one depth
-  edges.csv         errors beside depth edges and elsewhere, by the way to a dense map
   transect.csv      a row for each frame of the transect
   evaluation.json   all of these, the settings, and the summary
   fig3_SCENE.png    pixels over range, envelopes and fitted curves (Fig. 3)

@@ -39,7 +39,6 @@ from uw_visibility_lab.evaluation.degrade import (
     recover_radiance,
     sensor_of,
 )
-from uw_visibility_lab.evaluation.depth_edges import EdgeErrors, edge_errors
 from uw_visibility_lab.evaluation.methods import of_kind, titles
 from uw_visibility_lab.evaluation.readings import Reader, Reading, Truth
 from uw_visibility_lab.evaluation.reliability import Reliability
@@ -122,8 +121,6 @@ class CaseResult:
     # mean ΔE*ab over the image, by the names of `IMAGES`; NaN where refused
     colour_difference: dict[str, float]
     pictures: Pictures | None = None  # where the case asked for them
-    # errors beside depth edges, where the case asked for pictures and the pair was not refused
-    edges: list[EdgeErrors] = field(default_factory=list)
     noise: str = "0"  # noise of the sensor
     reliability: Reliability | None = None  # of our confidence; None where the pair was refused
     # small images under water and enhanced, where the case asked for them
@@ -214,8 +211,6 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         thumbnails={} if not case.thumbnails else {
             name: _thumbnail(images[name]) for name in ("degraded", "final") if name in images},
         timing_ms={} if result is None else dict(result.timing_ms),
-        edges=[] if result is None or not case.pictures else edge_errors(
-            scene, left, right, result, bench.rig, bench.config),
         noise=case.noise,
         reliability=None if result is None or result.stereo.confidence is None else Reliability.of(
             result.disparity, result.stereo.confidence, *known),

@@ -4,13 +4,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uw_visibility.images.arrays import Array, DisparityMap, Mask
+from uw_visibility.images.arrays import Array, DisparityMap
 from uw_visibility.optics.transfer import to_linear
 
 # Linear sRGB to CIE XYZ under D65, IEC 61966-2-1.
@@ -19,8 +16,6 @@ XYZ_OF_RGB = np.array(
 )
 # CIE 15: constants of CIE 1976 L*a*b*.
 LAB_EDGE = 6 / 29
-# Smallest difference of neighbouring disparities that is a jump, px.
-DEPTH_EDGE = 2.0
 
 
 def lab(image: NDArray[np.generic], transfer: str = "srgb") -> Array:
@@ -68,35 +63,6 @@ def bad_fraction(disparity: DisparityMap, truth: DisparityMap, tolerance: float 
     if not both.any():
         return float("nan")
     return float((np.abs(disparity[both] - truth[both]) > tolerance).mean())
-
-
-class Halo(NamedTuple):
-    """Mean error near depth edges, and that elsewhere; NaN where there is no such pixel."""
-
-    near: float
-    elsewhere: float
-
-
-def depth_edges(disparity: DisparityMap, distance: int = 5) -> Mask:
-    """Mark pixels within a distance, px, of a jump of the true disparity, px; NaN makes none."""
-    jump = np.zeros(disparity.shape, dtype=np.uint8)
-    with np.errstate(invalid="ignore"):
-        across = np.abs(np.diff(disparity, axis=1)) >= DEPTH_EDGE
-        down = np.abs(np.diff(disparity, axis=0)) >= DEPTH_EDGE
-    jump[:, 1:] |= across
-    jump[:, :-1] |= across
-    jump[1:] |= down
-    jump[:-1] |= down
-    size = 2 * distance - 1
-    return cv2.dilate(jump, np.ones((size, size), np.uint8)).astype(bool)
-
-
-def halo(error: NDArray[np.floating], disparity: DisparityMap, distance: int = 5) -> Halo:
-    """Compare an error (NaN is left out) near edges of the true disparity with that elsewhere."""
-    near = depth_edges(disparity, distance)
-    known = np.isfinite(error)
-    parts = (error[known & near], error[known & ~near])
-    return Halo(*(float(part.mean()) if part.size else float("nan") for part in parts))
 
 
 def normalised_errors(estimates: ArrayLike, truth: ArrayLike, deviations: ArrayLike) -> Array:

@@ -12,7 +12,6 @@ import numpy as np
 
 from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, READINGS
 from uw_visibility_lab.evaluation.degrade import title_of
-from uw_visibility_lab.evaluation.depth_edges import DISTANCE, MAPS
 from uw_visibility_lab.evaluation.experiments import Evaluation
 from uw_visibility_lab.evaluation.methods import of_kind
 from uw_visibility_lab.evaluation.summary import TURBID, Summary
@@ -58,9 +57,6 @@ def write_evaluation(folder: Path, evaluation: Evaluation, summary: Summary) -> 
         **in_json,
         "conditions": [flat(condition) for condition in summary["conditions"]],
         "noise": [flat(condition) for condition in summary["noise"]],
-        "edges": [
-            {"scene": case.scene, **error.row()}
-            for case in evaluation.cases for error in case.edges],
         # Not in the JSON file: times differ from run to run, nothing else does.
         "table1": timing_rows([case.timing_ms for case in evaluation.cases if case.timing_ms]),
     }
@@ -115,8 +111,7 @@ def summary_text(summary: Summary) -> str:
     if summary["cases"]:
         parts += [f"{summary['cases']} cases: {', '.join(summary['scenes'])}"]
         parts += [*_water(summary["water"]), *_means(summary), *_conditions(summary)]
-        parts += [*_noise(summary["noise"]), *_depth_edges(summary["depth_edges"])]
-        parts += [_not_assessed(summary["water"])]
+        parts += [*_noise(summary["noise"]), _not_assessed(summary["water"])]
     if summary["transect"] is not None:
         parts.append(_transect(summary["transect"]))
     return "\n\n".join(parts)
@@ -194,18 +189,6 @@ def _noise(rows: Sequence[Summary]) -> list[str]:
              number(row["mean_attenuation_error"]["pipeline"], 4) if what == "correct" else ""]
             for row in rows
             for what, words in (("correct", "correct"), ("wrong", "wrong among matched"))])]
-
-
-def _depth_edges(maps: Summary) -> list[str]:
-    """Errors within a few pixels of true depth edges, and elsewhere."""
-    if not maps:
-        return []
-    return [as_text(
-        [f"within {DISTANCE} px of depth edges / elsewhere", "disparity [px]", "ΔE*ab"], [
-            [MAPS[name], *(
-                f"{number(errors[f'{what}_near'], 2)} / {number(errors[f'{what}_elsewhere'], 2)}"
-                for what in ("disparity", "colour"))]
-            for name, errors in maps.items()])]
 
 
 def _not_assessed(water: Summary) -> str:

@@ -12,7 +12,6 @@ import numpy as np
 
 from uw_visibility.status import Status
 from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, READINGS, CaseResult
-from uw_visibility_lab.evaluation.depth_edges import MAPS
 from uw_visibility_lab.evaluation.experiments import Evaluation, TransectRow, frame_to_frame
 from uw_visibility_lab.evaluation.metrics import fraction_within, normalised_errors
 from uw_visibility_lab.evaluation.readings import Reading, Truth
@@ -54,7 +53,6 @@ def summarise(evaluation: Evaluation) -> Summary:
             for same in [_of_water([c for c in cases if c.truth.depth == depth], attenuation)]
         ],
         "unmatched": _unmatched(cases),
-        "depth_edges": _depth_edges(cases),
         "noise": _noise(evaluation),
         "transect": _transect(evaluation.transect),
     }
@@ -146,19 +144,6 @@ def _unmatched(cases: Sequence[CaseResult]) -> list[Summary]:
         }
         for (scene, depth), same in places.items()
     ]
-
-
-def _depth_edges(cases: Sequence[CaseResult]) -> Summary:
-    """Return mean errors beside depth edges and elsewhere, over the scenes."""
-    errors = [error for case in cases for error in case.edges]
-    return {
-        name: {
-            field: mean(getattr(error, field) for error in errors if error.map == name)
-            for field in (
-                "disparity_near", "disparity_elsewhere", "colour_near", "colour_elsewhere")
-        }
-        for name in MAPS if errors
-    }
 
 
 def _noise(evaluation: Evaluation) -> list[Summary]:

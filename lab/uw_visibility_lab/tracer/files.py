@@ -15,7 +15,7 @@ import numpy as np
 from uw_visibility.config.files import write_whole
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
-from uw_visibility_lab.tracer.scene import Description, Lamp, Water
+from uw_visibility_lab.tracer.scene import Description
 from uw_visibility_lab.tracer.truth import (
     Decay,
     fit_decay,
@@ -64,18 +64,6 @@ class Traced:
     focal_length: float  # px
     baseline: float  # m
     truth: dict[str, Any]  # all that truth.json holds
-
-
-def describe(given: dict[str, Any]) -> Description:
-    """Return the description that truth.json holds."""
-    values = _tupled(given)
-    values["water"] = Water(**_tupled(values["water"]))
-    values["lamps"] = tuple(Lamp(**_tupled(lamp)) for lamp in values["lamps"])
-    return Description(**values)
-
-
-def _tupled(given: dict[str, Any]) -> dict[str, Any]:
-    return {k: tuple(v) if isinstance(v, list) else v for k, v in given.items()}
 
 
 def _listed(values: Array) -> list[float | None]:

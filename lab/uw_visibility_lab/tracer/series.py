@@ -12,16 +12,7 @@ import numpy as np
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
 from uw_visibility_lab.tracer.engine import denoise
-from uw_visibility_lab.tracer.files import (
-    TRUTH,
-    describe,
-    exposure,
-    read_truth,
-    read_view,
-    truth_of,
-    write_truth,
-    write_view,
-)
+from uw_visibility_lab.tracer.files import TRUTH, exposure, truth_of, write_truth, write_view
 from uw_visibility_lab.tracer.render import (
     AUXILIARY,
     Tracer,
@@ -71,17 +62,6 @@ def render_scene(
     write_truth(folder, truth_of(
         description, focal_length(description, size[0]), gain, samples, left))
     return True
-
-
-def refit(folder: Path) -> None:
-    """Fit the truth of a complete scene again, from the images that were kept.
-
-    Raises `InputError` if the folder is not complete.
-    """
-    truth, arrays = read_truth(folder), read_view(folder)
-    write_truth(folder, truth_of(
-        describe(truth["description"]), truth["focal_length"], truth["gain"], truth["samples"],
-        arrays))
 
 
 def _view(
