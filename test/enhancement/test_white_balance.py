@@ -57,6 +57,18 @@ def test_a_picture_that_the_water_has_coloured_is_restored_as_before() -> None:
     assert water.balanced == 0.0
 
 
+def test_a_hundred_pixels_with_a_range_balance_nothing() -> None:
+    near = attenuate(np.full((1, 1, 3), 0.9, np.float32), np.full((1, 1), 0.6, np.float32),
+                     ATTENUATION, LIGHT)[0, 0]
+    image, distance = picture(0.85 * near.mean() / near)
+    wrong = SimpleNamespace(attenuation=ATTENUATION, ambient_light=LIGHT * [1.0, 1.1, 1.25])
+    few = np.zeros(SHAPE, np.bool_)
+    few[BOARD][:5, :20] = True
+    water = restoration_water(image, distance, few, wrong, "linear")
+    np.testing.assert_array_equal(water.scene_light, wrong.ambient_light)
+    assert water.balanced == 0.0
+
+
 def test_nothing_is_overexposed_where_the_light_is_estimated_too_low() -> None:
     image, distance = picture(np.ones(3))
     low = SimpleNamespace(

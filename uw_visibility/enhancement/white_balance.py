@@ -142,7 +142,7 @@ def _samples(image: Image, range_map: RangeMap, measured: Mask) -> tuple[NDArray
 
 
 # Bins of range, of equal ratio, the pixels that one needs, and how many neighbours show one object.
-_BINS, _FEWEST, _NEIGHBOURS = 24, 50, 3.0
+_BINS, _FEWEST_IN_BIN, _NEIGHBOURS = 24, 50, 3.0
 # Scatter of the mean radiance from one range to another.
 _SCATTER = 0.3
 # A veil that is known worse than to this part is not moved as far as it may be: dark depths stay
@@ -188,7 +188,7 @@ def level_veil(
     place = np.log(distance / low) / max(np.log(high / low), 1e-9)
     bins = np.minimum((place * _BINS).astype(np.intp), _BINS - 1)
     count = np.bincount(bins, minlength=_BINS)
-    full = count >= _FEWEST
+    full = count >= _FEWEST_IN_BIN
     if np.count_nonzero(full) < 2:
         return veil, stddev
     level, left_over = veil.copy(), np.array(stddev, np.float64)
