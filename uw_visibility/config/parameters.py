@@ -157,11 +157,21 @@ def build(group: type, values: Mapping[str, Any], prefix: str = "") -> Any:
     return group(**arguments)
 
 
+# Parameters of earlier versions, for which no other one is meant.
+_REMOVED = {
+    **dict.fromkeys(
+        ("water.method", "water.bins", "water.min_bin_pixels", "water.edge_tolerance"),
+        "removed in 0.3.0: the estimator no longer needs it"),
+}
+
+
 def check_names(given: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse names that are not known, with the nearest one that is."""
+    """Refuse names that are not known: with the nearest one that is, or why they are gone."""
     names = set(known)
     for name in given:
         if name not in names:
+            if name in _REMOVED:
+                raise InputError(f"parameter {name} was {_REMOVED[name]}; take the line out")
             near = difflib.get_close_matches(name, sorted(names), n=1, cutoff=0.0)
             raise InputError(f"unknown parameter {name}: did you mean {near[0]}?")
 
