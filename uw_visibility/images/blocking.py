@@ -19,7 +19,7 @@ EDGE = 20.0
 # Sum of differences that is needed, in 8-bit code values: blank images show no blocks.
 LEAST = 200.0
 
-BLOCKS = 1.08
+JPEG_BLOCKINESS = 1.08
 """Blockiness from which on pixels went through a JPEG: without one it is 1.02 at most."""
 
 

@@ -12,7 +12,7 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Image
 
 BLOCK = 8
-BLOCKS = 200
+SAMPLED_BLOCKS = 200
 # The smoothest blocks hold noise alone; the quantile is not lower still, since
 # the variance of so few pixels scatters.
 SMOOTHEST = 0.15
@@ -31,7 +31,7 @@ def noise_stddev(image: Image) -> Array:
     result = np.zeros(channels)
     if min(height, width) < BLOCK + 2:
         return result
-    stride = max(BLOCK, int(np.sqrt(height * width / BLOCKS)))
+    stride = max(BLOCK, int(np.sqrt(height * width / SAMPLED_BLOCKS)))
     rows = (height - BLOCK - 2) // stride + 1
     columns = (width - BLOCK - 2) // stride + 1
     variances = np.zeros((rows * columns, channels))

@@ -20,7 +20,7 @@ FEWEST = 8
 """Frames that a fit needs."""
 LARGEST = float(np.finfo(np.float32).max)
 """Largest number of a sensor: that of single precision, whose powers double precision holds."""
-BLOCKS = 10
+JACKKNIFE_BLOCKS = 10
 # How far beyond the fitted values the line is taken to go on, as a part of their span.
 BEYOND = 0.25
 
@@ -116,7 +116,7 @@ def fit_line(
     centre = float(x.mean())
     level, slope, scatter, plain = _line(x - centre, x_stddev, y)
     parts = []
-    for block in np.array_split(np.arange(len(x)), min(BLOCKS, len(x))):
+    for block in np.array_split(np.arange(len(x)), min(JACKKNIFE_BLOCKS, len(x))):
         kept = np.ones(len(x), bool)
         kept[block] = False
         parts.append(_line(x[kept] - centre, x_stddev[kept], y[kept])[:2])

@@ -16,7 +16,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Image, Points
-from uw_visibility.images.blocking import BLOCKS, blocking
+from uw_visibility.images.blocking import JPEG_BLOCKINESS, blocking
 from uw_visibility.images.view import StereoViews, code_value
 
 # Half the side of the squares that are compared, px, and the most of them.
@@ -39,7 +39,7 @@ _VARIANCE = 20.0
 def with_codec_noise(views: StereoViews, points: Points) -> StereoViews:
     """Return the views with their noise at low frequencies, where they show JPEG's blocks."""
     blocks = max(blocking(view.pixels) for view in views)
-    if blocks <= BLOCKS:
+    if blocks <= JPEG_BLOCKINESS:
         return views
     code = code_value(views.left.pixels)
     noise = low_frequency_noise(views.left.pixels, views.right.pixels, points)
