@@ -29,6 +29,7 @@ def test_the_table_has_its_rows(tmp_path: Path, capsys: pytest.CaptureFixture[st
     (["--scenes", "{}/no"], "no"),
     (["--traced", "{}"], "no traced scenes"),
     (["--pictures"], "no pictures"),
+    (["--lamps"], "no scenes for lamps"),
     (["--pictures", "--pairs", "{}"], "no pairs"),
     (["--sea", "{}"], "no frames"),
     (["--sea", "{}", "--estimator", "{}/no.npz"], "no trained networks"),
@@ -106,3 +107,15 @@ def test_networks_that_are_there_are_replaced_by_force_only(
     assert "--force" in capsys.readouterr().err
     assert main([*given, "--force"]) == 2
     assert "needs PyTorch" in capsys.readouterr().err
+
+
+def test_nights_by_lamps_have_their_rows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_pool(2, 1, tmp_path / "pool", size=(96, 128))
+    assert main([
+        "judge", "--lamps", "--scenes", str(tmp_path / "pool"), "--cases", "1"]) == 0
+    _, *rows = capsys.readouterr().out.splitlines()
+    assert [row[:24].strip() for row in rows[:3]] == [
+        "lamps, no effect", "lamps, random effects", "daylight 0 beside"]
+    assert rows[-1].startswith("told as daylight")

@@ -42,7 +42,7 @@ def as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
         height, width = scene.range.shape
         down = module.downward(height, width, scene.focal_length * width, scene.pitch, 0.0)
         return scene.reflectance.copy(), scene.range.copy(), down
-    monkeypatch.setattr(module, "_vary", vary)
+    monkeypatch.setattr(module, "vary", vary)
 
 
 def view(seed: int, effects: tuple[str, ...] = (), of: Scene | None = None) -> View:

@@ -26,6 +26,9 @@ scenes with all effects together, with none, and with each alone; path-traced sc
 should change nothing: noise of one code, one row and column cut off, the mirrored frame. Frames of
 the sea have no truth: their distances, and those of their halves, are listed.
 
+With --lamps the cases are frames by lamps that are told, as they are or wrongly; with daylight
+beside them; and by night, told as by day.
+
 What an estimator was trained on does not judge it: give other scenes."""
 
 EPILOG = """\
@@ -70,6 +73,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--each", action="store_true", help="a row for every effect alone, too")
     parser.add_argument(
+        "--lamps", action="store_true",
+        help="judge the estimator under lamps instead, by nights of --scenes")
+    parser.add_argument(
         "--pictures", action="store_true",
         help="judge enhanced pictures instead, of --pairs and --traced: seams, noise, colour")
 
@@ -80,12 +86,21 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.pictures:
         _judge_pictures(arguments)
         return
+    if arguments.lamps and arguments.scenes is None:
+        raise InputError("no scenes for lamps: give --scenes")
     if not (arguments.scenes or arguments.middlebury or arguments.traced or arguments.sea):
         raise InputError("nothing to judge by: give --scenes, --middlebury, --traced or --sea")
     from uw_visibility_lab.posterior.judge import flips, judge, table
 
     estimator = _estimator(arguments.estimator)
     say(table([]))
+    if arguments.lamps:
+        for kind in _nights(arguments):
+            assert kind.estimator is not None
+            row = judge(kind.estimator, progress_bar(
+                kind.cases(kind.number), kind.name, kind.number))
+            say(table([(kind.name, row)]).splitlines()[1])
+        return
     for kind in _kinds(arguments):
         row = judge(estimator, progress_bar(kind.cases(kind.number), kind.name, kind.number))
         say(table([(kind.name, row)]).splitlines()[1])
@@ -143,6 +158,7 @@ class _Kind(NamedTuple):
     number: int
     cases: Callable[[int], Iterator[Case]]
     disturbed: bool = False
+    estimator: Estimator | None = None
 
 
 def _kinds(arguments: argparse.Namespace) -> Iterator[_Kind]:
@@ -163,6 +179,28 @@ def _kinds(arguments: argparse.Namespace) -> Iterator[_Kind]:
         yield _Kind(
             "traced", len(traced_scenes(arguments.traced)),
             lambda first: islice(traced(arguments.traced, seed), first))
+
+
+# Shares of daylight in the light of surfaces that lamps light, too.
+_DAYLIGHT = (0.0, 0.02, 0.1, 0.3, 0.6, 0.9)
+
+
+def _nights(arguments: argparse.Namespace) -> Iterator[_Kind]:
+    from uw_visibility_lab.posterior.cases import by_lamps
+    from uw_visibility_lab.posterior.estimators import OnBoard, UnderLamps
+    from uw_visibility_lab.worlds.night import EFFECTS
+
+    number, under = arguments.cases, UnderLamps()
+    frames = partial(by_lamps, _scenes("scenes", arguments.scenes), seed=arguments.seed)
+    yield _Kind("lamps, no effect", number, partial(frames, effects=()), estimator=under)
+    yield _Kind("lamps, random effects", number, frames, estimator=under)
+    for effect in EFFECTS if arguments.each else ():
+        yield _Kind(
+            f"lamps, {effect}"[:24], number, partial(frames, effects=(effect,)), estimator=under)
+    for share in _DAYLIGHT:
+        yield _Kind(
+            f"daylight {share:g} beside", number, partial(frames, daylight=share), estimator=under)
+    yield _Kind("told as daylight", number, frames, estimator=OnBoard())
 
 
 def _scenes(name: str, folder: Path) -> list:  # type: ignore[type-arg]

@@ -16,10 +16,11 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
-from uw_visibility_lab.posterior.judge import Case
+from uw_visibility_lab.posterior.judge import Case, LampCase
 from uw_visibility_lab.tracer.files import TRUTH
 from uw_visibility_lab.tracer.files import load as load_traced
 from uw_visibility_lab.worlds.draw import RANDOM, draw
+from uw_visibility_lab.worlds.night import draw_night
 from uw_visibility_lab.worlds.scenes import Scene
 
 # FLSea's camera, px (README of the data; 10 % more or less changes ranges by less than 2 %).
@@ -36,6 +37,21 @@ def drawn(
         yield Case(
             view.image, view.ranges, view.range_error, view.transfer, view.clear_water,
             view.attenuation, scene.name)
+
+
+def by_lamps(
+    scenes: Sequence[Scene], number: int, seed: int, effects: Sequence[str] | None = None,
+    daylight: float | None = None,
+) -> Iterator[LampCase]:
+    """Draw frames by lamps of scenes in turn; see `draw_night`."""
+    for index in range(number):
+        scene = scenes[index % len(scenes)]
+        night = draw_night(np.random.default_rng((seed, index)), scene, effects, daylight)
+        config = PipelineConfig.from_parameters(night.lighting)
+        yield LampCase(
+            night.image, night.ranges, night.range_error, "linear", night.clear_water,
+            night.attenuation, scene.name, config.lighting,
+            night.focal_length * night.image.shape[1])
 
 
 def traced(folder: Path, seed: int = 0) -> Iterator[Case]:

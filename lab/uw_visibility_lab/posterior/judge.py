@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from uw_visibility.config.lighting import LightingConfig
 from uw_visibility.images.arrays import Array
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.status import Status
@@ -41,6 +42,14 @@ class Case:
     clear_water: Array
     attenuation: Array | None
     name: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class LampCase(Case):
+    """A case by lamps that are told, through a camera of a focal length, px."""
+
+    lighting: LightingConfig = LightingConfig()
+    focal_length: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -71,7 +80,7 @@ class Answer:
             and 2.0 * self.distance_stddev <= math.log(WIDEST_INTERVAL))
 
 
-Estimator = Callable[[Case], Answer]
+Estimator = Callable[[Any], Answer]
 
 
 @dataclass(frozen=True)

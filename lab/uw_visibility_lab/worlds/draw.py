@@ -48,7 +48,7 @@ _HALO_STEPS = (4, 16)
 _LEAST_SURFACE = 0.05
 
 
-class _Streams:
+class Streams:
     """Random numbers by purpose: what one effect draws changes nothing of the others.
 
     So a view with an effect left out is the same view but for that.
@@ -148,9 +148,9 @@ def draw(
     """
     if not np.isfinite(scene.range).any():
         raise InputError(f"scene {scene.name} shows no surface: give one with finite ranges")
-    streams = _Streams(rng)
+    streams = Streams(rng)
     names = _choose(streams("effects"), effects, without)
-    reflectance, ranges, heights = _vary(streams("scene"), scene)
+    reflectance, ranges, heights = vary(streams("scene"), scene)
     height, width = ranges.shape
     if "open water" in names:
         if np.isfinite(ranges).all():
@@ -201,7 +201,7 @@ def draw(
     if "halo" in names:
         direct = _add_halo(streams("halo"), direct, ranges, water.forward)
     if "forward scatter" in names:
-        direct = _scatter_forward(streams("forward scatter"), direct, transmission)
+        direct = scatter_forward(streams("forward scatter"), direct, transmission)
     irradiance += direct
     if "snow" in names:
         _add_snow(streams("snow"), irradiance, light)
@@ -256,7 +256,7 @@ def _choose(
     return tuple(found)
 
 
-def _vary(rng: np.random.Generator, scene: Scene) -> tuple[Map, Map, Map]:
+def vary(rng: np.random.Generator, scene: Scene) -> tuple[Map, Map, Map]:
     """Crop, mirror and vary a scene: reflectance, ranges, and how far rays go down a metre."""
     height, width = scene.range.shape
     pitch = scene.pitch
@@ -355,7 +355,7 @@ def _add_fish(rng: np.random.Generator, reflectance: Map, ranges: Map) -> None:
 
 
 def _thicker(
-    streams: _Streams, names: tuple[str, ...], ranges: Map, down: Map, median: float
+    streams: Streams, names: tuple[str, ...], ranges: Map, down: Map, median: float
 ) -> Map | None:
     """Factor of attenuation by pixel, (H, W, 1), of plume and layer; None for none."""
     if "plume" not in names and "layer" not in names:
@@ -465,7 +465,7 @@ def effective_attenuation(
 
 
 def _light_map(
-    streams: _Streams, names: tuple[str, ...], water: Water, ranges: Map, down: Map, rows: Map,
+    streams: Streams, names: tuple[str, ...], water: Water, ranges: Map, down: Map, rows: Map,
     columns: Map,
 ) -> Map | None:
     """Light on the scene relative to W at the camera's depth, (H, W, 3) or (H, W, 1)."""
@@ -514,7 +514,7 @@ def _caustics(rng: np.random.Generator, ranges: Map, down: Map, columns: Map) ->
     return np.asarray(1.0 + np.float32(drawn(rng, "light.caustics")) * (mesh - 1.0), np.float32)
 
 
-def _scatter_forward(rng: np.random.Generator, direct: Map, transmission: Map) -> Map:
+def scatter_forward(rng: np.random.Generator, direct: Map, transmission: Map) -> Map:
     """Blur surfaces' light the more, the longer its optical path is."""
     height = direct.shape[0]
     sigma = drawn(rng, "place.blur") * height / SIZE[0]
@@ -584,7 +584,7 @@ def _grey(
         np.full(3, veil.mean()), np.full(3, light.mean()))
 
 
-def _balance(streams: _Streams, names: tuple[str, ...], irradiance: Map) -> Array:
+def _balance(streams: Streams, names: tuple[str, ...], irradiance: Map) -> Array:
     """Draw the gains of white balance, (3,); green's is 1."""
     gains = np.ones(3)
     if "white balance" in names:

@@ -1,24 +1,59 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Random lamps of a vehicle at night, and their light on a view."""
+"""Random lamps of a vehicle at night, and their light on a view.
+
+Single scattering (Jaffe 1990, doi:10.1109/48.50695) in NumPy: neither the package's tables nor the
+simulator's kernels are used, so that it can judge what is estimated by them.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from uw_visibility.compute.threads import Workers
+from uw_visibility.config.lighting import beam_falloff
 from uw_visibility.images.arrays import Array, Map
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility_lab.simulation.lamp_light import lamp_array, light_surfaces, scatter
 from uw_visibility_lab.simulation.lamps import Lamp, Triple
-from uw_visibility_lab.simulation.phase_functions import PHASE_FUNCTIONS
+from uw_visibility_lab.simulation.phase_functions import (
+    FOURNIER_FORAND,
+    HENYEY_GREENSTEIN,
+    phase_table,
+)
 from uw_visibility_lab.worlds.beliefs import count, draw
 
+GAUSSIAN, COSINE, RIM = "gaussian", "cosine", "rim"
+"""Beams: as they are told; a power of the cosine, as of bare diodes; flat with a bright rim, as of
+reflectors. All have half of the power at the same angle."""
+TWO_TERMS = "two terms"
+"""Phase function of two terms of Henyey and Greenstein (Haltrin 2002, doi:10.1364/AO.41.001022)."""
+PHASES = (HENYEY_GREENSTEIN, FOURNIER_FORAND)
+
+# Forward and backward asymmetry of two terms, and the part that is scattered by the second: so that
+# 2.3 % is scattered back, Petzold's 1.8 % and more.
+_FORWARD, _BACKWARD, _SECOND = 0.95, -0.4, 0.015
+# How bright the rim is over the middle, where it is and how wide, in half angles.
+_RIM, _RIM_AT, _RIM_WIDTH, _EDGE = 0.25, 0.75, 0.15, 10
+# Wider than this a power of the cosine has no half angle, rad.
+_WIDEST = math.radians(80.0)
 # Scattered light is smooth: it is calculated in every so many-th row and column.
 _STEP = 4
+_NODES = 32
+_NEAREST = 0.02
+
+
+class Rig(NamedTuple):
+    """Lamps, the form of their beams, and how the water spreads their light."""
+
+    lamps: tuple[Lamp, ...]
+    scattering: Array
+    phase: str
+    beam: str = GAUSSIAN
 
 
 def draw_lamps(rng: np.random.Generator) -> tuple[Lamp, ...]:
@@ -50,24 +85,114 @@ def light_by_lamps(
     attenuation : (3,) float64 ndarray
         β, 1/m.
     """
-    lamps = lamp_array(draw_lamps(rng), 0.0)
-    height, width = ranges.shape
-    focal = draw(rng, "camera.focal_length") * width
-    # Of one camera: the baseline does not matter.
-    rays = StereoRig(focal, 1.0, (0.5 * (width - 1), 0.5 * (height - 1))).ray_directions(
-        (height, width))
-    workers = Workers(1)
-    direct = light_surfaces(rays, ranges, reflectance, None, lamps, attenuation, workers)
+    lamps = draw_lamps(rng)
+    rays = rays_of(ranges.shape, draw(rng, "camera.focal_length"))
     scattering = attenuation * np.array([draw(rng, "lamps.albedo") for _ in range(3)])
-    phase = PHASE_FUNCTIONS[count(rng, "lamps.phase")]
+    rig = Rig(lamps, scattering, PHASES[count(rng, "lamps.phase")])
+    return (
+        reflectance * direct_light(rays, ranges, None, rig, attenuation),
+        scattered_light(rays, ranges, rig, attenuation))
+
+
+def rays_of(shape: tuple[int, ...], focal_length: float) -> Array:
+    """Unit directions of an image's pixels, (H, W, 3); focal length in widths of the image."""
+    height, width = shape[:2]
+    # Of one camera: the baseline does not matter.
+    rig = StereoRig(focal_length * width, 1.0, (0.5 * (width - 1), 0.5 * (height - 1)))
+    return rig.ray_directions((height, width))
+
+
+def direct_light(
+    rays: Array, ranges: Map, normals: Array | None, rig: Rig, attenuation: Array
+) -> Map:
+    """Irradiance of white surfaces at the camera, (H, W, 3) float32; 0 where nothing is.
+
+    Without normals (H, W, 3) every surface faces every lamp.
+    """
+    known = np.isfinite(ranges)
+    distance = np.where(known, ranges, 1.0).astype(np.float64)
+    out = np.zeros((*ranges.shape, 3))
+    for lamp in rig.lamps:
+        away = rays * distance[..., np.newaxis] - np.array(lamp.position)
+        r = np.maximum(np.linalg.norm(away, axis=-1), _NEAREST)
+        light = beam_shape(rig.beam, away @ lamp.axis / r, lamp.beam_angle) / r**2
+        if normals is not None:
+            light *= np.maximum(-np.einsum("hwk,hwk->hw", away, normals) / r, 0.0)
+        path = (r + distance)[..., np.newaxis]
+        out += np.array(lamp.power) * light[..., np.newaxis] * np.exp(-attenuation * path)
+    out[~known] = 0.0
+    return out.astype(np.float32)
+
+
+def scattered_light(rays: Array, ranges: Map, rig: Rig, attenuation: Array) -> Map:
+    """Light that the water scatters towards the camera, (H, W, 3) float32."""
     some = np.s_[_STEP // 2::_STEP, _STEP // 2::_STEP]
-    veil = scatter(
-        np.ascontiguousarray(rays[some]), np.ascontiguousarray(ranges[some]), lamps, attenuation,
-        scattering, phase, workers)
-    return direct, np.asarray(
-        cv2.resize(veil, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+    few, distance = rays[some], ranges[some].astype(np.float64)
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    angles = np.linspace(0.0, math.pi, 2048)
+    phase = phase_function(rig.phase, angles)
+    out = np.zeros((*distance.shape, 3))
+    for lamp in rig.lamps:
+        place = np.array(lamp.position)
+        along = few @ place
+        # In t with s − along = h tan t, ds / r² is dt / h (Kulla and Fajardo 2012).
+        h = np.sqrt(np.maximum(place @ place - along**2, 1e-8))
+        first, last = np.arctan2(-along, h), np.arctan((distance - along) / h)
+        half, middle = 0.5 * (last - first), 0.5 * (last + first)
+        for node, weight in zip(nodes, weights, strict=True):
+            t = middle + half * node
+            s, r = along + h * np.tan(t), h / np.cos(t)
+            away = few * s[..., np.newaxis] - place
+            light = beam_shape(rig.beam, away @ lamp.axis / r, lamp.beam_angle)
+            light *= np.interp(0.5 * math.pi + t, angles, phase)
+            light *= weight * half / h
+            out += light[..., np.newaxis] * np.array(lamp.power) * np.exp(
+                -attenuation * (r + s)[..., np.newaxis])
+    height, width = ranges.shape
+    return np.asarray(cv2.resize(
+        math.pi * rig.scattering * out, (width, height), interpolation=cv2.INTER_LINEAR),
+        np.float32)
 
 
-def _triple(values: Array) -> Triple:
-    x, y, z = values.tolist()
+def beam_shape(name: str, cosine: Array, angle: float) -> Array:
+    """Relative power over the cosine of the angle from the axis; `angle` as in `Lamp`."""
+    theta = np.arccos(np.clip(cosine, -1.0, 1.0))
+    if name == GAUSSIAN or angle in (0.0, 360.0):
+        return np.asarray(np.exp(-beam_falloff(angle) * theta**2))
+    half = math.radians(angle) / 2.0
+    if name == COSINE:
+        exponent = math.log(0.5) / math.log(math.cos(min(half, _WIDEST)))
+        return np.asarray(np.maximum(cosine, 0.0) ** exponent)
+    at = theta / half
+    bright = 1.0 + _RIM * np.exp(-(((at - _RIM_AT) / _RIM_WIDTH) ** 2))
+    return np.asarray(bright / (1.0 + at**_EDGE))
+
+
+def phase_function(name: str, angle: Array) -> NDArray[np.float64]:
+    """Phase function, 1/sr, over the scattering angle, rad."""
+    if name == TWO_TERMS:
+        return np.asarray(
+            (1.0 - _SECOND) * _one_term(_FORWARD, angle) + _SECOND * _one_term(_BACKWARD, angle))
+    table = phase_table(name)
+    return np.interp(angle, np.linspace(0.0, math.pi, len(table)), table)
+
+
+def normals_of(rays: Array, ranges: Map, step: int = 2) -> Array:
+    """Unit normals towards the camera of the surfaces in view, (H, W, 3)."""
+    points = rays * np.where(np.isfinite(ranges), ranges, 1e3)[..., np.newaxis]
+    points = cv2.GaussianBlur(points.astype(np.float32), (0, 0), step)
+    down, right = np.gradient(points.astype(np.float64), axis=(0, 1))
+    normal = np.cross(down, right)
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
+    away = np.einsum("hwk,hwk->hw", normal, rays) > 0
+    return np.where(away[..., np.newaxis], -normal, normal)
+
+
+def _one_term(asymmetry: float, angle: Array) -> Array:
+    spread = 1.0 + asymmetry**2 - 2.0 * asymmetry * np.cos(angle)
+    return np.asarray((1.0 - asymmetry**2) / (4.0 * math.pi * spread**1.5))
+
+
+def _triple(values: Sequence[float] | Array) -> Triple:
+    x, y, z = np.asarray(values, np.float64).tolist()
     return x, y, z

@@ -1,0 +1,79 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Frames by lamps: the same but for their effects, with beams and phase functions of their own."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility_lab.worlds.lamps import (
+    COSINE,
+    GAUSSIAN,
+    RIM,
+    TWO_TERMS,
+    beam_shape,
+    normals_of,
+    phase_function,
+    rays_of,
+)
+from uw_visibility_lab.worlds.night import EFFECTS, Night, draw_night
+from uw_visibility_lab.worlds.scenes import Scene
+
+SHAPE = (240, 320)
+ROWS = np.linspace(2.0, 1.0, SHAPE[0], dtype=np.float32)[:, np.newaxis]
+FLOOR = Scene(
+    "floor", "procedural",
+    np.random.default_rng(1).uniform(0.1, 0.7, (*SHAPE, 3)).astype(np.float32),
+    np.repeat(ROWS, SHAPE[1], axis=1))
+
+
+def night(*effects: str, daylight: float | None = None) -> Night:
+    return draw_night(np.random.default_rng(3), FLOOR, effects, daylight)
+
+
+@pytest.mark.parametrize("name", [GAUSSIAN, COSINE, RIM])
+def test_beams_have_half_of_their_power_at_half_of_their_angle(name: str) -> None:
+    assert beam_shape(name, np.cos(np.zeros(1)), 80.0)[0] == pytest.approx(1.0, abs=0.01)
+    half = beam_shape(name, np.cos(np.array([math.radians(40.0)])), 80.0)[0]
+    assert half == pytest.approx(0.5, abs=0.05)
+
+
+def test_two_terms_scatter_all_light_and_some_of_it_back() -> None:
+    angle = np.linspace(0.0, math.pi, 20001)
+    ring = 2.0 * math.pi * np.sin(angle) * phase_function(TWO_TERMS, angle)
+    assert np.trapezoid(ring, angle) == pytest.approx(1.0, abs=1e-3)
+    back = angle > math.pi / 2
+    assert 0.018 < np.trapezoid(ring[back], angle[back]) < 0.03
+
+
+def test_normals_of_a_wall_face_the_camera() -> None:
+    rays = rays_of(SHAPE, 0.9)
+    normals = normals_of(rays, (3.0 / rays[..., 2]).astype(np.float32))
+    assert normals[5:-5, 5:-5] == pytest.approx(
+        np.broadcast_to([0.0, 0.0, -1.0], normals[5:-5, 5:-5].shape), abs=1e-3)
+
+
+def test_effects_change_what_they_are_called_and_nothing_else() -> None:
+    plain = night()
+    told = PipelineConfig.from_parameters(plain.lighting).lighting
+    for effect in EFFECTS:
+        other = night(effect)
+        np.testing.assert_array_equal(other.attenuation, plain.attenuation)
+        changed = {key for key in plain.lighting if other.lighting[key] != plain.lighting[key]}
+        of_lamps = {
+            "misplaced": {"lighting.positions", "lighting.directions"},
+            "beam angle": {"lighting.beam_angles"}, "unequal": {"lighting.colours"}}
+        assert changed == of_lamps.get(effect, set()), effect
+        same = np.array_equal(other.image, plain.image)
+        assert same == (effect in of_lamps or effect == "gaps"), effect
+    assert told.model == "lamps"
+
+
+def test_daylight_is_told_and_adds_light() -> None:
+    some, much = night(daylight=0.0), night(daylight=0.9)
+    assert some.lighting["lighting.model"] == much.lighting["lighting.model"] == "both"
+    assert not np.array_equal(some.image, much.image)

@@ -1,0 +1,183 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Random frames by lamps that are known, or known wrongly, with their truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.images.arrays import Array, Map
+from uw_visibility_lab.simulation.lamps import Lamp, lighting_parameters, misplaced
+from uw_visibility_lab.simulation.phase_functions import FOURNIER_FORAND, HENYEY_GREENSTEIN
+from uw_visibility_lab.worlds import lamps as by_lamps
+from uw_visibility_lab.worlds.beliefs import draw, happens
+from uw_visibility_lab.worlds.camera import LINEAR, record
+from uw_visibility_lab.worlds.draw import Streams, scatter_forward, vary
+from uw_visibility_lab.worlds.ranging import measure_ranges
+from uw_visibility_lab.worlds.scenes import Scene
+from uw_visibility_lab.worlds.water import draw_water
+
+EFFECTS = (
+    "cosine beam", "rimmed beam", "fournier-forand", "two terms", "facing", "patches", "blur",
+    "beam angle", "misplaced", "unequal", "gaps",
+)
+"""What departs from Gaussian beams that are told as they are, from the phase function of the
+package, from Lambert's surfaces and from exact ranges."""
+
+# Exclude one another: those of a group after the first that is there are left out.
+_GROUPS = (("cosine beam", "rimmed beam"), ("fournier-forand", "two terms"))
+_RANGING = ("disparity noise", "wrong patches", "occlusion", "unmatched")
+# How far misplaced lamps are off: m, degrees.
+_SHIFT, _TURN = 0.05, 5.0
+_WAVES = 12
+
+
+@dataclass(frozen=True)
+class Night:
+    """A frame by lamps, what is told with it, and the truth.
+
+    Attributes
+    ----------
+    image : (H, W, 3) uint8 ndarray
+        Linear RGB code values.
+    ranges : (H, W) float32 ndarray
+        As measured, m; NaN where unknown.
+    range_error : float
+        Told standard deviation of range over its square, 1/m.
+    focal_length : float
+        In widths of the image.
+    clear_water : (3,) float64 ndarray
+        Told κ, 1/m.
+    lighting : dict
+        The lamps as they are told, by names of parameters.
+    attenuation : (3,) float64 ndarray
+        True β, 1/m.
+    """
+
+    image: NDArray[Any]
+    ranges: Map
+    range_error: float
+    focal_length: float
+    clear_water: Array
+    lighting: dict[str, Any]
+    attenuation: Array
+
+
+def draw_night(
+    rng: np.random.Generator, scene: Scene, effects: Sequence[str] | None = None,
+    daylight: float | None = None,
+) -> Night:
+    """Draw a frame of a scene by lamps.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        The same state gives the same frame, but for the effects.
+    scene : Scene
+    effects : sequence of str or None
+        Those of `EFFECTS` that are there; None draws each with the belief ``lamps.effect``.
+    daylight : float or None
+        Share of daylight in the surfaces' light at the median range, 0 to below 1; the lamps are
+        told as lighting the scene beside daylight then. None for night, told as such.
+    """
+    streams = Streams(rng)
+    chosen = streams("effects")
+    drawn = [name for name in EFFECTS if happens(chosen, "lamps.effect")]
+    names = tuple(drawn if effects is None else effects)
+    names = tuple(
+        name for name in names
+        if not any(name in group[1:] and group[0] in names for group in _GROUPS))
+    reflectance, ranges, _ = vary(streams("scene"), scene)
+    known = np.isfinite(ranges)
+    water = draw_water(streams("water"))
+    beta = water.clear_water + _particles(streams("particles"))
+    median = draw(streams("distance"), "lamps.distance")
+    # Light goes there and back.
+    median = min(median, 0.5 * draw(streams("path"), "water.most_path") / float(beta.min()))
+    ranges *= np.float32(median / float(np.median(ranges[known])))
+    focal = scene.focal_length
+    if math.isnan(focal):
+        focal = draw(streams("focal length"), "camera.focal_length")
+    rays = by_lamps.rays_of(ranges.shape, focal)
+    rig = _draw_rig(streams("lamps"), names, beta)
+    if "patches" in names:
+        reflectance = reflectance * _patches(streams("patches"), rays, ranges)
+    normals = None if "facing" in names else by_lamps.normals_of(rays, ranges)
+    light = by_lamps.direct_light(rays, ranges, normals, rig, beta)
+    veil = by_lamps.scattered_light(rays, ranges, rig, beta)
+    if daylight:
+        left = np.exp(-np.where(known, ranges, np.inf)[..., np.newaxis] * beta)
+        level = light[known].mean() / left[known].mean() * daylight / (1.0 - daylight)
+        colour = water.light / water.light.max() * level
+        light = light + (colour * left).astype(np.float32)
+        veil = veil + (colour * water.ratio * (1.0 - left)).astype(np.float32)
+    direct = np.asarray(reflectance * light, np.float32)
+    if "blur" in names:
+        near = np.where(known, ranges, np.float32(1e3))[..., np.newaxis]
+        direct = scatter_forward(
+            streams("blur"), direct, np.exp(-near * beta.astype(np.float32)))
+    irradiance = np.asarray(direct + veil, np.float32)
+    strength = draw(streams("exposure"), "scene.exposure")
+    irradiance *= np.float32(strength / max(float(np.quantile(irradiance.max(-1), 0.995)), 1e-12))
+    image = record(streams, irradiance, np.ones(3), LINEAR, ("noise",))
+    measured, error = measure_ranges(
+        streams, ranges, image, _RANGING if "gaps" in names else ())
+    told = _told(streams("told"), names, rig.lamps)
+    return Night(
+        image, measured, error, focal, water.clear_water,
+        lighting_parameters(told, daylight is not None), beta)
+
+
+def _particles(rng: np.random.Generator) -> Array:
+    """Attenuation by particles and dissolved matter, 1/m."""
+    spread = np.array([draw(rng, "water.channel_spread") for _ in range(3)])
+    return np.asarray(draw(rng, "lamps.particles") * spread / spread.mean())
+
+
+def _draw_rig(rng: np.random.Generator, names: tuple[str, ...], beta: Array) -> by_lamps.Rig:
+    lamps = by_lamps.draw_lamps(rng)
+    scattering = beta * np.array([draw(rng, "lamps.albedo") for _ in range(3)])
+    beam = by_lamps.GAUSSIAN
+    for name, form in (("cosine beam", by_lamps.COSINE), ("rimmed beam", by_lamps.RIM)):
+        beam = form if name in names else beam
+    phase = HENYEY_GREENSTEIN
+    for name, form in (("fournier-forand", FOURNIER_FORAND), ("two terms", by_lamps.TWO_TERMS)):
+        phase = form if name in names else phase
+    return by_lamps.Rig(lamps, scattering, phase, beam)
+
+
+def _told(
+    rng: np.random.Generator, names: tuple[str, ...], lamps: tuple[Lamp, ...]
+) -> tuple[Lamp, ...]:
+    """The lamps as they are told."""
+    if "misplaced" in names:
+        lamps = misplaced(lamps, _SHIFT, _TURN, int(rng.integers(1 << 31)))
+    if "beam angle" in names:
+        wider = draw(rng, "lamps.beam_error")
+        lamps = tuple(
+            replace(lamp, beam_angle=min(lamp.beam_angle * wider, 350.0)) for lamp in lamps)
+    if "unequal" in names:
+        mean = np.mean([lamp.power for lamp in lamps], axis=0)
+        told = [draw(rng, "lamps.power_error") * mean for _ in lamps]
+        lamps = tuple(
+            replace(lamp, power=(float(p[0]), float(p[1]), float(p[2])))
+            for lamp, p in zip(lamps, told, strict=True))
+    return lamps
+
+
+def _patches(rng: np.random.Generator, rays: Array, ranges: Map) -> Map:
+    """Factor of reflectance that varies from metre to metre of the scene, (H, W, 1) float32."""
+    points = rays * np.where(np.isfinite(ranges), ranges, 1.0)[..., np.newaxis]
+    total = np.zeros(ranges.shape)
+    for _ in range(_WAVES):
+        wave = rng.standard_normal(3)
+        wave *= 2.0 * math.pi / draw(rng, "lamps.patch") / np.linalg.norm(wave)
+        total += np.sin(points @ wave + rng.uniform(0.0, 2.0 * math.pi))
+    total *= draw(rng, "lamps.patchiness") / math.sqrt(0.5 * _WAVES)
+    return np.exp(total).astype(np.float32)[..., np.newaxis]
