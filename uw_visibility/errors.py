@@ -20,7 +20,6 @@ def printable(text: object, length: int = LONGEST_NAME) -> str:
     file or the message. Escape sequences in them would steer a terminal, line
     breaks would forge lines of a log, and their length has no bound.
 
-    text: anything that has a text.
     length: characters kept; of more, the middle is left out.
     Returns one line of printable characters.
     """
@@ -88,7 +87,6 @@ def check_range(
 ) -> None:
     """Refuse a number, or one of several, that is not within a range.
 
-    what: what the number is.
     values: one finite number, or several, but not none.
     low, high: ends of the range, in `unit`.
     unit: as it follows a number; empty for none.
@@ -116,7 +114,6 @@ def needing(extra: str, what: str, otherwise: str = "") -> Iterator[None]:
     """Turn an optional library that is missing into a sentence that names its extra.
 
     extra: extra of this package, or several with commas, that installs it.
-    what: what needs it.
     otherwise: what can be done instead.
     Raises `InputError` if an import within fails.
     """

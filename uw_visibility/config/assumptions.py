@@ -32,7 +32,6 @@ def assumptions(
 ) -> str:
     """Name the camera and the light that an estimate assumes.
 
-    parameters: values by the names of parameters.
     told: names of those that the user gave; the others are defaults.
     baselines: smallest and largest distance of the cameras by their calibration, m.
     """

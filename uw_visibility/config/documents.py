@@ -22,8 +22,6 @@ LONGEST_NUMBER = 100
 def read_document(path: str | Path, what: str) -> Any:
     """Read a file of JSON, by its suffix, or else of YAML.
 
-    what: what errors call it.
-    Returns dicts, lists and scalars.
     Raises `InputError` if it cannot be read as `parse_yaml` or `parse_json` does; names the file.
     """
     content = read_regular(path, MOST_BYTES, what)

@@ -189,7 +189,6 @@ def read_regular(path: str | Path, most: int, what: str = "file") -> bytes:
     A pipe or a device would make the reader wait for ever, or never end.
 
     most: bytes that are read at most.
-    what: what errors call the file.
     Raises `InputError` if it cannot be read, is no regular file, or is larger; names the file.
     """
     with refusing(f"cannot read {what} {path}"):
@@ -220,8 +219,6 @@ def check_regular(path: str | Path, what: str = "file") -> None:
 def write_whole(path: str | Path, content: bytes | str) -> None:
     """Write a file that appears under its name when all of it is on the disk.
 
-    path: the file; an older one is replaced.
-    content: text is encoded as UTF-8.
     Raises `InputError` if it cannot be written, as on a full disk; an older file is left as it was.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content

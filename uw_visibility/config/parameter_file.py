@@ -50,7 +50,6 @@ def render() -> str:
 def render_values(values: Mapping[str, Any], comment: str) -> str:
     """Return a parameter file with some values.
 
-    values: values by dotted name.
     comment: what they are, for the first lines.
     """
     nested: dict[str, Any] = {}

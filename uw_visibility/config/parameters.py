@@ -39,7 +39,6 @@ class ParameterInfo:
     def check(self, value: Any) -> Any:
         """Convert a value to the parameter's type, or say why it cannot be.
 
-        value: the value given, of whatever type.
         Returns the value, of the parameter's type.
         Raises `InputError` if type, bounds or choice do not fit; names the parameter.
         """
@@ -138,9 +137,7 @@ def _group_of(field: Any) -> Any:
 def build(group: type, values: Mapping[str, Any], prefix: str = "") -> Any:
     """Make a dataclass of parameters from dotted names.
 
-    group: a dataclass of `parameter` fields and `section` fields.
     values: values by dotted name; what is absent keeps its default.
-    Returns an instance of `group`.
     Raises `InputError` if a name is unknown (the nearest known one is named) or a value is not
     allowed.
     """

@@ -42,7 +42,6 @@ class Synchronizer:
     Recordings may be played again, from any stamp: where the stamps of a side go back and
     go on from there, all that follows is new.
 
-    config: tolerance and length of the queues.
     on_drop: called with the reason for every image dropped.
     config: may be replaced at any time.
     received: messages by input: left, right, left info, right info.

@@ -100,10 +100,6 @@ class FirstStep:
     """Sparse matching, matting and a first estimate of the water; buffers preallocated.
 
     shape: height and width of the images, px.
-    rig: geometry of the pair.
-    config: parameters, for images of this size.
-    estimator: reads the water.
-    workers: threads.
     """
 
     def __init__(

@@ -61,9 +61,6 @@ class SecondStep:
     Those of a coarser scale, which noise may ask for, are allocated when it first does.
 
     shape: height and width of the images, px.
-    rig: geometry of the pair.
-    config: parameters, for images of this size.
-    workers: threads.
     lamps: how the light of lamps falls with range, where they alone light the scene.
     Raises `InputError` if the limits of the disparity leave nothing to search.
     """

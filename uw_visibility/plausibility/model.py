@@ -109,8 +109,6 @@ class RightSensor:
     stddev: of what the estimate's own does not hold and is not constant, m.
     constant_stddev: of what is constant over a dive, beforehand, m.
     depth: as the camera tells it at first, m.
-    camera: how its depths err.
-    stddev: as given.
     """
 
     def __init__(
@@ -222,7 +220,6 @@ class InnovationModel:
     def update(self, taken: Taken, difference: float, most: float) -> None:
         """Take a difference.
 
-        taken: see there.
         difference: of sensor and estimate, m.
         most: the evidence is no more than this, s, so that a sensor that recovers is believed.
         """

@@ -55,11 +55,9 @@ def replay_bags(
 
     targets: mapping of (Path or str) to (Path or str), folder to make, by recording; each a path,
         or a URL that fsspec knows.
-    options: what is wanted.
     jobs: processes that work on frames. The results do not depend on it.
     force, resume: whether existing results are replaced, or partial ones gone on from and complete
         ones left as they are.
-    Returns one for each recording.
     Raises `InputError` if a folder or every recording cannot be used, or no recording has a topic
     to join. Of several recordings, one that cannot be used holds up no other: its summary says why,
     and what a recording lacks of the topics to join.

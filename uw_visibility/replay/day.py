@@ -70,7 +70,6 @@ def write_day(
 
     output: that has the folders of the results; a path, or a URL that fsspec knows.
     summaries: of all recordings, those that failed too. Nothing is written without any result.
-    options: what all were replayed with.
     again: whether what an earlier run wrote there may be replaced.
     """
     results = sorted(

@@ -49,7 +49,6 @@ class LineFit:
     def predict(self, x: float, stddev: float) -> tuple[float, float]:
         """Return what the sensor would say, and its standard deviation.
 
-        x, stddev: estimate.
         Returns NaN where the estimate is not known, or far outside of those fitted.
         """
         margin = BEYOND * (self.high - self.low)

@@ -65,12 +65,6 @@ class NodeCore:
 
     The executor's callbacks only sort messages; the pipeline runs in the
     worker's threads, which also publish, in the order of the frames.
-
-    node: subscriptions and publishers are made on it.
-    parameters: hold the settings of the next frame.
-    input: knows what came in and what was dropped.
-    worker: knows what was skipped.
-    state: knows what became of the frames.
     """
 
     def __init__(self, node: Node, parameters: NodeParameters) -> None:
@@ -313,8 +307,6 @@ def check_megapixels(width: int, height: int, most: float) -> None:
 class PipelineState:
     """Counts frames by their outcome; written by the worker, read by the diagnostics.
 
-    failures: logs why frames gave no result.
-    ready: whether the pipeline is compiled.
     processed, refused, failed: frames whose results were published; those that cannot be used;
         those lost to an error inside.
     calibrations: how often CameraInfo was new.
@@ -350,10 +342,8 @@ class PipelineState:
     ) -> None:
         """Note a result that was published.
 
-        result: what the pipeline found.
         latency: time since the image's stamp, s.
         around: what reading the images and publishing the messages took, ms.
-        filtered: the water filtered up to this frame.
         """
         with self._lock:
             self._result, self._latency, self._problem = result, latency, ""
@@ -470,12 +460,7 @@ LEVELS = {
 
 
 class DepthCheck:
-    """Plausibility test, fed from the sensor's callback and the pipeline's thread.
-
-    node: subscription and publisher are made on it.
-    parameters: type of the sensor, and what the monitor is told.
-    made: destroys subscription and publishers.
-    """
+    """Plausibility test, fed from the sensor's callback and the pipeline's thread."""
 
     def __init__(self, node: Node, parameters: NodeParameters, made: ExitStack) -> None:
         self._node = node

@@ -41,11 +41,8 @@ ADVICE = {
 class StereoInput:
     """Subscribes to images and CameraInfo, once told not to rest, and hands on stereo frames.
 
-    node: subscriptions are made on it.
-    parameters: tolerance, queue size, and transport.
     offer: takes each stereo frame.
     on_restart: called when the stamps jump back.
-    synchronizer: knows what came in and what was dropped.
     active: whether images are taken; CameraInfo always is.
     resting: whether nothing is subscribed to; see `rest`.
     """

@@ -30,8 +30,6 @@ class UwVisibilityLifecycleNode(LifecycleNode):
     Configuring subscribes, advertises and compiles; only an active node takes
     images and publishes results. With the parameter `autostart` it does both when
     its process starts, so that one that crashed and was started again goes on.
-
-    faults: counts what callbacks raise.
     """
 
     def __init__(self) -> None:

@@ -78,7 +78,6 @@ class ReasonLog:
 
     Safe to use from several threads.
 
-    log: takes the line to log.
     period: shortest time between two lines for one reason, s.
     clock: returns a time in s.
     counts: how often each of the latest reasons occurred, the last one last.
@@ -107,7 +106,6 @@ class ReasonLog:
     def selection(self, number: int) -> dict[str, int]:
         """Return the latest and the most frequent reasons, so many of each, and all others as one.
 
-        number: how many of either.
         Returns how often each occurred.
         """
         with self._lock:
@@ -143,8 +141,6 @@ class FaultLog:
 
     Safe to use from several threads. Once the node's context has ended, which rclpy's own
     handlers of signals do while callbacks run, whatever uses it fails: that is no fault.
-
-    node: whose log tells of them.
     """
 
     def __init__(self, node: Node) -> None:
@@ -182,7 +178,6 @@ def describe_fault(error: BaseException) -> str:
 class DiagnosticsPublisher:
     """Publishes findings as diagnostic_updater does, under the node's name, once a second.
 
-    node: publisher and timer are made on it.
     find: returns the findings by the part of the node that they are about.
     faults: is told if that fails, and reports on the part `callbacks`.
     """

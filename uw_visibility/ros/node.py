@@ -13,10 +13,7 @@ from uw_visibility.ros.run import run
 
 
 class UwVisibilityNode(Node):
-    """Node that assesses the water, enhances images and improves the disparity of stereo frames.
-
-    faults: counts what callbacks raise.
-    """
+    """Node that assesses the water, enhances images and improves the disparity of stereo frames."""
 
     def __init__(self) -> None:
         super().__init__("uw_visibility")

@@ -43,7 +43,6 @@ def give_memory(environment: MutableMapping[str, str] = os.environ) -> bool:
     Nothing changes where the middleware was set up otherwise. Other middlewares do not
     read the variable.
 
-    environment: of the process.
     Returns whether the node's own profile is in use.
     """
     if any(environment.get(name) for name in (PROFILES_VARIABLE, *OTHER_VARIABLES)):

@@ -28,7 +28,6 @@ UNSTAMPED = ("std_msgs/msg/Float64",)
 class Player:
     """Publisher of serialised messages.
 
-    node: publishers are made on it.
     topics: type of message by topic. Every type begins with a header.
     reliability: by default reliable, so that an image of many packets arrives whole.
     """
@@ -74,9 +73,6 @@ class Collector:
 
     Messages stay serialised while they come in: that takes no time from the
     node that is being measured.
-
-    node: subscriptions are made on it; somebody has to spin it.
-    topics: type of message by topic.
     """
 
     def __init__(self, node: Node, topics: Mapping[str, str]) -> None:
@@ -140,7 +136,6 @@ def open_link(
 ) -> Iterator[tuple[Player, Collector]]:
     """Join a ROS domain with a player and a collector, as long as the context lasts.
 
-    domain: ROS domain.
     played, collected: types of message by topic.
     Yields `player`, player; `collector`, receives in a thread of its own.
     """

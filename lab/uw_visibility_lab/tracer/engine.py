@@ -50,7 +50,6 @@ def mitsuba(threads: int = 2) -> Any:
     without bound in the other. Without an LLVM library that fits it is scalar_rgb, of which
     one channel is used: several times slower.
 
-    threads: that trace.
     Raises `InputError` if Mitsuba is not installed.
     """
     library = os.environ.get(LLVM) or find_llvm()

@@ -87,11 +87,9 @@ def truth_of(
 ) -> dict[str, Any]:
     """Return what is true of a traced view, as JSON has it.
 
-    description: what was rendered.
     focal_length: px.
     gain: image over radiance.
     samples: paths for each pixel and channel of the image.
-    arrays: as `write_view` has them.
     Returns in units of the image, 1/m and m.
     """
     ranges = arrays["ranges"]
@@ -127,7 +125,6 @@ def truth_of(
 def write_view(folder: Path, view: str, arrays: dict[str, Array]) -> None:
     """Write a view: VIEW.png (16 bit, linear), VIEW.npz and VIEW_srgb.png to look at.
 
-    folder: that exists.
     view: left or right.
     arrays: image (H, W, 3), 0 .. 1; ranges (H, W), and further ones.
     """
@@ -183,7 +180,6 @@ def read_truth(folder: Path) -> dict[str, Any]:
 def load(folder: str | Path, view: str = "left") -> Traced:
     """Read a traced scene.
 
-    folder: of one scene.
     view: left, or right of a stereo pair. The truth is the left view's.
     Returns image, ranges and truth.
     Raises `InputError` if a file is missing or damaged.

@@ -51,9 +51,7 @@ def fractal(
     """Sum of octaves of value noise, each half as long and `gain` times as high.
 
     points: (N, 3), m.
-    seed: of the noise.
     wavelength: of the first octave, m.
-    octaves: how many.
     gain: height of an octave over that of the one before.
     spacing: or float, (N,), distance of samples, m: octaves that these cannot carry fade out.
     Returns (N,) float64, about 0, the first octave within -1 .. 1.

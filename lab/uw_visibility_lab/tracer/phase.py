@@ -64,7 +64,6 @@ def cosine_table(phase: str, entries: int = ENTRIES) -> Array:
     The table keeps what is scattered into each step, though the function has a pole at 0.
 
     phase: `FOURNIER_FORAND` or `PETZOLD`.
-    entries: length of the table.
     Returns (entries,) float64, 1/sr; its integral over the sphere, linear between entries, is 1.
     Raises `InputError` for a phase function that has no table.
     """

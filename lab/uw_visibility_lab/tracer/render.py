@@ -54,10 +54,8 @@ def focal_length(description: Description, width: int) -> float:
 class Tracer:
     """A described scene as Mitsuba holds it, for one view.
 
-    description: what is rendered.
     width, height: of the image, px.
     view: one of `VIEWS`.
-    threads: that trace.
     Raises `InputError` for sizes and views that do not exist, or if Mitsuba is not installed.
     """
 
@@ -297,8 +295,6 @@ def image_guide(surface: Image, geometry: Geometry, description: Description) ->
     image, with up to three times the contrast of the raw image at the far end, and a horizon.
 
     surface: (H, W, 3), radiance of the surfaces.
-    geometry: of the same view.
-    description: with the water.
     Returns (H, W, 3), 0 .. 1.
     """
     far = np.where(np.isfinite(geometry.ranges), geometry.ranges, np.inf)[..., None]

@@ -43,11 +43,9 @@ def render_scene(
     """Render a scene into a folder, unless it is complete already.
 
     folder: made if missing.
-    description: what is rendered.
     size: width and height, px.
     samples: paths for each pixel and channel.
     stereo: also the right view.
-    threads: that trace.
     Returns whether it was rendered.
     """
     if (folder / TRUTH).exists():

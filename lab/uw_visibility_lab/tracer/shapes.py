@@ -99,7 +99,6 @@ def painted(
 
     points: (N, 3), m.
     palette: (K, 3), reflectances.
-    seed: of the texture.
     patch, grain: wavelengths of patches and grain, m.
     roughness: relative height of the grain.
     spacing: or float, distance of vertices, m.

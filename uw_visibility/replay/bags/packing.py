@@ -49,7 +49,6 @@ class Unpacked(NamedTuple):
 def unpack(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> bytes:
     """Decompress data.
 
-    data: packed data.
     compression: "zstd", "lz4", "bz2", or "" or "none" for none.
     most: bytes at which unpacking is given up.
     Raises `PackingError` if that cannot be done.

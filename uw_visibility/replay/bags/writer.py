@@ -62,12 +62,9 @@ class BagWriter:
     A bag that an error or an interruption leaves incomplete is removed. It is written
     beside its place, and comes there when it is complete.
 
-    path: folder to make.
     topics: type of message by topic, such as ``sensor_msgs/msg/Image``.
-    overwrite: whether a bag of that name may be replaced.
     in_place: whether it is written in its place, where its part can be read after a crash.
     compress: whether its chunks are compressed (Zstandard).
-    make: makes messages that `write` takes.
     Raises `InputError` if the folder exists already, or cannot be made or written to.
     """
 

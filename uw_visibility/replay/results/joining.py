@@ -40,7 +40,6 @@ class Joiner:
     behind it. What comes out depends on the order of what goes in alone.
 
     config: the sensor's type is "none" where there is none.
-    position: whether positions will come.
     origin, joins, tolerance: as `ReplayOptions` has them.
     verdicts: frames by verdict of the plausibility test.
     unplaced: frames without a position, by reason.

@@ -69,9 +69,6 @@ class FrameRecorder:
 
     folder, options, copied: as `ResultWriter` takes them.
     earlier: timings of the frames that an earlier part had worked on.
-    resumed: frames of the earlier part so far.
-    columns: of the table.
-    results: writer of the messages.
     log: what only a resumed replay would need.
     """
 

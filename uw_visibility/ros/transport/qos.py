@@ -57,10 +57,6 @@ def subscribe_to(
 ) -> Any:
     """Create a subscription for sensor data.
 
-    node: the subscription is made on it.
-    kind: class of the messages.
-    topic: its name, to be resolved by the node.
-    callback: takes each message.
     available: what the best reliability is that the publishers allow. It is taken unless
         ``qos_overrides`` asks for one; without it, best effort is.
     depth: how many messages wait to be taken, unless ``qos_overrides`` says otherwise.
@@ -117,10 +113,7 @@ class AdaptiveReliabilitySubscription:
     between the two and no message is delivered by both. Where ``qos_overrides`` names a
     reliability, that one stays.
 
-    node: subscriptions are made on it.
     kind: class of the messages, which have a header.
-    topic: its name, to be resolved by the node.
-    callback: takes each message.
     depth: how many messages wait to be taken.
     """
 
