@@ -1,13 +1,13 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Progress on standard error, as a bar or a line every 10 s, and in a log; lines for users."""
+"""Progress on standard error, as a bar or a line every 10 s; lines for users."""
 
 from __future__ import annotations
 
-import logging
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import closing
 from typing import Any, TypeVar
 
 from uw_visibility.errors import LONGEST_MESSAGE, printable
@@ -19,14 +19,10 @@ class Progress:
     """Progress: frames done, rate, and time left.
 
     The clock begins with the first frame that is done: before it, kernels are compiled or
-    loaded, which says nothing of the time that frames take. Lines go to `tell` where it is
-    given, and else to standard error.
+    loaded, which says nothing of the time that frames take.
     """
 
-    def __init__(
-        self, name: str, total: int | None, tell: Callable[[str], object] | None = None
-    ) -> None:
-        self._tell = tell
+    def __init__(self, name: str, total: int | None) -> None:
         self._name = name
         self._total = total
         self._count = 0
@@ -45,15 +41,11 @@ class Progress:
         now = time.monotonic()
         if now - self._told >= PERIOD:
             self._told = now
-            line = self._line(now - self._begin)
-            if self._tell is not None:
-                self._tell(line)
-            else:
-                print(line, file=sys.stderr, flush=True)
+            print(self._line(now - self._begin), file=sys.stderr, flush=True)
 
     def _start(self) -> None:
         self._begin = self._told = time.monotonic()
-        if self._tell is None and sys.stderr.isatty():
+        if sys.stderr.isatty():
             from tqdm import tqdm
 
             # What is there to begin with does not count for the rate.
@@ -82,21 +74,12 @@ class Progress:
 Item = TypeVar("Item")
 
 
-def progress_bar(
-    items: Iterable[Item], name: str, total: int | None = None, log: logging.Logger | None = None
-) -> Iterator[Item]:
-    """Yield the items; tell how many there were, as `Progress` does, in a log too."""
-    counters = [Progress(name, total)]
-    if log is not None:
-        counters.append(Progress(name, total, tell=log.info))
-    try:
+def progress_bar(items: Iterable[Item], name: str, total: int | None = None) -> Iterator[Item]:
+    """Yield the items; tell how many there were, as `Progress` does."""
+    with closing(Progress(name, total)) as progress:
         for item in items:
             yield item
-            for counter in counters:
-                counter.add()
-    finally:
-        for counter in counters:
-            counter.close()
+            progress.add()
 
 
 def tell(text: str) -> None:

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import cv2
@@ -12,9 +11,6 @@ import numpy as np
 import pytest
 
 from uw_visibility.cli import main
-from uw_visibility.replay import progress as progress_of_replay
-from uw_visibility.replay.progress import progress_bar
-from uw_visibility_lab.commands.evaluate import progress_log
 
 
 @pytest.fixture
@@ -83,36 +79,3 @@ def test_parameters_that_simulated_water_does_not_have(scene, tmp_path, capsys):
     path.write_text("/**:\n  ros__parameters:\n    camera.transfer: srgb\n")
     words = (scene, "-o", tmp_path / "out", "--params-file", path)
     assert "camera.transfer" in refuse(capsys, *words)
-
-
-def test_progress_goes_to_a_log_too(scene, tmp_path, capsys, monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr(progress_of_replay.time, "monotonic", lambda: now[0])
-    path = tmp_path / "evaluate.log"
-
-    def work():
-        for _ in range(4):
-            now[0] += 8.0
-            yield None
-
-    with progress_log(path, "evaluate") as log:
-        assert len(list(progress_bar(work(), "evaluate", 4, log))) == 4
-    lines = path.read_text().splitlines()
-    assert [line.partition(" ")[2] for line in lines] == [
-        "evaluate: begins", "evaluate: 3 of 4 frames, 0.1 frames/s, 0:08 min left",
-        "evaluate: done"]
-    assert all(re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d[+-]\d{4} ", line) for line in lines)
-    # Standard error is no terminal here: the same line is there, as of a replay.
-    assert capsys.readouterr().err == f"{lines[1].partition(' ')[2]}\n"
-
-
-def test_a_log_tells_what_ended_the_work(scene, tmp_path, capsys):
-    path = tmp_path / "evaluate.log"
-    (scene / "view1.png").write_bytes(b"no image")
-    words = (scene.parent, "-o", tmp_path / "out", "--quick", "--frames", "0", "--log", path)
-    told = refuse(capsys, *words)
-    begun, ended = path.read_text().splitlines()
-    assert begun.endswith(f"evaluate -o {tmp_path / 'out'}: begins")
-    assert told.removeprefix("uw_visibility: ").strip() in ended
-    assert "nolog" in refuse(
-        capsys, scene, "-o", tmp_path / "out", "--log", tmp_path / "nolog" / "file")

@@ -5,14 +5,12 @@
 from __future__ import annotations
 
 import argparse
-import logging
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uw_visibility.config.files import Products, gathered, refuse_inputs, sole_writer
-from uw_visibility.errors import InputError, check_range, needing, refusing
+from uw_visibility.errors import InputError, check_range, needing
 from uw_visibility.replay.progress import progress_bar, say
 from uw_visibility_lab.commands.described import Options, add_described
 
@@ -126,7 +124,6 @@ OPTIONS: dict[str, Options] = {
             False, "a small grid (α 0 and 0.2 1/m, z 2 m, noise of 2 codes) and a short, small "
             "transect"),
         "--jobs N": (1, "processes that share the work; each takes up to 1 GB"),
-        "--log FILE": (None, "add progress to a file, with times", Path),
         "--params-file YAML": (
             None, "parameters of the pipeline, in the form of config/uw_visibility.yaml", Path),
     },
@@ -160,33 +157,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         add_described(parser.add_argument_group(title) if title else parser, options)
 
 
-@contextmanager
-def progress_log(path: Path | None, name: str) -> Iterator[logging.Logger | None]:
-    """Open a log of long work, with dated lines: its begin, its progress, its end or failure.
-
-    Lines are added to a file that is there; without a path there is no log, None.
-    """
-    if path is None:
-        yield None
-        return
-    with refusing(f"cannot write log {path}"):
-        handler = logging.FileHandler(path, encoding="utf-8")
-    handler.setFormatter(logging.Formatter("%(asctime)s %(message)s", "%Y-%m-%dT%H:%M:%S%z"))
-    # Of no one else's loggers, and no one else's.
-    log = logging.Logger("uw_visibility")
-    log.addHandler(handler)
-    log.info("%s: begins", name)
-    try:
-        yield log
-    except BaseException as error:
-        log.info("%s: ended by %s", name, str(error) or type(error).__name__)
-        raise
-    else:
-        log.info("%s: done", name)
-    finally:
-        handler.close()
-
-
 Written = tuple[Callable[[Path], object], str]
 """What writes a study's results to a folder, and its summary as text."""
 
@@ -199,12 +169,9 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError("--adverse and --lamps are two studies: give one of them")
     study = _run_lamps if arguments.lamps else (
         _run_adverse if arguments.adverse else _run_experiments)
-    with (
-        sole_writer(arguments.output),
-        progress_log(arguments.log, f"evaluate -o {arguments.output}") as log,
-    ):
-        write, text = study(arguments, lambda done, total: progress_bar(
-            done, "evaluate", total, log))
+    with sole_writer(arguments.output):
+        write, text = study(
+            arguments, lambda done, total: progress_bar(done, "evaluate", total))
         with gathered(arguments.output, PRODUCTS, force=arguments.force) as folder:
             write(folder)
     print(text)
@@ -362,7 +329,7 @@ def _refuse_folder(arguments: argparse.Namespace) -> None:
         )
     PRODUCTS.check_room(folder, force=force)
     refuse_inputs(
-        [*arguments.datasets, arguments.params_file, arguments.log], PRODUCTS.present(folder))
+        [*arguments.datasets, arguments.params_file], PRODUCTS.present(folder))
 
 
 def _check_figures() -> None:

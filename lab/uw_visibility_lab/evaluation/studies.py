@@ -144,3 +144,10 @@ def statistics_text(
     rows = [(group, flat(statistic)) for group, statistic in found]
     return as_text([title, *columns.values()], [
         [group, *(shown(name, values[name]) for name in columns)] for group, values in rows])
+
+
+def reasons_text(found: Summary, group: str = "refused") -> list[str]:
+    """Tell why the cases of a group were refused, in one line; none where none was."""
+    # The advice after a reason is in evaluation.json.
+    told = "; ".join(f"{reason.split(' (')[0]}: {n}" for reason, n in found["reasons"].items())
+    return [f"  {group}: {told}"] if told else []

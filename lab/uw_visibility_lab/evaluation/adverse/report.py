@@ -9,20 +9,20 @@ from pathlib import Path
 
 from uw_visibility_lab.evaluation.adverse.cases import METHODS, AdversePlan
 from uw_visibility_lab.evaluation.adverse.effects import CONTROL
-from uw_visibility_lab.evaluation.studies import StudyResult, by_estimate, having, statistics_text
-from uw_visibility_lab.evaluation.summary import Summary
-from uw_visibility_lab.evaluation.tables import (
-    as_text,
-    flat,
-    number,
-    percent,
-    told,
-    write_report,
+from uw_visibility_lab.evaluation.studies import (
+    StudyResult,
+    by_estimate,
+    having,
+    reasons_text,
+    statistics_text,
 )
+from uw_visibility_lab.evaluation.summary import Summary
+from uw_visibility_lab.evaluation.tables import flat, told, write_report
 
 COLUMNS = {
-    "cases": "cases", "refused": "refused", "beyond.attenuation": "> 3 σ: β",
-    "beyond.visibility": "visib.", "beyond.depth": "depth", "beyond_any": "any",
+    "cases": "cases", "refused": "refused", "refused_depth": "no depth",
+    "beyond.attenuation": "> 3 σ: β", "beyond.visibility": "visib.", "beyond.depth": "depth",
+    "beyond_any": "any",
     "ratio": "ratio", "too_long": "long", "visibility_relative_stddev": "σ",
 }
 """Headings of the table of effects, by statistic."""
@@ -88,61 +88,22 @@ def write_adverse(
 
 
 def adverse_text(summary: Summary) -> str:
-    """Return the summary as tables for a terminal; the last line is the total of ours."""
-    effects, adverse = summary["effects"], summary["adverse"]
+    """Return the summary as tables for a terminal, one for each method."""
     parts = [
         f"{summary['cases']} cases: {', '.join(summary['scenes'])}\n"
         "shares of all cases in %; > 3 σ: published and farther from the truth; ratio: median of\n"
         "published over true visibility; long: beyond 1.2; σ: median of visibility's, in %"
     ]
+    groups = {
+        **summary["effects"], "all but none": summary["adverse"],
+        "none, with open water": summary["control"]["open_water"],
+        "none, without": summary["control"]["no_open_water"],
+    }
     for method, title in METHODS.items():
-        groups = [(name, found[method]) for name, found in effects.items()]
-        if adverse:
-            groups.append(("all but none", adverse[method]))
-        parts.append(statistics_text(title, COLUMNS, groups))
-    parts.append(as_text(["mean |error| / mean σ, ours", "β [1/m]", "depth [m]", "no depth"], [
-        [name, _with_stddev(found["ours"], "attenuation", 3),
-         _with_stddev(found["ours"], "depth", 2), percent(found["ours"]["refused_depth"])]
-        for name, found in effects.items()]))
-    refused = [line for name, found in effects.items() for line in _reasons(name, found["ours"])]
-    parts.append("\n".join(["refused, ours", *refused] if refused else ["refused, ours: none"]))
-    totals = []
-    for where, words in (("open_water", "with open water"), ("no_open_water", "without")):
-        if summary["control"][where]:
-            found = summary["control"][where]["ours"]
-            totals.append(
-                f"in the model's water, {words}: assessed {percent(1.0 - found['refused'])} %, "
-                f"σ of visibility up to 15 %: {percent(found['certain'])} %, "
-                f"> 3 σ: {percent(found['beyond_any'])} %")
-    if adverse:
-        totals += [
-            f"{title}: {_total(adverse[method])}" for method, title in reversed(METHODS.items())]
-    parts.append("\n".join(totals))
+        found = [(name, group[method]) for name, group in groups.items() if group]
+        parts.append("\n".join([
+            statistics_text(title, COLUMNS, found),
+            *(line for name, each in found[:len(summary["effects"])]
+              for line in reasons_text(each, name)),
+        ]))
     return "\n\n".join(parts)
-
-
-def _with_stddev(found: Summary, what: str, digits: int) -> str:
-    return " / ".join(number(found[f"{what}_{kind}"], digits) for kind in ("error", "stddev"))
-
-
-def _reasons(effect: str, found: Summary) -> list[str]:
-    """Tell why the estimate was refused, and the depth where the estimate was not."""
-    lines = []
-    for what, known in (("reasons", {}), ("reasons_depth", found["reasons"])):
-        # The advice after the reason is in evaluation.json.
-        told = "; ".join(
-            f"{reason.split(' (')[0]}: {n}" for reason, n in found[what].items()
-            if n > known.get(reason, 0))
-        if told:
-            lines.append(f"  {effect}{' (depth)' if what == 'reasons_depth' else ''}: {told}")
-    return lines
-
-
-def _total(found: Summary) -> str:
-    beyond = found["beyond"]
-    return (
-        f"{found['cases']} adverse cases, refused {percent(found['refused'])} %, > 3 σ: "
-        f"β {percent(beyond['attenuation'])}, visibility {percent(beyond['visibility'])}, "
-        f"depth {percent(beyond['depth'])}, any {percent(found['beyond_any'])} %; "
-        f"too long {percent(found['too_long'])} %"
-    )

@@ -19,6 +19,7 @@ from uw_visibility_lab.evaluation.readings import Reading, Truth
 from uw_visibility_lab.evaluation.studies import (
     StudyResult,
     by_estimate,
+    reasons_text,
     statistics,
     statistics_text,
 )
@@ -157,7 +158,7 @@ def lamps_text(summary: Summary) -> str:
             groups += [
                 (words.format(value), found[name])
                 for value, found in summary[split].items() if len(summary[split]) > 1]
-        lines = [statistics_text(title, COLUMNS, groups), *_reasons(summary["told"][name])]
+        lines = [statistics_text(title, COLUMNS, groups), *reasons_text(summary["told"][name])]
         parts.append("\n".join(lines))
     if summary["survey"] is not None:
         parts.append(_survey_text(summary["survey"]))
@@ -188,11 +189,6 @@ def write_lamps(
         {"settings": settings, "summary": summary, "cases": cases, "survey": frames})
 
 
-def _reasons(found: Summary) -> list[str]:
-    told = "; ".join(f"{reason}: {n}" for reason, n in found["reasons"].items())
-    return [f"  refused: {told}"] if told else []
-
-
 def _survey_text(survey: Summary) -> str:
     variations = {title: survey["variation"][name] for name, title in PICTURES.items()}
     differences = {
@@ -205,7 +201,7 @@ def _survey_text(survey: Summary) -> str:
         f"each in {survey['views']} frames",
         statistics_text("water", COLUMNS, [
             ("each frame alone", survey["single"]), ("with those before it", survey["pooled"])]),
-        *_reasons(survey["pooled"]),
+        *reasons_text(survey["pooled"]),
         f"  error of β at the end: {errors} ({survey['last_status']})",
         as_text(["same ground over frames, σ/mean [%]", "R", "G", "B", "ΔE*ab"], [
             [title, *(number(100.0 * shares[c], 1) for c in CHANNELS),

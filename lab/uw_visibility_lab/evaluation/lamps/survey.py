@@ -29,7 +29,6 @@ from uw_visibility_lab.evaluation.lamps.ground import GroundCells, ground_cells
 from uw_visibility_lab.evaluation.metrics import colour_difference
 from uw_visibility_lab.evaluation.parallel import Progress, run_all
 from uw_visibility_lab.evaluation.readings import Reading, Truth
-from uw_visibility_lab.evaluation.survey_statistics import SurveyStatistics
 from uw_visibility_lab.evaluation.tables import flat
 from uw_visibility_lab.simulation.camera import Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import RenderedFrame, Renderer
@@ -52,7 +51,6 @@ FEWEST_FRAMES = 5
 
 PICTURES = {
     "raw": "as recorded",
-    "statistics": "statistics of the survey",
     "online": "ours, by frames before",
     "ours": "ours, by all frames",
     "oracle": "lamps, water, ranges known",
@@ -183,7 +181,10 @@ def run_survey(
     """Render a survey, process it frame by frame, and compare the ground's colours."""
     frames = run_all(render_survey_frame, range(plan.frames), (plan,), jobs, progress)
     rows, ours = _process(plan, frames, progress)
-    images = {**ours, "oracle": _oracle(plan, frames), **_peers(frames)}
+    images = {
+        **ours, "oracle": _oracle(plan, frames),
+        "raw": [to_linear(frame.frame.left, "linear") for frame in frames],
+        "truth": [frame.frame.radiance_left for frame in frames]}
     truth = images["truth"]
     scaled = {name: at_best_exposure(some, truth) for name, some in images.items()}
     ground = GroundCells.of(truth, [frame.cells for frame in frames])
@@ -230,22 +231,10 @@ def _process(
         filtered = water_filter.update(result.water, float(index))
         pooled = single if filtered is None else Reading.of_result(filtered)
         rows.append(SurveyRow(truth, single, pooled))
-    # As for a mosaic: with the light of all frames, as the statistical method has it too.
+    # As for a mosaic: with the light of all frames.
     for _, survey_frame in progress(iter(enumerate(frames)), len(frames)):
         see(survey_frame.frame, "ours")
     return rows, restored
-
-
-def _peers(frames: Sequence[SurveyFrame]) -> dict[str, list[Map]]:
-    """Return the frames as recorded, corrected by statistics with true ranges, and the truth."""
-    raw = [to_linear(frame.frame.left, "linear") for frame in frames]
-    ranges = [frame.frame.range_left for frame in frames]
-    statistics = SurveyStatistics.fit(raw, ranges)
-    return {
-        "raw": raw,
-        "statistics": [statistics.correct(*pair) for pair in zip(raw, ranges, strict=True)],
-        "truth": [frame.frame.radiance_left for frame in frames],
-    }
 
 
 def _oracle(plan: SurveyPlan, frames: Sequence[SurveyFrame]) -> list[Map]:

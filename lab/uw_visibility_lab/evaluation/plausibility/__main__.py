@@ -1,11 +1,10 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Fit what the check of a depth sensor believes of the camera, and judge it on other transects.
+"""Fit what the check of a depth sensor believes of the camera.
 
 Renders twelve transects of 240 frames into FOLDER (what is there already is taken from there), fits
-`uw_visibility.plausibility.model.CAMERA` to nine of them, prints it, and prints what the check says
-over the three others, which have another way, and over the nine: with the constants fitted, and
-with those of the package where they differ.
+`uw_visibility.plausibility.model.CAMERA` to nine of them, and prints it with its likelihood over
+these and over the three others, which have another way, beside that of the package's constants.
 """
 
 from __future__ import annotations
@@ -18,12 +17,11 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
 from uw_visibility.plausibility.model import CAMERA, Camera
 from uw_visibility_lab.evaluation.plausibility.fit import fit, log_likelihood
-from uw_visibility_lab.evaluation.plausibility.judge import judge, table
-from uw_visibility_lab.evaluation.plausibility.series import FITTED, JUDGED, load_series
+from uw_visibility_lab.evaluation.plausibility.series import FITTED, LEFT_OUT, load_series
 
 
 def main() -> None:
-    """Load or render, fit, judge, and print."""
+    """Load or render, fit, and print."""
     parser = argparse.ArgumentParser(
         prog="python -m uw_visibility_lab.evaluation.plausibility", description=__doc__)
     parser.add_argument("folder", metavar="FOLDER", type=Path, help="where the series are kept")
@@ -33,18 +31,15 @@ def main() -> None:
     workers = Workers(arguments.threads)
     try:
         fitted = load_series(FITTED, arguments.folder, workers)
-        judged = load_series(JUDGED, arguments.folder, workers)
+        left_out = load_series(LEFT_OUT, arguments.folder, workers)
     except InputError as error:
         sys.exit(f"uw_visibility: {error}")
     camera = rounded(fit(list(fitted.values())))
     print("fitted to " + "; ".join(FITTED))
-    print(f"log likelihood {log_likelihood(camera, fitted.values()):.1f}, of the others "
-          f"{log_likelihood(camera, judged.values()):.1f}")
     print(f"CAMERA = {camera}")
-    cameras = {"fitted": camera} | ({} if camera == CAMERA else {"the package's": CAMERA})
-    for name, each in cameras.items():
-        for kind, series in (("judged", judged), ("fitted to", fitted)):
-            print(table(f"{kind}, {name}", {way: judge(s, each) for way, s in series.items()}))
+    for name, each in {"fitted": camera, "the package's": CAMERA}.items():
+        print(f"log likelihood, {name}: {log_likelihood(each, fitted.values()):.1f}, "
+              f"left out {log_likelihood(each, left_out.values()):.1f}")
 
 
 def rounded(camera: Camera) -> Camera:

@@ -8,7 +8,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import astuple, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -75,13 +75,13 @@ FITTED: dict[str, Transect] = {
 }
 """Transects that the model's constants are fitted to, by way and water."""
 
-JUDGED: dict[str, Transect] = {
+LEFT_OUT: dict[str, Transect] = {
     "3 grey, 2 to 6 m": _plan(21, (2.0, 6.0), (0.05, 0.3)),
     "3 type 1C, 3 to 6 m": _plan(
         21, (3.0, 6.0), (0.1, 0.2), water_effects=WaterEffects(water_type="1C")),
     "3 grey, 5 to 7 m, white balance": _plan(21, (5.0, 7.0), (0.1, 0.25), camera_effects=COOL),
 }
-"""Transects that the check is judged on, and nothing is fitted to: other ways, other waters."""
+"""Transects left out of the fit: other ways, other waters."""
 
 
 def load_series(
@@ -89,9 +89,7 @@ def load_series(
 ) -> dict[str, Series]:
     """Return the series of transects; what is not in the folder is rendered and kept there.
 
-    transects: plans by name.
     folder: holds a JSON file for each, by its name.
-    workers: threads that render.
     Raises `InputError` if a file there is of another plan or version, or is damaged.
     """
     ways: dict[tuple[int, float], dict[str, Transect]] = {}
@@ -148,18 +146,6 @@ class _Renderer(Renderer):
             self.views[key] = super().look(scene, camera, pose, offset)
         # Caustics are added in place.
         return deepcopy(self.views[key])
-
-
-def there_and_back(series: Series) -> Series:
-    """Return a series and the same way back: the dive is twice as long."""
-    if len(series) < 2:
-        raise InputError(f"a series of {len(series)} frames has no way back: give two or more")
-    step = (series[-1].time - series[0].time) / (len(series) - 1)
-    return [
-        *series,
-        *(replace(seen, time=series[-1].time + step * (k + 1))
-          for k, seen in enumerate(reversed(series))),
-    ]
 
 
 def _path(folder: Path, name: str) -> Path:
