@@ -111,20 +111,31 @@ def observe(blocks: Blocks, range_error: float = 0.0) -> Envelopes:
     number = min(max(int(near.sum()) // (2 * FEWEST_OF_BIN), FEWEST_BINS), BINS)
     place, mean_range, count, limits = place_by_range(blocks.range, near, number)
     full = np.flatnonzero(count >= FEWEST_OF_BIN)
-    slope = _Slope(blocks)
-    found = np.empty((5, 3, len(full)))
-    inside = place >= 0
-    order = np.argsort(place[inside], kind="stable")
-    light, ranges = blocks.light[inside][order], blocks.range[inside][order]
+    inside = np.flatnonzero(place >= 0)
+    order = inside[np.argsort(place.ravel()[inside], kind="stable")]
+    light, ranges = blocks.light.reshape(-1, 3)[order], blocks.range.ravel()[order]
     ends = np.cumsum(count).astype(int)
+    inner = np.maximum(np.rint(STEEPNESS_QUANTILE * count).astype(int), DARKEST + 1)
+    # Dark, inner dark and bright irradiance, and ranges of the darkest blocks, by channel and bin.
+    found = np.empty((3, 3, len(full)))
+    darkest = np.empty((DARKEST, 3, len(full)), np.float32)
     for i, at in enumerate(full):
         here = slice(ends[at] - int(count[at]), ends[at])
-        found[:, :, i] = _of_bin(light[here], ranges[here], blocks, slope)
-    dark, dark_range, bright, step, deviation = found
+        ranks = (DARKEST - 1, inner[at] - 1, int(BRIGHT_QUANTILE * (count[at] - 1)))
+        ordered = np.argpartition(light[here], ranks, axis=0)
+        found[..., i] = np.take_along_axis(light[here], ordered[list(ranks)], 0)
+        darkest[..., i] = ranges[here][ordered[:DARKEST]]
+    dark, steep, bright = found
+    slope = _Slope(blocks)
+    scale = slope.at(dark)
+    noise = scale * (slope.noise / blocks.side)[:, np.newaxis]
+    quantiles = np.array((np.full(len(full), DARKEST), inner[full])) / (count[full] + 1.0)
+    dark = dark + _noise_shift(noise, steep - dark, quantiles)
     return Envelopes(
         mean_range[full], count[full].astype(np.int64), dark,
-        dark_range, bright, step, deviation,
-        blocks.clipped, blocks.black, grey, limits, range_error)
+        darkest.mean(axis=0).astype(np.float64), bright, scale * blocks.step,
+        np.hypot(scale * FIXED_PATTERN / 255.0, noise), blocks.clipped, blocks.black, grey, limits,
+        range_error)
 
 
 class _Slope:
@@ -142,23 +153,6 @@ class _Slope:
         above = np.clip(np.searchsorted(self._table, irradiance), 1, len(self._table) - 1)
         return np.asarray(
             (self._table[above] - self._table[above - 1]) * (len(self._table) - 1))
-
-
-def _of_bin(
-    light: NDArray[np.float32], ranges: NDArray[np.float32], blocks: Blocks, slope: _Slope
-) -> Array:
-    """Dark envelope, its range, bright envelope, code step and deviation, (5, 3)."""
-    number = len(light)
-    inner = max(round(STEEPNESS_QUANTILE * number), DARKEST + 1)
-    ranks = (DARKEST - 1, inner - 1, int(BRIGHT_QUANTILE * (number - 1)))
-    order = np.argpartition(light, ranks, axis=0)
-    dark, steep, bright = np.take_along_axis(light, order[list(ranks)], 0).astype(np.float64)
-    scale = slope.at(dark)
-    noise = scale * slope.noise / blocks.side
-    dark = dark + _noise_shift(noise, steep - dark, np.array((DARKEST, inner)) / (number + 1.0))
-    return np.stack((
-        dark, ranges[order[:DARKEST]].mean(axis=0), bright,
-        scale * blocks.step, np.hypot(scale * FIXED_PATTERN / 255.0, noise)))
 
 
 def _noise_shift(noise: Array, rise: Array, quantiles: Array) -> Array:

@@ -198,23 +198,20 @@ def gelu(x: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _components(outputs: Array, logits: Array) -> tuple[Array, Array, Array]:
+    """Weights (K,), means (K, 9) and covariances (K, 9, 9) of the components."""
     weight = np.exp(logits - logits.max())
     weight /= weight.sum()
-    shaped = outputs.reshape(3, COMPONENTS, OF_COMPONENT)
-    mean = np.empty((COMPONENTS, 3 * UNKNOWNS))
-    covariance = np.zeros((COMPONENTS, 3 * UNKNOWNS, 3 * UNKNOWNS))
-    for k in range(COMPONENTS):
-        loading = np.empty((3 * UNKNOWNS, FACTORS))
-        for c in range(3):
-            row = shaped[c, k]
-            block = slice(c * UNKNOWNS, (c + 1) * UNKNOWNS)
-            mean[k, block] = row[:UNKNOWNS]
-            lower = np.diag(np.exp(np.clip(
-                row[UNKNOWNS:2 * UNKNOWNS], LEAST_LOG_DEVIATION, MOST_LOG_DEVIATION)))
-            lower[np.tril_indices(UNKNOWNS, -1)] = row[2 * UNKNOWNS:UNKNOWNS + 6]
-            covariance[k, block, block] = lower @ lower.T
-            loading[block] = row[UNKNOWNS + 6:].reshape(UNKNOWNS, FACTORS)
-        covariance[k] += loading @ loading.T
+    shaped = outputs.reshape(3, COMPONENTS, OF_COMPONENT).swapaxes(0, 1)
+    mean = shaped[..., :UNKNOWNS].reshape(COMPONENTS, -1)
+    lower = np.zeros((COMPONENTS, 3, UNKNOWNS, UNKNOWNS))
+    lower[..., *np.diag_indices(UNKNOWNS)] = np.exp(np.clip(
+        shaped[..., UNKNOWNS:2 * UNKNOWNS], LEAST_LOG_DEVIATION, MOST_LOG_DEVIATION))
+    lower[..., *np.tril_indices(UNKNOWNS, -1)] = shaped[..., 2 * UNKNOWNS:UNKNOWNS + 6]
+    loading = shaped[..., UNKNOWNS + 6:].reshape(COMPONENTS, -1, FACTORS)
+    covariance = loading @ loading.swapaxes(1, 2)
+    for c in range(3):
+        block = slice(c * UNKNOWNS, (c + 1) * UNKNOWNS)
+        covariance[:, block, block] += lower[:, c] @ lower[:, c].swapaxes(1, 2)
     return weight, mean, covariance
 
 
