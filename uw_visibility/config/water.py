@@ -87,7 +87,8 @@ class TrackingConfig:
     )
     reset_count: int = parameter(
         3, "Estimates in a row beyond the gate the last of which is followed, whether or not "
-        "they agree; those before it are rejected.", minimum=1, maximum=100,
+        "they agree; those before it are rejected. Of two that agree the second is followed.",
+        minimum=1, maximum=100,
     )
     timeout: float = parameter(
         5.0, "Time without an estimate after which nothing is known of the state.",

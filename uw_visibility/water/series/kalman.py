@@ -75,6 +75,13 @@ class Measurement:
         """(6, 6) float64: covariance of the whole error."""
         return np.asarray(self.noise + self.common @ self.common.T)
 
+    def agrees(self, other: Measurement, config: TrackingConfig) -> bool:
+        """Whether another measurement shows the same water, at perhaps another exposure."""
+        spread = self.covariance + other.covariance
+        spread[LIGHT, LIGHT] += config.exposure_change**2
+        return _passes(
+            other.value - self.value, spread, self.seen & other.seen, config.gate_probability)
+
     @classmethod
     def of(cls, estimate: WaterEstimate, common_error: float) -> Measurement:
         """Take an estimate; `common_error` is the part of its variance that frames share."""
@@ -91,6 +98,16 @@ class Measurement:
         covariance = np.where(np.outer(both, both), np.outer(scale, scale) * joint, 0.0)
         noise = (1.0 - common_error) * _own(covariance, 2 * np.flatnonzero(seen))
         return cls(seen, value, noise, _root(covariance - noise))
+
+
+def _passes(innovation: Array, covariance: Array, channels: Mask, probability: float) -> bool:
+    """Chi-squared gate over some channels; without any, all passes."""
+    index = np.flatnonzero(np.repeat(channels, 2))
+    if index.size == 0:
+        return True
+    spread = covariance[np.ix_(index, index)]
+    distance = innovation[index] @ np.linalg.solve(spread + _ridge(spread), innovation[index])
+    return bool(distance <= chdtri(index.size, 1.0 - probability))
 
 
 def _root(covariance: Array) -> Array:
@@ -207,28 +224,27 @@ class WaterState:
 
     def accepts(self, measurement: Measurement, probability: float, drifting: bool = True) -> bool:
         """Chi-squared gate: whether a measurement may be one of this state, drifting or not."""
-        index = np.flatnonzero(np.repeat(self.known & measurement.seen, 2))
-        if index.size == 0:
-            return True
-        block = np.ix_(index, index)
-        spread = (self.covariance + self.common @ self.common.T + measurement.covariance)[block]
+        spread = self.covariance + self.common @ self.common.T + measurement.covariance
         if not drifting:
-            spread -= self._drifted()[block]
-        innovation = (measurement.value - self.mean)[index]
-        distance = innovation @ np.linalg.solve(spread + _ridge(spread), innovation)
-        return bool(distance <= chdtri(index.size, 1.0 - probability))
+            spread -= self._drifted()
+        return _passes(
+            measurement.value - self.mean, spread, self.known & measurement.seen, probability)
 
     def reject(self, measurement: Measurement, share: float) -> Array:
         """Covariance of the chance `share` (0..1) that a rejected measurement is right.
 
         The chance falls where the change is larger than the state itself: water does not change so
-        fast.
+        fast. A fall counts by its logarithm, since σ of a distance is that of ln β.
         """
         self._end_interval()
         both = np.repeat(self.known & measurement.seen, 2)
         innovation = np.where(both, measurement.value - self.mean, 0.0)
         scale = np.tile((self._scale(), 1.0), 3)
         share /= 1.0 + np.max((innovation / scale) ** 2)
+        told = np.maximum(self.mean[ATTENUATION], _LEAST_TOLD)
+        left = np.maximum(1.0 + innovation[ATTENUATION] / told, _LEAST_TOLD / told)
+        innovation[ATTENUATION] = np.where(
+            left < 1.0, told * np.log(left), innovation[ATTENUATION])
         return np.asarray(share * np.outer(innovation, innovation))
 
     def _end_interval(self) -> None:

@@ -63,6 +63,8 @@ class WaterTracker:
         self.estimate: WaterEstimate | None = None
         self.rejected_in_a_row = 0
         self._state: WaterState | None = None
+        # The last measurement, if it was rejected.
+        self._outlier: Measurement | None = None
         # Variance by the chance that rejected frames are right.
         self._doubt = np.zeros((6, 6))
         # Light on the scene and its deviation, over the veil, in the frames taken in.
@@ -116,6 +118,7 @@ class WaterTracker:
 
     def _settle(self) -> None:
         self.rejected_in_a_row = 0
+        self._outlier = None
         self._doubt = np.zeros((6, 6))
 
     def _correct(self, measurement: Measurement) -> TrackingEvent:
@@ -128,7 +131,9 @@ class WaterTracker:
         event = TrackingEvent.UPDATED
         if not self._state.accepts(measurement, self._config.gate_probability):
             self.rejected_in_a_row += 1
-            if self.rejected_in_a_row < self._config.reset_count:
+            before, self._outlier = self._outlier, measurement
+            agree = before is not None and before.agrees(measurement, self._config)
+            if self.rejected_in_a_row < self._config.reset_count and not agree:
                 self.rejected += 1
                 share = self.rejected_in_a_row / (self._config.reset_count + 1)
                 self._doubt = self._state.reject(measurement, share)
