@@ -61,7 +61,7 @@ class Camera(NamedTuple):
 CAMERA = Camera(
     constant=0.82, slope=0.99, fast=0.41, fast_time=1.6, slow=0.11, slow_time=200.0,
     bursts=0.049, burst=3.6, outliers=0.12, outlier=1.9, spread=1.6)
-"""Fitted by ``python -m uw_visibility_lab.evaluation.plausibility FOLDER``."""
+"""Fitted by ``python -m uw_visibility_lab.evaluation.plausibility``."""
 
 # Powers of `Camera.spread`: a calm, a usual and a restless dive.
 SCALES = (-1.0, 0.0, 1.0)

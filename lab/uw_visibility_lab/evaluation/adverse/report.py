@@ -95,9 +95,9 @@ def adverse_text(summary: Summary) -> str:
         "published over true visibility; long: beyond 1.2; σ: median of visibility's, in %"
     ]
     groups = {
-        **summary["effects"], "all but none": summary["adverse"],
-        "none, with open water": summary["control"]["open_water"],
-        "none, without": summary["control"]["no_open_water"],
+        **summary["effects"], f"all but {CONTROL}": summary["adverse"],
+        f"{CONTROL}, open water in view": summary["control"]["open_water"],
+        f"{CONTROL}, no open water": summary["control"]["no_open_water"],
     }
     for method, title in METHODS.items():
         found = [(name, group[method]) for name, group in groups.items() if group]

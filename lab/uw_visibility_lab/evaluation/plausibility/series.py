@@ -1,23 +1,16 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Series of estimated and true depth over rendered transects, kept in files."""
+"""Series of estimated and true depth over rendered transects."""
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import astuple, dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Any
 
-from uw_visibility import __version__
 from uw_visibility.compute.threads import Workers
-from uw_visibility.config.documents import read_document
-from uw_visibility.config.files import write_whole
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.errors import InputError
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility_lab.simulation.camera import CameraEffects, Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import Effects, Renderer
@@ -84,23 +77,18 @@ LEFT_OUT: dict[str, Transect] = {
 """Transects left out of the fit: other ways, other waters."""
 
 
-def load_series(
-    transects: Mapping[str, Transect], folder: Path, workers: Workers | None = None
+def render_series(
+    transects: Mapping[str, Transect], workers: Workers | None = None
 ) -> dict[str, Series]:
-    """Return the series of transects; what is not in the folder is rendered and kept there.
-
-    folder: holds a JSON file for each, by its name.
-    Raises `InputError` if a file there is of another plan or version, or is damaged.
-    """
-    ways: dict[tuple[int, float], dict[str, Transect]] = {}
+    """Render transects, those of one way together, and return the series of each."""
+    ways: dict[tuple[int, float], list[str]] = {}
     for name, transect in transects.items():
-        if not _path(folder, name).exists():
-            ways.setdefault((transect.seed, transect.length), {})[name] = transect
-    for way in ways.values():
-        swum = zip(*swim(list(way.values()), workers), strict=True)
-        for (name, transect), series in zip(way.items(), swum, strict=True):
-            _write(_path(folder, name), transect, series)
-    return {name: _read(_path(folder, name), plan) for name, plan in transects.items()}
+        ways.setdefault((transect.seed, transect.length), []).append(name)
+    found = {}
+    for names in ways.values():
+        swum = zip(*swim([transects[name] for name in names], workers), strict=True)
+        found |= dict(zip(names, map(list, swum), strict=True))
+    return {name: found[name] for name in transects}
 
 
 def swim(
@@ -146,34 +134,3 @@ class _Renderer(Renderer):
             self.views[key] = super().look(scene, camera, pose, offset)
         # Caustics are added in place.
         return deepcopy(self.views[key])
-
-
-def _path(folder: Path, name: str) -> Path:
-    return folder / f"{name.replace(', ', '_').replace(' ', '_')}.json"
-
-
-def _plan_of(transect: Transect) -> dict[str, str]:
-    return {"version": __version__, "plan": repr(transect)}
-
-
-def _write(path: Path, transect: Transect, series: Sequence[Seen]) -> None:
-    rows = [
-        [value if math.isfinite(value) else None for value in astuple(seen)] for seen in series]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, json.dumps({**_plan_of(transect), "seen": rows}) + "\n")
-
-
-def _read(path: Path, transect: Transect) -> Series:
-    content = read_document(path, "series")
-    plan = _plan_of(transect)
-    try:
-        same = {name: content[name] for name in plan} == plan
-        series = [
-            Seen(*(math.nan if value is None else float(value) for value in row))
-            for row in content["seen"]]
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"series {path} is damaged: remove it") from error
-    if not same:
-        raise InputError(
-            f"series {path} is of another plan or version: remove it, or give another folder")
-    return series
