@@ -28,6 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from uw_visibility.plausibility.comparison import DepthSample
@@ -81,8 +82,8 @@ DRIFTING, WALK = 1.0 / 60.0, 0.001
 SMOOTHED = 16.0
 # Lower limits that keep logarithms finite: of time, s, and of a weight.
 SHORTEST, LEAST_WEIGHT = 1e-6, 1e-12
-# Steps at most by which a gate is sought, and how far the last may go, relatively.
-STEPS, PRECISE = 50, 1e-6
+# How well a gate is known, relatively.
+PRECISE = 1e-6
 
 CONSTANT, SLOPE, FAST, SLOW, OFFSET, DRIFT = range(6)
 STATES = 6
@@ -384,21 +385,12 @@ def _mixed(parts: Sequence[Filter], log_weights: Sequence[Array]) -> tuple[Filte
 def _gate(weights: Array, means: Array, stddevs: Array, confidence: float) -> float:
     """Return how far from zero a mixture of Gaussians is with a probability."""
     weights = weights / weights.sum()
-    low, high = 0.0, float((np.abs(means) + 9.0 * stddevs).max())
-    gate = math.sqrt(float((weights * (stddevs**2 + means**2)).sum()))
-    for _ in range(STEPS):
-        above, below = (gate - means) / stddevs, (-gate - means) / stddevs
-        lacking = confidence - float((weights * (ndtr(above) - ndtr(below))).sum())
-        low, high = (gate, high) if lacking > 0.0 else (low, gate)
-        density = (np.exp(-0.5 * above**2) + np.exp(-0.5 * below**2)) / stddevs
-        slope = float((weights * density).sum()) / math.sqrt(2.0 * math.pi)
-        # By Newton, or where that leads astray by halves.
-        before, gate = gate, 0.5 * (low + high)
-        if slope > 0.0 and low < before + lacking / slope < high:
-            gate = before + lacking / slope
-        if abs(gate - before) <= PRECISE * gate:
-            break
-    return gate
+
+    def lacking(gate: float) -> float:
+        within = ndtr((gate - means) / stddevs) - ndtr((-gate - means) / stddevs)
+        return confidence - float((weights * within).sum())
+
+    return float(brentq(lacking, 0.0, float((np.abs(means) + 9.0 * stddevs).max()), rtol=PRECISE))
 
 
 def _moments(weights: Array, means: Array, variances: Array) -> tuple[float, float]:
