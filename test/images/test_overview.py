@@ -51,3 +51,13 @@ def test_labels_scale_and_assumptions_are_written() -> None:
     assert (below[16:, 640:] != other[272:, 640:]).any()
     assert (below[:, :640] != other[256:, :640]).any()
     assert overview(image, image, ranges, "word " * 300).shape[0] > assumed.shape[0]
+
+
+def test_words_grow_with_the_picture() -> None:
+    """A wide picture is shown smaller: of a camera's 1280 px, titles of 11 px cannot be read."""
+    heights = []
+    for width in (480, 1440):
+        image = np.full((30, width, 3), 90, np.uint8)
+        ranges = np.tile(np.linspace(1.0, 9.0, width, dtype=np.float32), (30, 1))
+        heights.append(overview(image, image, ranges, "word " * 40).shape[0] - 30)
+    assert heights[1] == 3 * heights[0]

@@ -8,6 +8,7 @@ Viridis: it rises in lightness, so that who is colour-blind, and a grey print, t
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -18,9 +19,8 @@ from uw_visibility.images.arrays import DisparityMap, Image, Image8, RangeMap
 DRAWN_SHARE = (1.0, 99.0)
 NOT_MATCHED = (0, 0, 0)
 
-
-# Of text, in px.
-_LINE, _LETTER = 16, 7
+# Height of a line and width of a letter, px, and the picture's width from which both grow.
+_LINE, _LETTER, _PLAIN_WIDTH = 16, 7, 480
 
 
 def overview(image: Image, enhanced: Image, range_map: RangeMap, assumed: str) -> Image8:
@@ -29,32 +29,47 @@ def overview(image: Image, enhanced: Image, range_map: RangeMap, assumed: str) -
     Above is what they are, below what was `assumed`, and the colours' scale in metres. Colours
     follow the inverse of the range, as disparities do.
     """
-    width = image.shape[1]
     with np.errstate(divide="ignore"):
         inverse = np.asarray(1.0 / range_map, np.float32)
     known = np.isfinite(inverse)
-    low, high = np.percentile(inverse[known], DRAWN_SHARE) if known.any() else (0.0, 0.0)
-    drawn = draw_disparity(inverse, float(low), float(high))
-    lines = textwrap.wrap(assumed, max(2 * width // _LETTER, 1))
-    above = np.zeros((_LINE, 3 * width, 3), np.uint8)
-    below = np.zeros((_LINE * max(len(lines), 2), 3 * width, 3), np.uint8)
+    ends = tuple(np.percentile(inverse[known], DRAWN_SHARE)) if known.any() else None
+    drawn = draw_disparity(inverse, *(ends or (0.0, 0.0)))
+    return side_by_side(shown(image), shown(enhanced), drawn, ends, [assumed])
+
+
+def side_by_side(
+    image: Image8, enhanced: Image8, drawn: Image8, ends: tuple[float, ...] | None,
+    words: Sequence[str],
+) -> Image8:
+    """Put three pictures of a frame, (H, W, 3) RGB, in a row, with titles, words and a scale.
+
+    ends: inverse ranges, 1/m, that the first and the last colour of `drawn` stand for; None
+        where nothing matched.
+    words: lines below the first two pictures; what is too long goes on in further lines.
+    """
+    width = image.shape[1]
+    size = max(width / _PLAIN_WIDTH, 1.0)
+    step = round(_LINE * size)
+    letters = max(round(2 * width / (_LETTER * size)), 1)
+    lines = [line for each in words for line in textwrap.wrap(each, letters)]
+    above = np.zeros((step, 3 * width, 3), np.uint8)
+    below = np.zeros((step * max(len(lines), 2), 3 * width, 3), np.uint8)
     for column, title in enumerate(("as recorded", "without the water", "range; black: none")):
-        _write(above, title, column * width, 0)
+        _write(above, title, column * width, 0, size)
     for row, line in enumerate(lines):
-        _write(below, line, 0, row)
-    below[2:_LINE - 2, 2 * width:] = viridis(np.linspace(0.0, 1.0, width)[np.newaxis])
-    for part in (0.0, 0.5, 1.0) if known.any() else ():
-        value = f"{1.0 / max(low + part * (high - low), 1e-6):.3g} m"
-        space = width - _LETTER * (len(value) + 1)
-        _write(below, value, 2 * width + max(round(part * space), 0), 1)
-    row_of_pictures = np.concatenate((shown(image), shown(enhanced), drawn), axis=1)
-    return np.concatenate((above, row_of_pictures, below))
+        _write(below, line, 0, row, size)
+    below[2:step - 2, 2 * width:] = viridis(np.linspace(0.0, 1.0, width)[np.newaxis])
+    for part in (0.0, 0.5, 1.0) if ends else ():
+        value = f"{1.0 / max(ends[0] + part * (ends[1] - ends[0]), 1e-6):.3g} m"
+        space = width - _LETTER * size * (len(value) + 1)
+        _write(below, value, 2 * width + max(round(part * space), 0), 1, size)
+    return np.concatenate((above, np.concatenate((image, enhanced, drawn), axis=1), below))
 
 
-def _write(strip: Image8, text: str, x: int, row: int) -> None:
+def _write(strip: Image8, text: str, x: int, row: int, size: float) -> None:
     cv2.putText(
-        strip, text, (x + 2, _LINE * (row + 1) - 4), cv2.FONT_HERSHEY_SIMPLEX, 0.38,
-        (255, 255, 255), 1, cv2.LINE_AA)
+        strip, text, (x + round(2 * size), round((_LINE * (row + 1) - 4) * size)),
+        cv2.FONT_HERSHEY_SIMPLEX, 0.38 * size, (255, 255, 255), max(round(size), 1), cv2.LINE_AA)
 
 
 def draw_disparity(disparity: DisparityMap, low: float, high: float) -> Image8:

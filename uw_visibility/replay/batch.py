@@ -348,12 +348,13 @@ class _Replay:
     def _write_extras(self) -> None:
         from uw_visibility.replay.report.gallery import Gallery
         from uw_visibility.replay.report.report import fit_joins, write_report
+        from uw_visibility.replay.report.sentences import assumed
 
         work = self._folder.work
         write_exports(work, self._recorder.columns, self.summary.provenance, self._options)
         gallery = Gallery(work, self._reader, self._stream.selection)
         if self.summary.complete:
-            gallery.write(self._options)
+            gallery.write(self._options, assumed(self.summary))
         write_report(work, gallery, self.summary, fit_joins(work, self._options.joins))
 
     def _check_earlier(self) -> None:

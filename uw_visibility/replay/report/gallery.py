@@ -16,13 +16,21 @@ from numpy.typing import NDArray
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Image8
 from uw_visibility.images.files import write_png
-from uw_visibility.images.overview import DRAWN_SHARE, draw_disparity, shown, viridis
+from uw_visibility.images.overview import (
+    DRAWN_SHARE,
+    draw_disparity,
+    shown,
+    side_by_side,
+    viridis,
+)
 from uw_visibility.messages.compressed import read_compressed
 from uw_visibility.messages.images import read_disparity, read_image
 from uw_visibility.messages.stamps import header_stamp, nanoseconds
 from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.topics import Selection
+from uw_visibility.replay.report.sentences import clock, headline
 from uw_visibility.replay.results.mcap import NAME
 from uw_visibility.replay.table import read_columns, read_rows
 
@@ -91,14 +99,25 @@ class Picture(NamedTuple):
             "disparity": self.disparity,
         }
 
-    def side_by_side(self) -> NDArray[np.uint8]:
-        """Return the three in a row."""
+    def side_by_side(self, scale: ColourScale | None, assumed: str) -> Image8:
+        """Return the three in a row, with titles, visibility, what was assumed, and a scale."""
         height = self.enhanced.shape[0]
-        scale = height / self.raw.shape[0]
-        raw = self.raw
-        if scale != 1.0:
-            raw = _fit(raw, round(raw.shape[1] * scale))
-        return np.concatenate((raw, self.enhanced, self.disparity), axis=1)
+        factor = height / self.raw.shape[0]
+        raw = self.raw if factor == 1.0 else _fit(self.raw, round(self.raw.shape[1] * factor))
+        ends = scale and tuple(d / scale.focal_baseline for d in scale[:2])
+        return side_by_side(raw, self.enhanced, self.disparity, ends, [self.words(), assumed])
+
+    def words(self) -> str:
+        """Say which frame it is, and how far one sees or why that is not known, in one line."""
+        row, name = self.row, "visibility_distance"
+        low, middle, high = (row[f"{name}_low"], row[name], row[f"{name}_high"])
+        if low and middle and high:
+            told = headline({name: [float(v) for v in (low, middle, high)]}, "")[0]
+            text = f"{told.title} {told.value}"
+        else:
+            why = COLUMNS["visibility_status"].meaning(row["visibility_status"])
+            text = f"visibility distance: {why}"
+        return f"frame {row['frame']}, {clock(nanoseconds(row['stamp']))}: {text}"
 
 
 class Gallery:
@@ -137,8 +156,8 @@ class Gallery:
                 drawn = np.zeros_like(after) if self.scale is None else self.scale.draw(disparity)
                 yield Picture(row, shown(_pixels(raw)), after, drawn)
 
-    def write(self, options: ReplayOptions) -> None:
-        """Write ``images/`` and ``video.mp4``, where they are wanted.
+    def write(self, options: ReplayOptions, assumed: str) -> None:
+        """Write ``images/`` and ``video.mp4``, where they are wanted; `assumed` stands in them.
 
         Raises `InputError` if the video cannot be written.
         """
@@ -148,20 +167,19 @@ class Gallery:
             (folder / "images").mkdir(exist_ok=True)
             for picture in self.pictures(set(chosen)):
                 name = f"frame_{int(picture.row['frame']):06d}.png"
-                write_png(folder / "images" / name, picture.side_by_side())
+                write_png(folder / "images" / name, picture.side_by_side(self.scale, assumed))
         if options.video:
-            _write_video(folder, self.pictures())
+            _write_video(folder, (p.side_by_side(self.scale, assumed) for p in self.pictures()))
 
 
-def _write_video(folder: Path, frames: Iterator[Picture]) -> None:
+def _write_video(folder: Path, frames: Iterator[Image8]) -> None:
     stamps = read_columns(folder / "frames.csv", ["stamp"])["stamp"]
     steps = np.diff(stamps)
     steps = steps[steps > 0.0]
     rate = float(np.clip(1.0 / np.median(steps), 0.5, 60.0)) if steps.size else 5.0
     writer: Any = None
     size = (0, 0)
-    for picture in frames:
-        image = picture.side_by_side()
+    for image in frames:
         if writer is None:
             width = min(image.shape[1], LARGEST_VIDEO_WIDTH) // 2 * 2
             size = (width, round(image.shape[0] * width / image.shape[1]) // 2 * 2)

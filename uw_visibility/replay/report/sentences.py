@@ -50,14 +50,19 @@ def verdict(summary: Summary) -> list[Sentence]:
     if synopsis.told:
         found += [_headline(synopsis)] if synopsis.typical else []
         found += [_distance(synopsis), _trust(synopsis)]
-    provenance = summary.provenance
-    if provenance:
-        found.append([assumptions(
-            provenance["parameters"], provenance["told"], synopsis.baselines)])
+    if summary.provenance:
+        found.append([assumed(summary)])
     if synopsis.start < FIRST_DATE:
         found.append([CLOCK_NOT_SET])
     refused = _refused(summary, synopsis)
     return [*found, *([refused] if refused else []), *_filtering(summary)]
+
+
+def assumed(summary: Summary) -> str:
+    """Say what is assumed of camera and light in a recording."""
+    baselines = () if summary.synopsis is None else summary.synopsis.baselines
+    provenance = summary.provenance
+    return assumptions(provenance["parameters"], provenance["told"], baselines)
 
 
 def definition(contrast: float) -> str:
