@@ -18,7 +18,7 @@ from uw_visibility.config.assumptions import ASK_TRANSFER, assumptions
 from uw_visibility.config.files import Products, gathered, refuse_inputs, sole_writer, write_whole
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError, refusing
-from uw_visibility.replay.progress import say
+from uw_visibility.replay.progress import compiling, say, tell
 from uw_visibility.status import Status
 
 if TYPE_CHECKING:
@@ -191,12 +191,12 @@ def _process(
     from uw_visibility.pipeline.pipeline import Pipeline
 
     check_pair(left, right)
-    if sys.stderr.isatty():
-        print("preparing; the first run compiles, for about a minute", file=sys.stderr)
+    tell("preparing; the first run compiles, for a minute or two")
     pipeline = Pipeline(rig, config)
     chroma = file_chroma(path, left)
     # Otherwise the report's times would include compilation.
-    pipeline.warm_up((left.shape[0], left.shape[1]), left.dtype, compressed=chroma is not None)
+    with compiling():
+        pipeline.warm_up((left.shape[0], left.shape[1]), left.dtype, compressed=chroma is not None)
     return pipeline.process(left, right, match_original=True, colour=chroma)
 
 

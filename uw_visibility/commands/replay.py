@@ -193,7 +193,7 @@ def _replay(
     from uw_visibility.replay.batch import replay_bags
     from uw_visibility.replay.progress import tell
 
-    tell("preparing; the first run compiles, for about a minute")
+    tell("preparing; the first run compiles, for a minute or two")
     return replay_bags(targets, options, jobs=jobs(arguments), **flags)
 
 

@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> None:
     """
     from uw_visibility.commands.options import read_params_file
     from uw_visibility.config.schema import PipelineConfig
-    from uw_visibility.replay.progress import tell
+    from uw_visibility.replay.progress import compiling, tell
 
     config = PipelineConfig.from_parameters(read_params_file(arguments.params_file))
     begin = time.monotonic()
@@ -54,14 +54,15 @@ def run(arguments: argparse.Namespace) -> None:
     width, height = arguments.size
     pipeline = Pipeline(StereoRig(500.0, 0.1, ((width - 1) / 2, (height - 1) / 2)), config)
     tell("preparing the kernels; the first time this takes a minute or two")
-    for dtype in ("uint8", "uint16"):
-        for grey in (False, True):
-            try:
-                colour_8_bit = dtype == "uint8" and not grey
-                pipeline.warm_up((height, width), dtype, grey=grey, compressed=colour_8_bit)
-            except InputError as error:
-                raise InputError(f"cannot warm up with --size {width}x{height}: {error}") from error
-    output_kernels.warm_up()
+    with compiling():
+        try:
+            for dtype in ("uint8", "uint16"):
+                for grey in (False, True):
+                    colour_8_bit = dtype == "uint8" and not grey
+                    pipeline.warm_up((height, width), dtype, grey=grey, compressed=colour_8_bit)
+        except InputError as error:
+            raise InputError(f"cannot warm up with --size {width}x{height}: {error}") from error
+        output_kernels.warm_up()
     duration = time.monotonic() - begin
     folder = writable_folder()
     place = f"kept in {folder}" if folder else "kept nowhere: no folder can be written to"

@@ -24,7 +24,7 @@ from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
-from uw_visibility.replay.progress import Progress
+from uw_visibility.replay.progress import Progress, tell
 from uw_visibility.water.lamps.calibration import LampCalibration, calibrate_lamps
 from uw_visibility.water.lamps.tracks import PointTracker, Sightings
 
@@ -65,6 +65,7 @@ def calibrate_lighting(
     if not frames:
         reason = "; ".join(name for name, _ in reasons.most_common(1)) or "there is none"
         raise InputError(f"no stereo frame could be used to calibrate lamps: {reason}")
+    tell(f"searching for the lamps in {len(frames)} frames, from {len(guesses)} first guesses")
     return calibrate_lamps(frames, guesses), len(frames), damage
 
 

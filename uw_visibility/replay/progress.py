@@ -5,9 +5,10 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from typing import Any, TypeVar
 
 from uw_visibility.errors import LONGEST_MESSAGE, printable
@@ -28,6 +29,10 @@ class Progress:
         self._count = 0
         self._begin = self._told = time.monotonic()
         self._bar: Any = None
+        self._waiting = threading.Timer(PERIOD, self._say, [
+            f"{name}: no frame is done yet; the first run compiles, for a minute or two"])
+        self._waiting.daemon = True
+        self._waiting.start()
 
     def add(self) -> None:
         """Count a frame."""
@@ -41,9 +46,14 @@ class Progress:
         now = time.monotonic()
         if now - self._told >= PERIOD:
             self._told = now
-            print(self._line(now - self._begin), file=sys.stderr, flush=True)
+            self._say(self._line(now - self._begin))
+
+    @staticmethod
+    def _say(line: str) -> None:
+        print(line, file=sys.stderr, flush=True)
 
     def _start(self) -> None:
+        self._waiting.cancel()
         self._begin = self._told = time.monotonic()
         if sys.stderr.isatty():
             from tqdm import tqdm
@@ -56,6 +66,7 @@ class Progress:
 
     def close(self) -> None:
         """End the bar."""
+        self._waiting.cancel()
         if self._bar is not None:
             self._bar.close()
 
@@ -80,6 +91,29 @@ def progress_bar(items: Iterable[Item], name: str, total: int | None = None) -> 
         for item in items:
             yield item
             progress.add()
+
+
+@contextmanager
+def compiling() -> Iterator[None]:
+    """Tell on standard error, every `PERIOD`, how many kernels were compiled meanwhile."""
+    # Numba loads slowly.
+    from uw_visibility.compute.jit import counts
+
+    done, before = threading.Event(), counts.compiled
+
+    def watch() -> None:
+        while not done.wait(PERIOD):
+            if counts.compiled > before:
+                compiled = counts.compiled - before
+                print(f"compiling: {compiled} kernels so far", file=sys.stderr, flush=True)
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        done.set()
+        watcher.join()
 
 
 def tell(text: str) -> None:

@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
+from time import sleep
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ import pytest
 from bag_copies import FRAMES, Message, copy_bag, parameter_file, run
 from numpy.typing import NDArray
 
+from uw_visibility.compute.jit import counts
 from uw_visibility.replay import progress
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.sensors import ScalarTopic
@@ -295,6 +297,26 @@ def test_progress_is_a_line_every_ten_seconds(
         "dive: 21 of 600 frames, 2.0 frames/s, 4:50 min left",
         "dive: 41 of 600 frames, 2.0 frames/s, 4:40 min left",
     ]
+
+
+def test_long_compiling_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(progress, "PERIOD", 0.01)
+    shown = progress.Progress("dive", 600)
+    with progress.compiling():
+        monkeypatch.setattr(counts, "compiled", counts.compiled + 7)
+        told = ""
+        while "7 kernels so far" not in told or "dive: no frame is done yet" not in told:
+            told += capsys.readouterr().err
+    shown.close()
+    capsys.readouterr()
+    # What is done in time, and what compiles nothing, is not told.
+    for _ in range(3):
+        progress.Progress("dive", 1).close()
+    with progress.compiling():
+        sleep(0.05)
+    assert capsys.readouterr().err == ""
 
 
 def test_the_track_is_drawn_where_there_are_positions(replayed: Path) -> None:
