@@ -10,6 +10,7 @@
 #   make quick         lint, and the tests that start no nodes and render little: two minutes
 #   make soak          the node for half an hour on good and bad pairs: see soak.json
 #   make bench         speed against OpenCV's StereoSGBM, and noise: see bench.json
+#   make figures       measure accuracy and speed anew for docs/reference/figures.md: ten minutes
 #   make test-oldest   the tests with the versions of Ubuntu 24.04 (needs Python 3.12)
 #   make browser       pages in a headless browser, with axe-core (needs npm, and Chromium)
 #   make docs          the site: docs/_build/html/index.html; warnings are errors
@@ -40,7 +41,7 @@ export RMW_IMPLEMENTATION := rmw_fastrtps_cpp
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test studies quick soak fuzz lint bench test-oldest docs links browser package parameters clean
+.PHONY: help venv demo test studies quick soak fuzz lint bench figures test-oldest docs links browser package parameters clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -91,6 +92,17 @@ lint: venv
 
 bench: venv
 	$(VENV)/bin/python -m benchmarks
+
+# Random views, rendered reefs in adverse water, speed; what they print goes into build/figures.
+figures: MEASURED := build/figures
+figures: venv
+	mkdir -p $(MEASURED)
+	git log -1 --format='commit %h of %cs' > $(MEASURED)/version
+	test -d $(MEASURED)/pool || $(VENV)/bin/python -m uw_visibility_lab.worlds pool --count 60 --seed 7 -o $(MEASURED)/pool
+	$(VENV)/bin/uw_visibility judge --scenes $(MEASURED)/pool > $(MEASURED)/judge.txt
+	$(VENV)/bin/uw_visibility evaluate --adverse --force -o $(MEASURED)/adverse
+	$(VENV)/bin/python -m benchmarks --small --json $(MEASURED)/bench.json
+	$(VENV)/bin/python tools/draw_pages figures $(MEASURED)
 
 docs: $(VENV_DOCS)/.installed
 	$(VENV_DOCS)/bin/sphinx-build -W --keep-going -q -b html -d docs/_build/doctrees docs docs/_build/html
