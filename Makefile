@@ -105,7 +105,8 @@ figures: venv
 	$(VENV)/bin/python tools/draw_pages figures $(MEASURED)
 
 docs: $(VENV_DOCS)/.installed
-	$(VENV_DOCS)/bin/sphinx-build -W --keep-going -q -b html -d docs/_build/doctrees docs docs/_build/html
+	@echo "building the site, whose tutorials are run: some five minutes of one processor"
+	$(VENV_DOCS)/bin/sphinx-build -W --keep-going -b html -d docs/_build/doctrees docs docs/_build/html
 	$(VENV_DOCS)/bin/python tools/check_site docs/_build/html
 
 # Of other sites, whose word it is whether they answer: not part of what has to pass.

@@ -50,6 +50,7 @@ sphinx_gallery_conf = {
     "show_signature": False,
     "write_computation_times": False,
     "min_reported_time": 10_000,
+    "thumbnail_size": (640, 360),
     "abort_on_example_error": True,
     "remove_config_comments": True,
 }

@@ -4,15 +4,16 @@
 One pair
 ========
 
-From two pictures to the state of the water, with its uncertainty, and to pictures without it.
+This tutorial takes one stereo pair and shows what is estimated of the water, with its uncertainty,
+and the picture without the water.
 """
 
 # %%
 # A pair
 # ------
-# Yours would come from files: ``uw_visibility.images.files.read_image("left.png")``. Here a reef
-# is rendered, in water with a mean attenuation of 0.2 1/m at a depth of 4 m, so that there is a
-# truth to compare with. Images are ``(H, W, 3)`` RGB, rectified.
+# Read your own pair by ``uw_visibility.images.files.read_image("left.png")``. This page renders a
+# reef in water with a mean attenuation of 0.2 1/m at a depth of 4 m, so that the truth is known.
+# Images are ``(H, W, 3)`` RGB, rectified.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -29,7 +30,7 @@ left, right = truth.left, truth.right
 # %%
 # The pipeline
 # ------------
-# A pipeline is made once for a rig and its parameters, and takes pair after pair.
+# Make one pipeline for a rig and its parameters. It processes any number of pairs.
 
 config = PipelineConfig.from_parameters({"stereo.max_disparity": 48})
 pipeline = Pipeline(camera.rig, config)
@@ -38,8 +39,8 @@ result = pipeline.process(left, right)
 # %%
 # The water
 # ---------
-# Every number has a standard deviation. Where something cannot be told, it is NaN, and a status
-# says why; so look at the status first.
+# Every number has a standard deviation. A number that cannot be estimated is NaN, and its status
+# says why. Look at the status first.
 
 print("status:", result.status)
 for name, beta, sigma, true in zip(
@@ -54,11 +55,11 @@ print(f"visibility: {seen.distance:.1f} ± {seen.distance_stddev:.1f} m")
 print(f"depth: {seen.depth:.1f} ± {seen.depth_stddev:.1f} m   (truth {truth.depth:.1f})")
 
 # %%
-# How it was read
-# ---------------
-# In each bin of range the darkest pixels show hardly anything but veil: the light that the water
-# itself sends into the camera. It rises with range towards the colour of open water, and β is how
-# fast it does.
+# How attenuation shows
+# ---------------------
+# The darkest pixels at each range show little but veil: daylight that the water scatters into the
+# camera. The veil rises with range towards the colour of open water; β is how fast. Networks weigh
+# this cue and others (:doc:`/theory/posterior`).
 
 envelope = result.water.envelope
 distance = np.linspace(0.0, envelope.range[-1], 100)
@@ -67,7 +68,7 @@ for channel, (ax, name) in enumerate(zip(axes, ("red", "green", "blue"), strict=
     beta, veil = result.water.attenuation[channel], result.water.veil[channel]
     ax.plot(envelope.range, envelope.bright[channel], ".", color="0.6", label="bright envelope")
     ax.plot(envelope.range, envelope.dark[channel], ".", color=name, label="dark envelope")
-    ax.plot(distance, veil * (1 - np.exp(-beta * distance)), "k-", lw=1, label="veil, fitted")
+    ax.plot(distance, veil * (1 - np.exp(-beta * distance)), "k-", lw=1, label="veil, estimated")
     ax.set(title=f"{name}, β = {beta:.2f} 1/m", xlabel="range, m")
 axes[0].set_ylabel("irradiance")
 axes[2].legend()
@@ -76,12 +77,12 @@ plt.show()
 # %%
 # Pictures and ranges
 # -------------------
-# ``result.range`` is what was measured, NaN where nothing matched. Its holes are filled for
-# colour only (``result.stereo.filled_range``).
+# ``result.range`` is the measured range, NaN where nothing matched. ``result.stereo.filled_range``
+# has its holes filled; it serves colour only.
 
 fig, axes = plt.subplots(1, 3, figsize=(9, 2.6), layout="constrained")
 for ax, picture, title in zip(
-    axes[:2], (left, result.left_enhanced), ("as seen", "without the water"), strict=True
+    axes[:2], (left, result.left_enhanced), ("as recorded", "without the water"), strict=True
 ):
     ax.imshow(picture)
     ax.set_title(title)
@@ -100,7 +101,7 @@ print(f"matched {known.mean():.0%} of the picture, {correct:.1%} of that within 
 # %%
 # Disparities of your own
 # -----------------------
-# Who has another matcher, or ranges of another kind, asks for the water alone.
+# With another matcher, or with ranges from another sensor, estimate the water alone.
 
 from uw_visibility import estimate_water
 

@@ -4,14 +4,14 @@
 A transect and its report
 =========================
 
-From a recording to a table, a report, and the state of the water over time.
+This tutorial turns a recording into a table and a report of the water over time.
 """
 
 # %%
 # A recording
 # -----------
-# Any bag with a stereo pair does: ROS 2 (mcap, sqlite3) or ROS 1. Here one is rendered, in which
-# the water becomes murkier and the camera goes deeper. Commands are given as in a terminal.
+# Any bag with a stereo pair will do: ROS 2 (mcap, sqlite3) or ROS 1. This one is rendered: the
+# water becomes murkier and the camera goes deeper. Commands are those of a terminal.
 
 import contextlib
 import csv
@@ -39,7 +39,7 @@ terminal("uw_visibility simulate -o dive --frames 12 --width 320 --height 240 --
 # %%
 # Replay
 # ------
-# ``--list`` tells what is there and what would be used.
+# ``--list`` shows which topics there are and which would be used.
 
 terminal("uw_visibility replay dive --list")
 terminal("uw_visibility replay dive -o out --images 4 --jobs 1")
@@ -48,8 +48,8 @@ print(*sorted(file.name for file in (folder / "out").iterdir()), sep="\n")
 # %%
 # The table
 # ---------
-# One row a frame. An empty cell is a value that could not be assessed, and the status beside it
-# says why. ``filtered_…`` are the same quantities filtered over frames.
+# The table has one row for each frame. An empty cell is a value that could not be assessed; the
+# status beside it says why. ``filtered_…`` are the same quantities filtered over frames.
 
 with (folder / "out" / "frames.csv").open() as file:
     rows = list(csv.DictReader(file))
@@ -65,7 +65,7 @@ print({status: sum(row["status"] == status for row in rows) for status in
 # %%
 # Beside the truth
 # ----------------
-# A simulated recording holds what is true, under ``/ground_truth``.
+# A simulated recording holds the truth under ``/ground_truth``.
 
 with BagReader(folder / "dive") as bag:
     truth = [
@@ -86,9 +86,9 @@ plt.show()
 # %%
 # The report
 # ----------
-# ``report.html`` opens in any browser, without a network: time series, pictures, and of each
-# quantity in which frames it was not assessable, and why. ``replay.json`` says what it was made
-# with.
+# ``report.html`` opens in any browser, without a network. It has time series, pictures, and a list
+# of what could not be assessed, with the frames and the reasons. ``replay.json`` has the version,
+# the parameters and the input.
 
 pictures = sorted((folder / "out" / "images").glob("*.*"))
 plt.figure(figsize=(9, 2.6), layout="constrained")
@@ -102,7 +102,7 @@ print({name: about[name] for name in ("version", "frames") if name in about})
 # %%
 # In Python
 # ---------
-# The same frame by frame, without files:
+# The same frame by frame, without files in between:
 
 import uw_visibility.replay
 

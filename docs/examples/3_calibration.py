@@ -4,15 +4,15 @@
 Calibrating a camera against a depth sensor
 ===========================================
 
-Depth is read from the colour of daylight, for which the camera's white and the type of the water
-must be known. A dive with a depth sensor tells both.
+Depth is estimated from the colour of daylight. That needs the camera's white and the type of the
+water. A dive with a depth sensor gives both.
 """
 
 # %%
 # A dive
 # ------
-# Over a metre of depth or more; here from 2 to 7 m. The camera's white is not neutral: its red is
-# 0.8 of its green, its blue 0.7. Nobody has told the estimator.
+# Depth must change by a metre or more; here it goes from 2 to 7 m. The camera's white is not
+# neutral: its red is 0.8 of its green, its blue 0.7. The estimator does not know that.
 
 import contextlib
 import csv
@@ -41,7 +41,7 @@ terminal(
 # %%
 # Calibrate
 # ---------
-# Each type of water is tried, with the white that fits it best.
+# The command tries each type of water, with the white that fits it best.
 
 terminal("uw_visibility calibrate dive -o camera.yaml --jobs 1")
 print((folder / "camera.yaml").read_text())
@@ -49,8 +49,8 @@ print((folder / "camera.yaml").read_text())
 # %%
 # Before and after
 # ----------------
-# The file is for ``--params-file`` of every command, and for the node. It tells the depth of
-# other dives with the same camera in the same water; here, to be short, of the same dive.
+# Every command takes the file by ``--params-file``; the node takes it, too. Use it for other dives
+# with the same camera in the same water. To be short, this page uses it for the same dive.
 
 terminal("uw_visibility replay dive -o before --jobs 1")
 terminal("uw_visibility replay dive -o after --jobs 1 --params-file camera.yaml")
@@ -76,6 +76,5 @@ ax.legend(loc="lower left")
 plt.show()
 
 # %%
-# Where it says that the frames tell too little, the dive had too little change of depth, or the
-# white balance was automatic: then the colour of the light says nothing, and nothing can be
-# calibrated.
+# ``calibrate`` refuses a dive whose depth changes too little, and one with automatic white balance,
+# which takes away the colour that depth is estimated from.

@@ -4,15 +4,15 @@
 Lamps
 =====
 
-At night the vehicle's own lamps light the scene: light falls off with the distance, and water
-shines back most where it is near. Told where the lamps are, the estimator takes that into account.
+At night the vehicle's own lamps light the scene. Their light falls off with distance, and near
+water scatters most of it back. Given the places of the lamps, the estimator models both.
 """
 
 # %%
 # A night
 # -------
-# Two lamps beside the camera, over a reef, in water with a mean attenuation of 0.2 1/m. The
-# recording comes with its lamps as parameters.
+# Two lamps beside the camera, over a reef, in water with a mean attenuation of 0.2 1/m.
+# ``simulate`` writes the lamps as parameters beside the recording.
 
 import contextlib
 import csv
@@ -41,10 +41,11 @@ terminal(
 print((folder / "night" / "lighting.yaml").read_text())
 
 # %%
-# Told of the lamps, and not
-# --------------------------
+# With the lamps' places, and without
+# -----------------------------------
 # Positions and directions are in the left camera's optical frame: x to the right, y down, z
-# forward. :doc:`/lamps` says it all. Who forgets the file is mostly told.
+# forward. :doc:`/lamps` explains the parameters. Without the file most frames are refused, with the
+# reason.
 
 terminal("uw_visibility replay night -o untold --jobs 1")
 terminal("uw_visibility replay night -o told --params-file night/lighting.yaml --images 1 --jobs 1")
@@ -61,7 +62,7 @@ for name in ("untold", "told"):
 # %%
 # The water
 # ---------
-# Depth is not told by lamps, for it is read from the colour of daylight.
+# There is no depth at night: it is estimated from the colour of daylight.
 
 rows = table("told")
 frame, alpha, sigma = (
@@ -78,7 +79,7 @@ plt.show()
 # %%
 # The pictures
 # ------------
-# As seen, without water and lamps, and the disparity.
+# As recorded, without water and lamps, and the range.
 
 pictures = sorted((folder / "told" / "images").glob("*.*"))
 plt.figure(figsize=(9, 2.6), layout="constrained")

@@ -4,17 +4,17 @@
 A pair of your own
 ==================
 
-Before and after on pictures of a camera, and what to look at before numbers are believed.
+What to check on a pair of your own before you trust its numbers.
 """
 
 # %%
 # Pictures and calibration
 # ------------------------
-# Put the paths of your own rectified pair here, and of its calibration, a JSON file with ``P1`` and
-# ``P2`` as ``cv2.stereoRectify`` gives them. No underwater pair under a free licence is at hand to
-# come with the project, so that this page shows a real one only where the site was built beside the
-# project's test data: a calibration board in turbid, shallow water by day. Elsewhere it shows a
-# rendered one. It says which.
+# Put the paths of your own rectified pair here, and of its calibration: a JSON file with ``P1`` and
+# ``P2`` as ``cv2.stereoRectify`` gives them. The project has no underwater pair under a free
+# licence. A site that is built beside the project's test data shows one of those pairs, a
+# calibration board in turbid, shallow water by day. Otherwise this page
+# shows a rendered pair. It prints which.
 
 import json
 from pathlib import Path
@@ -48,8 +48,8 @@ print(f"a {kind} pair of {left.shape[1]}x{left.shape[0]} pixels")
 # %%
 # The transfer
 # ------------
-# What a camera made for screens is ``srgb``; raw sensor data are ``linear``, the default. Where it
-# is wrong, every number is.
+# Images that a camera has made for screens are ``srgb``; raw sensor data are ``linear``, the
+# default. With the wrong one every number is wrong.
 
 config = PipelineConfig.from_parameters({"camera.transfer": transfer})
 result = Pipeline(rig, config).process(left, right, match_original=True)
@@ -69,10 +69,9 @@ axes.axis("off")
 plt.show()
 
 # %%
-# Range first: all else rests on it. Planes are to be planes, with steps at the edges of things
-# only, and what is before a thing nearer than it. Blotches that follow no shape mean that rows do
-# not correspond, or that the calibration is of another focus. The strip at the left is what
-# the right camera does not see.
+# Check the range first: everything else depends on it. Flat things must be flat, and steps must lie
+# at the edges of objects. Blotches that follow no object mean that rows do not correspond, or that
+# the calibration is of another focus. The right camera does not see the black strip at the left.
 
 print(f"matched: {np.isfinite(result.disparity).mean():.0%} of the pixels")
 nearest, farthest = np.nanpercentile(result.range, [1.0, 99.0])
@@ -81,8 +80,8 @@ print(f"ranges: {nearest:.2f} to {farthest:.2f} m")
 # %%
 # The water
 # ---------
-# Every quantity has a status of its own. A scene that spans little range tells attenuation with a
-# large σ; a visibility distance far beyond all that is in view is refused then, with the reason.
+# Every quantity has a status of its own. A scene with few ranges gives attenuation with a large σ.
+# A visibility distance that is not known within a factor of two is refused, with the reason.
 
 print("water:", result.status)
 for name, beta, sigma in zip(
@@ -94,5 +93,5 @@ print(f"visibility: {seen.distance:.1f} ± {seen.distance_stddev:.1f} m ({seen.s
 print(f"depth: {seen.depth:.1f} ± {seen.depth_stddev:.1f} m ({seen.depth_status})")
 
 # %%
-# :doc:`/reference/statuses` says what each status means and what to do, :doc:`/start/rig` what a
-# rig needs so that numbers come out.
+# :doc:`/reference/statuses` says what each status means and what to do. :doc:`/start/rig` says what
+# a good rig needs.

@@ -11,9 +11,9 @@ semi-global matcher takes the place of the dense search.
 # %%
 # What is asked of a matcher
 # --------------------------
-# :class:`~uw_visibility.stereo.matchers.StereoMatcher` lists the calls: take in the pair as it
-# is, and with its contrast restored; match it sparsely; interpolate that; match it densely.
-# Whoever replaces one of them inherits the others from ELAS.
+# :class:`~uw_visibility.stereo.matchers.StereoMatcher` lists the methods: take the pair as
+# recorded, and with its contrast restored; match it sparsely; interpolate; match it densely. A
+# subclass of the ELAS matcher replaces those that it needs.
 #
 # The restored views arrive as :class:`~uw_visibility.stereo.contrast.ContrastNormalizer`: a grey
 # image and, for each pixel, the gain that restores its contrast. A matcher of gradients takes
@@ -53,7 +53,7 @@ class SemiGlobalMatcher(Matcher):
     def dense_disparity(
         self, support, airlight=None, *, confidence=True, least_for_colour=0.0
     ):
-        """Match every pixel of the restored pair; all that it finds is as sure."""
+        """Match every pixel of the restored pair; all matches have the same confidence."""
         found = self._matcher.compute(*self._restored).astype(np.float32) / 16
         found[found < self._matcher.getMinDisparity()] = np.nan
         rated = np.isfinite(found).astype(np.float32) if confidence else None
@@ -63,7 +63,7 @@ class SemiGlobalMatcher(Matcher):
 # %%
 # In the pipeline
 # ---------------
-# One entry in the dictionary. In a fork it would be a file beside ``stereo/matchers.py``.
+# Enter the class in the dictionary. In a fork it would be a file beside ``stereo/matchers.py``.
 
 camera = StereoCamera(width=320, height=240, focal_length=300.0, baseline=0.12)
 plan = Transect(frames=1, depth=(3.0, 3.0), attenuation=(0.2, 0.2), seed=3, camera=camera)
@@ -96,10 +96,10 @@ fig.colorbar(shown, ax=axes, label="disparity, px")
 plt.show()
 
 # %%
-# What the semi-global matcher finds in open water is chance: noise that was amplified resembles
-# texture, and ELAS here does not match what noise explains.
+# In open water the semi-global matcher finds false matches: amplified noise looks like texture. The
+# ELAS matcher does not match what noise explains.
 #
 # Without the pipeline
 # --------------------
-# Who needs the water alone hands his disparities to :func:`uw_visibility.estimate_water`, and
-# needs none of this: see :doc:`1_one_pair`.
+# To estimate the water alone, pass disparities to :func:`uw_visibility.estimate_water`:
+# see :doc:`1_one_pair`.

@@ -4,16 +4,16 @@
 The paper's figures
 ===================
 
-``uw_visibility evaluate`` reruns the experiments of Roser, Dunbabin and Geiger (ICRA 2014): stereo
-scenes with known disparity are put under water, and what comes out is held against the truth.
+``uw_visibility evaluate`` reruns the experiments of Roser, Dunbabin and Geiger (ICRA 2014). It puts
+stereo scenes with known disparity under simulated water and compares the estimates with the truth.
 """
 
 # %%
 # A small grid
 # ------------
-# With Middlebury scenes it is ``uw_visibility evaluate FOLDER_OF_SCENES -o out``, at all
-# turbidities and depths of the paper, and takes minutes. Without a folder three rendered reefs
-# stand for them; here two turbidities at one depth.
+# With Middlebury scenes the command is ``uw_visibility evaluate FOLDER_OF_SCENES -o out``, which
+# takes minutes; ``--paper`` takes all turbidities and depths of the paper. Without a folder it
+# renders three reefs. This page shows two turbidities at one depth.
 
 import contextlib
 import tempfile
@@ -49,15 +49,15 @@ def show(name):
 # %%
 # Envelopes over range (Fig. 3)
 # -----------------------------
-# Pixels over range, the dark and the bright envelope, and the fitted veil.
+# Pixels over range, with the dark and the bright envelope and the estimated veil.
 
 show(min(file.name for file in out.glob("fig3_*.png")))
 
 # %%
 # Over turbidity (Fig. 6)
 # -----------------------
-# Attenuation, unmatched and correct disparities: of the pair as it is, of ours, of the oracle,
-# which knows water and ranges.
+# Attenuation, unmatched and correct disparities: of the pair as recorded, of our method, and of the
+# oracle, which knows water and ranges.
 
 show("fig6.png")
 

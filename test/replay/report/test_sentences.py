@@ -83,12 +83,12 @@ def test_when_where_and_how_far_one_could_see() -> None:
     assert sentences[2].startswith(
         "Visibility distance was from 4.00 ± 0.10 m to 8.10 ± 0.10 m, median 7.45 m")
     assert "2.35/β of green, the clearest channel" in sentences[1]
-    assert "sure to be" not in sentences[3]
+    assert "so beyond one" not in sentences[3]
     assert sentences[2].endswith("worst in frame 4, best in frame 1.")
     assert "beyond" not in sentences[3]
     linked = [part.number for part in verdict(summary)[2] if not isinstance(part, str)]
     assert linked == [4, 1]
-    assert sentences[-1] == "Frames were not filtered: each stands by itself."
+    assert sentences[-1] == "Frames were not filtered over time."
 
 
 def test_the_black_disc_and_the_distance_of_the_paper_stand_side_by_side() -> None:
@@ -113,7 +113,7 @@ def test_a_value_that_is_hardly_known_is_neither_worst_nor_best() -> None:
     assert sentences[2].startswith("Visibility distance was from 6.00 ± 0.10 m to 8.00 ± 0.10 m")
     assert sentences[2].endswith("worst in frame 0, best in frame 2.")
     # The page shows the quantiles too, which lie beyond.
-    assert ("are sure to be by one standard deviation; 90 % of the distances are from 1.75 to "
+    assert ("are so beyond one standard deviation; 90 % of the distances are from 1.75 to "
             "35.2 m." in sentences[3])
 
 
@@ -181,7 +181,7 @@ def test_a_frame_refused_is_a_share_below_all() -> None:
 def test_what_lies_beyond_all_that_was_seen_is_said_to_be_extrapolated() -> None:
     sentences, _ = told(seen(0, 20.0), seen(1, 20.0))
     assert "Nothing was seen beyond 9.0 m" in sentences[3]
-    assert "to ± 0.50 % (one standard deviation)" in sentences[3]
+    assert "its standard deviation is 0.50 % in the median frame" in sentences[3]
     assert "no wrong calibration or camera setting" in sentences[3]
 
 
@@ -232,8 +232,8 @@ def test_the_filter_and_surveys_are_told() -> None:
     )
     assert "from 6.00 ± 0.10 m to 6.30 ± 0.10 m" in sentences[2]
     assert "filtered over frames" in sentences[1]
-    assert ("1 frame without a distance of its own is given that of others: what the water did "
-            "meanwhile was not seen." in sentences[3])
+    assert ("1 frame without a distance of its own has that of other frames: changes of the water "
+            "meanwhile were not seen." in sentences[3])
     assert "The filter rejected 1 of 3 frames." in sentences
     sentences, _ = told(seen(0, 5.0, filtered=6.0, event=event.STARTED))
     assert sentences[-1] == "The filter over frames rejected none of 1 estimate."
@@ -254,11 +254,11 @@ def test_frames_that_the_filter_rejected_are_not_called_alike() -> None:
         for k, d in enumerate((15.4, 8.3))
     ]
     sentences, _ = told(*frames, *passing)
-    assert "what differs between frames that the filter took is within" in sentences[2]
+    assert "differences between frames that the filter took are within" in sentences[2]
     assert sentences[2].endswith(
         "Frames that the filter rejected show from 8.30 to 15.4 m by themselves.")
     sentences, _ = told(*frames)
-    assert "what differs between frames is within" in sentences[2]
+    assert "differences between frames are within" in sentences[2]
     assert "rejected show" not in sentences[2]
 
 

@@ -171,8 +171,8 @@ def _distance(synopsis: Synopsis) -> Sentence:
         if synopsis.constant and synopsis.assessed < synopsis.frames:
             where = "in the frames that show it" if synopsis.assessed else "in these"
         return [
-            f"Visibility distance was {_value(synopsis.median, spread)} {where}: what differs "
-            f"between frames {others}is within the standard deviations. "
+            f"Visibility distance was {_value(synopsis.median, spread)} {where}: differences "
+            f"between frames {others}are within the standard deviations. "
             f"Lowest, {number(low.value)} m, in ", Frame(low.frame),
             f"; highest, {number(high.value)} m, in ", Frame(high.frame), f".{apart}",
         ]
@@ -200,28 +200,28 @@ def course(synopsis: Synopsis) -> str:
 
 def _trust(synopsis: Synopsis) -> Sentence:
     text = (
-        f"How far to trust it: in the median frame to ± {percentage(synopsis.relative_stddev)} "
-        "(one standard deviation), which holds noise and what the scene leaves open, but no wrong "
-        "calibration or camera setting."
+        "How far to trust it: its standard deviation is "
+        f"{percentage(synopsis.relative_stddev)} in the median frame. That includes noise and what "
+        "the scene does not show, but no wrong calibration or camera setting."
     )
     low, high = synopsis.lowest, synopsis.highest
     assert low is not None and high is not None
     if synopsis.differs and (synopsis.low < low.value or synopsis.high > high.value):
         text += (
-            " The worst and the best frame are those that are sure to be by one standard "
+            " The worst and the best frame are those that are so beyond one standard "
             f"deviation; 90 % of the distances are from {number(synopsis.low)} to "
             f"{number(synopsis.high)} m."
         )
     if synopsis.ranges and synopsis.median > synopsis.ranges[1]:
         text += (
-            f" Nothing was seen beyond {number(synopsis.ranges[1], 2)} m: farther than that, it is "
-            "what the same water would let see."
+            f" Nothing was seen beyond {number(synopsis.ranges[1], 2)} m: the distance assumes the "
+            "same water farther away."
         )
     if synopsis.filtered and synopsis.assessed and synopsis.told > synopsis.assessed:
         bridged = synopsis.told - synopsis.assessed
-        own = "its own is" if bridged == 1 else "their own are"
-        text += f" {amount(bridged, 'frame')} without a distance of {own} given that of others: "
-        text += "what the water did meanwhile was not seen."
+        own = "its own has" if bridged == 1 else "their own have"
+        text += f" {amount(bridged, 'frame')} without a distance of {own} that of other frames: "
+        text += "changes of the water meanwhile were not seen."
     return [text]
 
 
@@ -262,7 +262,7 @@ def _filtering(summary: Summary) -> list[Sentence]:
     elif taken and not summary.filtering[str(TrackingEvent.OUTLIER)]:
         found.append([f"The filter over frames rejected none of {amount(taken, 'estimate')}."])
     elif not summary.filtering:
-        found.append(["Frames were not filtered: each stands by itself."])
+        found.append(["Frames were not filtered over time."])
     if summary.surveyed():
         found.append([_sentence(summary.surveyed())])
     return found
