@@ -59,8 +59,9 @@ def side_by_side(
     for row, line in enumerate(lines):
         _write(below, line, 0, row, size)
     below[2:step - 2, 2 * width:] = viridis(np.linspace(0.0, 1.0, width)[np.newaxis])
+    low, high = ends or (0.0, 0.0)
     for part in (0.0, 0.5, 1.0) if ends else ():
-        value = f"{1.0 / max(ends[0] + part * (ends[1] - ends[0]), 1e-6):.3g} m"
+        value = f"{1.0 / max(low + part * (high - low), 1e-6):.3g} m"
         space = width - _LETTER * size * (len(value) + 1)
         _write(below, value, 2 * width + max(round(part * space), 0), 1, size)
     return np.concatenate((above, np.concatenate((image, enhanced, drawn), axis=1), below))
