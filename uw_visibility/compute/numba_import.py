@@ -33,7 +33,7 @@ with _elsewhere() if _first else contextlib.nullcontext():
     import numba
     from llvmlite import ir
     from numba import types
-    from numba.core import caching, config
+    from numba.core import caching, cgutils, config
     from numba.core.serialize import dumps
     from numba.extending import intrinsic, register_jitable
 
@@ -41,4 +41,7 @@ if _first:
     # Private: numba has no other way to say that there is no file of settings.
     config._config_fname = os.devnull
 
-__all__ = ["caching", "dumps", "intrinsic", "ir", "llvmlite", "numba", "register_jitable", "types"]
+__all__ = [
+    "caching", "cgutils", "dumps", "intrinsic", "ir", "llvmlite", "numba", "register_jitable",
+    "types",
+]

@@ -8,6 +8,7 @@ import pytest
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.stereo.contrast import ContrastNormalizer
+from uw_visibility.stereo.elas import semi_global
 from uw_visibility.stereo.elas.descriptors import BYTES, Descriptors
 from uw_visibility.stereo.elas.semi_global import SemiGlobalSearch, compare_tones
 
@@ -29,16 +30,20 @@ def normalizers(pair, noise=0.0, brighter=0.0):
     return views
 
 
-def search(views, points, *, plane=np.nan, threads=1, descriptors=True):
+def search(
+    views, points, *, plane=np.nan, threads=1, descriptors=True, disparities=DISPARITIES,
+):
     """Return the disparities of both views, and those of the left one between whole pixels."""
     shape, workers = views[0].grey.shape, Workers(threads)
     described = []
     for view in views:
         of_view = Descriptors(shape)
         of_view.compute(view.grey, view.gain, workers)
-        described.append(of_view.values if descriptors else np.full_like(of_view.values, 128))
+        if not descriptors:
+            of_view.horizontal[:] = of_view.vertical[:] = 128
+        described.append(of_view)
     best, refined = np.empty((2, *shape), np.int16), np.empty(shape, np.float32)
-    SemiGlobalSearch(shape, DISPARITIES, SETTINGS, workers).search(
+    SemiGlobalSearch(shape, disparities, SETTINGS, workers).search(
         tuple(described), compare_tones(*views, points), points, NOISE,
         np.full(shape, plane, np.float32), np.zeros(shape, np.bool_), 0.05, best, refined)
     return best, refined
@@ -102,6 +107,34 @@ def test_threads_and_strips_change_nothing(shifted_pair):
         search(views, points), search(views, points, threads=3), strict=True
     ):
         np.testing.assert_array_equal(first, second)
+
+
+def test_more_disparities_than_a_byte_counts():
+    rng = np.random.default_rng(5)
+    wide = rng.integers(0, 256, (96, 700)).astype(np.uint8)
+    views = normalizers((wide[:, :400], wide[:, 300:]))
+    best, refined = search(views, points_at(3, 310), disparities=(0, 320))
+    assert (np.abs(refined[4:-4, 310:-4] - 300) <= 1).mean() > 0.99
+    assert (np.abs(best[1][4:-4, 10:90] - 300) <= 1).mean() > 0.99
+
+
+def test_vectors_add_paths_as_the_equation_says():
+    rng = np.random.default_rng(6)
+    width, count, step, jump = 30, 64, 9, 27
+    # The largest costs are those with which three paths still fit 8 bits.
+    costs = rng.choice([0, 1, 20, 57], (width, count))
+    expected = np.zeros_like(costs)
+    for order in (range(width), range(width - 1, -1, -1)):
+        path = np.zeros(count, int)
+        for x in order:
+            beside = np.minimum(np.append(path[1:], 999), np.append(999, path[:-1])) + step
+            path = costs[x] + np.minimum(np.minimum(path, beside), path.min() + jump) - path.min()
+            expected[x] += path
+    paths = np.full((2, 2 * (count + 2)), 200, np.uint8)
+    total = np.zeros(width * count, np.uint8)
+    semi_global._add_paths(
+        costs.astype(np.uint8).ravel(), count, width, np.uint8(step), np.uint8(jump), *paths, total)
+    np.testing.assert_array_equal(total.reshape(width, count), expected)
 
 
 def test_left_of_the_right_view_nothing_is_matched(shifted_pair):

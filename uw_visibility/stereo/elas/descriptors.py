@@ -70,15 +70,17 @@ class Descriptors:
 
     Attributes
     ----------
+    horizontal, vertical : (H + 4, W + 4) uint8 ndarray
+        The responses, on a frame two pixels wider; 128 stands for a response of 0.
     values : (H * W * 16,) uint8 ndarray
-        The descriptor of pixel (u, v) from ``16 * (v * W + u)`` on; 128 stands for a response of 0.
+        The descriptor of pixel (u, v) from ``16 * (v * W + u)`` on, of such responses.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
         height, width = shape
         padded = (height + 2 * MARGIN, width + 2 * MARGIN)
-        self._horizontal = np.empty(padded, np.uint8)
-        self._vertical = np.empty(padded, np.uint8)
+        self.horizontal: NDArray[np.uint8] = np.empty(padded, np.uint8)
+        self.vertical: NDArray[np.uint8] = np.empty(padded, np.uint8)
         self.values: NDArray[np.uint8] = np.empty(height * width * BYTES, np.uint8)
 
     def compute(
@@ -87,8 +89,8 @@ class Descriptors:
         """Fill `values` from a grey image and the gain of its gradients; see `ContrastNormalizer`.
         """
         height = grey.shape[0]
-        workers.rows(_sobel, height + 2 * MARGIN, grey, gain, self._horizontal, self._vertical)
-        workers.rows(_gather, height, self._horizontal, self._vertical, self.values)
+        workers.rows(_sobel, height + 2 * MARGIN, grey, gain, self.horizontal, self.vertical)
+        workers.rows(_gather, height, self.horizontal, self.vertical, self.values)
 
 
 @njit(nogil=True, inline="always")

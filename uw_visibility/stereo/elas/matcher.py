@@ -260,7 +260,7 @@ class Matcher:
         if self._is_noisy():
             self._draw_mesh(support)
             self._search_in_noise.search(
-                descriptors, compare_tones(self._left, self._images[1], support.points),
+                self._views, compare_tones(self._left, self._images[1], support.points),
                 support.points, self._left.noise, self._plane, self._steep,
                 config.likelihood_weight, best, disparity)
             postprocess.check(best, tolerance, disparity, self._workers)

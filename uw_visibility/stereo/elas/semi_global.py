@@ -4,8 +4,9 @@
 
 Where noise hides texture one descriptor tells little, and a path of them more: semi-global
 matching (Hirschmüller 2008, doi:10.1109/TPAMI.2007.1166) by three paths, which need no memory
-but that of two rows. A cost is the difference of the descriptors, that of the tones, which
-gradients do not hold, and the prior of the mesh's plane as in `dense`.
+but that of a few rows. A cost is the difference of the descriptors, that of the tones, which
+gradients do not hold, and the prior of the mesh's plane as in `dense`. It has 8 bits, of which a
+vector of the processor holds many, and neighbours share what their descriptors have in common.
 """
 
 from __future__ import annotations
@@ -17,45 +18,59 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
+from uw_visibility.compute.numba_import import cgutils, intrinsic, ir, types
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.arrays import Points
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas.dense import BORDER, plane_prior
-from uw_visibility.stereo.elas.descriptors import BYTES, absolute_difference
+from uw_visibility.stereo.elas.descriptors import MARGIN, Descriptors
 from uw_visibility.stereo.elas.postprocess import meeting_of_lines
 
 # Rows that one thread takes from top to bottom, and rows above them that its path from above
 # begins at: they are the same for any number of threads.
 _STRIP, _BEFORE = 80, 8
+# Rows that a descriptor reaches over.
+_ROWS = 2 * MARGIN + 1
+# Costs have 8 bits, so that a vector holds many. Responses differ in units of as many of their
+# levels, by so many units at most: an edge that one view alone shows is no more than that.
+_RESPONSE_UNIT, _MOST_RESPONSE = 4, np.uint8(15)
+# A unit of cost is so much of the descriptors' difference, 16 responses.
+_UNIT = 16
+_RESPONSES = np.uint16(_UNIT // _RESPONSE_UNIT)
+# Most that the costs of a path may be: the sum of three has 8 bits, with two for the prior's
+# rounding, and what is not seen in both views a larger one.
+_MOST_PATH = 252 // 3
+_UNSEEN = np.uint8(255)
 # Cost of a level of even contrast that the tones differ, for each level of restored noise, and
 # the most of it: where noise is low gradients tell more, and cameras differ. What a difference
-# costs at most.
+# costs at most, in units of the responses.
 _TONE_PER_LEVEL, _MOST_PER_LEVEL = 0.5, 3.0
-_MOST_TONE = np.float32(300.0)
-# Part of the prior of dense matching: neighbours on a path tell too.
+_MOST_TONE = np.uint16(300 // _RESPONSE_UNIT)
+# Part of the prior of dense matching: neighbours on a path tell too. What it is at most, in units:
+# it leaves most of the costs to what is seen.
 _PRIOR = 0.35
-# Cost of what the right view does not show.
-_OUTSIDE = np.int32(2000)
+_MOST_PRIOR = 20
 # Disparities that are tried beyond those of the support points.
 _BEYOND = 3
 # Of disparity zero nothing is tried on the other side. It is not infinitely far, px.
 _LEAST = 0.06
-# Whether costs of a path are added to those of others.
-_FIRST, _ADDED = np.int16(0), np.int16(1)
+# Bits that are kept of the sum, to which the costs of a path are added.
+_FIRST, _ADDED = np.uint8(0), np.uint8(255)
 # Costs of as many disparities are one vector.
-_VECTOR = 16
-# More than any cost.
-_BARRED = 16000
+_VECTOR = 32
+# More than any cost of a path, and no more than 8 bits with the penalty of a step.
+_BARRED = np.uint8(200)
 # Penalties of a step of one pixel and of a larger one: without noise, for each level of restored
 # noise, and the noise beyond which they are as they are.
 _STEP, _STEP_PER_LEVEL = 40.0, 7.5
 _JUMP, _JUMP_PER_LEVEL = 90.0, 12.0
 _MOST_NOISE = 28.0
-# Sums and disparities share one integer, as energies do in dense matching.
+# Keys of sums and disparities, of all and of a part of so many.
 _BITS = 11
 _MASK = (1 << _BITS) - 1
 _NOTHING = np.int32((1 << 30) - 1)
+_PART, _NO_KEY = 256, np.uint16(65535)
 
 
 class Tones(NamedTuple):
@@ -93,7 +108,7 @@ class SemiGlobalSearch:
 
     def search(
         self,
-        descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+        descriptors: tuple[Descriptors, Descriptors],
         tones: Tones,
         points: Points,
         noise: float,
@@ -109,15 +124,20 @@ class SemiGlobalSearch:
         around. `noise` is the restored noise of the median pixel, in 8-bit levels of even
         contrast. `refined` (H, W) gets the left view's disparities at sub-pixel resolution, px.
         """
-        reward = np.round(_PRIOR * plane_prior(self._config, likelihood)).astype(np.int16)
+        prior = np.minimum(
+            -_PRIOR / _UNIT * plane_prior(self._config, likelihood), _MOST_PRIOR)
+        # Rounded in the sum of the three paths: what each has too much is taken from the sum.
+        in_sum = np.round(3 * prior).astype(np.int16)
+        reward = -(-in_sum // 3)
         level = min(noise, _MOST_NOISE)
         ranges = self._ranges(points)
+        left, right = descriptors
         self._workers.rows(
-            _search_strips, len(ranges), *descriptors, tones.left, tones.right,
-            tones.gain, np.float32(tones.offset),
-            np.float32(min(_TONE_PER_LEVEL * noise, _MOST_PER_LEVEL)), plane, steep, reward, ranges,
-            np.int16(round(_STEP + _STEP_PER_LEVEL * level)),
-            np.int16(round(_JUMP + _JUMP_PER_LEVEL * level)), *best, refined,
+            _search_strips, len(ranges), left.horizontal, left.vertical, right.horizontal,
+            right.vertical, tones.left, tones.right, tones.gain, np.float32(tones.offset),
+            np.float32(min(_TONE_PER_LEVEL * noise, _MOST_PER_LEVEL)), plane, steep, -reward,
+            3 * reward - in_sum, ranges, np.uint8(round((_STEP + _STEP_PER_LEVEL * level) / _UNIT)),
+            np.uint8(round((_JUMP + _JUMP_PER_LEVEL * level) / _UNIT)), *best, refined,
         )
 
     def _ranges(self, points: Points) -> NDArray[np.int64]:
@@ -136,61 +156,85 @@ class SemiGlobalSearch:
 
 @njit(nogil=True, error_model="numpy")
 def _search_strips(
-    start: int, stop: int, left: Any, right: Any, tone_left: Any, tone_right: Any, gain: Any,
-    offset: Any, weight: Any, plane: Any, steep: Any, reward: Any, ranges: Any, step: Any,
-    jump: Any, best_left: Any, best_right: Any, refined: Any,
+    start: int, stop: int, left_across: Any, left_down: Any, right_across: Any, right_down: Any,
+    tone_left: Any, tone_right: Any, gain: Any, offset: Any, weight: Any, plane: Any, steep: Any,
+    in_path: Any, in_sum: Any, ranges: Any, step: Any, jump: Any, best_left: Any, best_right: Any,
+    refined: Any,
 ) -> None:
     height, width = plane.shape
-    most = 0
-    for strip in range(start, stop):
-        most = max(most, _whole_vectors(ranges[strip, 1] - ranges[strip, 0] + 1))
-    cost = np.empty(width * most, np.int16)
-    total = np.empty(width * most, np.int16)
-    # Costs of a path, with one before the first disparity and one after the last; of the path
-    # from above at each column, in the row above and in this one.
-    path = np.empty(2 * (most + 2), np.int16)
-    above = np.empty(2 * width * (most + 2), np.int16)
-    least = np.empty(width, np.int16)
-    tone = np.empty(width, np.float32)
-    keys = np.empty(width + most, np.int32)
+    wide = width + 2 * MARGIN
+    least = np.empty(width, np.uint8)
+    # Costs begin at what the plane may take from them, and leave room for a jump.
+    fewest = np.uint8(-in_path[0])
+    most = np.uint16(_MOST_PATH - jump - fewest)
+    outside = np.uint8(most + fewest)
     for strip in range(start, stop):
         first = strip * _STRIP
         low = ranges[strip, 0]
         tried = ranges[strip, 1] - low + 1
         count = _whole_vectors(tried)
-        wide = count + 2
-        path[:] = _BARRED
-        above[:] = _BARRED
+        # Differences of the responses in five rows, for each column its disparities.
+        across = np.empty((_ROWS, wide * count), np.uint8)
+        down = np.empty((_ROWS, wide * count), np.uint8)
+        inner, middle = np.empty(wide * count, np.uint8), np.empty(wide * count, np.uint8)
+        cost = np.empty(width * count, np.uint8)
+        total = np.empty(width * count, np.uint8)
+        # From right to left, so that a pixel's candidates are one after the other.
+        mirrored = np.zeros(wide + low + count, np.uint8)
+        tone = np.zeros(width + low + count, np.uint16)
+        # Costs of a path, with one before the first disparity and one after the last; of the path
+        # from above at each column, in the row above and in this one.
+        to_right = np.full(2 * (count + 2), _BARRED, np.uint8)
+        to_left = np.full(2 * (count + 2), _BARRED, np.uint8)
+        above = np.full(2 * width * (count + 2), _BARRED, np.uint8)
+        best = np.empty((2, width), np.int32)
+        keys = np.empty(width + min(count, _PART), np.uint16)
         begin = max(first - _BEFORE, 0)
         # Paths begin as they go on, from costs of zero.
         least[:] = 0
         for x in range(width):
-            start_of_path = ((~begin & 1) * width + x) * wide + 1
+            start_of_path = ((~begin & 1) * width + x) * (count + 2) + 1
             above[start_of_path : start_of_path + count] = 0
-        for y in range(begin, min(first + _STRIP, height)):
+        for row in range(begin, min(first + _STRIP, height) + 2 * MARGIN):
+            at = row % _ROWS
+            _compare_rows(left_across[row], right_across[row], low, count, mirrored, across[at])
+            _compare_rows(left_down[row], right_down[row], low, count, mirrored, down[at])
+            # The responses begin two rows above the image, and descriptors reach two rows down.
+            y = row - 2 * MARGIN
+            if y < begin:
+                continue
+            _add_rows(across, down, y, inner, middle)
+            outer = across[(y + 2) % _ROWS]
+            _add_five(
+                outer, inner[count:], middle[2 * count :], inner[3 * count :], outer[4 * count :],
+                cost)
             for x in range(width):
-                # From right to left, so that a pixel's candidates are one after the other.
-                tone[width - 1 - x] = np.float32(tone_right[y, x]) + offset
+                brightness = np.float32(tone_right[y, x]) + offset
+                tone[width - 1 - x] = index_of(brightness, 0, 65535)
             for x in range(width):
+                # Of 65536 parts of a unit of the responses.
+                scale = index_of(
+                    weight * gain[y, x] * np.float32(65536 / _RESPONSE_UNIT), 0, 65535)
                 at = x * count
-                _compare_descriptors(
-                    left, right, (y * width + x) * BYTES, low, min(x - BORDER - low + 1, tried),
-                    count, cost, at)
-                scale = weight * gain[y, x]
-                _compare_tones(
-                    np.float32(tone_left[y, x]) * scale, tone, width - 1 - x + low,
-                    min(x - low + 1, tried), scale, cost, at)
-                _reward_plane(plane[y, x], steep[y, x], reward, low, count, cost, at)
+                _add_tones(
+                    tone_left[y, x], tone, width - 1 - x + low, count, np.uint16(scale),
+                    most, fewest, cost, at)
+                visible = min(max(x - BORDER - low + 1, 0), tried)
+                for k in range(at + visible, at + count):
+                    cost[np.uint64(k)] = outside
+                _add_near_plane(plane[y, x], steep[y, x], in_path, low, count, cost, at)
             now, before = (y & 1) * width, (~y & 1) * width
             for x in range(width):
                 least[x] = _extend(
-                    above, (before + x) * wide + 1, least[x], cost, x * count, count, step,
-                    jump, above, (now + x) * wide + 1, total, _FIRST)
+                    above, (before + x) * (count + 2) + 1, least[x], cost, x * count, count, step,
+                    jump, above, (now + x) * (count + 2) + 1, total, _FIRST)
             if y < first:
                 continue
-            _add_path(cost, count, width, 1, step, jump, path, total)
-            _add_path(cost, count, width, -1, step, jump, path, total)
-            _select(total, count, low, tried, keys, best_left[y], best_right[y], refined[y])
+            _add_paths(cost, count, width, step, jump, to_right, to_left, total)
+            for x in range(width):
+                _add_near_plane(plane[y, x], steep[y, x], in_sum, low, count, total, x * count)
+            _select(
+                total, count, low, tried, best, keys, best_left[y], best_right[y], refined[y])
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
@@ -200,108 +244,232 @@ def _whole_vectors(count: int) -> int:
 
 
 @njit(nogil=True, error_model="numpy")
-def _compare_descriptors(
-    left: Any, right: Any, here: int, low: int, visible: int, count: int, cost: Any, at: int
+def _compare_rows(
+    left: Any, right: Any, low: int, count: int, mirrored: Any, difference: Any
 ) -> None:
-    for k in range(visible):
-        difference = absolute_difference(left, here, right, here - (low + k) * BYTES)
-        cost[np.uint64(at + k)] = min(difference, _OUTSIDE)
-    for k in range(max(visible, 0), count):
-        cost[np.uint64(at + k)] = _OUTSIDE
+    """Compare each response of a row with those of the right view at each disparity."""
+    width = left.size
+    for x in range(width):
+        mirrored[width - 1 - x] = (right[x] + _RESPONSE_UNIT // 2) // _RESPONSE_UNIT
+    for x in range(width):
+        here = np.uint8((left[x] + _RESPONSE_UNIT // 2) // _RESPONSE_UNIT)
+        _compare_responses(here, mirrored, width - 1 - x + low, count, difference, x * count)
 
 
 @njit(nogil=True, error_model="numpy")
-def _compare_tones(
-    here: Any, there: Any, first: int, visible: int, scale: Any, cost: Any, at: int
+def _compare_responses(
+    here: Any, mirrored: Any, first: int, count: int, difference: Any, at: int
 ) -> None:
-    for k in range(visible):
-        difference = abs(here - scale * there[np.uint64(first + k)])
-        cost[np.uint64(at + k)] += np.int16(min(difference, _MOST_TONE))
+    for part in range(0, count, _VECTOR):
+        for k in range(part, part + _VECTOR):
+            there = mirrored[np.uint64(first + k)]
+            apart = np.uint8(max(here, there) - min(here, there))
+            difference[np.uint64(at + k)] = min(apart, _MOST_RESPONSE)
 
 
 @njit(nogil=True, error_model="numpy")
-def _reward_plane(
-    mean: Any, steep: Any, reward: Any, low: int, count: int, cost: Any, at: int
+def _add_rows(across: Any, down: Any, y: int, inner: Any, middle: Any) -> None:
+    """Add the differences of a descriptor's three inner columns, and of its middle one.
+
+    They are the responses that `descriptors` gathers: eleven across, five down.
+    """
+    first, second, third, fourth, fifth = (
+        y % _ROWS, (y + 1) % _ROWS, (y + 2) % _ROWS, (y + 3) % _ROWS, (y + 4) % _ROWS)
+    _add_three(across[second], across[third], down[third], inner)
+    _add_six(
+        inner, across[first], across[fourth], across[fifth], down[second], down[fourth], middle)
+
+
+@njit(nogil=True, error_model="numpy")
+def _add_three(a: Any, b: Any, c: Any, total: Any) -> None:
+    for i in range(total.size):
+        total[i] = np.uint8(a[i] + b[i] + c[i])
+
+
+@njit(nogil=True, error_model="numpy")
+def _add_six(a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, total: Any) -> None:
+    for i in range(total.size):
+        total[i] = np.uint8(a[i] + b[i] + c[i] + d[i] + e[i] + f[i])
+
+
+@njit(nogil=True, error_model="numpy")
+def _add_five(a: Any, b: Any, c: Any, d: Any, e: Any, total: Any) -> None:
+    for i in range(total.size):
+        total[i] = np.uint8(a[i] + b[i] + c[i] + d[i] + e[i])
+
+
+@njit(nogil=True, error_model="numpy")
+def _add_tones(
+    here: Any, there: Any, first: int, count: int, scale: Any, most: Any, least: Any, cost: Any,
+    at: int,
 ) -> None:
+    """Make costs of the differences of the responses and those of the tones.
+
+    They begin at `least`, and are at most `most` more.
+    """
+    for part in range(0, count, _VECTOR):
+        for k in range(part, part + _VECTOR):
+            other = there[np.uint64(first + k)]
+            apart = np.uint16(max(here, other) - min(here, other))
+            tone = np.uint16((np.uint32(apart) * np.uint32(scale)) >> np.uint32(16))
+            i = np.uint64(at + k)
+            responses = np.uint16(cost[i] + min(tone, _MOST_TONE) + _RESPONSES // 2)
+            cost[i] = np.uint8(min(np.uint16(responses // _RESPONSES), most) + least)
+
+
+@njit(nogil=True, error_model="numpy")
+def _add_near_plane(
+    mean: Any, steep: Any, prior: Any, low: int, count: int, cost: Any, at: int
+) -> None:
+    """Add the prior of the mesh's plane."""
     if steep or mean != mean:
         return
-    radius = len(reward) - 1
+    radius = len(prior) - 1
     middle = index_of(mean + np.float32(0.5), -1 << 20, 1 << 20) - low
     for k in range(max(middle - radius, 0), min(middle + radius + 1, count)):
-        cost[at + k] += reward[abs(k - middle)]
+        i = np.uint64(at + k)
+        cost[i] = np.uint8(cost[i] + prior[np.uint64(abs(k - middle))])
 
 
-@njit(nogil=True, error_model="numpy")
+@intrinsic
 def _extend(
-    source: Any, start: int, least: Any, cost: Any, at: int, count: int, step: Any, jump: Any,
-    target: Any, to: int, total: Any, keep: Any,
+    typingctx: Any, source: Any, start: Any, least: Any, cost: Any, at: Any, count: Any, step: Any,
+    jump: Any, target: Any, to: Any, total: Any, keep: Any,
 ) -> Any:
     """Extend a path by a pixel (equation 13); return the least of its costs.
 
-    They are added to the total, which is kept (1) or begun (0).
+    They are added to the total, of which the bits `keep` are kept. Arrays are 1-D uint8, and count
+    is whole vectors: numba looks anew at each pixel whether arrays overlap, which takes as long.
     """
-    most = np.int16(least + jump)
-    fresh = np.int16(_BARRED)
-    for k in range(count):
-        before = source[np.uint64(start + k - 1)]
-        after = source[np.uint64(start + k + 1)]
-        beside = np.int16(min(before, after) + step)
-        path = min(min(source[np.uint64(start + k)], beside), most)
-        i = np.uint64(at + k)
-        here = np.int16(cost[i] + np.int16(path - least))
-        target[np.uint64(to + k)] = here
-        total[i] = np.int16(np.int16(keep * total[i]) + here)
-        fresh = min(fresh, here)
-    return fresh
+    byte, index = ir.IntType(8), ir.IntType(64)
+    vector = ir.VectorType(byte, _VECTOR)
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        source, start, least, cost, at, count, step, jump, target, to, total, keep = (
+            context.make_array(kind)(context, builder, value).data
+            if isinstance(kind, types.Array) else value
+            for kind, value in zip(signature.args, arguments, strict=True))
+        minimum = builder.module.declare_intrinsic(
+            f"llvm.umin.v{_VECTOR}i8", (), ir.FunctionType(vector, [vector, vector]))
+        smallest = builder.module.declare_intrinsic(
+            f"llvm.vector.reduce.umin.v{_VECTOR}i8", (), ir.FunctionType(byte, [vector]))
+        one = ir.Constant(index, 1)
+
+        def everywhere(value: Any) -> Any:
+            nothing = ir.Constant(vector, ir.Undefined)
+            lanes = ir.Constant(ir.VectorType(ir.IntType(32), _VECTOR), [0] * _VECTOR)
+            first = builder.insert_element(nothing, value, ir.Constant(ir.IntType(32), 0))
+            return builder.shuffle_vector(first, nothing, lanes)
+
+        def place(array: Any, i: Any) -> Any:
+            return builder.bitcast(builder.gep(array, [i]), vector.as_pointer())
+
+        def load(array: Any, i: Any) -> Any:
+            return builder.load(place(array, i), align=1)
+
+        most = everywhere(builder.add(least, jump))
+        step, least, keep = everywhere(step), everywhere(least), everywhere(keep)
+        fresh = cgutils.alloca_once_value(builder, ir.Constant(vector, [255] * _VECTOR))
+        with cgutils.for_range_slice(
+            builder, ir.Constant(index, 0), count, ir.Constant(index, _VECTOR)
+        ) as (k, _):
+            from_k, i = builder.add(start, k), builder.add(at, k)
+            beside = builder.call(minimum, [
+                load(source, builder.sub(from_k, one)), load(source, builder.add(from_k, one))])
+            path = builder.call(minimum, [load(source, from_k), builder.add(beside, step)])
+            path = builder.call(minimum, [path, most])
+            here = builder.add(load(cost, i), builder.sub(path, least))
+            builder.store(here, place(target, builder.add(to, k)), align=1)
+            kept = builder.and_(load(total, i), keep)
+            builder.store(builder.add(kept, here), place(total, i), align=1)
+            builder.store(builder.call(minimum, [builder.load(fresh), here]), fresh)
+        return builder.call(smallest, [builder.load(fresh)])
+
+    value, i = types.uint8, types.intp
+    return value(source, i, value, cost, i, i, value, value, target, i, total, value), codegen
 
 
 @njit(nogil=True, error_model="numpy")
-def _add_path(
-    cost: Any, count: int, width: int, direction: int, step: Any, jump: Any, path: Any, total: Any
+def _add_paths(
+    cost: Any, count: int, width: int, step: Any, jump: Any, right: Any, left: Any, total: Any
 ) -> None:
-    """Add the costs of a path along a row, from the left (1) or from the right (-1)."""
+    """Add the costs of the paths along a row, to the right and to the left.
+
+    They take turns, so that the processor need not wait for either.
+    """
     wide = count + 2
-    path[wide + 1 : wide + 1 + count] = 0
-    least = np.int16(0)
-    for turn in range(width):
-        x = turn if direction > 0 else width - 1 - turn
-        now, before = (turn & 1) * wide + 1, (~turn & 1) * wide + 1
-        least = _extend(
-            path, before, least, cost, x * count, count, step, jump, path, now, total, _ADDED)
+    for path in (right, left):
+        path[wide + 1 : wide + 1 + count] = 0
+    least_right = least_left = np.uint8(0)
+    for x in range(width):
+        now, before = (x & 1) * wide + 1, (~x & 1) * wide + 1
+        least_right = _extend(
+            right, before, least_right, cost, x * count, count, step, jump, right, now, total,
+            _ADDED)
+        least_left = _extend(
+            left, before, least_left, cost, (width - 1 - x) * count, count, step, jump, left, now,
+            total, _ADDED)
 
 
 @njit(nogil=True, error_model="numpy")
 def _select(
-    total: Any, count: int, low: int, tried: int, keys: Any, best_left: Any, best_right: Any,
-    refined: Any,
+    total: Any, count: int, low: int, tried: int, best: Any, keys: Any, best_left: Any,
+    best_right: Any, refined: Any,
 ) -> None:
-    """Write the best of each pixel of a row of either view."""
+    """Write the best of each pixel of a row of either view.
+
+    Sum and disparity share one integer, so that the best of both is one minimum; of equal sums the
+    smaller disparity stays.
+    """
     width = best_left.size
-    keys[:] = _NOTHING
     for x in range(width):
-        visible = min(x - BORDER - low + 1, tried)
-        if visible <= 0:
-            best_left[x], refined[x] = -1, np.nan
-            continue
-        at = x * count
-        k = _offer(total, at, visible, keys, width - 1 - x) & _MASK
-        best_left[x] = low + k
+        visible = min(max(x - BORDER - low + 1, 0), tried)
+        for k in range(x * count + visible, (x + 1) * count):
+            total[np.uint64(k)] = _UNSEEN
+    best[:] = _NOTHING
+    for first in range(0, count, _PART):
+        keys[:] = _NO_KEY
+        for x in range(width):
+            key = _offer(
+                total, x * count + first, min(count - first, _PART), keys, width - 1 - x)
+            best[0, x] = min(best[0, x], _whole_key(key, first))
+        for x in range(width - low - first):
+            key = keys[width - 1 - x - low - first]
+            best[1, x] = min(best[1, x], _whole_key(key, first))
+    for x in range(width):
+        best_left[x] = _disparity_of(best[0, x], low)
+        best_right[x] = _disparity_of(best[1, x], low)
+        k = best[0, x] & _MASK
         offset = 0.0
-        if 0 < k < tried - 1:
-            offset = meeting_of_lines(total[at + k - 1], total[at + k], total[at + k + 1])
-        refined[x] = max(low + k + offset, _LEAST)
-    for x in range(width):
-        key = keys[max(width - 1 - x - low, 0)] if x + low < width else _NOTHING
-        best_right[x] = np.int16(-1) if key == _NOTHING else np.int16(low + (key & _MASK))
+        if best_left[x] >= 0 and 0 < k < tried - 1:
+            at = x * count + k
+            offset = meeting_of_lines(
+                np.int32(total[at - 1]), np.int32(total[at]), np.int32(total[at + 1]))
+        refined[x] = max(best_left[x] + offset, _LEAST) if best_left[x] >= 0 else np.nan
 
 
 @njit(nogil=True, error_model="numpy")
-def _offer(total: Any, at: int, visible: int, keys: Any, to: int) -> Any:
+def _offer(total: Any, at: int, count: int, keys: Any, to: int) -> Any:
     """Offer a pixel's disparities to those of the right view; return its own best."""
-    best = np.int32(_NOTHING)
-    for k in range(visible):
-        key = np.int32((np.int32(total[np.uint64(at + k)]) << _BITS) + k)
-        best = min(best, key)
-        there = np.uint64(to + k)
-        keys[there] = min(keys[there], key)
+    best = _NO_KEY
+    for first in range(0, count, _VECTOR):
+        for k in range(first, first + _VECTOR):
+            sum_of_costs = np.uint16(total[np.uint64(at + k)])
+            key = np.uint16((sum_of_costs << np.uint16(8)) + np.uint16(k))
+            best = min(best, key)
+            there = np.uint64(to + k)
+            keys[there] = min(keys[there], key)
     return best
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def _whole_key(key: Any, first: int) -> Any:
+    """Key among all disparities of one among those from `first` on."""
+    if key >> 8 == _UNSEEN:
+        return _NOTHING
+    return np.int32(((key >> 8) << _BITS) + (key & 255) + first)
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def _disparity_of(key: Any, low: int) -> Any:
+    return np.int16(-1) if key == _NOTHING else np.int16((key & _MASK) + low)
