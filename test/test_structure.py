@@ -76,6 +76,7 @@ WHOLE = {
     "stereo/denoising.py": {"level", "scales.shape[0] - 2"},
     "stereo/elas/confidence.py": {"max(column[x], 0)"},
     "stereo/elas/postprocess.py": {"max(column[x] + 1, 0)"},
+    "stereo/elas/semi_global.py": {"abs(k - middle)", "apart", "scale"},
     "stereo/elas/support.py": {"abs(after - before) >> 1"},
 }
 
