@@ -30,7 +30,7 @@ MINUTES ?=
 VENV := .venv
 VENV_OLDEST := .venv-oldest
 VENV_DOCS := .venv-docs
-EXTRAS := ros,report,recordings,distributed,stores,netcdf,parquet,completion,test
+EXTRAS := ros,report,recordings,distributed,stores,netcdf,parquet,completion,onnx,test
 INTERPRETERS = $(or $(PYTHON),python3.12 python3.11 python3 python)
 SOURCES := setup.py setup.cfg lab/pyproject.toml tools/make_venv
 

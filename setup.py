@@ -96,6 +96,8 @@ setup(
             "sphinx-design",
             "sphinx-gallery>=0.18",
         ],
+        # stereo.matcher and enhancement.restorer onnx; onnxruntime-gpu or -openvino do as well.
+        "onnx": ["onnxruntime>=1.17"],
         # replay --netcdf and --parquet.
         "netcdf": ["xarray>=2024.2", "netCDF4>=1.6"],
         "parquet": ["pyarrow>=14"],
@@ -110,6 +112,7 @@ setup(
             "import-linter",
             "mcap",
             "mypy",
+            "onnx",
             "playwright",
             "pytest",
             "pytest-xdist",

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from uw_visibility.config.lighting import LightingConfig
+from uw_visibility.config.network import NetworkConfig
 from uw_visibility.config.parameters import (
     build,
     check_names,
@@ -86,9 +87,21 @@ class CameraConfig:
 
 
 @dataclass(frozen=True)
-class StereoConfig:
-    """The stereo matcher (Geiger, Roser and Urtasun, ACCV 2010)."""
+class StereoConfig(NetworkConfig):
+    """The stereo matcher (Geiger, Roser and Urtasun, ACCV 2010), or a network of one's own."""
 
+    matcher: str = parameter(
+        "elas", "What matches every pixel in step 2: elas, or onnx for the network in "
+        "stereo.model.",
+    )
+    network_images: str = parameter(
+        "raw", "Images that the network matches: raw, or with their contrast restored.",
+        choices=("raw", "restored"),
+    )
+    network_check: bool = parameter(
+        True, "The network also matches the mirrored pair, and both views are compared: takes "
+        "twice the time, removes mismatches, and gives the confidence.",
+    )
     max_disparity: int = parameter(
         0,
         "Largest disparity searched; 0 takes a quarter of the image's width.",
@@ -186,9 +199,13 @@ class StereoConfig:
 
 
 @dataclass(frozen=True)
-class EnhancementConfig:
+class EnhancementConfig(NetworkConfig):
     """Restoration of the scene's radiance (eq. 8) and the dense range it needs."""
 
+    restorer: str = parameter(
+        "radiance", "What restores the images: radiance (eq. 8), or onnx for the network in "
+        "enhancement.model.",
+    )
     max_gain: float = parameter(
         30.0, "Largest gain of contrast; what is restored by less than half is marked.",
         minimum=1.0, maximum=1e3,
@@ -265,6 +282,12 @@ class PipelineConfig:
     def to_parameters(self) -> dict[str, Any]:
         """Return every value by its dotted name."""
         return flatten(self)
+
+    def built_in(self) -> PipelineConfig:
+        """Return the same configuration without networks or other plug-ins."""
+        stereo = replace(self.stereo, matcher=StereoConfig.matcher)
+        enhancement = replace(self.enhancement, restorer=EnhancementConfig.restorer)
+        return replace(self, stereo=stereo, enhancement=enhancement)
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,10 @@ from typing import Any, Protocol
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
+from uw_visibility.enhancement.onnx_restorer import OnnxRestorer
 from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.images.arrays import Mask, PerChannel, RangeMap
+from uw_visibility.images.network import ONNX
 from uw_visibility.optics.light_model import Water
 
 
@@ -25,9 +27,9 @@ class ImageRestorer(Protocol):
 
 
 RESTORERS: dict[str, Callable[[EnhancementConfig, str, Workers], ImageRestorer]] = {
-    "radiance": Restorer,
+    "radiance": Restorer, ONNX: OnnxRestorer,
 }
 """Makers of restorers, of parameters, transfer and threads: another one is an entry here."""
 
-RESTORER = "radiance"
-"""The one that is used; a parameter once there are several."""
+RESTORER = EnhancementConfig.restorer
+"""The default of the parameter `enhancement.restorer`, and the only one under lamps."""

@@ -47,7 +47,7 @@ def try_out(
 ) -> None:
     """Refuse parameters with which no frame could be processed, of a rig and a shape where known.
     """
-    pipeline = Pipeline(rig or WARM_UP_RIG, config, Workers(1))
+    pipeline = Pipeline(rig or WARM_UP_RIG, config)
     if shape is not None:
         pipeline.allocate(shape)
     elif config.stereo.max_disparity:

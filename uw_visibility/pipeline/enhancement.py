@@ -11,6 +11,7 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.known_range import KnownRange, known_range
 from uw_visibility.enhancement.restorers import RESTORER, RESTORERS
 from uw_visibility.enhancement.white_balance import RestorationWater, restoration_water
+from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Image, Mask, PerChannel
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.pipeline.result import (
@@ -33,7 +34,15 @@ class ImageEnhancement:
         self._max_gap = config.enhancement.max_gap
         self._range_error = range_error
         self._transfer = config.camera.transfer
-        self._restorer = RESTORERS[RESTORER](config.enhancement, self._transfer, workers)
+        name = config.enhancement.restorer
+        if name not in RESTORERS:
+            raise InputError(
+                f"parameter enhancement.restorer is {name!r}: give one of {', '.join(RESTORERS)}")
+        if name != RESTORER and config.lighting.model != "daylight":
+            raise InputError(
+                f"enhancement.restorer is {name}, which does not know lamps (lighting.model): give "
+                f"{RESTORER}")
+        self._restorer = RESTORERS[name](config.enhancement, self._transfer, workers)
 
     def run(
         self, views: StereoViews, filled: FilledStereo, water: RestorationWater,

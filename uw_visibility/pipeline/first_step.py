@@ -78,14 +78,14 @@ class Scale:
 
     def __init__(
         self, factor: int, shape: tuple[int, int], rig: StereoRig, config: PipelineConfig,
-        workers: Workers,
+        workers: Workers, matcher: str = MATCHER,
     ) -> None:
         self.pyramid = Pyramid(factor, shape, workers)
         self.factor, small = self.pyramid.factor, self.pyramid.small
         self.rig = self.pyramid.rig(rig)
         stereo = self.pyramid.settings(config.stereo)
         limits = disparity_limits(stereo, small[1])
-        self.matcher = MATCHERS[MATCHER](small, limits, stereo, workers)
+        self.matcher = MATCHERS[matcher](small, limits, stereo, workers)
         self.contrast = (
             ContrastNormalizer(small, self.factor), ContrastNormalizer(small, self.factor))
         self.airlight = Airlight(small, self.rig, limits[1] + 2, config.camera.transfer, workers)

@@ -32,7 +32,7 @@ from uw_visibility.pipeline.second_step import ImprovedDisparity, SecondStep
 from uw_visibility.pipeline.warm_up import warm_up_pair, warm_up_scene
 from uw_visibility.status import Status
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS
-from uw_visibility.stereo.matchers import disparity_limits
+from uw_visibility.stereo.matchers import check_matcher, disparity_limits
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.validation import compare_steps
@@ -71,6 +71,7 @@ class Pipeline:
         self.rig = rig
         self.config = config or PipelineConfig()
         self._workers = workers or Workers(self.config.threads)
+        check_matcher(self.config.stereo, self._workers.threads)
         self._assessor = Assessor.from_config(self.config)
         self._estimator = make_estimator(self.config, self._assessor, rig)
         centres = rig.principal_point, rig.principal_point_right or rig.principal_point
@@ -260,7 +261,7 @@ class Pipeline:
             # Water tells as much of what the right view does not show.
             ranges = self.rig.range_from_disparity(improved.with_occlusions)
             water = self._estimate(coarse, improved, ranges)
-            shown = None if self._by_lamps else self._shown_water(water, coarse, ranges)
+            shown = None if self._by_lamps else self._shown_water(water, coarse, improved, ranges)
         with clock("assessment"):
             return water, self._assessor.assess(water), shown
 
@@ -270,11 +271,12 @@ class Pipeline:
         if coarse.by_chance or improved.support_points < FEWEST_SUPPORT_POINTS:
             return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
         water = self._estimator.estimate_view(
-            coarse.view, ranges, range_error=self.rig.range_error())
+            coarse.view, ranges, range_error=self.rig.range_error(improved.stddev))
         return compare_steps(coarse.water, water)
 
     def _shown_water(
-        self, water: WaterEstimate, coarse: CoarseEstimate, measured: RangeMap
+        self, water: WaterEstimate, coarse: CoarseEstimate, improved: ImprovedDisparity,
+        measured: RangeMap,
     ) -> RestorationWater:
         """Water to restore the images with.
 
@@ -296,7 +298,7 @@ class Pipeline:
                 np.where(missing, first.ambient_light_stddev, water.ambient_light_stddev))
         assert isinstance(self._estimator, WaterEstimator)
         found = self._estimator.estimate_grey_view(
-            coarse.view, measured, range_error=self.rig.range_error())
+            coarse.view, measured, range_error=self.rig.range_error(improved.stddev))
         attenuation, ambient_light = found or (np.nan, np.nan)
         light = np.array([ambient_light])
         return RestorationWater(np.array([attenuation]), light, light)

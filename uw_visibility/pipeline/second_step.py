@@ -14,6 +14,7 @@ import numpy as np
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.arrays import DisparityMap, PerChannel, Points
+from uw_visibility.images.network import ONNX
 from uw_visibility.images.view import StereoViews, View, code_value
 from uw_visibility.optics.lamps import DirectLight
 from uw_visibility.pipeline.first_step import CoarseEstimate, Scale, reduction_factor
@@ -26,8 +27,9 @@ from uw_visibility.stereo.elas import DenseMatch, SupportPoints
 from uw_visibility.stereo.interpolation import inpaint
 from uw_visibility.stereo.matchers import disparity_limits
 from uw_visibility.stereo.noise_scale import matching_scale, shown
+from uw_visibility.stereo.onnx_matcher import NetworkMatch
 from uw_visibility.stereo.pyramid import Pyramid
-from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.stereo.rig import DISPARITY_STDDEV, StereoRig
 from uw_visibility.stereo.views import in_right_view
 from uw_visibility.water.estimate import WaterEstimate
 
@@ -54,6 +56,13 @@ class ImprovedDisparity:
     support_points: int  # support points of the restored pair
     scale: int = 1  # side of the squares of pixels whose means were matched, px
 
+    @property
+    def stddev(self) -> float:
+        """Standard deviation of `disparity`, px: a network's is learnt from the frame."""
+        if isinstance(self.match, NetworkMatch):
+            return self.match.stddev * self.scale
+        return DISPARITY_STDDEV
+
 
 class SecondStep:
     """Dense matching of the restored pair; buffers preallocated for one size of image.
@@ -78,8 +87,12 @@ class SecondStep:
         self._finest = self._scale(Pyramid(config.stereo.reduction, shape, workers).factor)
         # Noise may ask for one as coarse as step 1 has.
         self._sides = [self._finest.factor]
+        # A network is not: it learnt what noise hides, and sizes that it has not had are slow.
+        self._network = config.stereo.matcher == ONNX
         side = 2 * self._finest.factor
-        while Pyramid(side, shape, workers).factor == side <= reduction_factor(shape, config):
+        while not self._network and (
+            Pyramid(side, shape, workers).factor == side <= reduction_factor(shape, config)
+        ):
             self._sides.append(side)
             side *= 2
         self._airlight_used = config.stereo.airlight_prior > 0
@@ -126,7 +139,8 @@ class SecondStep:
         """The scale of a factor, allocated when it is first asked for."""
         if factor not in self._scales:
             self._scales[factor] = Scale(
-                factor, self._shape, self._rig, self._config, self._workers)
+                factor, self._shape, self._rig, self._config, self._workers,
+                self._config.stereo.matcher)
         return self._scales[factor]
 
     def _scale_for(self, left: View, coarse: CoarseEstimate) -> Scale:
@@ -187,7 +201,7 @@ class SecondStep:
         """The next coarser scale; None where that leaves too few disparities."""
         factor = 2 * scale.factor
         low, high = disparity_limits(self._config.stereo, self._shape[1])
-        if Pyramid(factor, self._shape, self._workers).factor != factor:
+        if self._network or Pyramid(factor, self._shape, self._workers).factor != factor:
             return None
         if (high - low) // factor < _FEWEST_DISPARITIES:
             return None

@@ -19,9 +19,11 @@ from uw_visibility.optics.light_model import attenuate
 def warm_up_config(config: PipelineConfig) -> PipelineConfig:
     """Configuration that compiles the same kernels for images of any size.
 
-    A flat field has the size of the real images, and their disparities may begin beyond those of a
-    small pair.
+    The built-in parts are compiled whatever is chosen: the node takes them where a network fails,
+    and a network is tried at the real size. A flat field has the size of the real images, and their
+    disparities may begin beyond those of a small pair.
     """
+    config = config.built_in()
     camera, stereo = config.camera, config.stereo
     if camera.flat_field or camera.flat_field_right:
         camera = replace(camera, flat_field="", flat_field_right="", vignetting=(-0.1, 0.0, 0.0))

@@ -59,6 +59,8 @@ class ContrastNormalizer:
         256 times the 8-bit level.
     gain : (H, W) float32 ndarray
         8-bit levels of even contrast per unit of `grey`.
+    image : (H, W, 3) or (H, W) ndarray
+        What the rest was made of: the view's pixels.
     noise : float
         Noise of the median pixel after restoration, before `grey` was smoothed, in
         8-bit levels of even contrast.
@@ -68,6 +70,7 @@ class ContrastNormalizer:
         self._averaged = averaged
         self.grey: NDArray[np.uint16] = np.empty(shape, np.uint16)
         self.gain: NDArray[np.float32] = np.empty(shape, np.float32)
+        self.image: Image = np.empty((0, 0), np.uint8)
         self.noise = 0.0
         self._noise_of_grey = 0.0
         self._smoother = NoiseAdaptiveSmoother(shape)
@@ -173,6 +176,7 @@ class ContrastNormalizer:
         self, image: Image, weights: Sequence[float] | Array, workers: Workers, noise: Array | None
     ) -> None:
         """Smooth the mix of channels as far as its restored noise asks for."""
+        self.image = image
         self._noise_of_grey = self._known_noise(image, weights, noise)
         self.noise = self._smoother.smooth(self.grey, self.gain, self._noise_of_grey, workers)
 

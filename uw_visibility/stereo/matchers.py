@@ -11,10 +11,12 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap, Points
+from uw_visibility.images.network import ONNX, load
 from uw_visibility.images.view import View
 from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import DenseMatch, Matcher, SupportPoints
+from uw_visibility.stereo.onnx_matcher import OnnxMatcher
 
 
 class StereoMatcher(Protocol):
@@ -56,12 +58,21 @@ class StereoMatcher(Protocol):
 
 MATCHERS: dict[
     str, Callable[[tuple[int, int], tuple[int, int], StereoConfig, Workers], StereoMatcher]
-] = {"elas": Matcher}
+] = {"elas": Matcher, ONNX: OnnxMatcher}
 """Makers of matchers, of height and width, limits of disparity, px, parameters and threads:
 another one is an entry here."""
 
-MATCHER = "elas"
-"""The one that is used; a parameter once there are several."""
+MATCHER = StereoConfig.matcher
+"""The one of step 1, and by default of step 2 (parameter `stereo.matcher`)."""
+
+
+def check_matcher(config: StereoConfig, threads: int) -> None:
+    """Refuse a matcher that there is not, or a model that cannot be loaded."""
+    if config.matcher not in MATCHERS:
+        raise InputError(
+            f"parameter stereo.matcher is {config.matcher!r}: give one of {', '.join(MATCHERS)}")
+    if config.matcher == ONNX:
+        load(config, "stereo", 2, threads)
 
 
 def disparity_limits(config: StereoConfig, width: int) -> tuple[int, int]:

@@ -1,0 +1,458 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Networks in ONNX that turn images into one map or image: checked, loaded and run.
+
+A model is data from outside. Its graph alone is run; what would read other files or run other
+code is found in the file's bytes and refused before onnxruntime sees them, so that the check is
+the same whatever is installed. onnxruntime is imported when a network is loaded, not before.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import math
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_visibility.config.files import check_regular, read_regular
+from uw_visibility.config.network import NetworkConfig
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import InputError, needing, printable
+
+ONNX = "onnx"
+"""Name of the matcher and of the restorer that are networks."""
+
+# Messages of protocol buffers are at most so large, and with them a model without external data.
+_LARGEST_FILE = (1 << 31) - 1
+# What a network takes of the computer's memory, bytes: a bound, against graphs that ask for all.
+_MOST_MEMORY = 4 << 30
+# Constants are computed when a model is loaded; larger ones when it runs, within that bound.
+_LARGEST_CONSTANT = 64 << 20
+_LARGEST_SIDE = 1 << 14
+_PROVIDERS = {
+    "tensorrt": "TensorrtExecutionProvider",
+    "cuda": "CUDAExecutionProvider",
+    "openvino": "OpenVINOExecutionProvider",
+    "cpu": "CPUExecutionProvider",
+}
+_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
+# Of R, G and B, 0..1: the normalisation of torchvision's models.
+_IMAGENET_MEAN = np.array((0.485, 0.456, 0.406), np.float32)
+_IMAGENET_STDDEV = np.array((0.229, 0.224, 0.225), np.float32)
+
+
+class NetworkError(InputError):
+    """A network failed on a frame: the message names it and says how."""
+
+
+class ImageInput(NamedTuple):
+    """Input of a network for one image, as its model declares it."""
+
+    name: str
+    dtype: type
+    channels: int  # 1 or 3
+    channels_last: bool
+    size: tuple[int | None, int | None]  # height and width, px; None for any
+
+
+class Model(NamedTuple):
+    """A model that was checked and loaded."""
+
+    name: str  # of the file
+    session: Any
+    inputs: tuple[ImageInput, ...]
+
+
+class Network:
+    """Network for images of one size, tried once when it is made.
+
+    Images that are larger than a model's fixed size are resized to it; smaller ones are padded at
+    the right and lower border with copies of it.
+
+    Parameters
+    ----------
+    config : NetworkConfig
+        The model, and what it does not say of itself.
+    section : str
+        Section of these parameters, for errors.
+    images : int
+        How many images it takes: a pair, of which it makes a map, or one, which it changes.
+    shape : tuple of int
+        Height and width of the images, px.
+    threads : int
+        Threads that it uses of the processor.
+
+    Raises
+    ------
+    InputError
+        If onnxruntime is missing, or the model is not of this kind; `NetworkError` if it cannot
+        be run.
+    """
+
+    def __init__(
+        self, config: NetworkConfig, section: str, images: int, shape: tuple[int, int],
+        threads: int,
+    ) -> None:
+        self._config, self._section = config, section
+        self._model = load(config, section, images, threads)
+        first = self._model.inputs[0]
+        self.channels = first.channels
+        if self.channels == 1 and config.pixel_values == "imagenet":
+            raise InputError(
+                f"{section}.pixel_values is imagenet, of colours, and {self._model.name} takes "
+                "grey images: give another")
+        self._restores = images == 1
+        self._shape = shape
+        self._inner = tuple(
+            min(side or n, n) for side, n in zip(first.size, shape, strict=True))
+        multiple = config.size_multiple
+        self._outer = tuple(
+            side or -(-n // multiple) * multiple
+            for side, n in zip(first.size, self._inner, strict=True))
+        # Devices compile and allocate at the first run, for as long as that takes.
+        self._limit = threading.TIMEOUT_MAX
+        self.run(*[np.zeros((*shape, self.channels), np.float32)] * images)
+        self._limit = config.time_limit
+
+    @property
+    def columns_per_px(self) -> float:
+        """Columns of the images to one of the network: a map of its pixels is so much larger."""
+        return self._shape[1] / self._inner[1]
+
+    def run(self, *images: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Run the network.
+
+        Parameters
+        ----------
+        *images : (H, W, C) float32 ndarray
+            0..1, with `channels`.
+
+        Returns
+        -------
+        (H, W) or (H, W, 3) float32 ndarray
+            The map of a pair, as the network has it, or the image, 0..1; finite.
+
+        Raises
+        ------
+        NetworkError
+            If it fails, takes too long, or makes anything else.
+        """
+        feeds = {
+            each.name: self._tensor(image, each)
+            for each, image in zip(self._model.inputs, images, strict=True)}
+        made: NDArray[np.float32] = self._image(self._timed(feeds))
+        if not np.isfinite(made).all():
+            raise self._error(f"gave {np.count_nonzero(~np.isfinite(made))} values that are NaN or "
+                              "infinite")
+        height, width = self._inner
+        made = made[:height, :width]
+        if self._restores and self._config.pixel_values != "imagenet":
+            low, high = self._limits()
+            made = (made - np.float32(low)) / np.float32(high - low)
+        if self._inner == self._shape:
+            return made
+        # Between two surfaces there is no third.
+        how = cv2.INTER_NEAREST if made.ndim == 2 else cv2.INTER_LINEAR
+        return np.asarray(cv2.resize(made, self._shape[::-1], interpolation=how))
+
+    def channels_of(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return an image, RGB or grey, with the `channels` that the network takes."""
+        if self.channels == 1 and image.ndim == 3:
+            image = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        if image.ndim == 2:
+            image = np.repeat(image[..., np.newaxis], self.channels, axis=2)
+        return image
+
+    def _limits(self) -> tuple[int, int]:
+        """Pixel values of black and white."""
+        low, high = self._config.pixel_values.split("..")
+        return int(low), int(high)
+
+    def _tensor(self, image: NDArray[np.float32], to: ImageInput) -> NDArray[Any]:
+        if self._inner != self._shape:
+            image = cv2.resize(image, self._inner[::-1], interpolation=cv2.INTER_AREA)
+        below, beside = (n - m for n, m in zip(self._outer, self._inner, strict=True))
+        image = cv2.copyMakeBorder(image, 0, below, 0, beside, cv2.BORDER_REPLICATE)
+        image = image.reshape(*self._outer, to.channels)
+        if self._config.pixel_values == "imagenet":
+            image = (image - _IMAGENET_MEAN) / _IMAGENET_STDDEV
+        else:
+            low, high = self._limits()
+            image = low + (high - low) * image
+        ordered = image if to.channels_last else np.moveaxis(image, 2, 0)
+        return np.ascontiguousarray(ordered[np.newaxis], to.dtype)
+
+    def _timed(self, feeds: dict[str, NDArray[Any]]) -> NDArray[Any]:
+        """Run the session; an operator that is at work when time is over is waited for."""
+        import onnxruntime
+
+        options = onnxruntime.RunOptions()
+        over = threading.Event()
+
+        def end() -> None:
+            over.set()
+            options.terminate = True
+
+        timer = threading.Timer(self._limit, end)
+        timer.start()
+        try:
+            made, = self._model.session.run(None, feeds, options)
+        # Of what kind depends on the device; its classes share no other base.
+        except Exception as error:
+            if over.is_set():
+                raise self._error(
+                    f"took longer than {self._section}.time_limit, {self._limit:g} s") from error
+            raise self._error(f"failed: {_first_line(error)}") from error
+        finally:
+            timer.cancel()
+        return np.asarray(made)
+
+    def _image(self, made: NDArray[Any]) -> NDArray[np.float32]:
+        """Return the network's output as a map or an image, if it is one of the right size."""
+        channels, (height, width) = self.channels if self._restores else 1, self._outer
+        wanted: list[tuple[int, ...]] = [
+            (1, channels, height, width), (1, height, width, channels)]
+        if channels == 1:
+            wanted += [(1, height, width), (height, width)]
+        if made.dtype not in _TYPES.values() or made.shape not in wanted:
+            raise self._error(
+                f"gave {made.dtype} of shape {made.shape}; expected is float32 or float16 of shape "
+                f"{' or '.join(map(str, wanted))}, "
+                f"{'the restored image' if self._restores else 'left-referenced disparity, px'}")
+        if channels == 1:
+            return made.reshape(height, width).astype(np.float32)
+        if made.shape == wanted[0]:
+            made = np.moveaxis(made, 1, 3)
+        return np.ascontiguousarray(made[0], np.float32)
+
+    def _error(self, what: str) -> NetworkError:
+        return NetworkError(f"{self._section}.model: the network {self._model.name} {what}")
+
+
+def load(config: NetworkConfig, section: str, images: int, threads: int) -> Model:
+    """Check and load a model that takes so many images; the last ones are kept.
+
+    Raises `InputError` as `Network` does.
+    """
+    if not config.model:
+        raise InputError(f"parameter {section}.model is empty: give the path of an ONNX file")
+    stamp = _stamp(config.model)
+    return _load(config.model, stamp, config.providers, section, images, threads)
+
+
+# That before the present parameters, too: a change may be taken back.
+@functools.lru_cache(maxsize=4)
+def _load(
+    path: str, stamp: tuple[int, ...], providers: str, section: str, images: int, threads: int
+) -> Model:
+    with needing("onnx", f"{section}.model"):
+        import onnxruntime
+    content = read_regular(path, _LARGEST_FILE, "model")
+    name = printable(Path(path).name)
+    check_content(content, name)
+    wanted = _named_providers(providers, section, onnxruntime.get_available_providers())
+    options = onnxruntime.SessionOptions()
+    # What it would log is in the errors that it raises.
+    options.log_severity_level = 4
+    options.intra_op_num_threads = threads
+    options.use_deterministic_compute = True
+    for key, value in (
+        ("session.load_model_format", "ONNX"),
+        ("session.use_env_allocators", "1"),
+        ("optimization.constant_folding_max_output_size_in_bytes", str(_LARGEST_CONSTANT)),
+    ):
+        options.add_session_config_entry(key, value)
+    _limit_memory()
+    try:
+        # Without its own fallback, which would change the providers and say so on standard output.
+        session = onnxruntime.InferenceSession(
+            content, options, providers=wanted, enable_fallback=0)
+    # As in `Network.run`.
+    except Exception as error:
+        raise InputError(f"model {name} cannot be loaded: {_first_line(error)}") from error
+    lacking = [each for each in wanted if each not in session.get_providers()]
+    if lacking:
+        raise InputError(
+            f"{section}.providers: {lacking[0]} does not start here (its libraries, its device?): "
+            "mend it, or leave it out")
+    inputs = tuple(_image_input(each, name) for each in session.get_inputs())
+    outputs = [f"{each.name} {each.shape}" for each in session.get_outputs()]
+    if len(inputs) != images or len({each[1:] for each in inputs}) != 1 or len(outputs) != 1:
+        raise InputError(
+            f"model {name} has the inputs {[tuple(each) for each in inputs]} and the outputs "
+            f"{', '.join(outputs)}; expected are {images} alike, and one output")
+    # By their names where these tell, else in order.
+    if images == 2 and "right" in inputs[0].name.lower() and "left" in inputs[1].name.lower():
+        inputs = inputs[::-1]
+    return Model(name, session, inputs)
+
+
+@functools.cache
+def _limit_memory() -> None:
+    """Bound what all networks of the process take of the computer's memory."""
+    import onnxruntime
+
+    onnxruntime.disable_telemetry_events()
+    onnxruntime.create_and_register_allocator(
+        onnxruntime.OrtMemoryInfo(
+            "Cpu", onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0,
+            onnxruntime.OrtMemType.DEFAULT),
+        onnxruntime.OrtArenaCfg({"max_mem": _MOST_MEMORY}))
+
+
+def _named_providers(text: str, section: str, available: list[str]) -> list[str]:
+    names = [name.strip().lower() for name in text.split(",")]
+    here = [name for name, provider in _PROVIDERS.items() if provider in available]
+    for name in names:
+        if name not in here:
+            raise InputError(
+                f"parameter {section}.providers names {name!r}: this onnxruntime has "
+                f"{', '.join(here)}")
+    return [_PROVIDERS[name] for name in names]
+
+
+def _image_input(declared: Any, model: str) -> ImageInput:
+    """Read the layout of an input; refuse what is no image."""
+    shape = [n if isinstance(n, int) and n > 0 else None for n in declared.shape]
+    places = [at for at in (1, 3) if len(shape) == 4 and shape[at] in (1, 3)]
+    sizes = [n for at, n in enumerate(shape) if at and at not in places]
+    if (
+        declared.type not in _TYPES or len(places) != 1 or shape[0] not in (1, None)
+        or any(n is not None and n > _LARGEST_SIDE for n in sizes)
+    ):
+        raise InputError(
+            f"model {model} has the input {declared.name}, {declared.type} of shape "
+            f"{declared.shape}; expected is float or float16 of shape [1, C, height, width] or "
+            f"[1, height, width, C], with C = 1 or 3 and sides of at most {_LARGEST_SIDE} px")
+    at, = places
+    height, width = sizes
+    channels = 1 if shape[at] == 1 else 3
+    return ImageInput(declared.name, _TYPES[declared.type], channels, at == 3, (height, width))
+
+
+def digests(config: PipelineConfig) -> dict[str, str]:
+    """SHA-256 of each model in use, by the name of a parameter that there might be."""
+    used = {
+        "stereo": config.stereo.model if config.stereo.matcher == ONNX else "",
+        "enhancement": config.enhancement.model if config.enhancement.restorer == ONNX else ""}
+    return {
+        f"{section}.model_sha256": _digest(path, _stamp(path))
+        for section, path in used.items() if path}
+
+
+@functools.lru_cache(maxsize=4)
+def _digest(path: str, stamp: tuple[int, ...]) -> str:
+    return hashlib.sha256(read_regular(path, _LARGEST_FILE, "model")).hexdigest()
+
+
+def _stamp(path: str) -> tuple[int, ...]:
+    """Tell one content of a file from another, without reading it."""
+    check_regular(path, "model")
+    found = Path(path).stat()
+    return found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def _first_line(error: Exception) -> str:
+    return printable((str(error) or type(error).__name__).splitlines()[0], 400)
+
+
+# Messages of onnx.proto that can hold something to refuse, and in which fields they stand.
+_PARTS = {
+    ("model", 7): "graph",
+    ("graph", 1): "node", ("graph", 5): "tensor",
+    ("node", 5): "attribute",
+    ("attribute", 5): "tensor", ("attribute", 10): "tensor",
+    ("attribute", 6): "graph", ("attribute", 11): "graph",
+}
+_REFUSED = {
+    ("model", 20): "a graph for training",
+    ("model", 25): "functions of its own (inline them when it is exported)",
+    ("graph", 15): "sparse weights", ("attribute", 22): "sparse weights",
+    ("attribute", 23): "sparse weights",
+    ("tensor", 13): "weights in another file (export it as one file)",
+}
+
+
+def check_content(content: bytes, name: str) -> None:
+    """Refuse a model's file that asks for other files, other code, or memory without end.
+
+    Reads the wire format of protocol buffers as far as onnx.proto (ONNX 1.23) matters here.
+    Raises `InputError` naming the model and what it holds.
+    """
+    waiting = [("model", memoryview(content))]
+    try:
+        while waiting:
+            kind, message = waiting.pop()
+            elements = 1
+            for field, value in _fields(message):
+                at = kind, field
+                if at in _REFUSED or (at == ("tensor", 14) and value != 0):
+                    what = _REFUSED.get(at) or _REFUSED["tensor", 13]
+                    raise InputError(f"model {name} has {what}: that is refused")
+                if at == ("node", 7) and bytes(value) not in (b"", b"ai.onnx"):
+                    raise InputError(
+                        f"model {name} has operators of the domain {bytes(value).decode()}: give "
+                        "one of ONNX's own operators only")
+                if at == ("tensor", 1):
+                    elements *= math.prod(
+                        [value] if isinstance(value, int) else _numbers(value))
+                elif at in _PARTS:
+                    waiting.append((_PARTS[at], value))
+            # The smallest elements have four bits.
+            if kind == "tensor" and elements > 2 * len(message):
+                raise InputError(
+                    f"model {name} has a tensor of {elements} elements in {len(message)} bytes: "
+                    "it is damaged")
+    except (IndexError, TypeError, UnicodeDecodeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{name} is no model in ONNX, or a damaged one") from error
+
+
+def _fields(message: memoryview) -> Iterator[tuple[int, Any]]:
+    """Yield number and value of each field: whole numbers, or bytes."""
+    at = 0
+    while at < len(message):
+        key, at = _number(message, at)
+        kind = key & 7
+        if kind == 0:
+            value, at = _number(message, at)
+            yield key >> 3, value
+            continue
+        if kind == 2:
+            length, at = _number(message, at)
+        elif kind in (1, 5):
+            length = 8 if kind == 1 else 4
+        else:
+            raise ValueError(kind)
+        if at + length > len(message):
+            raise IndexError(at)
+        yield key >> 3, message[at : at + length]
+        at += length
+
+
+def _numbers(packed: memoryview) -> Iterator[int]:
+    at = 0
+    while at < len(packed):
+        value, at = _number(packed, at)
+        yield value
+
+
+def _number(message: memoryview, at: int) -> tuple[int, int]:
+    """Read a varint: its value, and where the next field begins."""
+    value = shift = 0
+    while True:
+        byte = message[at]
+        value |= (byte & 127) << shift
+        at, shift = at + 1, shift + 7
+        if byte < 128:
+            return value, at
+        if shift > 63:
+            raise ValueError(at)
