@@ -8,12 +8,14 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from uw_visibility.errors import InputError
+from uw_visibility.images.network import NetworkError
 from uw_visibility.messages.estimates import ImageHeader
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.outputs import TOPICS
@@ -34,7 +36,7 @@ from std_msgs.msg import Float64
 
 from uw_visibility.ros import core as module
 from uw_visibility.ros.core import PipelineState
-from uw_visibility.ros.monitor import OK, WARN, ReasonLog
+from uw_visibility.ros.monitor import ERROR, OK, WARN, ReasonLog
 from uw_visibility.ros.parameters import NodeParameters
 from uw_visibility.water.series.filter import FilteredWater
 from uw_visibility.water.series.survey import SurveyEstimate
@@ -61,11 +63,13 @@ class Processor:
         self.reader = self
         self.calibrations, self.rig = 0, None
         self.asked: list[set[str]] = []
+        self.used: list[Any] = []
         self.failure: Exception | None = None
         self.header = ImageHeader(1, 0, "camera")
         self.rig = None
 
     def begin(self, frame: Any, pipeline: Any) -> Any:
+        self.used.append(pipeline)
         return self
 
     def assess(self, topics: Any, *, known_light: Any = None) -> Any:
@@ -158,6 +162,35 @@ def test_failure_costs_one_frame_and_tells_its_traceback_once(
     said = "".join(capfd.readouterr())
     assert said.count("Traceback") == 1
     assert "dropped a frame: the frame is odd: make it even" in said
+
+
+def test_a_network_that_fails_three_times_in_a_row_is_replaced(
+    core: Any, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    settings = core._parameters.settings
+    mine = replace(settings.pipeline, stereo=replace(settings.pipeline.stereo, matcher="onnx"))
+    monkeypatch.setattr(core._parameters, "settings", replace(settings, pipeline=mine))
+    lost = NetworkError("stereo.model: the network mine.onnx failed: no memory")
+    outcomes = [lost, lost, None, lost, lost, lost, None]
+    for count, failure in enumerate(outcomes, 1):
+        core._processor.failure = failure
+        core.worker.offer(FRAME)
+        wait(lambda count=count: core.state.processed + core.state.failed == count)
+    matchers = [used.stereo.matcher for used in core._processor.used]
+    assert matchers == ["onnx"] * 6 + ["elas"]
+    assert (core.state.processed, core.state.failed) == (2, 5)
+    for _ in range(2):
+        finding = core.state.diagnose("", 0)
+        assert finding.level == ERROR
+    assert "stand in until a parameter changes: stereo.model: the network mine" in finding.message
+    # Other parameters are a new try.
+    other = replace(mine, stereo=replace(mine.stereo, model="other.onnx"))
+    monkeypatch.setattr(core._parameters, "settings", replace(settings, pipeline=other))
+    core.worker.offer(FRAME)
+    wait(lambda: core.state.processed == 3)
+    assert core._processor.used[-1] == other
+    assert "stand in" not in core.state.diagnose("", 0).message
+    assert "".join(capfd.readouterr()).count("failed 3 times in a row") == 1
 
 
 def test_images_that_memory_has_no_room_for_are_refused_before_they_are_read(core: Any) -> None:

@@ -18,7 +18,9 @@ from rclpy.node import Node
 from uw_visibility.compute.jit import counts
 from uw_visibility.compute.kernel_folder import writable_folder
 from uw_visibility.config.assumptions import ASK_TRANSFER, like_video
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
+from uw_visibility.images.network import NetworkError, digests
 from uw_visibility.messages.depth_sensor import SENSOR_TYPES, read_depth
 from uw_visibility.messages.estimates import NIS_TOPICS, nis_messages
 from uw_visibility.messages.frames import StereoFrame
@@ -40,6 +42,7 @@ from uw_visibility.ros.monitor import (
     describe_fault,
 )
 from uw_visibility.ros.parameters import NodeParameters, Settings, check_qos_overrides
+from uw_visibility.ros.substitute import Substitute
 from uw_visibility.ros.transport.factory import make_message, message_type
 from uw_visibility.ros.transport.qos import describe_publishers, publish_on, subscribe_to
 from uw_visibility.ros.worker import NewestWorker
@@ -79,6 +82,8 @@ class NodeCore:
         self._active_since: float | None = None
         self._processor = FrameProcessor(make_message, self._settings.node.rectify)
         self._filter: WaterFilter | None = None
+        self._substitute = Substitute()
+        self.state.substitute = self._substitute
         self.worker = NewestWorker(self._process, self._warm_up, self._settings.node.niceness)
         # Geometry and size of the images that came last.
         self._images: tuple[StereoRig, tuple[int, int]] | None = None
@@ -139,6 +144,7 @@ class NodeCore:
             return
         try_out(config, rig, shape)
         self._tried = config, rig, shape
+        self.state.models = digests(config)
 
     def activate(self) -> None:
         """Take images and publish results from now on."""
@@ -219,6 +225,10 @@ class NodeCore:
         with self.state.busy():
             try:
                 self._answer(frame)
+            except NetworkError as error:
+                if self._substitute.fail(error) and self._wanted():
+                    self._log.error(self._substitute.reason)
+                self.state.fail(f"lost a frame: {error}", "")
             except InputError as error:
                 self.state.refuse(f"dropped a frame: {error}")
             except Exception as error:
@@ -230,12 +240,13 @@ class NodeCore:
         """Read a frame, run the pipeline on it, and publish what it says."""
         settings = self._settings
         begin = time.perf_counter()
-        work = self._read(frame, settings)
+        work = self._read(frame, settings, self._substitute.config(settings.pipeline))
         read = time.perf_counter()
         topics = self._wanted_topics()
         if self._filter is None or self._filter.config != settings.pipeline:
             self._filter = WaterFilter(settings.pipeline)
         result = work.assess(topics, known_light=self._filter.lamps)
+        self._substitute.succeed()
         if not self._wanted():
             return
         assessed = time.perf_counter()
@@ -253,11 +264,13 @@ class NodeCore:
             if "camera.transfer" not in self._parameters.told and like_video(frame.left):
                 self._log.warning(ASK_TRANSFER)
 
-    def _read(self, frame: StereoFrame, settings: Settings) -> FrameWork:
+    def _read(
+        self, frame: StereoFrame, settings: Settings, pipeline: PipelineConfig
+    ) -> FrameWork:
         """Read the images of a frame."""
         width, height = image_size(frame.left_info, "left")
         check_megapixels(width, height, settings.node.max_megapixels)
-        work = self._processor.begin(frame, settings.pipeline)
+        work = self._processor.begin(frame, pipeline)
         calibrations = self._processor.reader.calibrations
         if calibrations > max(self.state.calibrations, 1):
             self._changes.add("camera_info has changed: using the new calibration")
@@ -311,6 +324,8 @@ class PipelineState:
         those lost to an error inside.
     calibrations: how often CameraInfo was new.
     failures: why frames gave no result.
+    models: SHA-256 of the networks in use, by name of parameter.
+    substitute: whether the built-in parts stand in for them.
     """
 
     def __init__(self, failures: ReasonLog) -> None:
@@ -326,6 +341,8 @@ class PipelineState:
         self._result: FrameResult | None = None
         self._filtered: FilteredWater | None = None
         self._latency = self._around = 0.0
+        self.models: dict[str, str] = {}
+        self.substitute = Substitute()
 
     @contextmanager
     def busy(self) -> Iterator[None]:
@@ -392,6 +409,7 @@ class PipelineState:
         values: dict[str, Any] = {f"frames {name}": count for name, count in counts.items()}
         values["rate (Hz)"] = f"{rate:.2f}"
         values["calibrations"] = self.calibrations
+        values |= self.models
         if self._result is not None:
             values |= _values(self._result, self._filtered)
             values["around the pipeline (ms)"] = f"{self._around:.1f}"
@@ -400,6 +418,8 @@ class PipelineState:
         if silence:
             stopped = self.processed > 0 or self.refused + self.failed > 0
             return Finding(ERROR if stopped else WARN, f"no output: {silence}", values)
+        if self.substitute.reason:
+            return Finding(ERROR, self.substitute.reason, values)
         missing = self._missing()
         if recent.get("refused") or recent.get("failed"):
             level = ERROR if recent.get("failed") else WARN

@@ -13,6 +13,7 @@ from typing import Any
 from uw_visibility.config.parameters import flatten
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError, check_range
+from uw_visibility.images.network import digests
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.sensors import LONGEST_TOLERANCE, ScalarTopic, check_join
 from uw_visibility.replay.inputs.topics import POSITION_TYPES, Wanted, check_topic, depth_types
@@ -101,6 +102,7 @@ class ReplayOptions:
         """Return everything that changes results, for provenance, as JSON has it."""
         values = {
             **{k: v for k, v in self.pipeline.to_parameters().items() if k != "threads"},
+            **digests(self.pipeline),
             **flatten(self.node),
             "replay.start": self.start,
             "replay.duration": None if math.isinf(self.duration) else self.duration,
