@@ -45,7 +45,6 @@ def test_frames_that_the_network_loses_have_the_reason(transect: Path, tmp_path:
     half = [helper.make_node("ReduceMean", ["left"], ["mean"], axes=[1]),
             helper.make_node("Neg", ["mean"], ["less"]),
             helper.make_node("Log", ["less"], ["disparity"])]
-    # Of the blank images that it is tried with, too.
     model = save(tmp_path / "nan.onnx", half)
     params = parameter_file(
         tmp_path / "p.yaml", {"stereo.matcher": "onnx", "stereo.model": str(model)})

@@ -116,9 +116,10 @@ class Network:
         self._outer = tuple(
             side or -(-n // multiple) * multiple
             for side, n in zip(first.size, self._inner, strict=True))
-        # Devices compile and allocate at the first run, for as long as that takes.
+        # Devices compile and allocate at the first run, for as long as that takes. What it makes
+        # of blank images may be anything of the right shape.
         self._limit = threading.TIMEOUT_MAX
-        self.run(*[np.zeros((*shape, self.channels), np.float32)] * images)
+        self._make(*[np.zeros((*shape, self.channels), np.float32)] * images)
         self._limit = config.time_limit
 
     @property
@@ -144,10 +145,7 @@ class Network:
         NetworkError
             If it fails, takes too long, or makes anything else.
         """
-        feeds = {
-            each.name: self._tensor(image, each)
-            for each, image in zip(self._model.inputs, images, strict=True)}
-        made: NDArray[np.float32] = self._image(self._timed(feeds))
+        made = self._make(*images)
         if not np.isfinite(made).all():
             raise self._error(f"gave {np.count_nonzero(~np.isfinite(made))} values that are NaN or "
                               "infinite")
@@ -161,6 +159,12 @@ class Network:
         # Between two surfaces there is no third.
         how = cv2.INTER_NEAREST if made.ndim == 2 else cv2.INTER_LINEAR
         return np.asarray(cv2.resize(made, self._shape[::-1], interpolation=how))
+
+    def _make(self, *images: NDArray[np.float32]) -> NDArray[np.float32]:
+        feeds = {
+            each.name: self._tensor(image, each)
+            for each, image in zip(self._model.inputs, images, strict=True)}
+        return self._image(self._timed(feeds))
 
     def channels_of(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return an image, RGB or grey, with the `channels` that the network takes."""
@@ -271,9 +275,10 @@ def _load(
         options.add_session_config_entry(key, value)
     _limit_memory()
     try:
-        # Without its own fallback, which would change the providers and say so on standard output.
+        # Without its own fallback, which changes the providers and tells standard output alone.
         session = onnxruntime.InferenceSession(
             content, options, providers=wanted, enable_fallback=0)
+        session.disable_fallback()
     # As in `Network.run`.
     except Exception as error:
         raise InputError(f"model {name} cannot be loaded: {_first_line(error)}") from error
