@@ -219,6 +219,13 @@ def test_sizes_are_compared_with_the_file_s(tmp_path: Path) -> None:
         check_content(model.SerializeToString(), "big")
 
 
+def test_names_that_are_no_text_are_refused(tmp_path: Path) -> None:
+    path = shifts(tmp_path / "shifts.onnx", MOST)
+    path.write_bytes(path.read_bytes().replace(b"height", b"hei\xffht"))
+    with pytest.raises(InputError, match=r"shifts\.onnx cannot be loaded"):
+        network(path)
+
+
 SMALL = """
 import sys
 from uw_visibility.config.network import NetworkConfig

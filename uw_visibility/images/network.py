@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from uw_visibility.config.files import check_regular, read_regular
 from uw_visibility.config.network import NetworkConfig
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.errors import InputError, needing, printable
+from uw_visibility.errors import InputError, needing, printable, refusing
 
 ONNX = "onnx"
 """Name of the matcher and of the restorer that are networks."""
@@ -213,7 +213,7 @@ class Network:
             if over.is_set():
                 raise self._error(
                     f"took longer than {self._section}.time_limit, {self._limit:g} s") from error
-            raise self._error(f"failed: {_first_line(error)}") from error
+            raise self._error(f"failed: {error}") from error
         finally:
             timer.cancel()
         return np.asarray(made)
@@ -274,21 +274,19 @@ def _load(
     ):
         options.add_session_config_entry(key, value)
     _limit_memory()
-    try:
+    # Of what kind an error is depends on the device; names may be no text.
+    with refusing(f"model {name} cannot be loaded", Exception):
         # Without its own fallback, which changes the providers and tells standard output alone.
         session = onnxruntime.InferenceSession(
             content, options, providers=wanted, enable_fallback=0)
         session.disable_fallback()
-    # As in `Network.run`.
-    except Exception as error:
-        raise InputError(f"model {name} cannot be loaded: {_first_line(error)}") from error
-    lacking = [each for each in wanted if each not in session.get_providers()]
-    if lacking:
-        raise InputError(
-            f"{section}.providers: {lacking[0]} does not start here (its libraries, its device?): "
-            "mend it, or leave it out")
-    inputs = tuple(_image_input(each, name) for each in session.get_inputs())
-    outputs = [f"{each.name} {each.shape}" for each in session.get_outputs()]
+        lacking = [each for each in wanted if each not in session.get_providers()]
+        if lacking:
+            raise InputError(
+                f"{section}.providers: {lacking[0]} does not start here (its libraries, its "
+                "device?): mend it, or leave it out")
+        inputs = tuple(_image_input(each, name) for each in session.get_inputs())
+        outputs = [f"{each.name} {each.shape}" for each in session.get_outputs()]
     if len(inputs) != images or len({each[1:] for each in inputs}) != 1 or len(outputs) != 1:
         raise InputError(
             f"model {name} has the inputs {[tuple(each) for each in inputs]} and the outputs "
@@ -362,10 +360,6 @@ def _stamp(path: str) -> tuple[int, ...]:
     check_regular(path, "model")
     found = Path(path).stat()
     return found.st_ino, found.st_size, found.st_mtime_ns
-
-
-def _first_line(error: Exception) -> str:
-    return printable((str(error) or type(error).__name__).splitlines()[0], 400)
 
 
 # Messages of onnx.proto that can hold something to refuse, and in which fields they stand.
