@@ -204,9 +204,11 @@ def _components(outputs: Array, logits: Array) -> tuple[Array, Array, Array]:
     shaped = outputs.reshape(3, COMPONENTS, OF_COMPONENT).swapaxes(0, 1)
     mean = shaped[..., :UNKNOWNS].reshape(COMPONENTS, -1)
     lower = np.zeros((COMPONENTS, 3, UNKNOWNS, UNKNOWNS))
-    lower[..., *np.diag_indices(UNKNOWNS)] = np.exp(np.clip(
+    diagonal = np.arange(UNKNOWNS)
+    lower[..., diagonal, diagonal] = np.exp(np.clip(
         shaped[..., UNKNOWNS:2 * UNKNOWNS], LEAST_LOG_DEVIATION, MOST_LOG_DEVIATION))
-    lower[..., *np.tril_indices(UNKNOWNS, -1)] = shaped[..., 2 * UNKNOWNS:UNKNOWNS + 6]
+    row, column = np.tril_indices(UNKNOWNS, -1)
+    lower[..., row, column] = shaped[..., 2 * UNKNOWNS:UNKNOWNS + 6]
     loading = shaped[..., UNKNOWNS + 6:].reshape(COMPONENTS, -1, FACTORS)
     covariance = loading @ loading.swapaxes(1, 2)
     for c in range(3):
