@@ -57,23 +57,15 @@ def known_range(
     has the variance of the matcher times one and noise over texture; in gaps, that of what
     surrounds them, too.
 
-    Parameters
-    ----------
-    image : (H, W, 3) or (H, W) ndarray of uint8 or uint16
-        Pixel values.
-    range_map : (H, W) float32 ndarray
-        Range, m, with gaps filled; NaN and infinity are beyond all that is seen.
-    matched : (H, W) bool ndarray
-        Pixels whose range was measured.
-    noise : (C,) float64 ndarray
-        Standard deviation of the image's noise, in code values.
-    attenuation : (C,) float64 ndarray
-        β, 1/m; NaN where not assessable, and nothing is known where all are. The clearest
-        channel's counts, by which one sees farthest.
-    range_error : float
-        Standard deviation of a matched inverse range, 1/m.
-    max_gap : int
-        How far gaps look for matches, px.
+    image: (H, W, 3) or (H, W) of uint8 or uint16, pixel values.
+    range_map: (H, W) float32, range, m, with gaps filled; NaN and infinity are beyond all that is
+        seen.
+    matched: (H, W) bool, pixels whose range was measured.
+    noise: (C,) float64, standard deviation of the image's noise, in code values.
+    attenuation: (C,) float64, β, 1/m; NaN where not assessable, and nothing is known where all are.
+        The clearest channel's counts, by which one sees farthest.
+    range_error: standard deviation of a matched inverse range, 1/m.
+    max_gap: how far gaps look for matches, px.
     """
     height, width = matched.shape
     half = ((width + 1) // 2, (height + 1) // 2)

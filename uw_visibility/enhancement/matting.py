@@ -35,20 +35,12 @@ NO_PLANE = (0.0, 0.0, 0.0)
 class Level:
     """One grid of the pyramid, with its buffers.
 
-    Attributes
-    ----------
-    guide : (h, w, 3) float32 ndarray
-        Mean of the guide, centred on 0.
-    value, weight : (h, w) float32 ndarray
-        Disparity above the base plane, and its weight.
-    place : (h, w, 2) float32 ndarray
-        x and y, px, that `value` stands for; of the finest grid only.
-    prior : (h, w) float32 ndarray
-        What the next coarser level says about `value`.
-    moments, solved : (h, n, w) float32 ndarray
-        Sums along rows.
-    coefficients : (h, 4, w) float32 ndarray
-        Slopes for the three channels, offset.
+    guide: (h, w, 3) float32, mean of the guide, centred on 0.
+    value, weight: (h, w) float32, disparity above the base plane, and its weight.
+    place: (h, w, 2) float32, x and y, px, that `value` stands for; of the finest grid only.
+    prior: (h, w) float32, what the next coarser level says about `value`.
+    moments, solved: (h, n, w) float32, sums along rows.
+    coefficients: (h, 4, w) float32, slopes for the three channels, offset.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
@@ -171,18 +163,10 @@ class Matting:
     def refine(self, coarse: DisparityMap, guide: NDArray[np.generic]) -> NDArray[np.float32]:
         """Refine a coarse disparity map, a mesh or single points, and make it dense.
 
-        Parameters
-        ----------
-        coarse : (H, W) float32 ndarray
-            Disparity, px; NaN where unknown.
-        guide : (H, W, 3) or (H, W) ndarray of uint8 or uint16
-            Image of the same view.
-
-        Returns
-        -------
-        (H, W) float32 ndarray
-            Disparity, px, between the smallest and the largest given; NaN everywhere where
-            there is none.
+        coarse: (H, W) float32, disparity, px; NaN where unknown.
+        guide: (H, W, 3) or (H, W) of uint8 or uint16, image of the same view.
+        Returns (H, W) float32, disparity, px, between the smallest and the largest given; NaN
+        everywhere where there is none.
         """
         image = _colour(guide)
         if image.shape[:2] != coarse.shape:

@@ -173,16 +173,11 @@ def level_veil(
     depends on range all the same, the deviation is larger by Birge's ratio (1932, doi
     10.1103/PhysRev.40.207).
 
-    Parameters
-    ----------
-    irradiance : (C, N) float64 ndarray
-        Of pixels, 0..1.
-    distance : (N,) float64 ndarray
-        Their range, m, above 0 and finite.
-    attenuation, veil, light, stddev : (C,) float64 ndarray
-        β, 1/m; veil B; light W on the scene; standard deviation of the veil.
-    error : float
-        Of a bin's irradiance, by quantisation.
+    irradiance: (C, N) float64, of pixels, 0..1.
+    distance: (N,) float64, their range, m, above 0 and finite.
+    attenuation, veil, light, stddev: (C,) float64, β, 1/m; veil B; light W on the scene; standard
+        deviation of the veil.
+    error: of a bin's irradiance, by quantisation.
     """
     low, high = distance.min(), distance.max()
     place = np.log(distance / low) / max(np.log(high / low), 1e-9)

@@ -52,22 +52,13 @@ _LEAST_DISPARITY = 0.5
 
 @dataclass(frozen=True)
 class AirlightPrior:
-    """Airlight prior: bounds of optical thickness, in the mean of the channels.
+    """Airlight prior: bounds of optical thickness, in the mean of the channels."""
 
-    Attributes
-    ----------
-    farthest : (H, W) float32 ndarray
-        Largest optical thickness in front of each pixel of the left view, several standard
-        deviations added; inf without bound.
-    thickness : (D,) float32 ndarray
-        Optical thickness at each disparity, falling.
-    trust : float
-        0..1, how well the water is known: the weight of what lies within the bounds.
-    """
-
+    # (H, W) float32, largest optical thickness in front of each pixel of the left view, several
+    # standard deviations added; inf without bound
     farthest: NDArray[np.float32]
-    thickness: NDArray[np.float32]
-    trust: float
+    thickness: NDArray[np.float32]  # (D,) float32, optical thickness at each disparity, falling
+    trust: float  # 0..1, how well the water is known: the weight of what lies within the bounds
 
 
 class Airlight:
@@ -93,23 +84,14 @@ class Airlight:
     ) -> AirlightPrior | None:
         """Bound the range of each pixel of an RGB image.
 
-        Parameters
-        ----------
-        image : (H, W, 3) ndarray of uint8 or uint16
-            Left view.
-        water : UncertainWater
-            Attenuation and ambient light, with their covariance.
-        points : (N, 3) float32 ndarray
-            Column, row and disparity, px, of matches that the bound is scaled to hold for,
-            narrowly.
-        noise : (3,) float64 ndarray, optional
-            Standard deviation of the image's noise in code values; measured by default.
-
-        Returns
-        -------
-        AirlightPrior or None
-            Valid until the next call. None where the water is unknown, or explains the
-            matches too badly.
+        image: (H, W, 3) of uint8 or uint16, left view.
+        water: attenuation and ambient light, with their covariance.
+        points: (N, 3) float32, column, row and disparity, px, of matches that the bound is scaled
+            to hold for, narrowly.
+        noise: (3,) float64, standard deviation of the image's noise in code values; measured by
+            default.
+        Returns valid until the next call. None where the water is unknown, or explains the matches
+        too badly.
         """
         noise = noise_stddev(image) if noise is None else noise
         table = _range_table(image.dtype, noise, water, self._transfer)

@@ -44,20 +44,11 @@ class GapFiller:
         belongs to the background; a mismatched one takes their median, so a
         hole in the foreground stays foreground.
 
-        Parameters
-        ----------
-        left : (H, W) float32 ndarray
-            Left disparity map, px; NaN = a gap.
-        right : (H, W) float32 ndarray
-            Right disparity map **before** the left/right check, positive px, NaN =
-            unknown. Where none of its disparities points at a pixel, that pixel
-            is occluded.
-
-        Returns
-        -------
-        (H, W) float32 ndarray
-            A new map; NaN stays where fewer than three directions meet a
-            disparity within `max_gap`.
+        left: (H, W) float32, left disparity map, px; NaN = a gap.
+        right: (H, W) float32, right disparity map **before** the left/right check, positive px, NaN
+            = unknown. Where none of its disparities points at a pixel, that pixel is occluded.
+        Returns (H, W) float32, a new map; NaN stays where fewer than three directions meet a
+        disparity within `max_gap`.
         """
         if left.shape != self.shape or right.shape != self.shape:
             raise InputError(f"disparity maps are not of the shape {self.shape} expected")

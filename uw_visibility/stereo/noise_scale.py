@@ -39,16 +39,10 @@ def matching_scale(
 ) -> int:
     """Choose the side of the squares of pixels that are averaged before matching, px.
 
-    Parameters
-    ----------
-    image : (H, W, 3) or (H, W) ndarray of uint8 or uint16
-        RGB or grey.
-    noise : (3,) or (1,) float64 ndarray
-        Standard deviation of each channel's noise, code values.
-    weights : (3,) array_like
-        Weights of the channels that are matched, of sum 1.
-    scales : sequence of int
-        Sides to choose from, px, ascending; the first where there is no noise, and where none
+    image: (H, W, 3) or (H, W) of uint8 or uint16, RGB or grey.
+    noise: (3,) or (1,) float64, standard deviation of each channel's noise, code values.
+    weights: (3,) array_like, weights of the channels that are matched, of sum 1.
+    scales: sides to choose from, px, ascending; the first where there is no noise, and where none
         shows a scene.
     """
     if len(scales) == 1 or mixed_noise(image, noise, weights) <= ROUNDING * code_value(image):

@@ -32,12 +32,8 @@ class Pyramid:
     at the right and lower border that fill no square are left out, and take their neighbours'
     disparity.
 
-    Attributes
-    ----------
-    shape, small : tuple of int
-        Height and width of the images, and of the small ones, px.
-    factor : int
-        1 where the small images would be too small.
+    shape, small: height and width of the images, and of the small ones, px.
+    factor: 1 where the small images would be too small.
     """
 
     def __init__(self, factor: int, shape: tuple[int, int], workers: Workers) -> None:

@@ -26,20 +26,11 @@ _DARK = 0.02
 def right_gain(left: Image, right: Image, points: Points, transfer: str) -> Array:
     """Estimate the gain of the right camera over the left one.
 
-    Parameters
-    ----------
-    left, right : (H, W, 3) or (H, W) ndarray of uint8 or uint16
-        The pair.
-    points : (N, 3) float32 ndarray
-        Column and row in the left image, and disparity, px.
-    transfer : str
-        ``"linear"`` or ``"srgb"``.
-
-    Returns
-    -------
-    (3,) or (1,) float64 ndarray
-        Median over the points of the ratio of irradiances; 1 for a channel in which too few
-        points can be compared.
+    left, right: (H, W, 3) or (H, W) of uint8 or uint16, the pair.
+    points: (N, 3) float32, column and row in the left image, and disparity, px.
+    transfer: ``"linear"`` or ``"srgb"``.
+    Returns (3,) or (1,) float64, median over the points of the ratio of irradiances; 1 for a
+    channel in which too few points can be compared.
     """
     stride = -(-len(points) // _MOST_POINTS) or 1
     chosen = points[::stride]

@@ -19,14 +19,9 @@ from uw_visibility.stereo.rig import StereoRig
 class Rectifier:
     """Rectification of raw image pairs, by the CameraInfo (K, D, R and P) of both cameras.
 
-    Attributes
-    ----------
-    rig : StereoRig
-        Geometry of the rectified images.
-    valid : (H, W) bool ndarray
-        Where the rectified left image shows the raw one.
-    valid_window : tuple of int
-        (x, y, width, height) of the smallest window that holds all of `valid`.
+    rig: geometry of the rectified images.
+    valid: (H, W) bool, where the rectified left image shows the raw one.
+    valid_window: (x, y, width, height) of the smallest window that holds all of `valid`.
     """
 
     def __init__(self, left: Any, right: Any) -> None:

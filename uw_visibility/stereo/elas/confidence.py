@@ -75,19 +75,11 @@ def rate(
 ) -> NDArray[np.float32]:
     """Confidence of each disparity of a matched pair.
 
-    Parameters
-    ----------
-    disparity : (H, W) float32 ndarray
-        Left-referenced, px; NaN where unmatched.
-    best_right : (H, W) int16 ndarray
-        What the search found in the right view, px; -1 for nothing.
-    descriptors : tuple of (H * W * 16,) uint8 ndarray
-        Of the left and of the right view.
-
-    Returns
-    -------
-    (H, W) float32 ndarray
-        Probability that the disparity is within 1 px of the truth; 0 where unmatched.
+    disparity: (H, W) float32, left-referenced, px; NaN where unmatched.
+    best_right: (H, W) int16, what the search found in the right view, px; -1 for nothing.
+    descriptors: tuple of (H * W * 16,) uint8, of the left and of the right view.
+    Returns (H, W) float32, probability that the disparity is within 1 px of the truth; 0 where
+    unmatched.
     """
     confidence = np.empty(disparity.shape, np.float32)
     marks, share = mark(disparity, best_right, workers)

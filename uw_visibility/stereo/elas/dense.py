@@ -59,10 +59,8 @@ class DenseSearch:
     comes after both. A pixel of the right view takes the best of the pairs that were
     tried for the left view: its own search would try nearly the same ones again.
 
-    Attributes
-    ----------
-    best : (2, H, W) int16 ndarray
-        Disparity at the pixels of the left and of the right view, px; -1 where nothing was tried.
+    best: (2, H, W) int16, disparity at the pixels of the left and of the right view, px; -1 where
+        nothing was tried.
     """
 
     def __init__(

@@ -68,12 +68,10 @@ MIDDLE = 128
 class Descriptors:
     """Descriptor image of one view, in memory that is allocated once.
 
-    Attributes
-    ----------
-    horizontal, vertical : (H + 4, W + 4) uint8 ndarray
-        The responses, on a frame two pixels wider; 128 stands for a response of 0.
-    values : (H * W * 16,) uint8 ndarray
-        The descriptor of pixel (u, v) from ``16 * (v * W + u)`` on, of such responses.
+    horizontal, vertical: (H + 4, W + 4) uint8, the responses, on a frame two pixels wider; 128
+        stands for a response of 0.
+    values: (H * W * 16,) uint8, the descriptor of pixel (u, v) from ``16 * (v * W + u)`` on, of
+        such responses.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:

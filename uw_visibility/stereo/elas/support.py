@@ -52,18 +52,12 @@ _NO_BOUND = (np.empty((0, 0), np.float32), np.empty(0, np.float32))
 
 @dataclass(frozen=True)
 class SupportPoints:
-    """Robust matches of a pair.
+    """Robust matches of a pair."""
 
-    Attributes
-    ----------
-    points : (N, 3) float32 ndarray
-        Column u, row v in the left image and disparity, px, row by row.
-    vertices : (N,) bool ndarray
-        Points that the mesh needs. Within flat regions a lattice of them is enough, and the
-        triangulation costs a fraction.
-    """
-
+    # (N, 3) float32, column u, row v in the left image and disparity, px, row by row
     points: Points
+    # (N,) bool, points that the mesh needs. Within flat regions a lattice of them is enough, and
+    # the triangulation costs a fraction.
     vertices: NDArray[np.bool_]
 
     def __len__(self) -> int:
@@ -117,19 +111,13 @@ class SupportGrid:
     ) -> SupportPoints:
         """Find the support points of a described pair.
 
-        Parameters
-        ----------
-        left, right : (H * W * 16,) uint8 ndarray
-            Descriptors of the two views.
-        noise : float64 ndarray
-            Standard deviation of the gradient responses that noise makes at each point of the grid.
-            Texture that is much less than noise alone would be is none.
-        airlight : AirlightPrior, optional
-            Excludes disparities of ranges that are too far for a pixel's brightness.
-        earlier : (N, 3) float32 ndarray, optional
-            Column, row and disparity, px, of matches in other images of the scene. Beside one the
-            search is limited to disparities around it, and where the best match is the same, it
-            needs no uniqueness of its own.
+        left, right: (H * W * 16,) uint8, descriptors of the two views.
+        noise: float64, standard deviation of the gradient responses that noise makes at each point
+            of the grid. Texture that is much less than noise alone would be is none.
+        airlight: excludes disparities of ranges that are too far for a pixel's brightness.
+        earlier: (N, 3) float32, column, row and disparity, px, of matches in other images of the
+            scene. Beside one the search is limited to disparities around it, and where the best
+            match is the same, it needs no uniqueness of its own.
         """
         config, workers = self._config, self._workers
         rows, columns = self._found.shape
