@@ -84,7 +84,7 @@ def render_series(
     ways: dict[tuple[int, float], list[str]] = {}
     for name, transect in transects.items():
         ways.setdefault((transect.seed, transect.length), []).append(name)
-    found = {}
+    found: dict[str, Series] = {}
     for names in ways.values():
         swum = zip(*swim([transects[name] for name in names], workers), strict=True)
         found |= dict(zip(names, map(list, swum), strict=True))
