@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.special import expit
 from torch import nn
 
 from uw_visibility import __version__
@@ -37,7 +36,6 @@ from uw_visibility.water.daylight.network import (
 )
 from uw_visibility.water.daylight.statistics import Statistics
 from uw_visibility_lab.posterior.examples import Examples
-from uw_visibility_lab.worlds.beliefs import bounds
 
 # Views whose features are calculated at a time, and of which they are standardised.
 BLOCK, STANDARD = 1024, 20_480
@@ -53,9 +51,6 @@ HELD_BACK = 0.08
 # Part of them that is like the others, and whose images are as predicted; the others are refused.
 USUAL = 0.997
 MOST_OF_LIMITS = 6000
-# Classes of ln thickness a unit, over which their number is averaged; how many times as often as
-# the middle one a view is taken at most, and the width in which the ends of what is believed fade.
-CLASSES, AVERAGED, MOST_OFTEN, FADING = 10, 5, 5.0, 0.3
 
 
 class Net(nn.Module):
@@ -134,9 +129,6 @@ def train(
     flags = np.stack((examples.other_curve, examples.lamps), axis=1).astype(np.float32)
     xs, *rest = (torch.from_numpy(each[~held]) for each in (x, examples.truth, flags))
     aside = [torch.from_numpy(each[held]).float() for each in (x, examples.truth, flags)]
-    often = importance(examples)
-    reached = torch.from_numpy(np.cumsum(often[~held]) / often[~held].sum())
-    counts = torch.from_numpy(often[held] / often[held].mean())
     steps = int(epochs * len(xs) / BATCH)
     arrays: dict[str, NDArray[Any]] = {
         "networks": np.array(seeds), "centre": centre.astype(np.float32),
@@ -154,14 +146,13 @@ def train(
             if step % 1000 == 0 or step == steps:
                 net.eval()
                 with torch.no_grad():
-                    loss = float((_loss(net, *aside) * counts).mean())
+                    loss = float(_loss(net, *aside).mean())
                 if loss < best:
                     best, kept = loss, {k: v.clone() for k, v in net.state_dict().items()}
                 say(f"network {seed}, step {step} of {steps}: {loss:.3f} held back "
                     f"({time.monotonic() - begun:.0f} s)")
                 net.train()
-            at = torch.searchsorted(
-                reached, torch.rand(BATCH, dtype=torch.float64)).clamp(max=len(xs) - 1)
+            at = torch.randint(len(xs), (BATCH,))
             batch = xs[at].float()
             # The same features of all channels.
             batch *= (torch.rand(BATCH, 1, batch.shape[2]) > DROPPED).float() / (1.0 - DROPPED)
@@ -179,26 +170,6 @@ def train(
                 f"{seed}_{i}_weights": weights, f"{seed}_{i}_scale": scale,
                 f"{seed}_{i}_bias": layer.bias.detach().numpy().copy()}
     return arrays | {"limits": limits(of_arrays(arrays), examples)}
-
-
-def importance(examples: Examples) -> NDArray[np.float64]:
-    """How often each view is taken, so that optical thickness is as the belief has it, (N,).
-
-    Views are drawn with the ranges and the waters that there are; most of those are clear near by
-    and tell nothing. What is asked for is thickness of the clearest channel at the median range.
-    """
-    thickness = examples.truth[:, :, 0].min(axis=1)
-    low, high = np.log(bounds("training.thickness"))
-    edges = np.arange(low - 5.0, high + 5.0, 1.0 / CLASSES)
-    day = ~examples.lamps
-    number = np.convolve(
-        np.histogram(thickness[day], edges)[0], np.full(AVERAGED, 1.0 / AVERAGED), "same")
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    wanted = expit((middle - low) / FADING) * expit((high - middle) / FADING)
-    often = np.interp(thickness, middle, wanted / np.maximum(number, 1e-3 * number.max()))
-    often = np.minimum(often / np.median(often[day]), MOST_OFTEN)
-    often[examples.lamps] = often[day].mean()
-    return np.asarray(often)
 
 
 def standardised_features(

@@ -390,10 +390,8 @@ def _transmissions(
     known = np.isfinite(ranges)
     path = ranges[..., np.newaxis] if thicker is None else ranges[..., np.newaxis] * thicker
     veil_factor = None
-    if "veil coefficient" in names or "halo" in names:
-        # What water scatters by a few degrees is not lost to the veil either.
-        common = 1.0 + drawn(
-            rng, "veil.coefficient_halo" if "halo" in names else "veil.coefficient")
+    if "veil coefficient" in names:
+        common = 1.0 + drawn(rng, "veil.coefficient")
         veil_factor = np.array([
             common + drawn(rng, "veil.coefficient_channel") for _ in range(3)])
     if water.log_transmission is None or water.log_unveiled is None:
