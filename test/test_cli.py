@@ -71,3 +71,10 @@ def test_the_shell_completes_commands_and_options(tmp_path: Path) -> None:
     assert (tmp_path / "words").read_text().split() == ["replay"]
     completed("uw_visibility replay --join", tmp_path)
     assert (tmp_path / "words").read_text().split() == ["--join", "--join-tolerance"]
+
+
+def test_the_package_runs_as_a_module_too() -> None:
+    told = subprocess.run(
+        [sys.executable, "-m", "uw_visibility", "--version"],
+        capture_output=True, text=True, check=True, timeout=60)
+    assert uw_visibility.__version__ in told.stdout

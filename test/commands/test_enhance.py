@@ -69,8 +69,9 @@ def check_outputs(folder: Path, image: NDArray[Any]) -> dict[str, Any]:
     height, width = image.shape[:2]
     assert (overview.shape[1:], overview.dtype) == ((3 * width, 3), np.uint8)
     # Between the titles, and the scale and what was assumed.
-    assert overview.shape[0] >= height + 3 * 16
-    overview = overview[16 : 16 + height]
+    line = round(16 * max(width / 480, 1.0))
+    assert overview.shape[0] >= height + 3 * line
+    overview = overview[line : line + height]
     before = (image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image
     assert (overview[:, :width] == (before if image.ndim == 3 else before[..., None])).all()
     for name in ("disparity", "disparity_filled", "range"):

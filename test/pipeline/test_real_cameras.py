@@ -135,7 +135,7 @@ def test_a_hand_near_the_lens_does_not_pass_for_water(clean, undisturbed, shade,
 def test_noise_caustics_and_snow_do_not_pass_for_water(scene, effects, tolerance):
     errors, depths = [], []
     view = ReefView(CAMERA, scene, POSE, WATER, SMALL_CAMERA, effects)
-    for seed in range(4):
+    for seed in range(8):
         frame = view.frame(seed, 0.7 * seed)
         result = process(frame.left, frame.right)
         assert result.status is Status.OK

@@ -1,0 +1,7 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m uw_visibility` is the command line, too."""
+
+from uw_visibility.cli import run
+
+run()
