@@ -4,4 +4,5 @@
 
 from uw_visibility.cli import run
 
-run()
+if __name__ == "__main__":
+    run()
