@@ -32,14 +32,14 @@ _SMALLEST = 1e-3
 """Angle in rad below which the Fournier-Forand function is taken as constant: it has a pole."""
 
 
-def henyey_greenstein(angle: ArrayLike) -> Array:
+def henyey_greenstein(angle: ArrayLike, asymmetry: float = ASYMMETRY) -> Array:
     """Henyey-Greenstein phase function in 1/sr over the scattering angle in rad.
 
     L. G. Henyey and J. L. Greenstein, Diffuse radiation in the galaxy, Astrophysical
     Journal 93 (1941), doi 10.1086/144246. Its integral over the sphere is 1.
     """
-    spread = 1.0 + ASYMMETRY**2 - 2.0 * ASYMMETRY * np.cos(angle)
-    return np.asarray((1.0 - ASYMMETRY**2) / (4.0 * math.pi * spread**1.5))
+    spread = 1.0 + asymmetry**2 - 2.0 * asymmetry * np.cos(angle)
+    return np.asarray((1.0 - asymmetry**2) / (4.0 * math.pi * spread**1.5))
 
 
 def fournier_forand(angle: ArrayLike) -> Array:

@@ -23,6 +23,7 @@ from uw_visibility_lab.simulation.lamps import Lamp, Triple
 from uw_visibility_lab.simulation.phase_functions import (
     FOURNIER_FORAND,
     HENYEY_GREENSTEIN,
+    henyey_greenstein,
     phase_table,
 )
 from uw_visibility_lab.worlds.beliefs import count, draw
@@ -171,8 +172,8 @@ def beam_shape(name: str, cosine: Array, angle: float) -> Array:
 def phase_function(name: str, angle: Array) -> NDArray[np.float64]:
     """Phase function, 1/sr, over the scattering angle, rad."""
     if name == TWO_TERMS:
-        return np.asarray(
-            (1.0 - _SECOND) * _one_term(_FORWARD, angle) + _SECOND * _one_term(_BACKWARD, angle))
+        forward, backward = (henyey_greenstein(angle, g) for g in (_FORWARD, _BACKWARD))
+        return np.asarray((1.0 - _SECOND) * forward + _SECOND * backward)
     table = phase_table(name)
     return np.interp(angle, np.linspace(0.0, math.pi, len(table)), table)
 
@@ -186,11 +187,6 @@ def normals_of(rays: Array, ranges: Map, step: int = 2) -> Array:
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
     away = np.einsum("hwk,hwk->hw", normal, rays) > 0
     return np.where(away[..., np.newaxis], -normal, normal)
-
-
-def _one_term(asymmetry: float, angle: Array) -> Array:
-    spread = 1.0 + asymmetry**2 - 2.0 * asymmetry * np.cos(angle)
-    return np.asarray((1.0 - asymmetry**2) / (4.0 * math.pi * spread**1.5))
 
 
 def _triple(values: Sequence[float] | Array) -> Triple:
