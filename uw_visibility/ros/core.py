@@ -82,8 +82,6 @@ class NodeCore:
         self._active_since: float | None = None
         self._processor = FrameProcessor(make_message, self._settings.node.rectify)
         self._filter: WaterFilter | None = None
-        self._substitute = Substitute()
-        self.state.substitute = self._substitute
         self.worker = NewestWorker(self._process, self._warm_up, self._settings.node.niceness)
         # Geometry and size of the images that came last.
         self._images: tuple[StereoRig, tuple[int, int]] | None = None
@@ -226,8 +224,8 @@ class NodeCore:
             try:
                 self._answer(frame)
             except NetworkError as error:
-                if self._substitute.fail(error) and self._wanted():
-                    self._log.error(self._substitute.reason)
+                if self.state.substitute.fail(error) and self._wanted():
+                    self._log.error(self.state.substitute.reason)
                 self.state.fail(f"lost a frame: {error}", "")
             except InputError as error:
                 self.state.refuse(f"dropped a frame: {error}")
@@ -240,13 +238,13 @@ class NodeCore:
         """Read a frame, run the pipeline on it, and publish what it says."""
         settings = self._settings
         begin = time.perf_counter()
-        work = self._read(frame, settings, self._substitute.config(settings.pipeline))
+        work = self._read(frame, settings, self.state.substitute.config(settings.pipeline))
         read = time.perf_counter()
         topics = self._wanted_topics()
         if self._filter is None or self._filter.config != settings.pipeline:
             self._filter = WaterFilter(settings.pipeline)
         result = work.assess(topics, known_light=self._filter.lamps)
-        self._substitute.succeed()
+        self.state.substitute.succeed()
         if not self._wanted():
             return
         assessed = time.perf_counter()
