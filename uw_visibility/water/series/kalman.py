@@ -18,7 +18,7 @@ is no larger than expected, and part of the growth stays for the frames to come.
 the rate at which frames change, where it is more than their errors: channels err much
 alike, and the small difference between them is what a ramp soon leaves. A frame beyond
 the gate is rejected, since most are full of marine snow; that it may be the first of a
-change is in the standard deviations until the next frames tell.
+change is in the standard deviations until the next frames tell: two that agree are followed.
 
 A part of a frame's error stays the same over frames, since they show the same
 scene; averaging does not lessen it. It is carried along as a consider parameter
