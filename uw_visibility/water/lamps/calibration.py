@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from uw_visibility.compute.robust import charbonnier_weight, median_deviation
 from uw_visibility.config.lighting import ISOTROPIC, Lamp
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
 from uw_visibility.optics.lamps import across, incidence, phase_function, shine, vector
 from uw_visibility.water.lamps import track_fit
 from uw_visibility.water.lamps.tracks import Sightings
-from uw_visibility.water.robust import charbonnier_weight, median_deviation
 
 # Sightings that are fitted at most, and at least.
 MOST_CELLS, FEWEST_CELLS = 8000, 300

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from uw_visibility.compute.robust import cauchy_weight
 from uw_visibility.images.arrays import Array
 from uw_visibility.optics.lamps import ATTENUATIONS
 from uw_visibility.water.lamps.cells import Cells
 from uw_visibility.water.lamps.observations import BRIGHT_QUANTILE, DARK_QUANTILE
-from uw_visibility.water.robust import cauchy_weight
 
 # Relative deviation of a cell's contrast and of its noise; least contrast over the mean light,
 # which the pattern of the lamps' own light makes.

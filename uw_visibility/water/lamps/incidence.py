@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.compute.robust import cauchy_weight, median_deviation
 from uw_visibility.config.lighting import Lamp
 from uw_visibility.images.arrays import Array
 from uw_visibility.images.view import ColourSamples
 from uw_visibility.optics.lamps import ATTENUATIONS, REFERENCE, LampTables, Table
 from uw_visibility.optics.transfer import linear_table
 from uw_visibility.water.lamps.observations import look_up, table_grid
-from uw_visibility.water.robust import cauchy_weight, median_deviation
 
 Map = NDArray[np.float32]
 

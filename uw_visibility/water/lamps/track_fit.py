@@ -22,11 +22,11 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.robust import charbonnier_weight, median_deviation
 from uw_visibility.config.lighting import Lamp, LightingConfig
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.lamps import displaced, incidence, phase_function, shine
 from uw_visibility.water.lamps.tracks import TILES, Sightings
-from uw_visibility.water.robust import charbonnier_weight, median_deviation
 
 # Sightings that are fitted at most, and at least; frames that have to show a point.
 MOST_SIGHTINGS, FEWEST_SIGHTINGS, LEAST_FRAMES = 3000, 150, 3

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uw_visibility.compute.robust import huber_mean, median_deviation
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
 from uw_visibility.optics.spectra import CameraResponse
@@ -24,7 +25,6 @@ from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import covariance_with_light
 from uw_visibility.water.meaning.depth import CLEAR, ESTIMATED, DepthModel, diffuse_attenuation
-from uw_visibility.water.robust import huber_mean, median_deviation
 
 FEWEST_FRAMES = 10
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uw_visibility.compute.numba_import import register_jitable
-from uw_visibility.images.arrays import Array
 
 # A median absolute deviation of 1 is a standard deviation of this, for a normal distribution.
 NORMAL = 1.4826
@@ -21,7 +21,7 @@ HUBER = 1.345
 HUBER_ITERATIONS = 30
 
 
-def median_deviation(residuals: Array) -> float:
+def median_deviation(residuals: NDArray[np.float64]) -> float:
     """Standard deviation of residuals by their median absolute value."""
     return NORMAL * float(np.median(np.abs(residuals)))
 
@@ -32,12 +32,12 @@ def cauchy_weight(residual: Any, scale: Any, weight: Any = 1.0) -> Any:
     return weight / (1.0 + (residual / scale) ** 2)
 
 
-def charbonnier_weight(residual: Array) -> Array:
+def charbonnier_weight(residual: NDArray[np.float64]) -> NDArray[np.float64]:
     """Weight by Charbonnier's loss of residuals over their scale."""
     return np.asarray(1.0 / np.sqrt(1.0 + residual**2))
 
 
-def huber_mean(values: Array) -> tuple[float, float]:
+def huber_mean(values: NDArray[np.float64]) -> tuple[float, float]:
     """Huber's mean of values, and their scale."""
     mean = float(np.median(values))
     scale = max(median_deviation(values - mean), 1e-9)
