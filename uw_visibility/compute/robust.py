@@ -21,7 +21,7 @@ HUBER = 1.345
 HUBER_ITERATIONS = 30
 
 
-def median_deviation(residuals: NDArray[np.float64]) -> float:
+def median_deviation(residuals: NDArray[np.floating]) -> float:
     """Standard deviation of residuals by their median absolute value."""
     return NORMAL * float(np.median(np.abs(residuals)))
 

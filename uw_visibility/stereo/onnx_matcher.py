@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from uw_visibility.compute.robust import median_deviation
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.errors import InputError
@@ -28,8 +29,6 @@ from uw_visibility.stereo.elas import DenseMatch, Matcher, SupportPoints
 from uw_visibility.stereo.rig import DISPARITY_STDDEV
 from uw_visibility.stereo.views import in_right_view
 
-# A normal deviate's standard deviation over its median size.
-_STDDEV_OF_MEDIAN = 1.4826
 # Standard deviation of the mean brightness that is taken off a restored view, px: contrast that
 # is wider was not restored.
 _WIDEST_DETAIL = 8.0
@@ -159,8 +158,7 @@ def rate_difference(
     confidence = np.zeros(difference.shape, np.float32)
     if not agree.any():
         return DISPARITY_STDDEV, confidence
-    differ = max(
-        _STDDEV_OF_MEDIAN * float(np.median(size[agree])), math.sqrt(2) * DISPARITY_STDDEV)
+    differ = max(median_deviation(difference[agree]), math.sqrt(2) * DISPARITY_STDDEV)
     stddev = differ / math.sqrt(2)
     # Mismatches that agree by chance are as many as their share of what was searched.
     fail = 1.0 - np.count_nonzero(agree) / np.count_nonzero(np.isfinite(size))
