@@ -73,6 +73,24 @@ def test_effects_change_what_they_are_called_and_nothing_else() -> None:
     assert told.model == "lamps"
 
 
+def test_rough_ground_darkens_less_than_lamberts_and_even_ground_differs_less() -> None:
+    # Of the same lamps and water; exposure makes the brightest alike.
+    images = {
+        name: night(*effects).image.astype(float)
+        for name, effects in (("Lambert", ()), ("rough", ("rough",)), ("facing", ("facing",)))}
+    far_over_near = {
+        name: image[10:40].mean() / image[-40:-10].mean() for name, image in images.items()}
+    low, high = sorted((far_over_near["Lambert"], far_over_near["facing"]))
+    assert low < far_over_near["rough"] < high
+    even = draw_night(np.random.default_rng(3), FLOOR, (), contrast=0.2).image.astype(float)
+
+    def texture(image: np.ndarray) -> float:
+        near = image[-40:-10, 100:220, 1]
+        return float(np.abs(np.diff(near, axis=1)).mean() / near.mean())
+
+    assert texture(even) < 0.5 * texture(images["Lambert"])
+
+
 def test_daylight_is_told_and_adds_light() -> None:
     some, much = night(daylight=0.0), night(daylight=0.9)
     assert some.lighting["lighting.model"] == much.lighting["lighting.model"] == "both"

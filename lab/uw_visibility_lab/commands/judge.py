@@ -181,6 +181,9 @@ def _kinds(arguments: argparse.Namespace) -> Iterator[_Kind]:
             lambda first: islice(traced(arguments.traced, seed), first))
 
 
+# Exponent of reflectance over its median: scenes of a pool differ by a factor of two, sand and rock
+# by 25 % (issue 31).
+_OF_GROUND = 0.35
 # Shares of daylight in the light of surfaces that lamps light, too.
 _DAYLIGHT = (0.0, 0.02, 0.1, 0.3, 0.6, 0.9)
 
@@ -194,6 +197,9 @@ def _nights(arguments: argparse.Namespace) -> Iterator[_Kind]:
     frames = partial(by_lamps, _scenes("scenes", arguments.scenes), seed=arguments.seed)
     yield _Kind("lamps, no effect", number, partial(frames, effects=()), estimator=under)
     yield _Kind("lamps, random effects", number, frames, estimator=under)
+    yield _Kind(
+        "lamps, even ground", number, partial(frames, effects=(), contrast=_OF_GROUND),
+        estimator=under)
     for effect in EFFECTS if arguments.each else ():
         yield _Kind(
             f"lamps, {effect}"[:24], number, partial(frames, effects=(effect,)), estimator=under)

@@ -41,12 +41,13 @@ def drawn(
 
 def by_lamps(
     scenes: Sequence[Scene], number: int, seed: int, effects: Sequence[str] | None = None,
-    daylight: float | None = None,
+    daylight: float | None = None, contrast: float = 1.0,
 ) -> Iterator[LampCase]:
     """Draw frames by lamps of scenes in turn; see `draw_night`."""
     for index in range(number):
         scene = scenes[index % len(scenes)]
-        night = draw_night(np.random.default_rng((seed, index)), scene, effects, daylight)
+        night = draw_night(
+            np.random.default_rng((seed, index)), scene, effects, daylight, contrast)
         config = PipelineConfig.from_parameters(night.lighting)
         yield LampCase(
             night.image, night.ranges, night.range_error, "linear", night.clear_water,

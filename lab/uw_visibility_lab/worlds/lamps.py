@@ -104,11 +104,13 @@ def rays_of(shape: tuple[int, ...], focal_length: float) -> Array:
 
 
 def direct_light(
-    rays: Array, ranges: Map, normals: Array | None, rig: Rig, attenuation: Array
+    rays: Array, ranges: Map, normals: Array | None, rig: Rig, attenuation: Array,
+    exponent: float = 1.0,
 ) -> Map:
     """Irradiance of white surfaces at the camera, (H, W, 3) float32; 0 where nothing is.
 
-    Without normals (H, W, 3) every surface faces every lamp.
+    Without normals (H, W, 3) every surface faces every lamp. Light goes with the cosine of the
+    incidence to the power of an exponent (Minnaert 1941, doi:10.1086/144279).
     """
     known = np.isfinite(ranges)
     distance = np.where(known, ranges, 1.0).astype(np.float64)
@@ -118,7 +120,7 @@ def direct_light(
         r = np.maximum(np.linalg.norm(away, axis=-1), _NEAREST)
         light = beam_shape(rig.beam, away @ lamp.axis / r, lamp.beam_angle) / r**2
         if normals is not None:
-            light *= np.maximum(-np.einsum("hwk,hwk->hw", away, normals) / r, 0.0)
+            light *= np.maximum(-np.einsum("hwk,hwk->hw", away, normals) / r, 0.0)**exponent
         path = (r + distance)[..., np.newaxis]
         out += np.array(lamp.power) * light[..., np.newaxis] * np.exp(-attenuation * path)
     out[~known] = 0.0

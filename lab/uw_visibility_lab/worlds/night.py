@@ -24,14 +24,14 @@ from uw_visibility_lab.worlds.scenes import Scene
 from uw_visibility_lab.worlds.water import draw_water
 
 EFFECTS = (
-    "cosine beam", "rimmed beam", "fournier-forand", "two terms", "facing", "patches", "blur",
-    "beam angle", "misplaced", "unequal", "gaps",
+    "cosine beam", "rimmed beam", "fournier-forand", "two terms", "facing", "rough", "patches",
+    "blur", "beam angle", "misplaced", "unequal", "gaps",
 )
 """What departs from Gaussian beams that are told as they are, from the phase function of the
 package, from Lambert's surfaces and from exact ranges."""
 
 # Exclude one another: those of a group after the first that is there are left out.
-_GROUPS = (("cosine beam", "rimmed beam"), ("fournier-forand", "two terms"))
+_GROUPS = (("facing", "rough"), ("cosine beam", "rimmed beam"), ("fournier-forand", "two terms"))
 _RANGING = ("disparity noise", "wrong patches", "occlusion", "unmatched")
 # How far misplaced lamps are off: m, degrees.
 _SHIFT, _TURN = 0.05, 5.0
@@ -71,7 +71,7 @@ class Night:
 
 def draw_night(
     rng: np.random.Generator, scene: Scene, effects: Sequence[str] | None = None,
-    daylight: float | None = None,
+    daylight: float | None = None, contrast: float = 1.0,
 ) -> Night:
     """Draw a frame of a scene by lamps.
 
@@ -85,6 +85,8 @@ def draw_night(
     daylight : float or None
         Share of daylight in the surfaces' light at the median range, 0 to below 1; the lamps are
         told as lighting the scene beside daylight then. None for night, told as such.
+    contrast : float
+        Exponent of reflectance over its median: 0 for even ground.
     """
     streams = Streams(rng)
     chosen = streams("effects")
@@ -94,6 +96,9 @@ def draw_night(
         name for name in names
         if not any(name in group[1:] and group[0] in names for group in _GROUPS))
     reflectance, ranges, _ = vary(streams("scene"), scene)
+    if contrast != 1.0:
+        middle = np.maximum(np.median(reflectance, axis=(0, 1)), 1e-3)
+        reflectance = middle * (np.maximum(reflectance, 1e-3) / middle) ** contrast
     known = np.isfinite(ranges)
     water = draw_water(streams("water"))
     beta = water.clear_water + _particles(streams("particles"))
@@ -109,7 +114,8 @@ def draw_night(
     if "patches" in names:
         reflectance = reflectance * _patches(streams("patches"), rays, ranges)
     normals = None if "facing" in names else by_lamps.normals_of(rays, ranges)
-    light = by_lamps.direct_light(rays, ranges, normals, rig, beta)
+    exponent = draw(streams("rough"), "lamps.exponent") if "rough" in names else 1.0
+    light = by_lamps.direct_light(rays, ranges, normals, rig, beta, exponent)
     veil = by_lamps.scattered_light(rays, ranges, rig, beta)
     if daylight:
         left = np.exp(-np.where(known, ranges, np.inf)[..., np.newaxis] * beta)
