@@ -116,6 +116,7 @@ def test_nights_by_lamps_have_their_rows(
     assert main([
         "judge", "--lamps", "--scenes", str(tmp_path / "pool"), "--cases", "1"]) == 0
     _, *rows = capsys.readouterr().out.splitlines()
-    assert [row[:24].strip() for row in rows[:3]] == [
-        "lamps, no effect", "lamps, random effects", "daylight 0 beside"]
+    assert [row[:24].strip() for row in rows[:4]] == [
+        "lamps, no effect", "lamps, random effects", "lamps, even ground",
+        "daylight 0 beside"]
     assert rows[-1].startswith("told as daylight")
