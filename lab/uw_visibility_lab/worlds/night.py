@@ -97,9 +97,9 @@ def draw_night(
         if not any(name in group[1:] and group[0] in names for group in _GROUPS))
     reflectance, ranges, _ = vary(streams("scene"), scene)
     if contrast != 1.0:
-        least = np.float32(1e-3)
-        middle = np.maximum(np.median(reflectance, axis=(0, 1)), least).astype(np.float32)
-        reflectance = middle * (np.maximum(reflectance, least) / middle) ** np.float32(contrast)
+        middle = np.maximum(np.median(reflectance, axis=(0, 1)), 1e-3)
+        over_middle = np.maximum(reflectance, 1e-3) / middle
+        reflectance = (middle * over_middle**contrast).astype(np.float32)
     known = np.isfinite(ranges)
     water = draw_water(streams("water"))
     beta = water.clear_water + _particles(streams("particles"))
