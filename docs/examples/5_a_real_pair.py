@@ -61,7 +61,8 @@ result = Pipeline(rig, config).process(left, right, match_original=True)
 # without the water, the range with its scale. Near is light, far is dark, and what was not matched
 # is black.
 
-shown = overview(left, result.left_enhanced, result.range, f"transfer {transfer}")
+shown = overview(
+    left, result.left_enhanced, result.range, f"transfer {transfer}", rig.range_error())
 figure = plt.figure(figsize=(9.0, 9.0 * shown.shape[0] / shown.shape[1]))
 axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
 axes.imshow(shown)

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uw_visibility.images.overview import overview, viridis
+from uw_visibility.images.overview import colour_ends, overview, viridis
 
 
 @pytest.mark.parametrize("dtype, top", [(np.uint8, 1), (np.uint16, 256)])
@@ -18,7 +18,7 @@ def test_it_shows_before_after_and_what_matched(
     before, after = np.full(shape, 50 * top, dtype), np.full(shape, 200 * top, dtype)
     ranges = 1.0 / np.tile(np.linspace(0.2, 0.5, 30, dtype=np.float32), (20, 1))
     ranges[:4] = np.nan
-    whole = overview(before, after, ranges, "light")
+    whole = overview(before, after, ranges, "light", 0.0)
     assert (whole.shape, whole.dtype) == ((20 + 3 * 16, 90, 3), np.uint8)
     shown = whole[16:36]
     assert (shown[:, :30] == 50).all()
@@ -34,15 +34,15 @@ def test_it_shows_before_after_and_what_matched(
 
 def test_where_nothing_matched_it_is_black() -> None:
     image = np.full((8, 9, 3), 7, np.uint8)
-    whole = overview(image, image, np.full((8, 9), np.nan, np.float32), "")
+    whole = overview(image, image, np.full((8, 9), np.nan, np.float32), "", 0.0)
     assert (whole[16:24, 18:] == 0).all()
 
 
 def test_labels_scale_and_assumptions_are_written() -> None:
     image = np.full((240, 320, 3), 90, np.uint8)
     ranges = np.tile(np.linspace(1.0, 9.0, 320, dtype=np.float32), (240, 1))
-    other = overview(image, image, 2.0 * ranges, "transfer srgb")
-    assumed = overview(image, image, ranges, "transfer linear (assumed)")
+    other = overview(image, image, 2.0 * ranges, "transfer srgb", 0.0)
+    assumed = overview(image, image, ranges, "transfer linear (assumed)", 0.0)
     above, below = assumed[:16], assumed[256:]
     assert all(above[:, x : x + 320].any() for x in (0, 320, 640))
     # Twice the range has the same colours, but other numbers beside the same bar.
@@ -50,7 +50,18 @@ def test_labels_scale_and_assumptions_are_written() -> None:
     np.testing.assert_array_equal(below[:16, 640:], other[256:272, 640:])
     assert (below[16:, 640:] != other[272:, 640:]).any()
     assert (below[:, :640] != other[256:, :640]).any()
-    assert overview(image, image, ranges, "word " * 300).shape[0] > assumed.shape[0]
+    assert overview(image, image, ranges, "word " * 300, 0.0).shape[0] > assumed.shape[0]
+
+
+def test_the_scale_ends_where_errors_of_range_are_half_of_it() -> None:
+    """A disparity of a tenth of a pixel is open water, not something at 600 m."""
+    error = 0.01
+    ranges = np.append(np.linspace(2.0, 20.0, 97), [600.0, 50.0, 1e4])
+    near, far = colour_ends(1.0 / ranges.astype(np.float32), error)[::-1]
+    assert 1.0 / far == pytest.approx(50.0)
+    assert 1.0 / near == pytest.approx(2.0, rel=0.1)
+    low, high = colour_ends(np.full(100, 1e-4, np.float32), error)
+    assert low == high == 2.0 * error
 
 
 def test_words_grow_with_the_picture() -> None:
@@ -59,5 +70,5 @@ def test_words_grow_with_the_picture() -> None:
     for width in (480, 1440):
         image = np.full((30, width, 3), 90, np.uint8)
         ranges = np.tile(np.linspace(1.0, 9.0, width, dtype=np.float32), (30, 1))
-        heights.append(overview(image, image, ranges, "word " * 40).shape[0] - 30)
+        heights.append(overview(image, image, ranges, "word " * 40, 0.0).shape[0] - 30)
     assert heights[1] == 3 * heights[0]

@@ -115,7 +115,8 @@ def run(arguments: argparse.Namespace) -> None:
             raise InputError(f"{arguments.left}, {arguments.right}: {error}") from error
         with gathered(arguments.output, PRODUCTS, force=arguments.force) as folder:
             assumed = assumptions(config.to_parameters(), told, [rig.baseline])
-            report = _write(folder, result, DerivedModel.from_config(config), left, assumed)
+            report = _write(
+                folder, result, DerivedModel.from_config(config), left, assumed, rig.range_error())
     say(_summary(report, arguments.output))
     say(definition(config.assessment.contrast))
     say(assumed)
@@ -214,7 +215,8 @@ def _prepare_folder(arguments: argparse.Namespace) -> None:
 
 
 def _write(
-    folder: Path, result: FrameResult, model: DerivedModel, left: NDArray[Any], assumed: str
+    folder: Path, result: FrameResult, model: DerivedModel, left: NDArray[Any], assumed: str,
+    range_error: float,
 ) -> dict[str, Any]:
     import numpy as np
 
@@ -223,7 +225,8 @@ def _write(
 
     write_png(folder / "left_enhanced.png", result.left_enhanced)
     write_png(folder / "right_enhanced.png", result.right_enhanced)
-    write_png(folder / "overview.png", overview(left, result.left_enhanced, result.range, assumed))
+    write_png(folder / "overview.png", overview(
+        left, result.left_enhanced, result.range, assumed, range_error))
     matched = np.where(np.isfinite(result.disparity), result.disparity, np.float32(np.inf))
     write_pfm(folder / "disparity.pfm", matched)
     if result.stereo.confidence is not None:

@@ -15,26 +15,40 @@ import numpy as np
 
 from uw_visibility.images.arrays import DisparityMap, Image, Image8, RangeMap
 
-# The colours reach over the disparities that this share of the matched pixels has, %.
+# The colours reach over the disparities that this share of the matched pixels has, %, but not to
+# those whose error is this part of them: such a range may as well be infinite.
 DRAWN_SHARE = (1.0, 99.0)
+_MOST_ERROR = 0.5
 NOT_MATCHED = (0, 0, 0)
 
 # Height of a line and width of a letter, px, and the picture's width from which both grow.
 _LINE, _LETTER, _PLAIN_WIDTH = 16, 7, 480
 
 
-def overview(image: Image, enhanced: Image, range_map: RangeMap, assumed: str) -> Image8:
+def overview(
+    image: Image, enhanced: Image, range_map: RangeMap, assumed: str, range_error: float
+) -> Image8:
     """Put an image, itself without the water, and its range (m, NaN is black) side by side.
 
     Above is what they are, below what was `assumed`, and the colours' scale in metres. Colours
-    follow the inverse of the range, as disparities do.
+    follow the inverse of the range, as disparities do; `range_error` is its deviation, 1/m.
     """
     with np.errstate(divide="ignore"):
         inverse = np.asarray(1.0 / range_map, np.float32)
     known = np.isfinite(inverse)
-    ends = tuple(np.percentile(inverse[known], DRAWN_SHARE)) if known.any() else None
+    ends = colour_ends(inverse[known], range_error) if known.any() else None
     drawn = draw_disparity(inverse, *(ends or (0.0, 0.0)))
     return side_by_side(shown(image), shown(enhanced), drawn, ends, [assumed])
+
+
+def colour_ends(values: DisparityMap, error: float) -> tuple[float, float]:
+    """Return the disparities, or inverse ranges, (N,), of the first and the last colour.
+
+    `error` is their standard deviation.
+    """
+    low, high = (float(end) for end in np.percentile(values, DRAWN_SHARE))
+    low = max(low, error / _MOST_ERROR)
+    return low, max(low, high)
 
 
 def side_by_side(
@@ -61,7 +75,8 @@ def side_by_side(
     below[2:step - 2, 2 * width:] = viridis(np.linspace(0.0, 1.0, width)[np.newaxis])
     low, high = ends or (0.0, 0.0)
     for part in (0.0, 0.5, 1.0) if ends else ():
-        value = f"{1.0 / max(low + part * (high - low), 1e-6):.3g} m"
+        value = f"{1.0 / max(low + part * (high - low), 1e-6):.2g} m"
+        value = value if part else f"over {value}"
         space = width - _LETTER * size * (len(value) + 1)
         _write(below, value, 2 * width + max(round(part * space), 0), 1, size)
     return np.concatenate((above, np.concatenate((image, enhanced, drawn), axis=1), below))

@@ -17,7 +17,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Image8
 from uw_visibility.images.files import write_png
 from uw_visibility.images.overview import (
-    DRAWN_SHARE,
+    colour_ends,
     draw_disparity,
     shown,
     side_by_side,
@@ -33,6 +33,7 @@ from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.report.sentences import clock, headline
 from uw_visibility.replay.results.mcap import NAME
 from uw_visibility.replay.table import read_columns, read_rows
+from uw_visibility.stereo.rig import DISPARITY_STDDEV
 
 # Frames from which the colour scale is chosen.
 SCALE_FRAMES = 16
@@ -64,8 +65,7 @@ class ColourScale(NamedTuple):
         values = np.concatenate(known) if known else np.empty(0, np.float32)
         if not values.size:
             return None
-        low, high = (float(value) for value in np.percentile(values, DRAWN_SHARE))
-        return cls(low, high, focal_baseline)
+        return cls(*colour_ends(values, DISPARITY_STDDEV), focal_baseline)
 
     def draw(self, message: Any) -> NDArray[np.uint8]:
         """Return a DisparityImage in colours, (H, W, 3) RGB, black where nothing matched."""
