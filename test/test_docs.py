@@ -100,6 +100,17 @@ def test_the_readme_has_no_long_paragraph() -> None:
         assert all(len(line) <= 105 for line in lines), paragraph
 
 
+def test_badges_of_the_readme_are_true() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
+    versions = re.findall(r"Python :: (3\.\d+)", setup)
+    assert f"badge/Python-{'_%7C_'.join(versions)}-" in text
+    assert "badge/licence-Apache--2.0-" in text
+    assert ">Apache-2.0</license>" in (ROOT / "package.xml").read_text(encoding="utf-8")
+    workflow = re.search(r"actions/(workflows/[\w.]+)/badge.svg", text)
+    assert workflow and (ROOT / ".github" / workflow[1]).exists()
+
+
 def test_links_of_the_readme_lead_somewhere() -> None:
     links = re.findall(r"\]\(([^)#:]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
     assert len(links) > 20
