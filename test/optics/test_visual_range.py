@@ -116,4 +116,4 @@ def test_a_camera_sees_absorption_and_scattering():
     far = types.seen_attenuation("II", response, 10.0, 8.0)
     # Red light that water takes most is gone first.
     assert far[0] < 0.85 * near[0]
-    np.testing.assert_allclose(far[1:], near[1:], rtol=0.05)
+    np.testing.assert_allclose(far[1:], near[1:], rtol=0.15)

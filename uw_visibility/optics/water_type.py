@@ -33,6 +33,10 @@ Vector = NDArray[np.float64]
 # Part of what natural particles scatter that goes backwards: mean of Petzold's
 # measurements (1972), in C. D. Mobley, Light and Water, 1994, table 3.10.
 BACKSCATTERED = 0.0183
+# Part of scattering that a camera does not lose, (c − β) / b, since it stays within what is seen,
+# and its standard deviation: median of 13 path-traced scenes 0.83 (0.72 to 0.92), of 4 with
+# Fournier and Forand's phase functions 0.92 (lab/studies/beam_attenuation.md).
+KEPT, KEPT_DEVIATION = 0.83, 0.1
 
 
 @dataclass(frozen=True)
@@ -79,18 +83,18 @@ def inherent_properties(name: str, wavelength: Vector) -> tuple[Vector, Vector]:
 
 
 def seen_attenuation(
-    name: str, response: CameraResponse, depth: float, path: float
+    name: str, response: CameraResponse, depth: float, path: float, kept: float = KEPT
 ) -> NDArray[np.float64]:
-    """Beam attenuation of a Jerlov type as a camera sees it, at a depth over a path (m); (3,) 1/m.
+    """Attenuation of a Jerlov type as a camera sees it, at a depth over a path (m); (3,) 1/m.
 
     That of the band-averaged transmission over the path, in the daylight that is left at the depth:
-    of red both leave the part that water takes least.
+    of red both leave the part that water takes least. Of scattering the part `kept` is not lost.
     """
     absorption, scattering = inherent_properties(name, WAVELENGTHS)
     daylight = np.interp(WAVELENGTHS, *daylight_spectrum())
     weight = response.at(WAVELENGTHS) * (
         daylight * np.exp(-depth * (absorption + BACKSCATTERED * scattering)))[:, np.newaxis]
-    left = np.exp(-path * (absorption + scattering)) @ weight / weight.sum(axis=0)
+    left = np.exp(-path * (absorption + (1.0 - kept) * scattering)) @ weight / weight.sum(axis=0)
     return np.asarray(-np.log(left) / path)
 
 
@@ -144,13 +148,14 @@ def _properties(name: str, file: str) -> NDArray[np.float64]:
 def water_type_attenuation(
     water_type: str, response: CameraResponse, *, diffuse: bool = False
 ) -> NDArray[np.float64]:
-    """Attenuation β = a + b of a Jerlov water type as a camera sees it, or the diffuse K, (3,) 1/m.
+    """Attenuation β of a Jerlov water type as a camera sees it, or the diffuse K, (3,) 1/m.
 
-    K = a + b_b is that by which daylight fades with depth: light scattered forwards is not lost to
-    it. Beyond the measured wavelengths, the nearest one counts.
+    β = a + (1 - F) b, with F the part `KEPT`. K = a + b_b is that by which daylight fades with
+    depth: light scattered forwards is not lost to it. Beyond the measured wavelengths, the nearest
+    one counts.
 
     Raises `InputError` if the type is not one of `water_types`.
     """
     wavelength, absorbed, scattered = water_type_spectrum(water_type)
-    lost = BACKSCATTERED if diffuse else 1.0
+    lost = BACKSCATTERED if diffuse else 1.0 - KEPT
     return response.band_average(wavelength, absorbed + lost * scattered)

@@ -3,10 +3,10 @@
 """Water integrated over wavelength with a camera's response, instead of one β per channel.
 
 E_c = ∫ s_c(λ) L(λ) (ρ_c e^(−β(λ)d) + ω(λ) (1 − e^(−β(λ)d))) dλ with the camera's response s_c,
-daylight at depth L(λ) = I0(λ) e^(−K(λ)z), beam attenuation β = a + b, diffuse attenuation
-K = a + b_b, and the veil's spectrum ω = b/β, which scattering gives and absorption takes
-(Akkaynak and Treibitz, CVPR 2018, doi 10.1109/CVPR.2018.00703). A reflectance ρ_c is that of
-its channel: even over the channel's band.
+daylight at depth L(λ) = I0(λ) e^(−K(λ)z), attenuation β = a + b', diffuse attenuation
+K = a + b_b, and the veil's spectrum ω = b'/β, which scattering gives and absorption takes
+(Akkaynak and Treibitz, CVPR 2018, doi 10.1109/CVPR.2018.00703). Here b' is the scattering that a
+camera loses (`KEPT`). A reflectance ρ_c is that of its channel: even over the channel's band.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from uw_visibility.images.arrays import Array
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.optics.water_type import (
     BACKSCATTERED,
+    KEPT,
     WAVELENGTHS,
     clear_water,
     daylight_response,
@@ -105,7 +106,7 @@ def band_averages(
 
 
 def _spectrum(water_type: str) -> tuple[Array, Array, Array]:
-    """Return absorption, scattering and backscattering on the grid of wavelengths in 1/m."""
+    """Absorption, scattering that is lost to a camera, and backscattering, by wavelength, 1/m."""
     if water_type not in spectral_types():
         raise InputError(
             f"no water type {water_type!r}: give one of {', '.join(spectral_types())}"
@@ -115,4 +116,4 @@ def _spectrum(water_type: str) -> tuple[Array, Array, Array]:
         # As in K_w = a_w + b_sw / 2: what molecules scatter forwards is not lost.
         return absorption, 0.5 * scattering, 0.5 * scattering
     absorption, scattering = inherent_properties(water_type, WAVELENGTHS)
-    return absorption, scattering, BACKSCATTERED * scattering
+    return absorption, (1.0 - KEPT) * scattering, BACKSCATTERED * scattering

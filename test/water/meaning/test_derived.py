@@ -44,8 +44,8 @@ def test_black_disc_and_its_standard_deviation():
 
 
 def test_turbid_water_hides_a_disk_sooner():
-    found = [MODEL.derive(estimate(CLEAR + more)) for more in (0.0, 0.1, 0.3, 1.0, 3.0)]
-    assert [each.water_type_status for each in found] == [Status.OK] * 5
+    found = [MODEL.derive(estimate(CLEAR + more)) for more in (0.0, 0.03, 0.3, 1.0)]
+    assert [each.water_type_status for each in found] == [Status.OK] * 4
     depths = [each.secchi_depth for each in found]
     assert depths == sorted(depths, reverse=True)
     diffuse = [each.diffuse_attenuation_490 for each in found]
@@ -57,6 +57,14 @@ def test_turbid_water_hides_a_disk_sooner():
         named = water_type(each.water_type)
         assert abs(each.secchi_depth - named.secchi_depth) < each.secchi_depth_stddev
         assert 0.2 * each.secchi_depth < each.secchi_depth_stddev < 0.6 * each.secchi_depth
+
+
+def test_types_are_compared_as_a_camera_sees_them():
+    """A path-traced reef in water of type II: a 0.073, b 0.190 1/m in green, β 0.117."""
+    found = MODEL.derive(estimate([0.223, 0.117, 0.093], 0.15))
+    assert found.water_type == "II"
+    # Divers see a black disc and a Secchi disk about equally far.
+    assert 0.6 < found.secchi_depth / found.black_disc_visibility < 1.4
 
 
 def test_what_cannot_be_told_is_refused():
@@ -75,7 +83,7 @@ def test_what_cannot_be_told_is_refused():
 
 
 def test_a_dark_channel_does_not_hinder():
-    found = estimate([1.5, 1.39, 1.42])
+    found = estimate([0.6, 0.403, 0.448])
     found.attenuation[0] = np.nan
     found.covariance[0] = np.nan
     assert MODEL.derive(found).water_type == "5C"
@@ -96,5 +104,5 @@ def test_types_are_found_in_images_rendered_with_their_spectra():
                 told += 1
                 distance = TYPES.index(found.water_type) - TYPES.index(name)
                 right += abs(distance) <= 1
-    assert told >= 8
+    assert told >= 6
     assert right >= 0.9 * told

@@ -35,8 +35,8 @@ MEANINGS = {
     "places, as those of two scenes do.",
     Status.NO_WATER_TYPE: "No Jerlov type attenuates the three channels in these proportions.",
     Status.WATER_TYPE_UNCERTAIN: "Several Jerlov types fit the attenuation about equally well.",
-    Status.LIT_BY_LAMPS: "The light falls off with its distance to the camera, as the light of "
-    "lamps does, and nobody told of lamps.",
+    Status.LIT_BY_LAMPS: "What is near is brighter than what is far, as by lamps, and nobody told "
+    "of lamps. By day a white board held before dark ground can look the same.",
     Status.LEFT_TO_STEP_2: "The first step leaves the water under lamps to the second.",
     Status.NO_DEPTH_BY_LAMPS: "Depth is read from daylight's colour, and lamps light the scene.",
 }
@@ -74,7 +74,7 @@ REMEDIES = {
     Status.NO_WATER_TYPE: "Take the attenuation itself; check camera.response.",
     Status.WATER_TYPE_UNCERTAIN: "Take the attenuation itself, or more frames together.",
     Status.LIT_BY_LAMPS: "Set lighting.model to lamps, or to both beside daylight, and "
-    "lighting.positions to where they are.",
+    "lighting.positions to where they are. Without lamps, keep what is bright out of the near.",
     Status.LEFT_TO_STEP_2: "Nothing: look at the result of the second step.",
     Status.NO_DEPTH_BY_LAMPS: "Take the depth sensor's; by day turn lamps off.",
 }

@@ -21,6 +21,8 @@ from uw_visibility.optics.visual_range import (
     black_disc_visibility,
 )
 from uw_visibility.optics.water_type import (
+    KEPT,
+    KEPT_DEVIATION,
     TYPES,
     effective_wavelengths,
     inherent_properties,
@@ -34,8 +36,8 @@ GREEN = 1
 
 # How far water of a type is from the type's table, as parts of its attenuation: in all
 # channels alike, since particles scatter more or less, and in each, since red depends on
-# depth and range. Neighbouring types are 0.4 apart.
-AMOUNT_TOLERANCE = 0.2
+# depth and range. Neighbouring types are 0.3 apart, half of which is a type's own.
+AMOUNT_TOLERANCE = 0.15
 COLOUR_TOLERANCE = np.array([0.3, 0.07, 0.12])
 # Daylight in which the types are taken to be seen, and from how far at most, m.
 TYPICAL_DEPTH = 3.0
@@ -158,7 +160,10 @@ class DerivedModel:
     def __init__(self, response: CameraResponse) -> None:
         self.effective_wavelengths = effective_wavelengths(response)
         self._types = [water_type(name) for name in TYPES]
-        self._attenuation = np.stack([_seen(name, response) for name in TYPES])
+        self._attenuation = np.stack([_seen(name, response, KEPT) for name in TYPES])
+        # What the scattering that is kept changes in it.
+        self._change = self._attenuation - np.stack(
+            [_seen(name, response, KEPT + KEPT_DEVIATION) for name in TYPES])
 
     @classmethod
     def from_config(cls, config: PipelineConfig) -> DerivedModel:
@@ -205,9 +210,10 @@ class DerivedModel:
     ) -> tuple[Array, float]:
         """Share of each type in the likelihood, and chi squared of the nearest one."""
         log_likelihood, distances = [], []
-        for expected in self._attenuation[:, known]:
+        for expected, change in zip(
+                self._attenuation[:, known], self._change[:, known], strict=True):
             spread = AMOUNT_TOLERANCE**2 + np.diag(COLOUR_TOLERANCE[known] ** 2)
-            total = covariance + spread * np.outer(expected, expected)
+            total = covariance + spread * np.outer(expected, expected) + np.outer(change, change)
             error = attenuation - expected
             distance = float(error @ np.linalg.solve(total, error))
             distances.append(distance)
@@ -216,11 +222,11 @@ class DerivedModel:
         return likelihood / likelihood.sum(), min(distances)
 
 
-def _seen(name: str, response: CameraResponse) -> Array:
+def _seen(name: str, response: CameraResponse, kept: float) -> Array:
     """Attenuation of a type over one attenuation length, or the typical range."""
     absorption, scattering = inherent_properties(name, np.array([530.0]))
-    path = min(float(1.0 / (absorption + scattering)[0]), TYPICAL_RANGE)
-    return seen_attenuation(name, response, TYPICAL_DEPTH, path)
+    path = min(float(1.0 / (absorption + (1.0 - kept) * scattering)[0]), TYPICAL_RANGE)
+    return seen_attenuation(name, response, TYPICAL_DEPTH, path, kept)
 
 
 def _expected(likelihood: Array, values: list[float], tolerance: float) -> tuple[float, float]:
