@@ -193,7 +193,7 @@ WATER_OPTIONS = {
         one.ambient_light, one.scene_light * [0.4, 0.5, 2.0]),
     "--channel-attenuation 0 0 0.1": lambda one, other: np.allclose(
         one.attenuation - other.attenuation, [0.0, 0.0, 0.1]),
-    "--water-type 5C --attenuation 0 0": lambda one, other: one.alpha > 10.0 * other.alpha,
+    "--water-type 5C --attenuation 0 0": lambda one, other: one.alpha > 5.0 * other.alpha,
     "--water-type clear --cdom 0.3": lambda one, other: one.attenuation[2] > one.attenuation[1],
     "--water-type clear --particle-slope 3": lambda one, other: (
         one.attenuation[2] > other.attenuation[2]),
