@@ -38,7 +38,8 @@ DESCRIPTION = """\
 Rerun section III of the paper: put stereo scenes with known disparity under water,
 for each mean attenuation and depth of a grid, and compare what the pipeline makes of
 them with the truth, with OpenCV's matcher and histogram methods, and with the oracle,
-which knows the water and the ranges. A rendered transect stands for section IV.
+which knows the water and the ranges; with MC-CNN, too, where MCCNN and libsgm are
+installed. A rendered transect stands for section IV.
 
 The water there is lit as the scene is, and parameter water.veil is paper unless it is set.
 
@@ -183,6 +184,7 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Writt
     # Compiled modules load slowly; what is refused before needs none of them.
     plan = _plan(arguments)
     _check_figures()
+    from uw_visibility_lab.evaluation import mccnn
     from uw_visibility_lab.evaluation.experiments import evaluate
     from uw_visibility_lab.evaluation.figures.write import write_figures
     from uw_visibility_lab.evaluation.report import summary_text, write_evaluation
@@ -194,6 +196,8 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Writt
     def write(folder: Path) -> None:
         write_evaluation(folder, evaluation, summary)
         write_figures(folder, evaluation, arguments.format)
+        if mccnn.missing():
+            say(f"without the peer {mccnn.TITLE}: pip install {' '.join(mccnn.missing())}")
 
     return write, summary_text(summary)
 

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
+from uw_visibility_lab.evaluation import mccnn
 
 GROUP = "uw_visibility.methods"
 Kind = Literal["matcher", "estimator", "restorer"]
@@ -65,8 +66,8 @@ def method(kind: Kind, title: str) -> Callable[[Function], Function]:
 
 @cache
 def own_methods() -> dict[str, Method]:
-    """Return the methods of installed packages, by the names of their entry points."""
-    found: dict[str, Method] = {}
+    """Return MC-CNN, where it is installed, and methods by the names of their entry points."""
+    found = {} if mccnn.missing() else {"mccnn": Method("matcher", mccnn.TITLE, mccnn.match)}
     for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
         try:
             function = entry.load()
