@@ -46,7 +46,7 @@ def missing() -> list[str]:
 def match(left: Image8, right: Image8, max_disparity: int) -> DisparityMap:
     """Match a rectified pair; see `uw_visibility_lab.evaluation.methods.Method`.
 
-    Takes 16 bytes for each pixel and disparity.
+    Takes 10 bytes for each pixel and disparity, and 2 kB for each pixel.
     """
     import c_libsgm
 
