@@ -10,6 +10,7 @@
 #   make quick         lint, and the tests that start no nodes and render little: two minutes
 #   make soak          the node for half an hour on good and bad pairs: see soak.json
 #   make bench         speed against OpenCV's StereoSGBM, and noise: see bench.json
+#   make rates         how many frames of SIZE=640x480 the node answers here: four minutes
 #   make figures       measure accuracy and speed anew for docs/reference/figures.md: ten minutes
 #   make test-oldest   the tests with the versions of Ubuntu 24.04 (needs Python 3.12)
 #   make browser       pages in a headless browser, with axe-core (needs npm, and Chromium)
@@ -41,7 +42,7 @@ export RMW_IMPLEMENTATION := rmw_fastrtps_cpp
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test studies quick soak fuzz lint bench figures test-oldest docs links browser package parameters clean
+.PHONY: help venv demo test studies quick soak fuzz lint bench rates figures test-oldest docs links browser package parameters clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -92,6 +93,9 @@ lint: venv
 
 bench: venv
 	$(VENV)/bin/python -m benchmarks
+
+rates: venv
+	@$(VENV)/bin/python -m benchmarks.node --table --seconds 30 --size $(or $(SIZE),640x480)
 
 # Random views, rendered reefs in adverse water, speed; what they print goes into build/figures.
 figures: MEASURED := build/figures

@@ -4,12 +4,14 @@
 
     python -m benchmarks.node --rate 30 --seconds 120
     python -m benchmarks.node --rate 4 --seconds 60 --everything
+    python -m benchmarks.node --table --seconds 30 --size 1280x960
 
 Node, camera and listener are three processes; the node's environment is that of its launch
 file.
 Latency is from an image's stamp, which is the moment of its publication, to the arrival of
-its disparity. Growth of the memory counts from 15 s after the first answer. Measure on an
-idle machine: the three share its processors.
+its disparity. Growth of the memory counts from 15 s after the first answer. `--table` (`make
+rates`) prints how many frames are answered at 10, 15 and 30 Hz, with the disparity subscribed
+to and with all images. Measure on an idle machine: the three share its processors.
 """
 
 from __future__ import annotations
@@ -42,6 +44,7 @@ from rclpy.serialization import serialize_message
 
 from benchmarks.stereo_messages import stereo_messages
 from benchmarks.timing import processor_time
+from uw_visibility.compute.blas import use_one_thread
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.stamps import header_stamp
@@ -54,6 +57,7 @@ START_TIMEOUT = 300.0
 WARM_UP = 15.0
 ASK_PERIOD = 0.25
 MEMORY_PERIOD = 0.5
+TABLE_RATES = (10.0, 15.0, 30.0)
 EVERYTHING = ("-p", "publish_depth_image:=true", "-p", "publish_points:=true")
 
 
@@ -64,27 +68,52 @@ def main() -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--rate", type=float, default=30.0, help="pairs per second")
+    parser.add_argument("--table", action="store_true", help="rates and subscribers in turn")
+    parser.add_argument("--size", default="640x480", help="of the images, px")
     parser.add_argument("--seconds", type=float, default=120.0, help="how long to publish")
     parser.add_argument("--best-effort", action="store_true", help="publish as sensor data")
     parser.add_argument("--everything", action="store_true", help="depth image and points too")
-    parser.add_argument("--estimates-only", action="store_true", help="subscribe to no image")
+    parser.add_argument("--disparity-only", action="store_true", help="subscribe to no image")
     parser.add_argument("-p", action="append", default=[], metavar="NAME:=VALUE", dest="given",
                         help="parameter of the node")
     parser.add_argument("--json", metavar="FILE", help="write the numbers there")
     options = parser.parse_args()
+    use_one_thread()
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    arguments = [part for given in options.given for part in ("-p", given)]
-    arguments += EVERYTHING if options.everything else ()
-    with tempfile.TemporaryDirectory() as folder, reserved_domain() as domain:
-        os.environ["ROS_DOMAIN_ID"] = str(domain)
-        with started_node(folder, arguments) as process:
-            report = measure(process, Path(folder), options)
+    if options.table:
+        print_table(options)
+        return 0
+    report = run(options)
     for name, value in report.items():
         if not isinstance(value, list):
             print(f"{name:38s} {value if isinstance(value, int | str) else f'{value:.2f}'}")
     if options.json:
         Path(options.json).write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     return 0
+
+
+def print_table(options: argparse.Namespace) -> None:
+    """Print how many frames are answered, and what one costs, by rate and subscribers."""
+    print("| Subscribed | Input | Answered | Latency, median, 95 % | Processor time per answer |")
+    print("| --- | --- | --- | --- | --- |")
+    for subscribed, options.disparity_only in (("disparity", True), ("all images", False)):
+        for options.rate in TABLE_RATES:
+            report = run(options)
+            print(
+                f"| {subscribed} | {options.rate:g} Hz | "
+                f"{report['frames answered'] / report['pairs sent']:.0%} | "
+                f"{report['latency, median (ms)']:.0f}, {report['latency, 95 % (ms)']:.0f} ms | "
+                f"{report['processor time per answer (ms)']:.0f} ms |", flush=True)
+
+
+def run(options: argparse.Namespace) -> dict[str, Any]:
+    """Start the node, publish into it, and return the numbers."""
+    arguments = [part for given in options.given for part in ("-p", given)]
+    arguments += EVERYTHING if options.everything else ()
+    with tempfile.TemporaryDirectory() as folder, reserved_domain() as domain:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        with started_node(folder, arguments) as process:
+            return measure(process, Path(folder), options)
 
 
 @contextmanager
@@ -116,10 +145,10 @@ def measure(
         time.sleep(0.1)
     ready = memory(process.pid)
     frame = folder / "frame.pickle"
-    frame.write_bytes(pickle.dumps(make_frame()))
+    frame.write_bytes(pickle.dumps(make_frame(*map(int, options.size.split("x")))))
     config = NodeConfig(publish_depth_image=options.everything, publish_points=options.everything)
     topics = all_topics(config)
-    if options.estimates_only:
+    if options.disparity_only:
         topics = {topic: name for topic, name in topics.items() if topic == "disparity"}
     rclpy.init(args=[])
     listener = Listener(topics)
@@ -129,21 +158,20 @@ def measure(
          *(["--best-effort"] if options.best_effort else [])],
         stdout=subprocess.PIPE,
     )
-    history, busy = watch(process.pid, publisher, listener)
+    history, load = watch(process.pid, publisher, listener)
     sent = json.loads(publisher.communicate()[0])
     time.sleep(1.5)
     listener.close()
-    return summarise(sent, listener, history) | {
+    return summarise(sent, listener, history) | load | {
         "memory when ready (MiB)": ready["VmRSS"],
         "peak memory (MiB)": memory(process.pid)["VmHWM"],
-        "processors busy with the node": busy,
         "memory over time (s, MiB)": history,
     }
 
 
-def make_frame() -> tuple[dict[str, str], dict[str, bytes]]:
+def make_frame(width: int, height: int) -> tuple[dict[str, str], dict[str, bytes]]:
     """Return types and serialised messages of a stereo frame by topic."""
-    messages = stereo_messages()
+    messages = stereo_messages(width, height)
     types = {
         topic: f"sensor_msgs/msg/{type(message).__name__}" for topic, message in messages.items()
     }
@@ -216,16 +244,20 @@ def memory(pid: int) -> dict[str, float]:
 
 def watch(
     pid: int, publisher: subprocess.Popen[bytes], listener: Listener
-) -> tuple[list[tuple[float, float]], float]:
+) -> tuple[list[tuple[float, float]], dict[str, float]]:
     """Note the memory since the first answer until the publisher ends, and the load."""
     while not listener.answers and publisher.poll() is None:
         time.sleep(0.05)
-    begin, worked = time.monotonic(), processor_time(pid)
+    begin, worked, heard = time.monotonic(), processor_time(pid), len(listener.answers)
     history = []
     while publisher.poll() is None:
         history.append((round(time.monotonic() - begin, 2), memory(pid)["VmRSS"]))
         time.sleep(MEMORY_PERIOD)
-    return history, (processor_time(pid) - worked) / (time.monotonic() - begin)
+    worked = processor_time(pid) - worked
+    return history, {
+        "processors busy with the node": worked / (time.monotonic() - begin),
+        "processor time per answer (ms)": 1e3 * worked / max(len(listener.answers) - heard, 1),
+    }
 
 
 def summarise(
@@ -255,6 +287,9 @@ def summarise(
         "pairs received": int(last["input"]["stereo frames"]),
         "frames answered": len(latency),
         "frames skipped for newer ones": int(last["pipeline"]["frames skipped"]),
+        "frames neither answered nor counted": int(last["input"]["stereo frames"]) - sum(
+            int(last["pipeline"][f"frames {fate}"])
+            for fate in ("processed", "refused", "failed", "skipped")),
         "pipeline, median (ms)": pipeline,
     }
     for name, value in spread(latency).items():

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -35,6 +36,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float64
 
 from uw_visibility.ros import core as module
+from uw_visibility.ros import worker
 from uw_visibility.ros.core import PipelineState
 from uw_visibility.ros.monitor import ERROR, OK, WARN, ReasonLog
 from uw_visibility.ros.parameters import NodeParameters
@@ -68,7 +70,7 @@ class Processor:
         self.header = ImageHeader(1, 0, "camera")
         self.rig = None
 
-    def begin(self, frame: Any, pipeline: Any) -> Any:
+    def begin(self, frame: Any, pipeline: Any, lane: int) -> Any:
         self.used.append(pipeline)
         return self
 
@@ -129,6 +131,33 @@ def test_images_are_made_for_subscribers_only_and_estimates_always(core: Any) ->
     wait(lambda: core.state.processed == 2)
     assert core._processor.asked == [ESTIMATES, ESTIMATES | {"disparity"}]
     node.destroy_subscription(subscription)
+
+
+def test_frames_under_way_at_once_reach_the_filter_in_their_order(
+    core: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hold, order = threading.Event(), []
+
+    def assess(topics: Any, *, known_light: Any = None) -> Any:
+        order.append("begun")
+        first = len(order) == 1
+        assert not first or hold.wait(20)
+        return replace(RESULT, timing_ms={"total": 1.0 if first else 2.0})
+
+    def add(result: Any, *others: Any) -> None:
+        order.append(result.timing_ms["total"])
+
+    monkeypatch.setattr(worker, "processor_share", lambda: (0, 0))
+    monkeypatch.setattr(core._processor, "assess", assess)
+    monkeypatch.setattr(core.state, "add", add)
+    for count in (1, 2):
+        core.worker.offer(FRAME)
+        wait(lambda count=count: len(order) == count)
+    # The second has long ended.
+    time.sleep(0.05)
+    hold.set()
+    wait(lambda: len(order) == 4)
+    assert order == ["begun", "begun", 1.0, 2.0]
 
 
 @pytest.mark.parametrize("given, encoding, times", [

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import queue
 import sys
 import threading
 import time
@@ -12,7 +13,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from uw_visibility.ros.worker import NewestWorker
+from uw_visibility.ros import worker as module
+from uw_visibility.ros.worker import NewestWorker, Turn
 
 
 class Slow:
@@ -23,7 +25,7 @@ class Slow:
         self.allowed = threading.Semaphore(0)
         self.seen: list[int] = []
 
-    def __call__(self, item: int) -> None:
+    def __call__(self, item: int, turn: Turn) -> None:
         self.begun.release()
         assert self.allowed.acquire(timeout=20)
         self.seen.append(item)
@@ -48,7 +50,7 @@ def test_preparation_comes_before_the_first_item_in_the_same_thread() -> None:
     events: list[tuple[str, int]] = []
     done = threading.Event()
 
-    def process(item: str) -> None:
+    def process(item: str, turn: Turn) -> None:
         events.append((item, threading.get_ident()))
         done.set()
 
@@ -78,7 +80,7 @@ def test_stop_does_not_wait_longer_than_told() -> None:
 def test_no_item_is_taken_before_the_preparation_ends() -> None:
     prepared, taken = threading.Event(), threading.Event()
 
-    def process(item: int) -> None:
+    def process(item: int, turn: Turn) -> None:
         taken.set()
 
     worker = NewestWorker(process, lambda: prepared.wait(20) and None)
@@ -90,6 +92,99 @@ def test_no_item_is_taken_before_the_preparation_ends() -> None:
     assert worker.stop(20)
 
 
+@pytest.fixture
+def idle_processors(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No thread waits for a processor, however busy this machine is."""
+    monkeypatch.setattr(module, "processor_share", lambda: (0, 0))
+
+
+@pytest.mark.usefixtures("idle_processors")
+def test_a_second_lane_takes_what_waits_and_results_keep_the_order_of_the_items() -> None:
+    allowed = {item: threading.Event() for item in range(4)}
+    begun: queue.Queue[tuple[int, int]] = queue.Queue()
+    told: queue.Queue[int] = queue.Queue()
+
+    def process(item: int, turn: Turn) -> None:
+        begun.put((item, turn.lane))
+        assert allowed[item].wait(20)
+        turn.wait()
+        told.put(item)
+
+    worker = NewestWorker(process, lanes=2)
+    worker.start()
+    for item in (0, 1):
+        worker.offer(item)
+        assert begun.get(timeout=20) == (item, item)
+    # Both lanes are busy: of what comes now the newest waits.
+    worker.offer(2)
+    worker.offer(3)
+    assert worker.skipped == 1
+    # The second item ends first, and is told after the first all the same.
+    allowed[1].set()
+    allowed[3].set()
+    with pytest.raises(queue.Empty):
+        told.get(timeout=0.05)
+    allowed[0].set()
+    assert [told.get(timeout=20) for _ in range(3)] == [0, 1, 3]
+    assert worker.stop(20)
+
+
+@pytest.mark.usefixtures("idle_processors")
+def test_the_second_lane_takes_nothing_while_the_first_is_free_or_lanes_are_lowered() -> None:
+    seen: queue.Queue[tuple[int, int]] = queue.Queue()
+    first = threading.Event()
+
+    def process(item: int, turn: Turn) -> None:
+        worker.lanes = 1
+        seen.put((item, turn.lane))
+        assert item or first.wait(20)
+
+    worker = NewestWorker(process, lanes=2)
+    worker.start()
+    worker.offer(0)
+    assert seen.get(timeout=20) == (0, 0)
+    worker.offer(1)
+    with pytest.raises(queue.Empty):
+        seen.get(timeout=0.05)
+    first.set()
+    assert seen.get(timeout=20) == (1, 0)
+    assert worker.stop(20)
+
+
+def test_items_go_one_after_the_other_while_processors_are_busy(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    busy, totals = [True], [0, 0]
+
+    def share() -> tuple[int, int]:
+        totals[:] = totals[0] + 1, totals[1] + 2 * busy[0]
+        return totals[0], totals[1]
+
+    monkeypatch.setattr(module, "processor_share", share)
+    slow = Slow()
+    worker = NewestWorker(slow, lanes=2)
+    # So that the second item comes after the first, not beside it.
+    worker.lanes = 1
+    worker.start()
+    worker.offer(0)
+    assert slow.begun.acquire(timeout=20)
+    slow.allowed.release()
+    # That one has waited for longer than it ran, so that none begins beside the next.
+    worker.offer(1)
+    assert slow.begun.acquire(timeout=20)
+    worker.lanes = 2
+    worker.offer(2)
+    assert not slow.begun.acquire(timeout=0.05)
+    busy[0] = False
+    slow.allowed.release()
+    assert slow.begun.acquire(timeout=20)
+    worker.offer(3)
+    assert slow.begun.acquire(timeout=20)
+    slow.allowed.release(2)
+    assert worker.stop(20)
+    assert sorted(slow.seen) == [0, 1, 2, 3]
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux knows priorities of threads")
 def test_the_thread_gives_way_to_others_and_so_do_those_that_it_starts() -> None:
     def priority() -> int:
@@ -97,7 +192,7 @@ def test_the_thread_gives_way_to_others_and_so_do_those_that_it_starts() -> None
 
     found: list[int] = []
 
-    def process(item: int) -> None:
+    def process(item: int, turn: Turn) -> None:
         found.append(priority())
         with ThreadPoolExecutor(1) as helpers:
             found.append(helpers.submit(priority).result())

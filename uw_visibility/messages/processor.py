@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import functools
+import threading
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -111,25 +112,34 @@ class FrameWork:
 class FrameProcessor:
     """Frame processor: reads frames, runs the pipeline and makes the messages of its results.
 
-    The pipeline is made anew when the calibration or its configuration changes. `rectify` says
+    A pipeline is made anew when the calibration or its configuration changes. `rectify` says
     that the images are raw; `reader` knows how often the calibration changed.
     """
 
     def __init__(self, make: MessageFactory, rectify: bool) -> None:
         self.reader = FrameReader(rectify)
         self._make = make
-        self._pipeline: Pipeline | None = None
+        # Of each lane.
+        self._pipelines: dict[int, Pipeline] = {}
         self._threads: tuple[int, Workers] | None = None
+        self._lock = threading.Lock()
 
-    def begin(self, frame: StereoFrame, pipeline_config: PipelineConfig) -> FrameWork:
-        """Read a frame, and make the pipeline that it needs."""
-        pair = self.reader.read(frame)
-        made = self._pipeline
-        if made is None or (made.rig, made.config) != (pair.rig, pipeline_config):
-            # Its memory is free before that of the next one is allocated.
-            made = self._pipeline = None
-            workers = self._workers(pipeline_config.threads)
-            made = self._pipeline = Pipeline(pair.rig, pipeline_config, workers)
+    def begin(
+        self, frame: StereoFrame, pipeline_config: PipelineConfig, lane: int = 0
+    ) -> FrameWork:
+        """Read a frame, and make the pipeline that it needs.
+
+        Frames that are processed at the same time are in lanes of their own.
+        """
+        with self._lock:
+            pair = self.reader.read(frame)
+            made = self._pipelines.get(lane)
+            if made is None or (made.rig, made.config) != (pair.rig, pipeline_config):
+                # Its memory is free before that of the next one is allocated.
+                self._pipelines.pop(lane, None)
+                made = None
+                workers = self._workers(pipeline_config.threads)
+                made = self._pipelines[lane] = Pipeline(pair.rig, pipeline_config, workers)
         return FrameWork(frame, pair, made, self._make)
 
     def _workers(self, threads: int) -> Workers:

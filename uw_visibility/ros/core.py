@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 import traceback
@@ -17,6 +18,7 @@ from rclpy.node import Node
 
 from uw_visibility.compute.jit import counts
 from uw_visibility.compute.kernel_folder import writable_folder
+from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.config.assumptions import ASK_TRANSFER, like_video
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
@@ -45,7 +47,7 @@ from uw_visibility.ros.parameters import NodeParameters, Settings, check_qos_ove
 from uw_visibility.ros.substitute import Substitute
 from uw_visibility.ros.transport.factory import make_message, message_type
 from uw_visibility.ros.transport.qos import describe_publishers, publish_on, subscribe_to
-from uw_visibility.ros.worker import NewestWorker
+from uw_visibility.ros.worker import NewestWorker, Turn
 from uw_visibility.status import Status
 from uw_visibility.stereo.calibration import image_size
 from uw_visibility.stereo.rig import StereoRig
@@ -59,6 +61,8 @@ QOS_PERIOD = 0.5
 SILENCE_PERIOD = 30.0
 # Only one core compiles kernels at a time.
 WARMING = threading.Lock()
+# Frames that are processed at the same time at most: each has parts that one thread does.
+LANES = 2
 # A clock that goes back by more than this was set back, s.
 CLOCK_JUMP = 0.1
 
@@ -82,7 +86,9 @@ class NodeCore:
         self._active_since: float | None = None
         self._processor = FrameProcessor(make_message, self._settings.node.rectify)
         self._filter: WaterFilter | None = None
-        self.worker = NewestWorker(self._process, self._warm_up, self._settings.node.niceness)
+        self._filtering = threading.Lock()
+        self.worker = NewestWorker(
+            self._process, self._warm_up, self._settings.node.niceness, LANES)
         # Geometry and size of the images that came last.
         self._images: tuple[StereoRig, tuple[int, int]] | None = None
         self._tried: tuple[Any, ...] = ()
@@ -216,42 +222,53 @@ class NodeCore:
             "waiting for images"
         )
 
-    def _process(self, frame: StereoFrame) -> None:
+    def _process(self, frame: StereoFrame, turn: Turn) -> None:
         """Answer a frame; whatever goes wrong costs this frame, not the node."""
         if not self._wanted():
             return
+        pipeline = self._settings.pipeline
+        # A network has threads of its own, and memory that there may be once only.
+        self.worker.lanes = 1 if pipeline.built_in() != pipeline else min(
+            LANES, number_of_threads(pipeline.threads))
         with self.state.busy():
             try:
-                self._answer(frame)
+                self._answer(frame, turn)
             except NetworkError as error:
+                turn.wait()
                 if self.state.substitute.fail(error) and self._wanted():
                     self._log.error(self.state.substitute.reason)
                 self.state.fail(f"lost a frame: {error}", "")
             except InputError as error:
+                turn.wait()
                 self.state.refuse(f"dropped a frame: {error}")
             except Exception as error:
+                turn.wait()
                 if self._wanted():
                     reason = f"lost a frame to {describe_fault(error)}"
                     self.state.fail(reason, f"\n{traceback.format_exc()}")
 
-    def _answer(self, frame: StereoFrame) -> None:
-        """Read a frame, run the pipeline on it, and publish what it says."""
+    def _answer(self, frame: StereoFrame, turn: Turn) -> None:
+        """Read a frame, run the pipeline on it, and publish what it says when it is its turn."""
         settings = self._settings
         begin = time.perf_counter()
-        work = self._read(frame, settings, self.state.substitute.config(settings.pipeline))
+        work = self._read(
+            frame, settings, self.state.substitute.config(settings.pipeline), turn.lane)
         read = time.perf_counter()
         topics = self._wanted_topics()
-        if self._filter is None or self._filter.config != settings.pipeline:
-            self._filter = WaterFilter(settings.pipeline)
-        result = work.assess(topics, known_light=self._filter.lamps)
+        with self._filtering:
+            known_light = self._filter_for(settings).lamps
+        result = work.assess(topics, known_light=known_light)
+        turn.wait()
         self.state.substitute.succeed()
         if not self._wanted():
             return
-        assessed = time.perf_counter()
-        filtered = self._filter.update(result.water, work.header.seconds, work.rig)
+        told = time.perf_counter()
+        with self._filtering:
+            filtered = self._filter_for(settings).update(
+                result.water, work.header.seconds, work.rig)
         for topic, message in work.messages(result, settings.node, topics, filtered):
             self._publishers[topic].publish(message)
-        around = read - begin + time.perf_counter() - assessed
+        around = read - begin + time.perf_counter() - told
         stamp = frame.left.header.stamp
         now = self._node.get_clock().now().nanoseconds
         self.state.add(
@@ -262,13 +279,19 @@ class NodeCore:
             if "camera.transfer" not in self._parameters.told and like_video(frame.left):
                 self._log.warning(ASK_TRANSFER)
 
+    def _filter_for(self, settings: Settings) -> WaterFilter:
+        """The filter, made anew where parameters have changed."""
+        if self._filter is None or self._filter.config != settings.pipeline:
+            self._filter = WaterFilter(settings.pipeline)
+        return self._filter
+
     def _read(
-        self, frame: StereoFrame, settings: Settings, pipeline: PipelineConfig
+        self, frame: StereoFrame, settings: Settings, pipeline: PipelineConfig, lane: int
     ) -> FrameWork:
         """Read the images of a frame."""
         width, height = image_size(frame.left_info, "left")
         check_megapixels(width, height, settings.node.max_megapixels)
-        work = self._processor.begin(frame, pipeline)
+        work = self._processor.begin(frame, pipeline, lane)
         calibrations = self._processor.reader.calibrations
         if calibrations > max(self.state.calibrations, 1):
             self._changes.add("camera_info has changed: using the new calibration")
@@ -333,7 +356,8 @@ class PipelineState:
         self.failures = failures
         self._recent = RecentCounts(SILENCE)
         self._lock = threading.Lock()
-        self._busy_since: float | None = None
+        # When frames began that are being processed, s.
+        self._begun: list[float] = []
         self._answered = 0.0
         self._problem = ""
         self._result: FrameResult | None = None
@@ -345,11 +369,14 @@ class PipelineState:
     @contextmanager
     def busy(self) -> Iterator[None]:
         """Note that a frame is being processed."""
-        self._busy_since = time.monotonic()
+        begun = time.monotonic()
+        with self._lock:
+            self._begun.append(begun)
         try:
             yield
         finally:
-            self._busy_since = None
+            with self._lock:
+                self._begun.remove(begun)
 
     def add(
         self, result: FrameResult, latency: float, around: float,
@@ -384,8 +411,9 @@ class PipelineState:
         """Return the reason why no frame is processed, or ""."""
         if not self.ready:
             return f"the pipeline is being compiled, {counts.compiled} kernels so far"
-        busy = self._busy_since
-        if busy is not None and time.monotonic() - busy > SILENCE:
+        with self._lock:
+            busy = min(self._begun, default=math.inf)
+        if time.monotonic() - busy > SILENCE:
             return "the pipeline is still busy with one frame"
         return ""
 

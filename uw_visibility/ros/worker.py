@@ -1,35 +1,73 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Worker thread that takes the newest item and drops older ones."""
+"""Worker that takes the newest item and drops older ones; several items may be under way."""
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from pathlib import Path
+from typing import Generic, NamedTuple, TypeVar
 
 Item = TypeVar("Item")
 
 
-class NewestWorker(Generic[Item]):
-    """Processes items one after the other in a thread of its own; the newest waits, others go.
+def processor_share() -> tuple[int, int]:
+    """How long this thread has had a processor, and how long it has waited for one, ns.
 
-    process: called with each item. It must not raise.
-    prepare: called in the thread once, before the first item. It must not raise.
-    niceness: how far the thread, and those that it starts, give way to others: 0 not at all, 19
+    Zeros where the system does not tell; Linux does (sched-stats.rst of its documentation).
+    """
+    try:
+        ran, waited, _ = Path("/proc/thread-self/schedstat").read_text(encoding="ascii").split()
+    except (OSError, ValueError):
+        return 0, 0
+    return int(ran), int(waited)
+
+
+class Turn(NamedTuple):
+    """An item's lane, and its place in the order of items.
+
+    Attributes
+    ----------
+    lane : int
+        No other item is processed under this number meanwhile.
+    wait : callable
+        Returns when all items before have been processed.
+    """
+
+    lane: int
+    wait: Callable[[], None]
+
+
+class NewestWorker(Generic[Item]):
+    """Processes items in lanes, a thread each; the newest waits, others go.
+
+    A lane takes an item only while all before it are busy: the second one where items come faster
+    than one after the other can be processed. It takes none while threads wait for a processor
+    longer than they have one: two items would be ready no sooner than one after the other, and the
+    first one later.
+
+    process: called with each item and its turn. It must not raise.
+    prepare: called in the first lane once, before the first item. It must not raise.
+    niceness: how far the threads, and those that they start, give way to others: 0 not at all, 19
         most. Only Linux knows it of single threads; elsewhere it does nothing.
+    lanes: how many items may be under way at most; may be set to less at any time.
     skipped: items that a newer one replaced before their turn came.
     """
 
     def __init__(
         self,
-        process: Callable[[Item], None],
+        process: Callable[[Item, Turn], None],
         prepare: Callable[[], None] = lambda: None,
         niceness: int = 0,
+        lanes: int = 1,
     ) -> None:
         self.skipped = 0
+        self.lanes = lanes
         self._niceness = niceness
         self._process = process
         self._prepare = prepare
@@ -37,8 +75,15 @@ class NewestWorker(Generic[Item]):
         self._waiting: list[Item] = []
         self._stopping = False
         self._changed = threading.Condition()
-        # A daemon, since an item that takes long must not hold up the exit.
-        self._thread = threading.Thread(target=self._run, name="pipeline", daemon=True)
+        # Whether the item that ended last waited for a processor longer than it had one.
+        self._crowded = False
+        # Lanes that wait for an item; none before the preparation has ended.
+        self._free: set[int] = set()
+        self._taken = self._done = 0
+        # Daemons, since an item that takes long must not hold up the exit.
+        self._threads = [
+            threading.Thread(target=self._run, args=(lane,), name=f"pipeline {lane}", daemon=True)
+            for lane in range(lanes)]
 
     @property
     def stopping(self) -> bool:
@@ -46,8 +91,9 @@ class NewestWorker(Generic[Item]):
         return self._stopping
 
     def start(self) -> None:
-        """Start the thread."""
-        self._thread.start()
+        """Start the threads."""
+        for thread in self._threads:
+            thread.start()
 
     def offer(self, item: Item) -> None:
         """Hand over an item, instead of the one that waits; returns at once."""
@@ -59,25 +105,52 @@ class NewestWorker(Generic[Item]):
     def stop(self, timeout: float) -> bool:
         """Take no further item.
 
-        timeout: how long to wait for the item that is being processed, s.
-        Returns whether the thread has ended.
+        timeout: how long to wait for the items that are being processed, s.
+        Returns whether the threads have ended.
         """
         with self._changed:
             self._stopping = True
             self._changed.notify_all()
-        self._thread.join(timeout)
-        return not self._thread.is_alive()
+        end = time.monotonic() + timeout
+        for thread in self._threads:
+            thread.join(max(end - time.monotonic(), 0.0))
+        return not any(thread.is_alive() for thread in self._threads)
 
-    def _run(self) -> None:
+    def _run(self, lane: int) -> None:
         if sys.platform == "linux":
             thread = threading.get_native_id()
             own = os.getpriority(os.PRIO_PROCESS, thread)
             os.setpriority(os.PRIO_PROCESS, thread, min(own + self._niceness, 19))
-        self._prepare()
+        if lane == 0:
+            self._prepare()
+            with self._changed:
+                self._free = set(range(len(self._threads)))
+                self._changed.notify_all()
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._stopping or self._waiting)
+                self._changed.wait_for(lambda: self._stopping or self._may_take(lane))
                 if self._stopping:
                     return
                 item = self._waiting.pop()
-            self._process(item)
+                self._free.remove(lane)
+                number = self._taken
+                self._taken += 1
+            wait = functools.partial(self._wait, number)
+            ran, waited = processor_share()
+            self._process(item, Turn(lane, wait))
+            ran, waited = (after - before for after, before in zip(
+                processor_share(), (ran, waited), strict=True))
+            wait()
+            with self._changed:
+                self._crowded = waited > ran
+                self._done += 1
+                self._free.add(lane)
+                self._changed.notify_all()
+
+    def _may_take(self, lane: int) -> bool:
+        lanes = 1 if self._crowded else self.lanes
+        return bool(self._waiting) and lane < lanes and lane == min(self._free, default=None)
+
+    def _wait(self, number: int) -> None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._done == number)
