@@ -283,6 +283,7 @@ def summarise(
         "pairs sent late": sent["late"],
         "images received": int(last["input"]["left received"])
         + int(last["input"]["right received"]),
+        "images lost by the middleware": int(last["input"]["images lost by the middleware"]),
         "reliability": reliability,
         "pairs received": int(last["input"]["stereo frames"]),
         "frames answered": len(latency),

@@ -68,12 +68,16 @@ class StereoInput:
         self._arrivals: dict[str, float] = {}
         self._stamps: dict[str, deque[int]] = {side: deque(maxlen=RECENT_STAMPS) for side in SIDES}
         self._images: dict[str, AdaptiveReliabilitySubscription] = {}
+        # Of subscriptions that were destroyed.
+        self._lost = 0
         self._infos: dict[str, Any] = {}
 
     def destroy(self) -> None:
         """Destroy the subscriptions."""
         while self._images:
-            self._images.popitem()[1].destroy()
+            _, image = self._images.popitem()
+            self._lost += image.lost
+            image.destroy()
         while self._infos:
             self._node.destroy_subscription(self._infos.popitem()[1])
 
@@ -140,6 +144,8 @@ class StereoInput:
         counts = Counter(sync.received)
         counts["frames"] = sync.frames
         counts.update({f"dropped {reason}": count for reason, count in sync.dropped.items()})
+        lost = self._lost + sum(image.lost for image in self._images.values())
+        counts["dropped by the middleware"] = lost
         recent = self._recent.update(now, counts)
         period = max(self._recent.duration, 1e-9)
         values: dict[str, Any] = {}
@@ -147,6 +153,7 @@ class StereoInput:
             values[f"{name} received" if name != "frames" else "stereo frames"] = counts[name]
             values[f"{name} rate (Hz)"] = f"{recent.get(name, 0) / period:.2f}"
         values["dropped images"] = sync.dropped.total()
+        values["images lost by the middleware"] = lost
         values["unmatched images"] = sum(
             count for reason, count in sync.dropped.items() if "unmatched" in reason
         )

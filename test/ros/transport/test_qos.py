@@ -88,6 +88,30 @@ def make_world(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., World]
         world.context.try_shutdown()
 
 
+def test_messages_that_find_no_room_are_counted(make_world: Callable[..., World]) -> None:
+    world = make_world()
+    publisher = world.publisher(RELIABLE)
+    world.adapt("reliable")
+    world.until(lambda: publisher.get_subscription_count() == 1)
+    world.send(publisher, 1)
+    world.until(lambda: world.stamps == [1])
+    # Of these as many wait as the queue is deep.
+    world.send(publisher, *range(2, 10))
+    time.sleep(0.2)
+    world.send(publisher, 10)
+    world.until(lambda: world.stamps[-1] == 10)
+    assert len(world.stamps) + world.subscription.lost == 10
+    assert world.subscription.lost >= 5
+    # Another publisher begins its numbers anew, and two cannot be told apart.
+    lost = world.subscription.lost
+    other = world.publisher(RELIABLE)
+    world.until(lambda: other.get_subscription_count() == 1)
+    for stamp, each in ((11, other), (12, publisher), (13, other)):
+        world.send(each, stamp)
+        world.until(lambda s=stamp: world.stamps[-1] == s)
+    assert world.subscription.lost == lost
+
+
 def test_it_is_reliable_while_all_publishers_are(make_world: Callable[..., World]) -> None:
     world = make_world()
     assert world.subscription.reliability == "best effort"

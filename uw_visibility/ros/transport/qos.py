@@ -115,6 +115,8 @@ class AdaptiveReliabilitySubscription:
 
     kind: class of the messages, which have a header.
     depth: how many messages wait to be taken.
+    lost: messages that were published and never delivered, by the numbers that the only publisher
+        gives them; of middleware that does not tell these, none.
     """
 
     def __init__(
@@ -126,7 +128,10 @@ class AdaptiveReliabilitySubscription:
         self._topic = topic
         self._callback = callback
         self._depth = depth
+        self.lost = 0
         self._made = 0
+        # Number of the message that came last, and of its subscription.
+        self._last: tuple[int, int | None] = (0, None)
         # Number of the subscription, stamp and time of publication of what was delivered lately.
         self._delivered: deque[tuple[int, tuple[int, int]]] = deque(maxlen=REMEMBERED)
         # Subscriptions by their number: the present one, then the one to take over.
@@ -192,8 +197,18 @@ class AdaptiveReliabilitySubscription:
             # It was destroyed while it had a message ready.
             return
         self._take_over(number)
+        self._count_lost(number, info["publication_sequence_number"])
         published = stamp_to_nanoseconds(message.header.stamp), int(info["source_timestamp"])
         if any(p == published and n != number for n, p in self._delivered):
             return
         self._delivered.append((number, published))
         self._callback(message)
+
+    def _count_lost(self, number: int, sequence: int | None) -> None:
+        """Count what is missing between two messages of one subscription and one publisher."""
+        of, before = self._last
+        if of == number and before is not None and sequence is not None and (
+            sequence > before + 1 and self._subscriptions[number].get_publisher_count() == 1
+        ):
+            self.lost += sequence - before - 1
+        self._last = number, sequence
