@@ -79,6 +79,41 @@ def test_images_beyond_a_fixed_size_are_resized(tmp_path: Path) -> None:
     assert (np.abs(found[:, MOST:-8] - 7) <= 1).mean() > 0.9
 
 
+@pytest.mark.parametrize("size", [(40, 56), (SHAPE[0], 40), (24, 200)], ids=str)
+def test_tiles_of_a_fixed_size_find_what_the_whole_does(
+    tmp_path: Path, size: tuple[int, int]
+) -> None:
+    """No seam is nearer to a border, or to what is not seen, than the graph's window."""
+    config = NetworkConfig(
+        str(shifts(tmp_path / "shifts.onnx", MOST, size=size)), large_images="tiled")
+    made = Network(config, "stereo", 2, SHAPE, 1, MOST)
+    assert made.columns_per_px == 1.0
+    np.testing.assert_array_equal(
+        made.run(*pair())[:-5, MOST:-5], shifts_in_numpy(*pair(), MOST)[:-5, MOST:-5])
+
+
+def test_tiles_need_room_for_the_disparities(tmp_path: Path) -> None:
+    config = NetworkConfig(
+        str(shifts(tmp_path / "shifts.onnx", MOST, size=(60, 40))), large_images="tiled")
+    with pytest.raises(InputError, match="max_disparity to at most 20, or take resized"):
+        Network(config, "stereo", 2, SHAPE, 1, 21)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_tiles_of_images_are_blended(tmp_path: Path, channels: int) -> None:
+    """A graph that adds a tile's mean has no step between tiles, one that keeps it is the same."""
+    told = {"inputs": {"image": [1, channels, 20, 30]}}
+    image = pair(3)[0][..., :channels]
+    same = save(tmp_path / "same.onnx", [node("Identity", ["image"])], **told)
+    got = network(same, 1, large_images="tiled").run(image)
+    np.testing.assert_allclose(got, image[..., 0] if channels == 1 else image, atol=1e-5)
+    mean = save(tmp_path / "mean.onnx", [
+        node("ReduceMean", ["image"], "mean", axes=[2, 3]), node("Sub", ["image", "mean"], "none"),
+        node("Sub", ["image", "none"])], **told)
+    got = network(mean, 1, large_images="tiled").run(image)
+    assert np.ptp(got) > 5 * np.abs(np.diff(got, axis=1)).max()
+
+
 def test_left_and_right_are_told_by_their_names(tmp_path: Path) -> None:
     """A cost volume of exchanged images finds nothing."""
     path = shifts(tmp_path / "shifts.onnx", MOST)

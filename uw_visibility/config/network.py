@@ -29,6 +29,11 @@ class NetworkConfig:
         32, "A network that takes any size gets images that are padded to multiples of this.",
         unit="px", minimum=1, maximum=512,
     )
+    large_images: str = parameter(
+        "resized", "Images that are larger than a model's fixed size are resized to it, or tiled: "
+        "the network runs at full resolution on overlapping parts of that size.",
+        choices=("resized", "tiled"),
+    )
     time_limit: float = parameter(
         5.0, "A run of the network that takes longer is ended, and its frame is lost.",
         unit="s", minimum=0.01, maximum=600.0,

@@ -73,8 +73,9 @@ class Model(NamedTuple):
 class Network:
     """Network for images of one size, tried once when it is made.
 
-    Images that are larger than a model's fixed size are resized to it; smaller ones are padded at
-    the right and lower border with copies of it.
+    Images that are larger than a model's fixed size are resized to it, or cut into tiles
+    (`NetworkConfig.large_images`); smaller ones are padded at the right and lower border with
+    copies of it.
 
     Parameters
     ----------
@@ -88,6 +89,9 @@ class Network:
         Height and width of the images, px.
     threads : int
         Threads that it uses of the processor.
+    disparity : int, optional
+        Largest disparity, px: what a tile of a pair shows of the left view beside its left border
+        is not in its right view.
 
     Raises
     ------
@@ -98,7 +102,7 @@ class Network:
 
     def __init__(
         self, config: NetworkConfig, section: str, images: int, shape: tuple[int, int],
-        threads: int,
+        threads: int, disparity: int = 0,
     ) -> None:
         self._config, self._section = config, section
         self._model = load(config, section, images, threads)
@@ -116,16 +120,17 @@ class Network:
         self._outer = tuple(
             side or -(-n // multiple) * multiple
             for side, n in zip(first.size, self._inner, strict=True))
+        self._tiles = self._find_tiles(disparity) if config.large_images == "tiled" else []
         # Devices compile and allocate at the first run, for as long as that takes. What it makes
         # of blank images may be anything of the right shape.
         self._limit = threading.TIMEOUT_MAX
-        self._make(*[np.zeros((*shape, self.channels), np.float32)] * images)
+        self._make(*[np.zeros((*self._inner, self.channels), np.float32)] * images)
         self._limit = config.time_limit
 
     @property
     def columns_per_px(self) -> float:
         """Columns of the images to one of the network: a map of its pixels is so much larger."""
-        return self._shape[1] / self._inner[1]
+        return 1.0 if self._tiles else self._shape[1] / self._inner[1]
 
     def run(self, *images: NDArray[np.float32]) -> NDArray[np.float32]:
         """Run the network.
@@ -145,20 +150,70 @@ class Network:
         NetworkError
             If it fails, takes too long, or makes anything else.
         """
+        if self._inner == self._shape:
+            return self._run(*images)
+        if self._tiles:
+            return self._run_tiles(*images)
+        made = self._run(*[
+            cv2.resize(image, self._inner[::-1], interpolation=cv2.INTER_AREA)
+            .reshape(*self._inner, self.channels) for image in images])
+        # Between two surfaces there is no third.
+        how = cv2.INTER_NEAREST if made.ndim == 2 else cv2.INTER_LINEAR
+        return np.asarray(cv2.resize(made, self._shape[::-1], interpolation=how))
+
+    def _find_tiles(self, disparity: int) -> list[tuple[tuple[slice, slice], NDArray[np.float32]]]:
+        """Return the places of all tiles, and the weights of their pixels, if there are several.
+
+        A weight is the product of the distances to the tile's borders within the image.
+        """
+        axes = []
+        for n, side, beyond in zip(self._shape, self._inner, (0, disparity), strict=True):
+            # They share a quarter of their side, beside what has no partner.
+            step = side - side // 4 - beyond
+            if n > side and step < side // 4:
+                raise InputError(
+                    f"{self._section}.large_images: tiles are {side} px wide, less than twice the "
+                    f"largest disparity, {beyond} px: set {self._section}.max_disparity to at most "
+                    f"{side // 2}, or take resized")
+            count = 1 - (side - n) // max(step, 1)
+            at = np.arange(1, side + 1, dtype=np.float32)
+            axes.append([
+                (slice(start, start + side), np.maximum(np.minimum(
+                    at - beyond if start else np.inf, at[::-1] if start + side < n else side), 1))
+                for start in np.linspace(0, n - side, count).astype(int).tolist()])
+        return [
+            ((rows, columns), np.outer(across, along).astype(np.float32))
+            for rows, across in axes[0] for columns, along in axes[1]]
+
+    def _run_tiles(self, *images: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Run the network on each tile; images are blended, of maps each pixel is of one tile."""
+        whole = np.zeros((*self._shape, self.channels if self._restores else 1), np.float32)
+        total = np.zeros((*self._shape, 1), np.float32)
+        for place, weights in self._tiles:
+            made = self._run(*(image[place] for image in images))
+            made = made.reshape(*self._inner, -1)
+            weight = weights[..., np.newaxis]
+            if self._restores:
+                whole[place] += weight * made
+                total[place] += weight
+            else:
+                np.copyto(whole[place], made, where=weight > total[place])
+                np.maximum(total[place], weight, out=total[place])
+        if self._restores:
+            whole /= total
+        return whole[..., 0] if whole.shape[2] == 1 else whole
+
+    def _run(self, *images: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return what the network makes of images of its own size."""
         made = self._make(*images)
         if not np.isfinite(made).all():
-            raise self._error(f"gave {np.count_nonzero(~np.isfinite(made))} values that are NaN or "
-                              "infinite")
+            raise self._error("gave values that are NaN or infinite")
         height, width = self._inner
         made = made[:height, :width]
         if self._restores and self._config.pixel_values != "imagenet":
             low, high = self._limits()
             made = (made - np.float32(low)) / np.float32(high - low)
-        if self._inner == self._shape:
-            return made
-        # Between two surfaces there is no third.
-        how = cv2.INTER_NEAREST if made.ndim == 2 else cv2.INTER_LINEAR
-        return np.asarray(cv2.resize(made, self._shape[::-1], interpolation=how))
+        return made
 
     def _make(self, *images: NDArray[np.float32]) -> NDArray[np.float32]:
         feeds = {
@@ -180,8 +235,6 @@ class Network:
         return int(low), int(high)
 
     def _tensor(self, image: NDArray[np.float32], to: ImageInput) -> NDArray[Any]:
-        if self._inner != self._shape:
-            image = cv2.resize(image, self._inner[::-1], interpolation=cv2.INTER_AREA)
         below, beside = (n - m for n, m in zip(self._outer, self._inner, strict=True))
         image = cv2.copyMakeBorder(image, 0, below, 0, beside, cv2.BORDER_REPLICATE)
         image = image.reshape(*self._outer, to.channels)

@@ -62,7 +62,7 @@ class OnnxMatcher(Matcher):
                 "stereo.min_confidence needs stereo.network_check, which tells the confidence: "
                 "set it, or set stereo.min_confidence to 0")
         super().__init__(shape, disparities, config, workers)
-        self._network = Network(config, "stereo", 2, shape, workers.threads)
+        self._network = Network(config, "stereo", 2, shape, workers.threads, disparities[1])
 
     def dense_disparity(
         self, support: SupportPoints, airlight: AirlightPrior | None = None, *,
