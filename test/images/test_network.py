@@ -33,9 +33,9 @@ SHAPE = (60, 90)
 MOST = 12
 
 
-def pair(channels: int = 3) -> tuple[np.ndarray, np.ndarray]:
-    wide = texture((SHAPE[0], SHAPE[1] + 8, channels), seed=3)
-    left, right = stereo_pair(wide, 7.0, SHAPE[1])
+def pair(channels: int = 3, disparity: float = 7.0) -> tuple[np.ndarray, np.ndarray]:
+    wide = texture((SHAPE[0], SHAPE[1] + MOST, channels), seed=3)
+    left, right = stereo_pair(wide, disparity, SHAPE[1])
     return np.float32(left), np.float32(right)
 
 
@@ -88,8 +88,9 @@ def test_tiles_of_a_fixed_size_find_what_the_whole_does(
         str(shifts(tmp_path / "shifts.onnx", MOST, size=size)), large_images="tiled")
     made = Network(config, "stereo", 2, SHAPE, 1, MOST)
     assert made.columns_per_px == 1.0
+    images = pair(disparity=MOST - 1.0)
     np.testing.assert_array_equal(
-        made.run(*pair())[:-5, MOST:-5], shifts_in_numpy(*pair(), MOST)[:-5, MOST:-5])
+        made.run(*images)[:-5, MOST:-5], shifts_in_numpy(*images, MOST)[:-5, MOST:-5])
 
 
 def test_tiles_need_room_for_the_disparities(tmp_path: Path) -> None:

@@ -213,7 +213,7 @@ def _run_adverse(arguments: argparse.Namespace, progress: Progress) -> Written:
         depths=tuple(arguments.depth or cases.DEPTHS),
         seeds=1 if arguments.seeds is None else arguments.seeds,
         matched=arguments.ranges == "matched",
-        config=_read_config(arguments.params_file, {}),
+        config=read_config(arguments.params_file, {}),
     )
     results = run_cases(
         cases.evaluate_adverse_case, plan.cases(), plan.config, arguments.jobs, progress)
@@ -251,7 +251,7 @@ def _lamp_plan(arguments: argparse.Namespace) -> LampPlan:
     from uw_visibility_lab.evaluation.lamps.survey import SurveyPlan
 
     quick = arguments.quick
-    config = _read_config(arguments.params_file, {})
+    config = read_config(arguments.params_file, {})
     frames = arguments.frames
     if frames is None:
         frames = QUICK_SURVEY if quick else report.FRAMES
@@ -298,12 +298,12 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         depths=tuple(arguments.depth or (QUICK_DEPTHS if quick else depths)),
         transect=transect,
         # Veil and light are one in the paper's experiments.
-        config=_read_config(arguments.params_file, {"water.veil": "paper"}),
+        config=read_config(arguments.params_file, {"water.veil": "paper"}),
         noises=tuple(arguments.noise or (QUICK_NOISES if quick else NOISES)),
     )
 
 
-def _read_config(path: Path | None, defaults: dict[str, Any]) -> PipelineConfig:
+def read_config(path: Path | None, defaults: dict[str, Any]) -> PipelineConfig:
     """Read the parameters, with other defaults for some."""
     from uw_visibility.commands.options import read_params_file
     from uw_visibility.config.schema import PipelineConfig
