@@ -169,3 +169,12 @@ def test_warming_up_compiles_the_built_in_parts(model: Path) -> None:
     # Whoever warms up with a network of any size may.
     pair = warm_up_pair((120, 160), np.dtype(np.uint8))
     Pipeline(StereoRig(200.0, 0.1, (79.5, 59.5)), config(model)).process(*pair)
+
+
+def test_tiles_find_what_the_whole_does(model: Path, tmp_path: Path) -> None:
+    tile = shifts(tmp_path / "tile.onnx", MOST, size=(90, 100))
+    frame = ReefView(CAMERA).frame()
+    whole, tiled = (
+        Pipeline(CAMERA.rig, each).process(frame.left, frame.right).disparity
+        for each in (config(model), config(tile, large_images="tiled")))
+    assert correct(tiled, frame) == pytest.approx(correct(whole, frame), abs=0.002)
