@@ -36,7 +36,6 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float64
 
 from uw_visibility.ros import core as module
-from uw_visibility.ros import worker
 from uw_visibility.ros.core import PipelineState
 from uw_visibility.ros.monitor import ERROR, OK, WARN, ReasonLog
 from uw_visibility.ros.parameters import NodeParameters
@@ -133,8 +132,9 @@ def test_images_are_made_for_subscribers_only_and_estimates_always(core: Any) ->
     node.destroy_subscription(subscription)
 
 
-def test_frames_under_way_at_once_reach_the_filter_in_their_order(
-    core: Any, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("at_once", [1, 2])
+def test_as_many_frames_are_under_way_as_told_and_reach_the_filter_in_their_order(
+    monkeypatch: pytest.MonkeyPatch, at_once: int
 ) -> None:
     hold, order = threading.Event(), []
 
@@ -147,17 +147,17 @@ def test_frames_under_way_at_once_reach_the_filter_in_their_order(
     def add(result: Any, *others: Any) -> None:
         order.append(result.timing_ms["total"])
 
-    monkeypatch.setattr(worker, "processor_share", lambda: (0, 0))
-    monkeypatch.setattr(core._processor, "assess", assess)
-    monkeypatch.setattr(core.state, "add", add)
-    for count in (1, 2):
+    with running(monkeypatch, frames_at_once=at_once) as core:
+        monkeypatch.setattr(core._processor, "assess", assess)
+        monkeypatch.setattr(core.state, "add", add)
         core.worker.offer(FRAME)
-        wait(lambda count=count: len(order) == count)
-    # The second has long ended.
-    time.sleep(0.05)
-    hold.set()
-    wait(lambda: len(order) == 4)
-    assert order == ["begun", "begun", 1.0, 2.0]
+        wait(lambda: len(order) == 1)
+        core.worker.offer(FRAME)
+        # The second has long ended, if it was begun.
+        time.sleep(0.05)
+        hold.set()
+        wait(lambda: len(order) == 4)
+    assert order == (["begun", 1.0, "begun", 2.0], ["begun", "begun", 1.0, 2.0])[at_once - 1]
 
 
 @pytest.mark.parametrize("given, encoding, times", [

@@ -13,7 +13,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from uw_visibility.ros import worker as module
 from uw_visibility.ros.worker import NewestWorker, Turn
 
 
@@ -92,13 +91,6 @@ def test_no_item_is_taken_before_the_preparation_ends() -> None:
     assert worker.stop(20)
 
 
-@pytest.fixture
-def idle_processors(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No thread waits for a processor, however busy this machine is."""
-    monkeypatch.setattr(module, "processor_share", lambda: (0, 0))
-
-
-@pytest.mark.usefixtures("idle_processors")
 def test_a_second_lane_takes_what_waits_and_results_keep_the_order_of_the_items() -> None:
     allowed = {item: threading.Event() for item in range(4)}
     begun: queue.Queue[tuple[int, int]] = queue.Queue()
@@ -129,7 +121,6 @@ def test_a_second_lane_takes_what_waits_and_results_keep_the_order_of_the_items(
     assert worker.stop(20)
 
 
-@pytest.mark.usefixtures("idle_processors")
 def test_the_second_lane_takes_nothing_while_the_first_is_free_or_lanes_are_lowered() -> None:
     seen: queue.Queue[tuple[int, int]] = queue.Queue()
     first = threading.Event()
@@ -149,40 +140,6 @@ def test_the_second_lane_takes_nothing_while_the_first_is_free_or_lanes_are_lowe
     first.set()
     assert seen.get(timeout=20) == (1, 0)
     assert worker.stop(20)
-
-
-def test_items_go_one_after_the_other_while_processors_are_busy(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    busy, totals = [True], [0, 0]
-
-    def share() -> tuple[int, int]:
-        totals[:] = totals[0] + 1, totals[1] + 2 * busy[0]
-        return totals[0], totals[1]
-
-    monkeypatch.setattr(module, "processor_share", share)
-    slow = Slow()
-    worker = NewestWorker(slow, lanes=2)
-    # So that the second item comes after the first, not beside it.
-    worker.lanes = 1
-    worker.start()
-    worker.offer(0)
-    assert slow.begun.acquire(timeout=20)
-    slow.allowed.release()
-    # That one has waited for longer than it ran, so that none begins beside the next.
-    worker.offer(1)
-    assert slow.begun.acquire(timeout=20)
-    worker.lanes = 2
-    worker.offer(2)
-    assert not slow.begun.acquire(timeout=0.05)
-    busy[0] = False
-    slow.allowed.release()
-    assert slow.begun.acquire(timeout=20)
-    worker.offer(3)
-    assert slow.begun.acquire(timeout=20)
-    slow.allowed.release(2)
-    assert worker.stop(20)
-    assert sorted(slow.seen) == [0, 1, 2, 3]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux knows priorities of threads")

@@ -398,6 +398,12 @@ class NodeConfig:
         "receive messages among them; 0 not at all, 19 most.",
         minimum=0, maximum=19, read_only=True,
     )
+    frames_at_once: int = parameter(
+        1, "Frames under way at once where they come faster than one is answered: 1 answers each "
+        "soonest; 2, advised from four cores on, answers more frames, each later, and takes 200 "
+        "bytes a pixel more.",
+        minimum=1, maximum=4, read_only=True,
+    )
     max_megapixels: float = parameter(
         8.0, "Larger images are refused. A pair takes about 220 bytes a pixel.",
         unit="1e6 px", minimum=0.01, maximum=100.0,

@@ -18,7 +18,6 @@ from rclpy.node import Node
 
 from uw_visibility.compute.jit import counts
 from uw_visibility.compute.kernel_folder import writable_folder
-from uw_visibility.compute.threads import number_of_threads
 from uw_visibility.config.assumptions import ASK_TRANSFER, like_video
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
@@ -61,8 +60,6 @@ QOS_PERIOD = 0.5
 SILENCE_PERIOD = 30.0
 # Only one core compiles kernels at a time.
 WARMING = threading.Lock()
-# Frames that are processed at the same time at most: each has parts that one thread does.
-LANES = 2
 # A clock that goes back by more than this was set back, s.
 CLOCK_JUMP = 0.1
 
@@ -87,8 +84,9 @@ class NodeCore:
         self._processor = FrameProcessor(make_message, self._settings.node.rectify)
         self._filter: WaterFilter | None = None
         self._filtering = threading.Lock()
+        node_settings = self._settings.node
         self.worker = NewestWorker(
-            self._process, self._warm_up, self._settings.node.niceness, LANES)
+            self._process, self._warm_up, node_settings.niceness, node_settings.frames_at_once)
         # Geometry and size of the images that came last.
         self._images: tuple[StereoRig, tuple[int, int]] | None = None
         self._tried: tuple[Any, ...] = ()
@@ -228,8 +226,8 @@ class NodeCore:
             return
         pipeline = self._settings.pipeline
         # A network has threads of its own, and memory that there may be once only.
-        self.worker.lanes = 1 if pipeline.built_in() != pipeline else min(
-            LANES, number_of_threads(pipeline.threads))
+        built_in = pipeline.built_in() == pipeline
+        self.worker.lanes = self._settings.node.frames_at_once if built_in else 1
         with self.state.busy():
             try:
                 self._answer(frame, turn)

@@ -10,22 +10,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
 
 Item = TypeVar("Item")
-
-
-def processor_share() -> tuple[int, int]:
-    """How long this thread has had a processor, and how long it has waited for one, ns.
-
-    Zeros where the system does not tell; Linux does (sched-stats.rst of its documentation).
-    """
-    try:
-        ran, waited, _ = Path("/proc/thread-self/schedstat").read_text(encoding="ascii").split()
-    except (OSError, ValueError):
-        return 0, 0
-    return int(ran), int(waited)
 
 
 class Turn(NamedTuple):
@@ -47,9 +34,7 @@ class NewestWorker(Generic[Item]):
     """Processes items in lanes, a thread each; the newest waits, others go.
 
     A lane takes an item only while all before it are busy: the second one where items come faster
-    than one after the other can be processed. It takes none while threads wait for a processor
-    longer than they have one: two items would be ready no sooner than one after the other, and the
-    first one later.
+    than one after the other can be processed.
 
     process: called with each item and its turn. It must not raise.
     prepare: called in the first lane once, before the first item. It must not raise.
@@ -75,8 +60,6 @@ class NewestWorker(Generic[Item]):
         self._waiting: list[Item] = []
         self._stopping = False
         self._changed = threading.Condition()
-        # Whether the item that ended last waited for a processor longer than it had one.
-        self._crowded = False
         # Lanes that wait for an item; none before the preparation has ended.
         self._free: set[int] = set()
         self._taken = self._done = 0
@@ -136,20 +119,15 @@ class NewestWorker(Generic[Item]):
                 number = self._taken
                 self._taken += 1
             wait = functools.partial(self._wait, number)
-            ran, waited = processor_share()
             self._process(item, Turn(lane, wait))
-            ran, waited = (after - before for after, before in zip(
-                processor_share(), (ran, waited), strict=True))
             wait()
             with self._changed:
-                self._crowded = waited > ran
                 self._done += 1
                 self._free.add(lane)
                 self._changed.notify_all()
 
     def _may_take(self, lane: int) -> bool:
-        lanes = 1 if self._crowded else self.lanes
-        return bool(self._waiting) and lane < lanes and lane == min(self._free, default=None)
+        return bool(self._waiting) and lane < self.lanes and lane == min(self._free, default=None)
 
     def _wait(self, number: int) -> None:
         with self._changed:
