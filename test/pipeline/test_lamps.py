@@ -57,13 +57,14 @@ def test_water_is_told_from_ranges_that_only_a_coarser_scale_shows(pipeline: Pip
     pose = Pose((0.0, 0.0, 1.5), tilt=np.radians(15.0))
     dark = renderer.render(reef(3, length=0.0), pose, Water(0.3, 40.0), seed=3)
     result = pipeline.process(dark.left, dark.right, enhance=())
-    assert result.water.lamps is not None and result.water.lamps.cells is not None
-    cells = result.water.lamps.cells
+    assert result.water.lamps is not None and result.water.lamps.nodes is not None
+    nodes = result.water.lamps.nodes
     far = (dark.range_left > 5.0) & (dark.range_left < 8.0)
-    matched = np.isfinite(result.stereo.range[far]).sum()
-    seen = cells.count[(cells.range > 5.0) & (cells.range < 8.0)].sum()
-    assert matched < 0.75 * far.sum()
-    assert seen > 0.9 * matched
+    matched = np.isfinite(result.stereo.range[far]).mean()
+    seen = ((nodes.range > 5.0) & (nodes.range < 8.0)).sum()
+    whole = far.mean() * np.prod(nodes.place.max(axis=0) + 1)
+    assert matched < 0.75
+    assert seen > 0.9 * matched * whole
 
 
 def test_light_that_is_known_is_held(night: RenderedFrame, pipeline: Pipeline) -> None:

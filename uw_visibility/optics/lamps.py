@@ -37,8 +37,6 @@ ASYMMETRY = 0.9
 COLUMNS, ROWS = 24, 18
 RANGES = np.geomspace(0.2, 25.0, 30)
 ATTENUATIONS = np.array([0.0, 0.05, 0.1, 0.2, 0.32, 0.48, 0.7, 1.0, 1.5, 2.2])
-# The attenuation of the reference, among them.
-REFERENCE = 3
 # Steps of the integral between two ranges, and before the first.
 SUBSTEPS, FIRST_STEPS = 6, 24
 # Nearer than this to a lamp its glass begins, m; and what counts as no light at all.
@@ -207,18 +205,6 @@ def tabulate(
         columns, rows,
         *(np.log(table).astype(np.float32).reshape(*size[:2], *shape, len(RANGES))
           for table in (direct, scattered)))
-
-
-def log_direct(rays: Array, lamps: Sequence[Lamp]) -> Table:
-    """Logarithm of D of the mean colour, at the reference attenuation, (Y, X, R) float32."""
-    directions = rays.reshape(-1, 3)
-    points = directions[:, np.newaxis] * RANGES[:, np.newaxis]
-    total = np.zeros((len(directions), len(RANGES)))
-    for lamp in lamps:
-        r, lit, _ = shine(points, directions, lamp)
-        rate = ATTENUATIONS[REFERENCE]
-        total += np.mean(lamp.colour) * lit * np.exp(-rate * (r + RANGES))
-    return np.log(total + DARKNESS).astype(np.float32).reshape(*rays.shape[:2], len(RANGES))
 
 
 def shine(

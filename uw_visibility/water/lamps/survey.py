@@ -11,37 +11,30 @@ the spread over blocks of frames that are left out in turn (delete-a-group jackk
 
 from __future__ import annotations
 
-from dataclasses import fields
+import math
 
 import numpy as np
 
 from uw_visibility.config.schema import SurveyConfig
-from uw_visibility.images.arrays import Array
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import LampLight, WaterEstimate
-from uw_visibility.water.lamps.cells import Cells
-from uw_visibility.water.lamps.estimation import CellEstimator
-from uw_visibility.water.lamps.track_fit import TrackFit
+from uw_visibility.water.lamps.estimation import NodeEstimator
+from uw_visibility.water.lamps.nodes import MOST_NODES, Nodes
 from uw_visibility.water.lamps.tracks import WIDE, PointTracker, Sightings
 from uw_visibility.water.series.survey import (
     BLOCKS,
     INTERVAL,
     FrameWindow,
     SurveyEstimate,
-    wider,
-    without_blocks,
 )
-
-# Cells that are fitted together at most; of more, evenly spaced ones.
-MOST_CELLS = 3000
 
 
 class LampSurvey:
     """Takes the cells of frames together over a window of time."""
 
-    def __init__(self, config: SurveyConfig, estimator: CellEstimator) -> None:
+    def __init__(self, config: SurveyConfig, estimator: NodeEstimator) -> None:
         self._estimator = estimator
-        self._frames: FrameWindow[Cells] = FrameWindow(config)
+        self._frames: FrameWindow[Nodes] = FrameWindow(config)
         self._tracker = PointTracker(apart=WIDE)
         self._sightings: FrameWindow[Sightings] = FrameWindow(config)
         self._last: tuple[float, SurveyEstimate] | None = None
@@ -58,7 +51,7 @@ class LampSurvey:
         if not self._frames.continued_by(stamp_seconds):
             self.reset()
         light = water.lamps
-        self._frames.add(None if light is None else light.cells, stamp_seconds)
+        self._frames.add(None if light is None else light.nodes, stamp_seconds)
         self._sightings.add(
             None if light is None or light.ground is None else light.ground.observe(self._tracker),
             stamp_seconds)
@@ -81,31 +74,14 @@ class LampSurvey:
         frames = self._frames.items
         water = WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
         if frames:
-            tracks = self._estimator.fit_tracks(self._sightings.items)
-            water = self._estimator.estimate_cells(_pool(frames), tracks=tracks)
-            if len(frames) >= 2 * BLOCKS and np.isfinite(water.attenuation).any():
-                water = self._with_spread(water, frames, tracks)
-        return SurveyEstimate.of(water, self._frames, [cells.range for cells in frames])
-
-    def _with_spread(
-        self, water: WaterEstimate, frames: list[Cells], tracks: TrackFit | None
-    ) -> WaterEstimate:
-        """Add the jackknife's covariance of attenuation."""
-        parts = np.array([
-            self._estimator.estimate_cells(_pool(subset), tracks=tracks).attenuation
-            for subset in without_blocks(frames)])
-        away = np.nan_to_num(parts - water.attenuation)
-        return wider(water, (BLOCKS - 1) / BLOCKS * away.T @ away)
+            water = self._estimator.estimate_nodes(
+                _thinned(frames), tracks=self._estimator.fit_tracks(self._sightings.items))
+        return SurveyEstimate.of(water, self._frames, [nodes.range for nodes in frames])
 
 
-def _pool(frames: list[Cells]) -> Cells:
-    """Cells of all frames."""
-    total = sum(len(cells.range) for cells in frames)
-    step = -(-total // MOST_CELLS)
-
-    def joined(name: str) -> Array:
-        parts = [getattr(cells, name) for cells in frames]
-        return np.asarray(np.concatenate(parts, axis=-1)[..., ::step])
-
-    values = {field.name: joined(field.name) for field in fields(Cells) if field.name != "log_far"}
-    return Cells(**values, log_far=frames[-1].log_far)
+def _thinned(frames: list[Nodes]) -> list[Nodes]:
+    """Frames, evenly spaced, and their nodes, in the same proportion, to `MOST_NODES` in all."""
+    excess = math.sqrt(sum(len(nodes.range) for nodes in frames) / MOST_NODES)
+    every = max(1, round(excess))
+    step = max(1, round(math.sqrt(excess)))
+    return [nodes.every(step) for nodes in frames[::-1][::every][::-1]]

@@ -18,7 +18,7 @@ from uw_visibility.status import REFUTING, Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.grey_average import ColourBalance, GreyFrames
 from uw_visibility.water.estimate import LampLight, WaterEstimate
-from uw_visibility.water.lamps.estimation import CellEstimator
+from uw_visibility.water.lamps.estimation import NodeEstimator
 from uw_visibility.water.lamps.survey import LampSurvey
 from uw_visibility.water.meaning.assessment import Assessor, Visibility
 from uw_visibility.water.series.survey import Survey, SurveyEstimate
@@ -196,7 +196,7 @@ class TransferVote:
 def _make_survey(config: PipelineConfig, assessor: Assessor) -> Survey | LampSurvey:
     if config.lighting.model != "daylight":
         return LampSurvey(
-            config.survey, CellEstimator(config.lighting, assessor.clear_water_attenuation))
+            config.survey, NodeEstimator(config.lighting, assessor.clear_water_attenuation))
     return Survey(config.survey, WaterEstimator(
         config.water, assessor.clear_water_attenuation, config.camera.transfer,
         assessor.daylight))

@@ -1,0 +1,136 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Fit the numbers of the posterior under lamps, `uw_visibility.water.lamps.posterior.FITTED`.
+
+python -m uw_visibility_lab.posterior.lamps POOL [CASES]
+prints them: those of the least mean score over nights of three kinds, each by coordinates in turn.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Iterator
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from uw_visibility.compute.blas import use_one_thread
+from uw_visibility.compute.processes import process_pool
+from uw_visibility.config.lighting import LightingConfig
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.config.water import WaterConfig
+from uw_visibility.images.arrays import Array
+from uw_visibility.images.view import View
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.estimate import ONE_SIGMA
+from uw_visibility.water.lamps.estimation import LampEstimator
+from uw_visibility.water.lamps.nodes import Nodes
+from uw_visibility.water.lamps.posterior import FITTED, Fitted, infer
+from uw_visibility_lab.evaluation.lamps.cases import CAMERA, DEPTH, pose_of
+from uw_visibility_lab.posterior.cases import by_lamps, usual_clear_water
+from uw_visibility_lab.posterior.judge import LampCase, crps
+from uw_visibility_lab.simulation.frame import Renderer
+from uw_visibility_lab.simulation.lamps import Lighting, default_rig, lighting_parameters
+from uw_visibility_lab.simulation.scene import reef
+from uw_visibility_lab.simulation.water import Water
+from uw_visibility_lab.worlds.scenes import load_scene
+from uw_visibility_lab.worlds.scenes import pool as scenes_of
+
+CASES = 80
+# Seeds of nights, and of reefs that no study shows.
+SEED, REEFS = 11, 1000
+# Exponent of reflectance over its median: ground as even as sand and rock.
+EVEN = 0.35
+# Numbers are multiplied and divided by this as long as that helps by more than a part.
+STEP, GAIN, ROUNDS = 1.5, 0.002, 2
+
+
+class Night(NamedTuple):
+    """Nodes of a night, what is told of it, and its attenuation."""
+
+    nodes: Nodes
+    lighting: LightingConfig
+    clear_water: Array
+    attenuation: Array
+
+
+def reefs(number: int) -> Iterator[LampCase]:
+    """Reefs of the simulation under two and four lamps, true ranges."""
+    for index in range(number):
+        rng = np.random.default_rng((SEED, index))
+        lamps = default_rig(2 if index % 2 else 4)
+        renderer = Renderer(
+            CAMERA, lighting=Lighting(lamps, daylight=False, shaded=index % 4 < 2))
+        seed = REEFS + index
+        frame = renderer.render(
+            reef(seed, length=1.0), pose_of(seed),
+            Water(math.exp(rng.uniform(math.log(0.05), math.log(0.4))), DEPTH), seed=seed)
+        config = PipelineConfig.from_parameters(lighting_parameters(lamps, daylight=False))
+        yield LampCase(
+            frame.left, CAMERA.rig.range_from_disparity(frame.disparity_left), 0.0,
+            config.camera.transfer, usual_clear_water(), frame.attenuation, f"reef {seed}",
+            config.lighting, CAMERA.rig.focal_length)
+
+
+def observe(case: LampCase) -> Night | None:
+    """Reduce a case to nodes; None where there are too few."""
+    height, width = case.image.shape[:2]
+    rig = StereoRig(case.focal_length, 1.0, (0.5 * (width - 1), 0.5 * (height - 1)))
+    estimator = LampEstimator(WaterConfig(), case.lighting, case.clear_water, rig.rays_at)
+    found = estimator.estimate_view(View.of(case.image, case.transfer), case.ranges)
+    assert case.attenuation is not None
+    return None if found.lamps is None or found.lamps.nodes is None else Night(
+        found.lamps.nodes, case.lighting, case.clear_water, case.attenuation)
+
+
+def score(fitted: Fitted, night: Night) -> float:
+    """Continuous ranked probability score of the clearest channel's ln β."""
+    found = infer(
+        [night.nodes], night.lighting, night.clear_water, np.ones(3, np.bool_), ONE_SIGMA, fitted)
+    if found is None:
+        return math.nan
+    best = int(np.argmin(night.attenuation))
+    off = found.log_attenuation[best] - math.log(night.attenuation[best])
+    return float(crps(np.array(off), np.sqrt(found.covariance[best, best])))
+
+
+def main() -> None:
+    """Print the fitted numbers."""
+    if not 2 <= len(sys.argv) <= 3:
+        sys.exit("give a folder of scenes (`python -m uw_visibility_lab.worlds pool`), and cases")
+    scenes = [load_scene(path) for path in scenes_of(Path(sys.argv[1]))]
+    number = int(sys.argv[2]) if len(sys.argv) == 3 else CASES
+    kinds = [
+        [night for night in map(observe, cases) if night is not None]
+        for cases in (
+            by_lamps(scenes, number, SEED), by_lamps(scenes, number, SEED + 1, (), None, EVEN),
+            islice(reefs(number), number))]
+    with process_pool(os.cpu_count() or 1, use_one_thread) as pool:
+        def scores(fitted: Fitted) -> Array:
+            return np.array([
+                np.nanmean(list(pool.map(partial(score, fitted), nights, chunksize=4)))
+                for nights in kinds])
+
+        first = scores(FITTED)
+        fitted, least = FITTED, 1.0
+        print(f"{FITTED}: scores {np.round(first, 3)}", flush=True)
+        for _ in range(ROUNDS):
+            for name in Fitted._fields:
+                for factor in (STEP, 1.0 / STEP):
+                    while True:
+                        tried = fitted._replace(**{name: getattr(fitted, name) * factor})
+                        mean = float(np.mean(scores(tried) / first))
+                        print(f"{name} {getattr(tried, name):.4g}: {mean:.4f}", flush=True)
+                        if not mean < least - GAIN:
+                            break
+                        fitted, least = tried, mean
+    print(f"{fitted}: {least:.4f} of the first scores")
+
+
+if __name__ == "__main__":
+    main()

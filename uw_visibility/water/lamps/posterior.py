@@ -1,0 +1,663 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Posterior of the water's attenuation under lamps, from the light of nodes of one frame or many.
+
+The light of a node is (see `uw_visibility.optics.lamps`)
+
+    E = P ρ D + s S,   D = Σ cosᵏ(i) g(θ) e^(−β(r + d)) / r²
+
+with the reflectance ρ of its patch, the incidence i of a lamp's light and an exponent k from 0 for
+rough ground to 1 for Lambert's (Minnaert 1941, doi:10.1086/144279). ln ρ is taken for a random
+field: its differences on each scale (`Details`) have a variance of their own, which the frame
+tells, so that even ground gives a narrow posterior and a patchy one a wide one. Where the water's
+own light covers a patch, what patches differ by is covered alike.
+
+For each of a grid of attenuations by particles the rest is fitted: what channels differ by, k, the
+scattered light, lamps that are not as they are told, and a trend of ln ρ along the light's path, as
+large as the frame's texture lets expect. The posterior is summed over the grid, with the rest
+marginalised by Laplace's approximation (Tierney and Kadane 1986,
+doi:10.1080/01621459.1986.10478240).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import Akima1DInterpolator
+
+from uw_visibility.compute.jit import njit
+from uw_visibility.config.lighting import Lamp, LightingConfig
+from uw_visibility.images.arrays import Array, Mask
+from uw_visibility.optics.lamps import ATTENUATIONS, between, displaced, incidence, shine
+from uw_visibility.water.lamps.nodes import Details, Nodes, details_of
+
+# Attenuation by particles, 1/m: the grid, and median and deviation of its logarithm beforehand
+# (belief `lamps.particles` of the laboratory, wider). Points that are added on both sides of the
+# best, and those that are interpolated.
+PARTICLES = np.geomspace(0.012, 1.5, 11)
+USUAL_PARTICLES, PARTICLES_DEVIATION, REFINEMENTS, FINE = math.log(0.12), 1.0, 2, 400
+# Deviation of a channel's attenuation by particles from the mean over the channels, as a part of
+# it, and of clear water's from what is told.
+CHANNEL_DEVIATION, CLEAR_WATER_DEVIATION = 0.3, 0.1
+# Mean and deviation of the exponent k, which is from 0 to 1, and more for what slopes are off by.
+USUAL_EXPONENT, EXPONENT_DEVIATION = 0.5, 0.5
+# Deviation of ln light of a node beside the model, whatever lights it: the tables' interpolation
+# alone is off by 0.025 at some node of half of the rigs.
+MODEL_DEVIATION = 0.03
+# Reflectance of the ground and scattering over attenuation by particles, which tell how bright
+# scattered light is; deviation of the logarithm of its amount: ground of 0.1 to 0.6, scattering of
+# 0.4 to 0.95 and backscattering that differs twice between phase functions (beliefs `albedo`,
+# `lamps.albedo`, `lamps.phase` of the laboratory). Channels differ by the second alone.
+REFLECTANCE, ALBEDO, SCATTERING_DEVIATION, OF_CHANNELS = 0.3, 0.7, 1.0, 0.3
+# Deviations of a beam's angle and of a lamp's power, as a part of them (beliefs
+# `lamps.beam_error`, `lamps.power_error` of the laboratory), and so many main directions of what
+# these and places do.
+BEAM_DEVIATION, POWER_DEVIATION, DIRECTIONS = 0.2, 0.25, 3
+# Steps of a fit at most, the largest one of a parameter, and the one that ends it.
+MOST_STEPS, LARGEST_STEP, CONVERGED = 40, 1.0, 0.02
+# Points of the normal distributions that the posterior of the clearest channel is made of.
+NORMAL = np.array([-1.6, -0.8, 0.0, 0.8, 1.6])
+FEWEST_NODES = 30
+# The bright nodes of a frame are that part of them, and nearly white (eq. 5).
+BRIGHT_NODES, BRIGHT_RADIANCE = 0.95, 0.9
+
+
+class Fitted(NamedTuple):
+    """Numbers fitted by `python -m uw_visibility_lab.posterior.lamps`: most likely over nights.
+
+    Attributes
+    ----------
+    evidence : float
+        Part of the nodes' differences that counts as independent.
+    trend : float
+        Standard deviation of the trend of ln ρ along the path, over that of a trend in the random
+        field.
+    """
+
+    evidence: float = 0.133
+    trend: float = 3.0
+
+
+FITTED = Fitted()
+# Variance of the differences over that of the next finer scale, before the frame tells it, between
+# white noise (1) and a random walk (4); number of differences that this counts for. Least variance
+# of each channel's.
+GROWTH, GROWTH_WEIGHT, MOST_GROWTH, LEAST_TEXTURE = 2.0, 8.0, 4.0, 2e-4
+# Degrees of freedom of Student's distribution of the differences: with fewer, ground of two
+# reflectances is told by one of them.
+DEGREES = 6.0
+# Least squared share of direct light.
+LEAST_SHARE = 1e-6
+# Two directions of what channels differ by.
+_BETWEEN_CHANNELS = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2.0], [6.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class LampPosterior:
+    """Posterior of attenuation under lamps.
+
+    Attributes
+    ----------
+    log_attenuation : (3,) float64 ndarray
+        Mean of ln β, β in 1/m.
+    covariance : (3, 3) float64 ndarray
+        Of ln β.
+    clearest : (3,) float64 ndarray
+        Quantiles of −ln min β over the channels seen, at the probabilities that were asked for.
+    exponent : float
+        k.
+    power : (3,) float64 ndarray
+        Irradiance of white at 1 m from a lamp of power 1, without water.
+    scattering : (3,) float64 ndarray
+        s.
+    scattering_stddev : (3,) float64 ndarray
+        Of ln s.
+    daylight : (3,) float64 ndarray
+        Irradiance of white by daylight; 0 without.
+    """
+
+    log_attenuation: Array
+    covariance: Array
+    clearest: Array
+    exponent: float
+    power: Array
+    scattering: Array
+    scattering_stddev: Array
+    daylight: Array
+
+
+class _Scene(NamedTuple):
+    """What nodes show: ln irradiance and its variance, (N, 3) each."""
+
+    log_light: Array
+    variance: Array
+
+
+class _Model(NamedTuple):
+    """ln D and ln S at nodes for one attenuation, and what they change by.
+
+    ln D at the usual exponent, its change by k, the path −d ln D / dβ, ln S and d ln S / dβ, (N, 3)
+    each; changes of ln D by lamps that are not as told, (N, M); a trend along the path, (N,); light
+    of white by daylight over that of lamps of power 1, (3,).
+    """
+
+    log_direct: Array
+    by_exponent: Array
+    path: Array
+    log_scattered: Array
+    slope: Array
+    moved: Array
+    trend: Array
+    daylight: Array
+
+
+def infer(
+    frames: Sequence[Nodes], lighting: LightingConfig, clear_water: Array, seen: Mask,
+    quantiles: Array, fitted: Fitted = FITTED,
+) -> LampPosterior | None:
+    """Infer attenuation from the nodes of frames in the order of time; None of too few nodes.
+
+    Parameters
+    ----------
+    frames : sequence of Nodes
+    lighting : LightingConfig
+        The lamps; with `model` ``both`` kinds of daylight are summed over.
+    clear_water : (3,) float64 ndarray
+        κ, 1/m.
+    seen : (3,) bool ndarray
+        Channels that the clearest one is sought among.
+    quantiles : (Q,) float64 ndarray
+        Probabilities at which `LampPosterior.clearest` is given.
+    """
+    if sum(len(nodes.range) for nodes in frames) < FEWEST_NODES:
+        return None
+    lamps = _AtLamps(frames, list(lighting.lamps()), lighting)
+    details = details_of([nodes.place for nodes in frames])
+    days = DAYS if lighting.model == "both" else (NIGHT,)
+    grids = [_over_grid(lamps, details, clear_water, day, fitted) for day in days]
+    return _summed(grids, days, lamps, clear_water, seen, quantiles)
+
+
+class Daylight(NamedTuple):
+    """Daylight beside lamps: its share in the ground's light at the median range, and the depth, m.
+
+    Clear water of that depth gives it its colour.
+    """
+
+    share: float = 0.0
+    depth: float = 0.0
+
+
+# What daylight beside lamps may be like, each as probable as the others; veil over its light.
+NIGHT = Daylight()
+DAYS = (NIGHT, *(
+    Daylight(share, depth) for share in (0.05, 0.3, 0.7, 0.95) for depth in (2.0, 15.0)))
+DAYLIGHT_VEIL = 0.5
+
+
+class _AtLamps:
+    """Nodes of frames in the light of lamps."""
+
+    def __init__(
+        self, frames: Sequence[Nodes], lamps: list[Lamp], lighting: LightingConfig
+    ) -> None:
+        def joined(name: str) -> Array:
+            return np.concatenate([getattr(nodes, name) for nodes in frames], axis=0)
+
+        self.scene = _Scene(np.log(joined("light")), joined("variance"))
+        self.range = joined("range")
+        self.log_scattered = np.concatenate(
+            [nodes.log_scattered for nodes in frames], axis=2)
+        directions = joined("direction")
+        points = directions * self.range[:, np.newaxis]
+        self._colour = np.array([lamp.colour for lamp in lamps])
+        self._lit, self._way, self._log_cosine = (np.array(each) for each in zip(*(
+            self._shine(points, directions, joined("normal"), lamp)
+            for lamp in lamps), strict=True))
+        self.moved = self._main_directions(points, directions, lamps, lighting)
+
+    def _shine(
+        self, points: Array, directions: Array, normals: Array, lamp: Lamp
+    ) -> tuple[Array, Array, Array]:
+        """g/r², the path r + d and the logarithm of the cosine of incidence, (N,) each."""
+        r, lit, _ = (each[:, 0] for each in shine(points[:, np.newaxis], directions, lamp))
+        return lit, r + self.range, np.log(incidence(points, normals, lamp, r))
+
+    def direct(self, attenuation: Array, exponent: float) -> tuple[Array, Array]:
+        """ln D and the mean path at attenuations (3,), (N, 3) each."""
+        light = self._lit * np.exp(exponent * self._log_cosine)
+        parts = self._colour[:, np.newaxis] * light[..., np.newaxis] * np.exp(
+            -attenuation * self._way[..., np.newaxis])
+        total = parts.sum(axis=0) + 1e-30
+        return np.log(total), (parts * self._way[..., np.newaxis]).sum(axis=0) / total
+
+    def _main_directions(
+        self, points: Array, directions: Array, lamps: list[Lamp], lighting: LightingConfig
+    ) -> Array:
+        """Main directions of ln D of lamps that are off by a standard deviation each, (N, M)."""
+        weight = np.exp(USUAL_EXPONENT * self._log_cosine)
+
+        def log_direct(others: list[Lamp]) -> Array:
+            total = np.zeros(len(points))
+            for lamp, facing in zip(others, weight, strict=True):
+                r, lit, _ = (each[:, 0] for each in shine(points[:, np.newaxis], directions, lamp))
+                total += np.mean(lamp.colour) * facing * lit * np.exp(
+                    -math.exp(USUAL_PARTICLES) * r)
+            return np.log(total + 1e-30)
+
+        rigs = displaced(lamps, lighting.position_stddev, lighting.direction_stddev)
+        rigs.append([
+            lamp._replace(beam_angle=min(lamp.beam_angle * (1.0 + BEAM_DEVIATION), 360.0))
+            for lamp in lamps])
+        for i, lamp in enumerate(lamps if len(lamps) > 1 else []):
+            stronger = lamp._replace(colour=_scaled(lamp.colour, 1.0 + POWER_DEVIATION))
+            rigs.append([*lamps[:i], stronger, *lamps[i + 1 :]])
+        first = log_direct(lamps)
+        changes = np.array([log_direct(rig) - first for rig in rigs])
+        # What all nodes have in common tells nothing.
+        left, _, _ = np.linalg.svd(
+            changes - changes.mean(axis=1, keepdims=True), full_matrices=False)
+        return np.ascontiguousarray((left[:, :DIRECTIONS].T @ changes).T)
+
+    def model(self, attenuation: Array, clear_water: Array, day: Daylight) -> _Model:
+        """Light at attenuations (3,), of lamps and daylight; `clear_water` is κ, (3,)."""
+        rough, _ = self.direct(attenuation, 0.0)
+        lambertian, _ = self.direct(attenuation, 1.0)
+        by_exponent = lambertian - rough
+        by_exponent -= np.median(by_exponent, axis=0)
+        _, path = self.direct(attenuation, USUAL_EXPONENT)
+        direct = rough + USUAL_EXPONENT * by_exponent
+        low, part, step = between(np.clip(attenuation, ATTENUATIONS[0], ATTENUATIONS[-1]))
+        channel = np.arange(3)
+        near, far = self.log_scattered[low, channel], self.log_scattered[low + 1, channel]
+        scattered = ((1 - part)[:, np.newaxis] * near + part[:, np.newaxis] * far).T
+        slope = ((far - near) / step[:, np.newaxis]).T
+        daylight = np.zeros(3)
+        if day.share:
+            left = np.exp(-attenuation * self.range[:, np.newaxis])
+            colour = (clear_water.min() - clear_water) * day.depth
+            level = float((np.median(direct, axis=0) - np.median(np.log(left), axis=0)).mean())
+            log_day = math.log(day.share / (1.0 - day.share)) + level + colour
+            both = np.logaddexp(direct, log_day + np.log(left))
+            lamps = np.exp(direct - both)
+            path = lamps * path + (1.0 - lamps) * self.range[:, np.newaxis]
+            by_exponent = lamps * by_exponent
+            # In units of the lamps' scattered light of the usual amount.
+            particles = max(float((attenuation - clear_water).mean()), float(PARTICLES[0]))
+            veil = log_day + np.log(DAYLIGHT_VEIL * (1.0 - left)) - _usual_scattering(particles)
+            scattered, direct, daylight = np.logaddexp(scattered, veil), both, np.exp(log_day)
+        mean = path.mean(axis=1)
+        trend = (mean - mean.mean()) / max(float(mean.std()), 1e-6)
+        return _Model(
+            direct, by_exponent, path, scattered, slope, self.moved, trend, daylight)
+
+
+def _scaled(colour: tuple[float, float, float], by: float) -> tuple[float, float, float]:
+    return colour[0] * by, colour[1] * by, colour[2] * by
+
+
+def _usual_scattering(particles: float) -> float:
+    """ln of the usual amount of scattered light over ground of usual reflectance."""
+    return math.log(math.pi * ALBEDO * particles / REFLECTANCE)
+
+
+class _Fit(NamedTuple):
+    """Fit at one attenuation by particles, 1/m; `evidence` is a logarithm.
+
+    β and its covariance, the parameters of `fit`, the variance of ln of the amount of scattered
+    light, and the texture.
+    """
+
+    particles: float
+    evidence: float
+    attenuation: Array
+    covariance: Array
+    parameters: Array
+    scattering_variance: Array
+    texture: Array
+
+
+def _over_grid(
+    lamps: _AtLamps, details: Details, clear_water: Array, day: Daylight, fitted: Fitted
+) -> list[_Fit]:
+    """Fit the other unknowns over `PARTICLES`, each from the one before, denser at the best."""
+    count = 9 + lamps.moved.shape[1]
+
+    def fit_at(particles: float, start: _Fit | None) -> _Fit:
+        apart = np.hypot(CHANNEL_DEVIATION * particles, CLEAR_WATER_DEVIATION * clear_water)
+        p, texture = np.zeros(count), np.zeros((details.levels, 3, 3))
+        if start is not None:
+            p, texture = start.parameters.copy(), start.texture.copy()
+        precision = np.zeros((count, count))
+        evidence = fit(
+            lamps.scene, lamps.model(clear_water + particles, clear_water, day), details,
+            _BETWEEN_CHANNELS * apart, _usual_scattering(particles), fitted, p, texture, precision)
+        to_channels = (_BETWEEN_CHANNELS * apart).T
+        covariance = np.linalg.inv(precision)
+        return _Fit(
+            particles, evidence if math.isfinite(evidence) else -np.inf,
+            np.maximum(clear_water + particles + to_channels @ p[:2], 0.5 * clear_water),
+            to_channels @ covariance[:2, :2] @ to_channels.T, p, np.diag(covariance)[-6:-3],
+            texture)
+
+    fits: list[_Fit] = []
+    for particles in PARTICLES:
+        fits.append(fit_at(float(particles), fits[-1] if fits else None))
+    for _ in range(REFINEMENTS):
+        best = int(np.argmax([each.evidence + _expected(each.particles) for each in fits]))
+        fresh = [
+            fit_at(math.sqrt(fits[best].particles * fits[other].particles), fits[best])
+            for other in (best - 1, best + 1) if 0 <= other < len(fits)]
+        fits = sorted([*fits, *fresh], key=lambda each: each.particles)
+    return fits
+
+
+def _expected(particles: float) -> float:
+    """Logarithm of the density of ln of attenuation by particles beforehand, but for a constant."""
+    return -0.5 * ((math.log(particles) - USUAL_PARTICLES) / PARTICLES_DEVIATION) ** 2
+
+
+def _summed(
+    grids: Sequence[list[_Fit]], days: Sequence[Daylight], lamps: _AtLamps, clear_water: Array,
+    seen: Mask, quantiles: Array,
+) -> LampPosterior | None:
+    """Sum the posterior over the grid, interpolated, and over kinds of daylight."""
+    fine = np.linspace(math.log(PARTICLES[0]), math.log(PARTICLES[-1]), FINE)
+    highest = max(each.evidence for grid in grids for each in grid)
+    if not math.isfinite(highest):
+        return None
+    evidence, mean, covariance = (np.concatenate(each) for each in zip(*(
+        _interpolated(grid, highest, fine) for grid in grids), strict=True))
+    weight = np.exp(evidence - evidence.max())
+    weight /= weight.sum()
+    middle = weight @ mean
+    away = mean - middle
+    spread = np.tensordot(weight, covariance, 1) + (weight[:, np.newaxis] * away).T @ away
+    most = int(np.argmax(weight))
+    grid, day = grids[most // FINE], days[most // FINE]
+    best = min(grid, key=lambda each: abs(math.log(each.particles) - fine[most % FINE]))
+    p, model = best.parameters, lamps.model(best.attenuation, clear_water, day)
+    amount = _usual_scattering(best.particles) + p[-6:-3]
+    direct = model.log_direct + model.by_exponent * p[2]
+    scattered = model.log_scattered + amount
+    level = np.exp(np.median(lamps.scene.log_light - np.logaddexp(direct, scattered), axis=0))
+    own = np.exp(lamps.scene.log_light - direct) - level * np.exp(scattered - direct)
+    power = level / REFLECTANCE
+    for c in range(3):
+        clear = own[direct[:, c] > scattered[:, c], c]
+        if len(clear):
+            power[c] = max(float(np.quantile(clear, BRIGHT_NODES)), level[c]) / BRIGHT_RADIANCE
+    return LampPosterior(
+        middle, spread, _of_clearest(weight, mean, covariance, seen, quantiles),
+        USUAL_EXPONENT + float(p[2]), power, level * np.exp(amount),
+        np.sqrt(best.scattering_variance), power * model.daylight)
+
+
+def _interpolated(grid: list[_Fit], highest: float, fine: Array) -> tuple[Array, Array, Array]:
+    """Log density (D,), mean (D, 3) and covariance (D, 3, 3) of ln β, over ln particles."""
+    evidence = np.array([
+        max(each.evidence - highest, -1e3) + _expected(each.particles) for each in grid])
+    mean = np.log([each.attenuation for each in grid])
+    nodes = np.log([each.particles for each in grid])
+    covariance = np.array([
+        each.covariance / np.outer(each.attenuation, each.attenuation) for each in grid])
+    # Linear, so that it stays one.
+    low = np.clip(np.searchsorted(nodes, fine) - 1, 0, len(nodes) - 2)
+    part = ((fine - nodes[low]) / (nodes[low + 1] - nodes[low]))[:, np.newaxis, np.newaxis]
+    return (
+        Akima1DInterpolator(nodes, evidence)(fine), Akima1DInterpolator(nodes, mean)(fine),
+        (1.0 - part) * covariance[low] + part * covariance[low + 1])
+
+
+def _of_clearest(
+    weight: Array, mean: Array, covariance: Array, seen: Mask, quantiles: Array
+) -> Array:
+    """Quantiles of −ln min β over the channels seen."""
+    channel = np.argmin(np.where(seen, mean, np.inf), axis=1)
+    each = np.arange(len(mean))
+    deviation = np.sqrt(covariance[each, channel, channel])
+    values = (-mean[each, channel, np.newaxis] + deviation[:, np.newaxis] * NORMAL).ravel()
+    parts = np.exp(-0.5 * NORMAL**2)
+    shares = (weight[:, np.newaxis] * parts / parts.sum()).ravel()
+    order = np.argsort(values, kind="stable")
+    reached = np.cumsum(shares[order]) - 0.5 * shares[order]
+    return np.interp(quantiles, reached, values[order])
+
+
+@njit(nogil=True, error_model="numpy")
+def fit(
+    scene: Any, model: Any, details: Any, between_channels: Any, usual_scattering: float,
+    fitted: Any, p: Any, texture: Any, precision: Any,
+) -> float:
+    """Fit the unknowns beside the attenuation by particles; return the logarithm of evidence.
+
+    Iterated weighted least squares of the details of ln E (Student's distribution: Lange, Little
+    and Taylor 1989, doi:10.1080/01621459.1989.10478852), with the covariance of ln ρ of each scale
+    fitted along. `p` holds differences of β (2, in units of `between_channels`), the exponent's
+    departure, displacements of lamps (M), ln of the amount of scattered light over the usual one
+    (3) and trends of ln ρ (3). `p`, `texture` (levels, 3, 3) and `precision` of `p` are updated;
+    textures of 0 are set first.
+    """
+    number, count = scene.log_light.shape[0], len(p)
+    residual = np.empty((number, 3))
+    jacobian = np.empty((number, 3, count))
+    share = np.empty((number, 3))
+    prior = np.zeros((count, count))
+    slope = np.empty(count)
+    gathered, gathered_weight = np.empty_like(texture), np.empty(len(texture))
+    r, own, noise = np.empty(3), np.empty(3), np.empty(3)
+    x, wx = np.empty((3, count)), np.empty((3, count))
+    variance, weight = np.empty((3, 3)), np.empty((3, 3))
+    likelihood = 0.0
+    for step in range(MOST_STEPS):
+        _linearise(
+            scene, model, between_channels, usual_scattering, p, residual, jacobian, share)
+        if texture[0, 0, 0] <= 0.0:
+            _start_texture(residual, texture)
+        _expect(fitted, texture[-1] / number, prior)
+        for i in range(count):
+            slope[i] = 0.0
+            for j in range(count):
+                precision[i, j] = prior[i, j]
+                slope[i] -= prior[i, j] * p[j]
+        gathered[:] = 0.0
+        gathered_weight[:] = 0.0
+        likelihood = 0.0
+        for row in range(len(details.level)):
+            level = details.level[row]
+            _take(scene.variance, residual, jacobian, share, details, row, r, x, own, noise)
+            noise += MODEL_DEVIATION**2
+            scale, relative = 0.0, 0.0
+            for c in range(3):
+                scale += texture[level, c, c] / 3.0
+                relative += noise[c] / (own[c] * own[c]) / 3.0
+                for j in range(3):
+                    variance[c, j] = texture[level, c, j] * own[c] * own[j]
+                variance[c, c] += noise[c]
+            determinant = _invert(variance, weight)
+            distance = 0.0
+            for c in range(3):
+                for j in range(3):
+                    distance += r[c] * weight[c, j] * r[j]
+            likelihood -= 0.5 * (
+                math.log(determinant) + (DEGREES + 3.0) * math.log1p(distance / DEGREES))
+            robust = (DEGREES + 3.0) / (DEGREES + distance)
+            for c in range(3):
+                for j in range(count):
+                    wx[c, j] = robust * fitted.evidence * (
+                        weight[c, 0] * x[0, j] + weight[c, 1] * x[1, j] + weight[c, 2] * x[2, j])
+            for i in range(count):
+                for c in range(3):
+                    slope[i] += wx[c, i] * r[c]
+                    for j in range(i + 1):
+                        precision[i, j] += wx[c, i] * x[c, j]
+            # What is mostly noise tells little of the texture.
+            part = scale / (scale + relative + 1e-12)
+            gathered_weight[level] += part
+            for c in range(3):
+                for j in range(3):
+                    gathered[level, c, j] += robust * part * r[c] * r[j] / (own[c] * own[j])
+        for i in range(count):
+            for j in range(i):
+                precision[j, i] = precision[i, j]
+        change = np.linalg.solve(precision, slope)
+        if step == MOST_STEPS - 1 or np.abs(change).max() < CONVERGED:
+            break
+        for i in range(count):
+            p[i] += min(max(change[i], -LARGEST_STEP), LARGEST_STEP)
+        _update_texture(gathered, gathered_weight, texture)
+    expected = 0.0
+    for i in range(count):
+        for j in range(count):
+            expected += p[i] * prior[i, j] * p[j]
+    return fitted.evidence * likelihood - 0.5 * expected - 0.5 * (
+        np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior)[1])
+
+
+@njit(nogil=True, error_model="numpy")
+def _linearise(
+    scene: Any, model: Any, between_channels: Any, usual_scattering: float, p: Any, residual: Any,
+    jacobian: Any, share: Any,
+) -> None:
+    """Residuals of ln E, what `p` changes the model by, and the squared share of direct light."""
+    moved = model.moved.shape[1]
+    amount, trend = 3 + moved, 6 + moved
+    jacobian[:] = 0.0
+    for i in range(len(residual)):
+        shift = 0.0
+        for m in range(moved):
+            shift += model.moved[i, m] * p[3 + m]
+        for c in range(3):
+            departure = between_channels[0, c] * p[0] + between_channels[1, c] * p[1]
+            direct = (
+                model.log_direct[i, c] + model.by_exponent[i, c] * p[2] + shift
+                - model.path[i, c] * departure + model.trend[i] * p[trend + c])
+            scattered = (
+                model.log_scattered[i, c] + model.slope[i, c] * departure + usual_scattering
+                + p[amount + c])
+            top = max(direct, scattered)
+            total = top + math.log(math.exp(direct - top) + math.exp(scattered - top))
+            own = math.exp(direct - total)
+            residual[i, c] = scene.log_light[i, c] - total
+            share[i, c] = own * own
+            by_departure = -own * model.path[i, c] + (1.0 - own) * model.slope[i, c]
+            jacobian[i, c, 0] = by_departure * between_channels[0, c]
+            jacobian[i, c, 1] = by_departure * between_channels[1, c]
+            jacobian[i, c, 2] = own * model.by_exponent[i, c]
+            for m in range(moved):
+                jacobian[i, c, 3 + m] = own * model.moved[i, m]
+            jacobian[i, c, amount + c] = 1.0 - own
+            jacobian[i, c, trend + c] = own * model.trend[i]
+
+
+@njit(nogil=True, error_model="numpy")
+def _start_texture(residual: Any, texture: Any) -> None:
+    """Texture of every scale by the nodes' robust deviation, common to channels and of each."""
+    number = len(residual)
+    common, colour = np.empty(number), np.empty(3 * number)
+    middle = np.array([np.median(residual[:, c]) for c in range(3)])
+    for i in range(number):
+        mean = 0.0
+        for c in range(3):
+            mean += (residual[i, c] - middle[c]) / 3.0
+        common[i] = abs(mean)
+        for c in range(3):
+            colour[3 * i + c] = abs(residual[i, c] - middle[c] - mean)
+    # Of a normal distribution, 1.48 median absolute deviations are one standard deviation.
+    both = 0.5 * (1.48 * np.median(common)) ** 2 + 1e-3
+    alone = (1.48 * np.median(colour)) ** 2 + 1e-4
+    for level in range(len(texture)):
+        for c in range(3):
+            for j in range(3):
+                texture[level, c, j] = both + (alone if c == j else 0.0)
+
+
+@njit(nogil=True, error_model="numpy")
+def _expect(fitted: Any, texture: Any, prior: Any) -> None:
+    """Precision of the parameters beforehand; `texture` is that of trends along nodes."""
+    count = len(prior)
+    prior[:] = 0.0
+    for i in range(count):
+        prior[i, i] = 1.0
+    prior[2, 2] = 1.0 / EXPONENT_DEVIATION**2
+    common, variance = 0.0, 0.0
+    for c in range(3):
+        variance += texture[c, c] / 3.0
+        for j in range(c):
+            common += texture[c, j] / 3.0
+    common = max(common, 0.0)
+    _alike(prior, count - 6, SCATTERING_DEVIATION**2, OF_CHANNELS**2)
+    _alike(
+        prior, count - 3, fitted.trend**2 * (common + LEAST_TEXTURE),
+        fitted.trend**2 * (max(variance - common, 0.0) + LEAST_TEXTURE))
+
+
+@njit(nogil=True, error_model="numpy")
+def _alike(prior: Any, first: int, common: float, alone: float) -> None:
+    """Precision of three parameters with a variance in common and one of each."""
+    for i in range(3):
+        for j in range(3):
+            prior[first + i, first + j] = (
+                (1.0 if i == j else 0.0) - common / (alone + 3.0 * common)) / alone
+
+
+@njit(nogil=True, error_model="numpy")
+def _take(
+    variances: Any, residual: Any, jacobian: Any, share: Any, details: Any, row: int, r: Any,
+    x: Any, own: Any, noise: Any,
+) -> None:
+    """Residual, Jacobian, share of direct light and variance by noise of a detail."""
+    count = x.shape[1]
+    for c in range(3):
+        r[c] = own[c] = noise[c] = 0.0
+        for j in range(count):
+            x[c, j] = 0.0
+    for k in range(details.first[row], details.first[row + 1]):
+        node, weight = details.node[k], details.weight[k]
+        for c in range(3):
+            r[c] += weight * residual[node, c]
+            own[c] += weight * weight * share[node, c]
+            noise[c] += weight * weight * variances[node, c]
+            for j in range(count):
+                x[c, j] += weight * jacobian[node, c, j]
+    for c in range(3):
+        own[c] = math.sqrt(own[c] + LEAST_SHARE)
+
+
+@njit(nogil=True, error_model="numpy")
+def _update_texture(gathered: Any, weight: Any, texture: Any) -> None:
+    """Covariance of each scale: what was gathered, and the next finer one with its growth."""
+    growth = GROWTH
+    for level in range(len(texture)):
+        before, now = 0.0, 0.0
+        degrees = GROWTH_WEIGHT if level > 0 else 0.0
+        for c in range(3):
+            for j in range(3):
+                finer = texture[level - 1, c, j] * growth if level > 0 else 0.0
+                least = LEAST_TEXTURE if c == j else 0.0
+                texture[level, c, j] = (gathered[level, c, j] + degrees * finer + least) / (
+                    weight[level] + degrees + 1.0)
+            if level > 0:
+                before += texture[level - 1, c, c]
+            now += texture[level, c, c]
+        if level > 0:
+            growth = min(max(now / before, 1.0), MOST_GROWTH)
+
+
+@njit(nogil=True, error_model="numpy")
+def _invert(matrix: Any, inverse: Any) -> float:
+    """Invert a symmetric matrix of three; return its determinant."""
+    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    d, e, f = matrix[1, 1], matrix[1, 2], matrix[2, 2]
+    first, second, third = d * f - e * e, c * e - b * f, b * e - c * d
+    determinant = a * first + b * second + c * third
+    inverse[0, 0], inverse[1, 1], inverse[2, 2] = first, a * f - c * c, a * d - b * b
+    inverse[0, 1] = inverse[1, 0] = second
+    inverse[0, 2] = inverse[2, 0] = third
+    inverse[1, 2] = inverse[2, 1] = b * c - a * e
+    inverse /= determinant
+    return determinant
