@@ -43,8 +43,9 @@ USUAL_PARTICLES, PARTICLES_DEVIATION, REFINEMENTS, FINE = math.log(0.12), 1.0, 2
 # Deviation of a channel's attenuation by particles from the mean over the channels, as a part of
 # it, and of clear water's from what is told.
 CHANNEL_DEVIATION, CLEAR_WATER_DEVIATION = 0.3, 0.1
-# Mean and deviation of the exponent k, which is from 0 to 1, and more for what slopes are off by.
-USUAL_EXPONENT, EXPONENT_DEVIATION = 0.5, 0.5
+# Mean and deviation of the exponent k: sand and rock are nearer to Lambert's 1 than to 0; more than
+# that is left for what slopes are off by.
+USUAL_EXPONENT, EXPONENT_DEVIATION = 0.7, 0.5
 # Deviation of ln light of a node beside the model, whatever lights it: the tables' interpolation
 # alone is off by 0.025 at some node of half of the rigs.
 MODEL_DEVIATION = 0.03
