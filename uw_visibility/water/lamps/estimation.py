@@ -95,9 +95,10 @@ class NodeEstimator:
             if status[c] is Status.OK and useful < FEWEST_NODES:
                 status[c] = Status.TOO_DARK
         seen = np.array([reason is Status.OK for reason in status])
-        posterior = infer(frames, self._lighting, self._clear_water, seen, ONE_SIGMA)
-        if posterior is None or not seen.any():
-            reason = overall_status(status) if posterior else Status.TOO_FEW_OBSERVATIONS
+        posterior = None if not seen.any() else infer(
+            frames, self._lighting, self._clear_water, seen, ONE_SIGMA)
+        if posterior is None:
+            reason = Status.TOO_FEW_OBSERVATIONS if seen.any() else overall_status(status)
             nothing, no = WaterEstimate.not_assessable(reason), np.full(3, np.nan)
             return replace(nothing, lamps=LampLight(no, no, no, no, no, frames[-1]))
         beta = np.exp(posterior.log_attenuation)

@@ -156,6 +156,23 @@ class _Model(NamedTuple):
     daylight: Array
 
 
+class Daylight(NamedTuple):
+    """Daylight beside lamps: its share in the ground's light at the median range, and the depth, m.
+
+    Clear water of that depth gives it its colour.
+    """
+
+    share: float = 0.0
+    depth: float = 0.0
+
+
+# What daylight beside lamps may be like, each as probable as the others; veil over its light.
+NIGHT = Daylight()
+DAYS = (NIGHT, *(
+    Daylight(share, depth) for share in (0.05, 0.3, 0.7, 0.95) for depth in (2.0, 15.0)))
+DAYLIGHT_VEIL = 0.5
+
+
 def infer(
     frames: Sequence[Nodes], lighting: LightingConfig, clear_water: Array, seen: Mask,
     quantiles: Array, fitted: Fitted = FITTED,
@@ -181,23 +198,6 @@ def infer(
     days = DAYS if lighting.model == "both" else (NIGHT,)
     grids = [_over_grid(lamps, details, clear_water, day, fitted) for day in days]
     return _summed(grids, days, lamps, clear_water, seen, quantiles)
-
-
-class Daylight(NamedTuple):
-    """Daylight beside lamps: its share in the ground's light at the median range, and the depth, m.
-
-    Clear water of that depth gives it its colour.
-    """
-
-    share: float = 0.0
-    depth: float = 0.0
-
-
-# What daylight beside lamps may be like, each as probable as the others; veil over its light.
-NIGHT = Daylight()
-DAYS = (NIGHT, *(
-    Daylight(share, depth) for share in (0.05, 0.3, 0.7, 0.95) for depth in (2.0, 15.0)))
-DAYLIGHT_VEIL = 0.5
 
 
 class _AtLamps:
