@@ -193,6 +193,8 @@ def infer(
     """
     if sum(len(nodes.range) for nodes in frames) < FEWEST_NODES:
         return None
+    # Frames that follow one another show the same ground: they are worth one frame of all ranges.
+    fitted = fitted._replace(evidence=fitted.evidence / len(frames))
     lamps = _AtLamps(frames, list(lighting.lamps()), lighting)
     details = details_of([nodes.place for nodes in frames])
     days = DAYS if lighting.model == "both" else (NIGHT,)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.images.arrays import Array
 from uw_visibility.status import REFUTING, Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.grey_average import ColourBalance, GreyFrames
@@ -161,8 +162,8 @@ class WaterFilter:
         known = np.isfinite(survey.water.attenuation)
         if survey.frames < self.config.survey.min_frames or not known.any():
             return None
-        surer = survey.water.attenuation_stddev < np.where(
-            np.isfinite(filtered.attenuation), filtered.attenuation_stddev, np.inf)
+        # In relation to β: errors grow with it, so that what is too clear looks sure.
+        surer = _relative(survey.water) < np.nan_to_num(_relative(filtered), nan=np.inf)
         return survey if not by_lamps or surer[known].all() else None
 
     def reset(self) -> None:
@@ -171,6 +172,11 @@ class WaterFilter:
         self._grey.reset()
         self._transfer = TransferVote()
         self._survey.reset()
+
+
+def _relative(water: WaterEstimate) -> Array:
+    """Standard deviation of β as a part of it, (3,); NaN where not assessable."""
+    return water.attenuation_stddev / water.attenuation
 
 
 class TransferVote:
