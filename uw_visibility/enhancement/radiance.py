@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement import radiance_kernels as kernels
+from uw_visibility.enhancement.grain import find_grain
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, RangeMap
 from uw_visibility.images.noise import ROUNDING_VARIANCE, noise_stddev
@@ -23,8 +24,8 @@ from uw_visibility.optics.transfer import encode_table, linear_table
 _MOST_VEIL = 0.5
 # Gains are worked out up to so many times `max_gain`; there hardly a part of them is left.
 _BEYOND = 64.0
-# Noise, as grain, may have this part of what rounding may: of 0.1 to 1 the largest by which steps
-# of the gain in traced scenes, with noise of one code, are 2 codes (`judge --pictures`).
+# Noise beside detail may have this part of what rounding may: of 0.1 to 1 the largest by which
+# steps of the gain in traced scenes, with noise of one code, are 2 codes (`judge --pictures`).
 _GRAIN = 0.2
 # However noisy an image, what is near is restored by 1 / (1 + this), that is 0.8.
 _MOST_NOISE = 0.25
@@ -78,7 +79,8 @@ class Restorer:
         largest pixel value. Of what restoration would change, each channel gets the part that
         Wiener's filter leaves of its gain (Wiener 1949): less where noise or an error of the veil
         would be amplified. So open water and all whose range is unknown keep their look, and the
-        far fades into it. A channel that is not assessable is handed on as it is.
+        far fades into it. Grain stays as it is, see `uw_visibility.enhancement.grain`. A channel
+        that is not assessable is handed on as it is.
 
         image: (H, W, 3) or (H, W) of uint8 or uint16, pixel values.
         range_map: (H, W) float32, range along the line of sight, m; unknown where NaN, inf or
@@ -103,7 +105,8 @@ class Restorer:
             np.ones(range_map.shape, np.float32) if known is None else known,
             decode, encode_table(self._transfer, image.dtype), channels.attenuation,
             channels.veil, channels.light, channels.exposure, channels.noise, channels.veil_error,
-            np.float32(math.log(_BEYOND * self._max_gain)), enhanced, limited,
+            np.float32(math.log(_BEYOND * self._max_gain)),
+            *find_grain(planes, noise, decode, self._workers), enhanced, limited,
         )
         return enhanced.reshape(image.shape), limited
 

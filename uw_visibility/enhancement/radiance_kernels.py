@@ -14,6 +14,7 @@ import numpy as np
 
 from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
+from uw_visibility.enhancement.grain import spread_row
 
 
 @njit(nogil=True, error_model="numpy")
@@ -58,7 +59,7 @@ def exponential(p: Any, middle: Any, row: Any) -> None:
 def restore(
     start: int, stop: int, image: Any, distance: Any, known: Any, decode: Any, encode: Any,
     attenuation: Any, veil: Any, light: Any, exposure: Any, noise: Any, veil_error: Any, limit: Any,
-    enhanced: Any, limited: Any,
+    smooth: Any, grain: Any, enhanced: Any, limited: Any,
 ) -> None:
     """Restore a band of rows: E/X + k (ρ - E/X), ρ = B/W + (E/W - B/W) exp(βd) within 0..1.
 
@@ -67,6 +68,8 @@ def restore(
     channel stays as it is.
     What the best channel has more, a channel takes from the mean of all, each counting by its k:
     else the channel that water takes first would turn all that is far into its colour.
+    What is changed is the image without its grain, `smooth` and `grain` of `grain.Grain`; the
+    grain is handed on as it is.
     """
     width, count = image.shape[1], image.shape[2]
     seen = np.empty((count, width), np.float32)
@@ -77,6 +80,9 @@ def restore(
     mean = np.empty(width, np.float32)
     best = np.empty(width, np.float32)
     trust = np.empty(width, np.float32)
+    noisy = np.empty((count, width), np.float32)
+    level = np.empty(width, np.float32)
+    cells = np.empty(smooth.shape[2], np.float32)
     top = np.float32(encode.size - 1)
     half = np.float32(0.5)
     one = np.float32(1)
@@ -86,6 +92,7 @@ def restore(
         for x in range(width):
             for c in range(count):
                 seen[c, x] = decode[image[y, x, c]]
+                noisy[c, x] = image[y, x, c]
         for x in range(width):
             # Written so that NaN and infinity fail it.
             ranged = (distance[y, x] >= zero) & (distance[y, x] < np.float32(np.inf))
@@ -97,6 +104,11 @@ def restore(
         for c in range(count):
             if not noise[c] < np.inf:
                 continue
+            spread_row(smooth[c], y, cells, level)
+            spread_row(grain[c], y, cells, gain)
+            for x in range(width):
+                noisy[c, x] = (noisy[c, x] - level[x]) * gain[x]
+                seen[c, x] -= noisy[c, x]
             _thickness(distance[y], attenuation[c], limit, gain)
             exponential(p, middle, gain)
             inverse = one / light[c]
@@ -124,6 +136,7 @@ def restore(
                     limited[y, x] |= k < half
                     plane[x] += (
                         k * (restored[c, x] - plane[x]) + (best[x] - k) * (mean[x] - plane[x]))
+                    plane[x] += noisy[c, x] * inverse
             for x in range(width):
                 plane[x] = plane[x] * top + half
         for x in range(width):
