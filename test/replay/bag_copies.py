@@ -23,8 +23,8 @@ from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.table import read_rows
 
 FRAMES, DIVE_FRAMES = 6, 12
-# What is wrong with a disturbed dive: a frame, another one, and ns.
-DARK, SET_BACK, SENSOR_DELAY = 3, 7, 130_000_000
+# What is wrong with a disturbed dive: three frames, and ns.
+DARK, SET_BACK, GLARE, SENSOR_DELAY = 3, 7, 9, 130_000_000
 TOPICS = ("/left/image_rect", "/right/image_rect", "/left/camera_info", "/right/camera_info",
           "/depth_sensor")
 
@@ -113,7 +113,7 @@ def compressed(messages: Iterator[Message]) -> Iterator[Message]:
 
 
 def disturbed(messages: Iterator[Message]) -> Iterator[Message]:
-    """Let the sensor run late, one pair be black, and the clock be set back."""
+    """Let the sensor run late, one pair be black, the clock be set back, and a pair overexposed."""
     frame = -1
     for topic, kind, message, time in messages:
         frame += topic == "/left/image_rect"
@@ -122,6 +122,9 @@ def disturbed(messages: Iterator[Message]) -> Iterator[Message]:
             time += SENSOR_DELAY
         if kind == "sensor_msgs/msg/Image" and frame == DARK:
             message.data = np.zeros_like(message.data)
+        if kind == "sensor_msgs/msg/Image" and frame == GLARE:
+            # Matched, but refused: it is restored with the water of the frames before.
+            message.data = np.minimum(2 * message.data.astype(int), 255).astype(np.uint8)
         if frame >= SET_BACK:
             message.header.stamp.sec -= 60
         yield topic, kind, message, time

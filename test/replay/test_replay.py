@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from bag_copies import (
     FRAMES,
+    GLARE,
     HARD_PARAMETERS,
     Message,
     compressed,
@@ -171,6 +172,22 @@ def test_jobs_and_repetition_change_nothing(
         expected = (hard_replayed / "frames.csv").read_bytes()
         assert (tmp_path / name / "frames.csv").read_bytes() == expected
         assert messages_of(tmp_path / name) == messages_of(hard_replayed)
+
+
+def test_a_frame_that_is_refused_alone_is_restored_with_the_water_before(
+    hard: Path, hard_replayed: Path
+) -> None:
+    rows = list(read_rows(hard_replayed / "frames.csv"))
+    assert rows[GLARE]["status"] == "saturated"
+    assert {rows[GLARE - 1]["status"], rows[GLARE + 1]["status"]} == {"ok"}
+    time = sorted({time for topic, time, _ in messages_of(hard_replayed)})[GLARE - 1]
+    (told,) = (
+        data for topic, at, data in messages_of(hard_replayed)
+        if (topic, at) == ("/left/enhanced/image", time))
+    with BagReader(hard) as reader:
+        (raw,) = (m.data for m in reader.messages(["/left/image_rect"]) if m.time == time)
+    assert len(told) == len(raw)
+    assert told != raw
 
 
 def test_the_result_says_where_it_comes_from(transect: Path, replayed: Path) -> None:

@@ -73,7 +73,7 @@ class Processor:
         self.used.append(pipeline)
         return self
 
-    def assess(self, topics: Any, *, known_light: Any = None) -> Any:
+    def assess(self, topics: Any, **known: Any) -> Any:
         self.asked.append(set(topics))
         if self.failure is not None:
             raise self.failure
@@ -138,7 +138,7 @@ def test_as_many_frames_are_under_way_as_told_and_reach_the_filter_in_their_orde
 ) -> None:
     hold, order = threading.Event(), []
 
-    def assess(topics: Any, *, known_light: Any = None) -> Any:
+    def assess(topics: Any, **known: Any) -> Any:
         order.append("begun")
         first = len(order) == 1
         assert not first or hold.wait(20)
@@ -158,6 +158,33 @@ def test_as_many_frames_are_under_way_as_told_and_reach_the_filter_in_their_orde
         hold.set()
         wait(lambda: len(order) == 4)
     assert order == (["begun", 1.0, "begun", 2.0], ["begun", "begun", 1.0, 2.0])[at_once - 1]
+
+
+def test_a_frame_asks_for_the_water_when_all_before_it_are_answered(
+    monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may be begun before: the answer is that of one frame at a time."""
+    hold, order = threading.Event(), []
+
+    def assess(topics: Any, *, known_water: Any, **known: Any) -> Any:
+        order.append("begun")
+        if order.count("begun") == 1:
+            assert hold.wait(20)
+        else:
+            hold.set()
+            order.append(known_water())
+        return RESULT
+
+    with running(monkeypatch, frames_at_once=2) as core:
+        filtered = core._filter_for(core._parameters.settings)
+        monkeypatch.setattr(type(filtered), "known", property(lambda self: len(order)))
+        monkeypatch.setattr(core._processor, "assess", assess)
+        monkeypatch.setattr(core.state, "add", lambda *arguments: order.append("answered"))
+        core.worker.offer(FRAME)
+        wait(lambda: order == ["begun"])
+        core.worker.offer(FRAME)
+        wait(lambda: len(order) == 5)
+    assert order == ["begun", "begun", "answered", 3, "answered"]
 
 
 @pytest.mark.parametrize("given, encoding, times", [

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import functools
 import threading
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,8 +22,8 @@ from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.pipeline.warm_up import warm_up_config
 from uw_visibility.stereo.matchers import disparity_limits
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.estimate import LampLight
-from uw_visibility.water.series.filter import FilteredWater
+from uw_visibility.water.estimate import LampLight, WaterEstimate
+from uw_visibility.water.series.filter import FilteredWater, KnownWater
 
 # Kernels are compiled once per type of pixel, not per size or rig; a small image is quicker.
 WARM_UP_RIG = StereoRig(200.0, 0.1, (79.5, 59.5))
@@ -81,16 +81,23 @@ class FrameWork:
         match_original: bool = False,
         confidence: bool = False,
         known_light: LampLight | None = None,
+        known_water: Callable[[], KnownWater | None] | None = None,
     ) -> FrameResult:
         """Run the pipeline on the frame, for topics of `uw_visibility.messages.outputs.all_topics`.
 
-        See `Pipeline.process` for the other parameters; no message carries the confidence.
+        See `Pipeline.process` for the other parameters, and `WaterFilter.known` for what
+        `known_water` returns; no message carries the confidence.
         """
         pair = self.pair
+
+        def known() -> WaterEstimate | None:
+            water = known_water and known_water()
+            return water.at(self.header.seconds, self.rig) if water else None
+
         return self.pipeline.process(
             pair.left, pair.right, valid=pair.valid, match_original=match_original,
             enhance=enhanced_sides(topics), confidence=confidence, colour=pair.chroma,
-            known_light=known_light,
+            known_light=known_light, known_water=known_water and known,
         )
 
     def messages(

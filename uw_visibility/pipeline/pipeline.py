@@ -9,7 +9,7 @@ Enhancement and Improved Stereo", ICRA 2014; `Pipeline.process` is its Fig. 4.
 from __future__ import annotations
 
 import threading
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,7 @@ from uw_visibility.pipeline.lamps import LampEnhancement, light_by_range, make_e
 from uw_visibility.pipeline.result import FilledStereo, FrameResult, StageClock, StereoResult
 from uw_visibility.pipeline.second_step import ImprovedDisparity, SecondStep
 from uw_visibility.pipeline.warm_up import warm_up_pair, warm_up_scene
-from uw_visibility.status import Status
+from uw_visibility.status import REFUTING, Status
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS
 from uw_visibility.stereo.matchers import check_matcher, disparity_limits
 from uw_visibility.stereo.rig import StereoRig
@@ -88,6 +88,7 @@ class Pipeline:
         self, left: Image, right: Image, *, valid: Mask | None = None, match_original: bool = False,
         enhance: Collection[str] = SIDES, confidence: bool = True,
         colour: ChromaImage | None = None, known_light: LampLight | None = None,
+        known_water: Callable[[], WaterEstimate | None] | None = None,
     ) -> FrameResult:
         """Assess and enhance one rectified pair.
 
@@ -112,6 +113,10 @@ class Pipeline:
             Light of lamps and water over the frames before (`WaterFilter.lamps`), which
             images under lamps are restored with, so that ground keeps its colour from frame
             to frame; by default that of this frame.
+        known_water : callable, optional
+            Returns the water that the frames before tell (`WaterFilter.known`), or None. It is
+            called only where images are wanted by daylight and this frame alone is refused for what
+            it does not show; they are restored with that water, instead of left as they are.
 
         Returns
         -------
@@ -144,6 +149,8 @@ class Pipeline:
                         views, filled, known_light or water.lamps, coarse.right_gain, enhance)
                 else:
                     assert shown is not None
+                    if known_water is not None and enhance:
+                        shown = _bridge(water, shown, known_water)
                     images = self._enhancement.run(
                         views, filled, shown, coarse.right_gain, enhance)
             low, high = disparity_limits(self.config.stereo, left.shape[1])
@@ -302,3 +309,21 @@ class Pipeline:
         attenuation, ambient_light = found or (np.nan, np.nan)
         light = np.array([ambient_light])
         return RestorationWater(np.array([attenuation]), light, light)
+
+
+def _bridge(
+    water: WaterEstimate, shown: RestorationWater, known_water: Callable[[], WaterEstimate | None]
+) -> RestorationWater:
+    """Water of the frames before, for one that is not restored for what it does not show.
+
+    As in the filter over frames, what contradicts a frame does so to those before it, too.
+    """
+    unseen = water.refused_in_light
+    if np.isfinite(shown.attenuation).any() or not unseen.any() or water.status in REFUTING:
+        return shown
+    known = known_water()
+    # One channel restored beside others that are not would be a cast of its colour.
+    if known is None or np.isnan(known.attenuation[unseen]).any():
+        return shown
+    return RestorationWater(
+        known.attenuation, known.ambient_light, scene_light_of(known), known.ambient_light_stddev)

@@ -233,7 +233,9 @@ class _Replay:
         """Replay the recording to its end."""
         lights = LightHistory(pool.read_ahead)
         with closing(Progress(self._reader.path.name, self._stream.expected_frames)) as progress:
-            for item in pool.answers(self._tasks(self._stream.events(), lights)):
+            for item in pool.answers(
+                self._tasks(self._stream.events(), lights), lambda: self._recorder.known
+            ):
                 if isinstance(item, FrameAnswer):
                     filtered = self._recorder.write_frame(item)
                     lights.add(self._recorder.lamps)

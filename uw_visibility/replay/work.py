@@ -13,11 +13,11 @@ import signal
 import traceback
 import uuid
 from collections import deque
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from uw_visibility.compute.processes import process_pool
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
@@ -33,7 +33,7 @@ from uw_visibility.replay.inputs.stream import RecordedFrame
 from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.records import FrameEstimate, FrameRecord
 from uw_visibility.water.estimate import LampLight
-from uw_visibility.water.series.filter import FilteredWater, WaterFilter
+from uw_visibility.water.series.filter import FilteredWater, KnownWater, WaterFilter
 
 
 @dataclass(frozen=True)
@@ -64,23 +64,26 @@ class Recording:
 
 @dataclass(frozen=True)
 class FrameTask:
-    """Task: a frame to work on, with the light of lamps over the frames before, where known."""
+    """Task: a frame to work on, with light of lamps and water of the frames before, where known."""
 
     recording: Recording
     frame: RecordedFrame
     known_light: LampLight | None = None
+    known_water: KnownWater | None = None
 
 
 @dataclass(frozen=True)
 class FrameAnswer:
     """Answer to a frame's task: record, durations of the stages, and messages.
 
-    Of these, topics and serialised messages (CDR), in the order of publishing.
+    Of these, topics and serialised messages (CDR), in the order of publishing. `asked`: images
+    depend on the water of the frames before.
     """
 
     record: FrameRecord
     messages: list[tuple[str, bytes]] = field(default_factory=list)
     timing_ms: dict[str, float] = field(default_factory=dict)
+    asked: bool = False
 
 
 class RecordingProcessor:
@@ -94,12 +97,19 @@ class RecordingProcessor:
         self._types_by_topic = all_topics(recording.node)
 
     def answer(
-        self, frame: RecordedFrame, known_light: LampLight | None = None
+        self, frame: RecordedFrame, known_light: LampLight | None = None,
+        known_water: KnownWater | None = None,
     ) -> FrameAnswer:
         """Process a task; whatever goes wrong costs this frame alone."""
+        asked = []
+
+        def known() -> KnownWater | None:
+            asked.append(True)
+            return known_water
+
         record = FrameRecord(frame.number, frame.stamp, frame.right_stamp, frame.time)
         try:
-            work, result = self._assess(frame, known_light)
+            work, result = self._assess(frame, known_light, known)
             messages = [
                 (topic, bytes(self._types.serialize_cdr(message, self._types_by_topic[topic])))
                 for topic, message in self._messages(work, result)
@@ -111,24 +121,27 @@ class RecordingProcessor:
             reason = f"internal error, {type(error).__name__} at {place.name}:{place.lineno}"
             return FrameAnswer(replace(record, reason=reason))
         estimate = FrameEstimate.of(result, work.rig, work.header)
-        return FrameAnswer(replace(record, estimate=estimate), messages, result.timing_ms)
+        return FrameAnswer(
+            replace(record, estimate=estimate), messages, result.timing_ms, bool(asked))
 
     def process(
         self, frame: RecordedFrame, water_filter: WaterFilter
     ) -> tuple[FrameResult, FilteredWater | None, dict[str, Any]]:
         """Process the next frame; returns result, filtered estimate and messages by topic."""
-        work, result = self._assess(frame, water_filter.lamps, confidence=True)
+        work, result = self._assess(
+            frame, water_filter.lamps, lambda: water_filter.known, confidence=True)
         filtered = water_filter.update(result.water, work.header.seconds, work.rig)
         return result, filtered, dict(self._messages(work, result, filtered))
 
     def _assess(
-        self, frame: RecordedFrame, known_light: LampLight | None, confidence: bool = False
+        self, frame: RecordedFrame, known_light: LampLight | None,
+        known_water: Callable[[], KnownWater | None], confidence: bool = False,
     ) -> tuple[FrameWork, FrameResult]:
         recording = self._recording
         work = self._processor.begin(frame.messages(self._decoder.decode), recording.pipeline)
         return work, work.assess(
             recording.topics, match_original=recording.match_original, confidence=confidence,
-            known_light=known_light,
+            known_light=known_light, known_water=known_water,
         )
 
     def _messages(
@@ -148,13 +161,20 @@ def answer(task: FrameTask) -> FrameAnswer:
         while len(_processors) > 1:
             del _processors[next(iter(_processors))]
         _processors[key] = RecordingProcessor(task.recording)
-    return _processors[key].answer(task.frame, task.known_light)
+    return _processors[key].answer(task.frame, task.known_light, task.known_water)
 
 
 Other = TypeVar("Other")
 
 # Frames that are read ahead, for each process: enough that none waits, few enough for memory.
 READ_AHEAD = 2
+
+
+class _Given(NamedTuple):
+    """A task that a process is at."""
+
+    task: FrameTask
+    future: Future[FrameAnswer]
 
 
 class FramePool:
@@ -169,27 +189,46 @@ class FramePool:
         """Tasks that may be unanswered when the next one is given."""
         return 0 if self._jobs == 1 else READ_AHEAD * self._jobs
 
-    def answers(self, items: Iterable[FrameTask | Other]) -> Iterator[FrameAnswer | Other]:
-        """Yield the answers to tasks in the order of the items; hand on what is no task."""
-        waiting: deque[Future[FrameAnswer] | Other] = deque()
+    def answers(
+        self, items: Iterable[FrameTask | Other],
+        known: Callable[[], KnownWater | None] = lambda: None,
+    ) -> Iterator[FrameAnswer | Other]:
+        """Yield the answers to tasks in the order of the items; hand on what is no task.
+
+        `known` is the water that the answers yielded so far tell. Processes that work ahead do not
+        know it, so that what depends on it is worked on once more.
+        """
+        waiting: deque[_Given | Other] = deque()
         tasks = 0
         for item in items:
             if not isinstance(item, FrameTask):
                 waiting.append(item)
             elif self._executor is None:
-                yield answer(item)
+                yield answer(replace(item, known_water=known()))
             else:
-                waiting.append(self._executor.submit(answer, item))
+                waiting.append(_Given(item, self._executor.submit(answer, item)))
                 tasks += 1
             while waiting and (
-                tasks > self.read_ahead or not isinstance(waiting[0], Future)
-                or waiting[0].done()
+                tasks > self.read_ahead or not isinstance(waiting[0], _Given)
+                or waiting[0].future.done()
             ):
                 head = waiting.popleft()
-                tasks -= isinstance(head, Future)
-                yield head.result() if isinstance(head, Future) else head
+                tasks -= isinstance(head, _Given)
+                yield self._settled(head, known())
         for head in waiting:
-            yield head.result() if isinstance(head, Future) else head
+            yield self._settled(head, known())
+
+    def _settled(
+        self, head: _Given | Other, known: KnownWater | None
+    ) -> FrameAnswer | Other:
+        if not isinstance(head, _Given):
+            return head
+        found = head.future.result()
+        if found.asked and known is not None:
+            assert self._executor is not None
+            again = replace(head.task, known_water=known)
+            found = self._executor.submit(answer, again).result()
+        return found
 
 
 @contextmanager

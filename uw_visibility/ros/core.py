@@ -50,7 +50,7 @@ from uw_visibility.ros.worker import NewestWorker, Turn
 from uw_visibility.status import Status
 from uw_visibility.stereo.calibration import image_size
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.series.filter import FilteredWater, WaterFilter
+from uw_visibility.water.series.filter import FilteredWater, KnownWater, WaterFilter
 
 # A pair waits one to two periods for CameraInfo of its stamp, s.
 CAMERA_INFO_PERIOD = 0.1
@@ -255,7 +255,14 @@ class NodeCore:
         topics = self._wanted_topics()
         with self._filtering:
             known_light = self._filter_for(settings).lamps
-        result = work.assess(topics, known_light=known_light)
+
+        def known_water() -> KnownWater | None:
+            # That of the frames before, which another lane may still be at.
+            turn.wait()
+            with self._filtering:
+                return self._filter_for(settings).known
+
+        result = work.assess(topics, known_light=known_light, known_water=known_water)
         turn.wait()
         self.state.substitute.succeed()
         if not self._wanted():

@@ -58,7 +58,7 @@ columns with --pictures:
                that the raw picture has the same values at; codes
   noise        of the flattest areas, over the raw picture's
   ΔE           mean colour difference to the scene without water
-  flicker      change of blocks' means in another frame with other noise; codes"""
+  flicker      change of blocks' means to the next frame, of this scene with other noise; codes"""
 
 OPTIONS: Options = {
     "--scenes POOL": (

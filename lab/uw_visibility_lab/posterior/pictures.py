@@ -24,6 +24,7 @@ from uw_visibility.images.noise import BLOCK, SMOOTHEST
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.views import in_right_view
+from uw_visibility.water.series.filter import WaterFilter
 from uw_visibility_lab.evaluation import baselines
 from uw_visibility_lab.evaluation.metrics import colour_difference
 from uw_visibility_lab.posterior.cases import traced_scenes
@@ -31,6 +32,8 @@ from uw_visibility_lab.tracer.files import load
 
 # Steps of the gain are those of this quantile.
 QUANTILE = 0.99
+# From one frame to the next, s.
+_PERIOD = 0.1
 
 
 class Pair(NamedTuple):
@@ -52,7 +55,7 @@ class Row(NamedTuple):
     wide_steps: Array  # the same between pixels that are a block apart
     noise: float  # of flat areas over that of the raw picture
     colour: float  # mean ΔE*ab to the truth, where ranges are known
-    flicker: float  # change of blocks' means by another frame's noise, codes
+    flicker: float  # change of blocks' means from a frame to the next, of other noise, codes
 
 
 def gain_steps(raw: Image8, enhanced: Image8, distance: int = 1) -> Array:
@@ -147,11 +150,18 @@ def traced_pairs(folder: Path) -> Iterator[Pair]:
         yield Pair(place.name, left, right, rig, scene.ranges.astype(np.float32), truth)
 
 
-def enhance(pair: Pair, pipeline: Pipeline) -> dict[str, Image8]:
-    """Return the left picture by each method; those that need ranges only where they are known."""
+def enhance(pair: Pair, pipeline: Pipeline, series: WaterFilter, stamp: float) -> dict[str, Image8]:
+    """Return the left picture by each method; those that need ranges only where they are known.
+
+    Ours is that of a recording's frame at a stamp (s), of which `series` knows those before.
+    """
+    known = series.known
+    ours = pipeline.process(
+        pair.left, pair.right, enhance=("left",), known_water=lambda: known and known.at(stamp))
+    series.update(ours.water, stamp)
     pictures: dict[str, NDArray[np.generic]] = {
         "raw": pair.left,
-        "ours": pipeline.process(pair.left, pair.right, enhance=("left",)).left_enhanced,
+        "ours": ours.left_enhanced,
         "CLAHE": baselines.equalise_adaptively(pair.left),
         "grey world": baselines.balance_by_grey_world(pair.left),
     }
@@ -162,10 +172,11 @@ def enhance(pair: Pair, pipeline: Pipeline) -> dict[str, Image8]:
 
 def compare(pair: Pair, config: PipelineConfig, seed: int = 0) -> list[Row]:
     """Measure the pictures of a pair by each method."""
-    pipeline = Pipeline(pair.rig, config)
-    first = enhance(pair, pipeline)
-    other = enhance(pair._replace(
-        left=with_noise(pair.left, (seed, 0)), right=with_noise(pair.right, (seed, 1))), pipeline)
+    pipeline, series = Pipeline(pair.rig, config), WaterFilter(config)
+    first = enhance(pair, pipeline, series, 0.0)
+    following = pair._replace(
+        left=with_noise(pair.left, (seed, 0)), right=with_noise(pair.right, (seed, 1)))
+    other = enhance(following, pipeline, series, _PERIOD)
     rows = []
     for name, picture in first.items():
         colour = float("nan")

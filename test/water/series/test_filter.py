@@ -151,3 +151,24 @@ def test_no_survey_where_it_is_turned_off() -> None:
         found = off.update(flat(frame), float(frame))
     assert found is not None and found.event is TrackingEvent.NOT_ASSESSABLE
     assert found.water.status is Status.RANGE_SPREAD_TOO_SMALL
+
+
+def test_the_water_is_known_until_the_filter_would_begin_anew() -> None:
+    kept = WaterFilter(PipelineConfig())
+    assert kept.known is None
+    found = kept.update(water(), 1.0, "a")
+    assert found is not None and kept.known is not None
+    known = kept.known.at(2.0, "a")
+    assert known is not None
+    np.testing.assert_array_equal(known.attenuation, found.water.attenuation)
+    late = 1.0 + PipelineConfig().tracking.timeout
+    assert kept.known.at(late, "a") is not None
+    for stamp, rig in ((late + 0.1, "a"), (1.0, "a"), (0.0, "a"), (2.0, "b")):
+        assert kept.known.at(stamp, rig) is None
+    kept.update(WaterEstimate.not_assessable(Status.TOO_DARK), 2.0, "a")
+    assert kept.known is not None
+    kept.update(WaterEstimate.not_assessable(Status.OTHER_TRANSFER), 3.0, "a")
+    assert kept.known is None
+    kept.update(water(), 4.0, "a")
+    kept.reset()
+    assert kept.known is None

@@ -22,7 +22,7 @@ from uw_visibility.replay.table import TableWriter, write_dictionary
 from uw_visibility.replay.work import FrameAnswer
 from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.meaning.derived import DerivedModel
-from uw_visibility.water.series.filter import FilteredWater, WaterFilter
+from uw_visibility.water.series.filter import FilteredWater, KnownWater, WaterFilter
 
 Row = dict[str, str]
 
@@ -100,6 +100,11 @@ class FrameRecorder:
     def lamps(self) -> LampLight | None:
         """Light of the lamps over the frames so far; see `WaterFilter.lamps`."""
         return self._filter.lamps
+
+    @property
+    def known(self) -> KnownWater | None:
+        """Water that the frames so far tell; see `WaterFilter.known`."""
+        return self._filter.known
 
     def write_frame(self, answer: FrameAnswer) -> FilteredWater | None:
         """Write the messages of a frame, filtered ones too; returns the filtered estimate."""

@@ -64,6 +64,32 @@ class FilteredWater(NamedTuple):
     survey: SurveyEstimate | None = None
 
 
+class KnownWater(NamedTuple):
+    """Water that the frames so far tell: what a frame that is refused is restored with.
+
+    Attributes
+    ----------
+    water : WaterEstimate
+        The filtered state, without what it was estimated from.
+    stamp : float
+        Time of the last frame, s.
+    rig : object
+        What took it.
+    timeout : float
+        How long it holds, s.
+    """
+
+    water: WaterEstimate
+    stamp: float
+    rig: object
+    timeout: float
+
+    def at(self, stamp: float, rig: object = None) -> WaterEstimate | None:
+        """Return the water of the next frame; None where the filter would begin anew."""
+        holds = rig == self.rig and 0.0 < stamp - self.stamp <= self.timeout
+        return self.water if holds else None
+
+
 class WaterFilter:
     """Kalman filter over the estimates of frames, taken in order, and their assessment.
 
@@ -88,6 +114,7 @@ class WaterFilter:
         self._grey = GreyFrames()
         self._transfer = TransferVote()
         self._rig: object = None
+        self._known: KnownWater | None = None
 
     def update(
         self, water: WaterEstimate, stamp: float, rig: object = None
@@ -136,9 +163,19 @@ class WaterFilter:
         if event is TrackingEvent.PREDICTED and visibility.status is not Status.OK:
             # What is no longer known is so for the reason that frames do not show it.
             visibility = replace(visibility, status=water.status)
+        if np.isfinite(filtered.attenuation).any():
+            kept = replace(filtered, envelope=None, blocks=None, lamps=None)
+            self._known = KnownWater(kept, stamp, rig, self.config.tracking.timeout)
+        else:
+            self._known = None
         return FilteredWater(
             filtered, visibility, event, self._tracker.assessed,
             self._tracker.rejected, self._tracker.rejected_in_a_row, survey)
+
+    @property
+    def known(self) -> KnownWater | None:
+        """Water that the next frame is restored with if it is refused; None where none is known."""
+        return self._known
 
     @property
     def lamps(self) -> LampLight | None:
@@ -169,6 +206,7 @@ class WaterFilter:
     def reset(self) -> None:
         """Reset the filter: earlier frames do not count."""
         self._tracker.reset()
+        self._known = None
         self._grey.reset()
         self._transfer = TransferVote()
         self._survey.reset()
