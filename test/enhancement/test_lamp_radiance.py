@@ -60,6 +60,21 @@ def test_gain_is_limited_by_noise_and_what_is_dark_fades_without_colour() -> Non
     assert open_water.max() < 0.1 * 65535
 
 
+def test_noise_of_dark_water_is_not_lifted() -> None:
+    rng = np.random.default_rng(0)
+    image = np.rint(rng.normal(20.0, 1.5, (*SIZE, 3))).astype(np.uint8)
+    restorer = LampRestorer(
+        EnhancementConfig(max_gain=50.0, max_noise=10.0), "linear", Workers(1))
+    ranges = np.full(SIZE, 1.0, np.float32)
+    # Of a part that has about the same light.
+    told, plain = (
+        restorer.restore(image, ranges, field_of(0.2, 0.0), np.full(3, noise))[0][60:80, 90:110]
+        for noise in (1.5, 0.0))
+    assert np.abs(told.mean(axis=(0, 1)) - plain.mean(axis=(0, 1))).max() < 1.0
+    assert (plain.std(axis=(0, 1)) > 5.0 * 1.5).all()
+    assert (told.std(axis=(0, 1)) < 0.5 * plain.std(axis=(0, 1))).all()
+
+
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
 def test_unknown_channels_stay_and_others_do_not(kind: Any) -> None:
     image = (SHOWN.image // (257 if kind is np.uint8 else 1)).astype(kind)

@@ -15,6 +15,7 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement import radiance_kernels as kernels
+from uw_visibility.enhancement.grain import find_grain, spread_row
 from uw_visibility.enhancement.radiance import as_channels, irradiance_noise
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, RangeMap
@@ -76,7 +77,8 @@ class LampRestorer:
         self._workers.rows(
             _restore, planes.shape[0], planes, range_map, decode,
             encode_table(self._transfer, image.dtype), light, grid, _places(),
-            limits.astype(np.float32), known, enhanced, limited)
+            limits.astype(np.float32), known, *find_grain(planes, noise, decode, self._workers),
+            enhanced, limited)
         return enhanced.reshape(image.shape), limited
 
 
@@ -90,11 +92,13 @@ def _places() -> NDArray[np.float32]:
 @njit(nogil=True, error_model="numpy")
 def _restore(
     start: int, stop: int, image: Any, distance: Any, decode: Any, encode: Any, light: Any,
-    grid: Any, place_of: Any, limits: Any, known: Any, enhanced: Any, limited: Any,
+    grid: Any, place_of: Any, limits: Any, known: Any, smooth: Any, grain: Any, enhanced: Any,
+    limited: Any,
 ) -> None:
     """Restore a band of rows, plane by plane as `radiance_kernels.restore` does.
 
-    `light` is (Y, 3, X, R, 2), `place_of` the node of each step of range.
+    `light` is (Y, 3, X, R, 2), `place_of` the node of each step of range. Grain (`smooth` and
+    `grain` of `grain.Grain`) is handed on as it is.
     """
     width = image.shape[1]
     last_row, last_column = light.shape[0] - 1, light.shape[2] - 1
@@ -113,6 +117,10 @@ def _restore(
     gain = np.empty(width, np.float32)
     value = np.empty((3, width), np.float32)
     kept = np.empty((3, width), np.float32)
+    noisy = np.empty((3, width), np.float32)
+    level = np.empty(width, np.float32)
+    share_of = np.empty(width, np.float32)
+    cells = np.empty(smooth.shape[2], np.float32)
     for x in range(width):
         place = min(np.float32(x) / grid[1], np.float32(last_column - 0.001))
         column[x] = index_of(place, 0, max(last_column - 1, 0))
@@ -134,15 +142,20 @@ def _restore(
             if not known[c]:
                 kept[c] = 0
                 value[c] = 0
+                noisy[c] = 0
                 continue
             plane = here[c]
+            spread_row(smooth[c], y, cells, level)
+            spread_row(grain[c], y, cells, share_of)
+            for x in range(width):
+                noisy[c, x] = (np.float32(image[y, x, c]) - level[x]) * share_of[x]
             for x in range(width):
                 i, k, fx, fz = column[x], node[x], across[x], along[x]
                 a, b = (one - fx) * (one - fz), fx * (one - fz)
                 e, f = (one - fx) * fz, fx * fz
                 gain[x] = -(a * plane[i, k, 0] + b * plane[i + 1, k, 0]
                             + e * plane[i, k + 1, 0] + f * plane[i + 1, k + 1, 0])
-                value[c, x] = decode[image[y, x, c]] - (
+                value[c, x] = decode[image[y, x, c]] - noisy[c, x] - (
                     a * plane[i, k, 1] + b * plane[i + 1, k, 1]
                     + e * plane[i, k + 1, 1] + f * plane[i + 1, k + 1, 1])
             for x in range(width):
@@ -165,7 +178,7 @@ def _restore(
                 radiance = value[c, x] + (best - kept[c, x]) * mean
                 radiance = radiance if radiance > zero else zero
                 radiance = radiance if radiance < one else one
-                value[c, x] = radiance * top + half
+                value[c, x] = (radiance + noisy[c, x]) * top + half
         for c in range(3):
             for x in range(width):
                 enhanced[y, x, c] = (
