@@ -102,3 +102,14 @@ def test_nobody_asks_where_a_frame_tells_its_water_or_refutes_it_or_no_image_is_
     grey = (np.repeat(image[..., 1:2], 3, axis=2) for image in (told.left, told.right))
     found = series.pipeline.process(*grey, known_water=asked_by_nobody)
     assert found.status is Status.NO_COLOUR
+
+
+def test_an_overexposed_frame_is_not_restored_with_the_light_of_another_exposure(
+    series: Series
+) -> None:
+    told = series.frames[0]
+    bright = [np.minimum(4 * image.astype(int), 255).astype(np.uint8)
+              for image in (told.left, told.right)]
+    found = series.pipeline.process(*bright, known_water=asked_by_nobody)
+    assert Status.SATURATED in found.water.channel_status
+    np.testing.assert_array_equal(found.left_enhanced, bright[0])

@@ -24,7 +24,7 @@ from uw_visibility.replay.table import read_rows
 
 FRAMES, DIVE_FRAMES = 6, 12
 # What is wrong with a disturbed dive: three frames, and ns.
-DARK, SET_BACK, GLARE, SENSOR_DELAY = 3, 7, 9, 130_000_000
+DARK, SET_BACK, WALL, SENSOR_DELAY = 3, 7, 9, 130_000_000
 TOPICS = ("/left/image_rect", "/right/image_rect", "/left/camera_info", "/right/camera_info",
           "/depth_sensor")
 
@@ -113,8 +113,9 @@ def compressed(messages: Iterator[Message]) -> Iterator[Message]:
 
 
 def disturbed(messages: Iterator[Message]) -> Iterator[Message]:
-    """Let the sensor run late, one pair be black, the clock be set back, and a pair overexposed."""
+    """Let the sensor run late, a pair be black, the clock be set back, and a pair show a wall."""
     frame = -1
+    seen = np.empty(0, np.uint8)
     for topic, kind, message, time in messages:
         frame += topic == "/left/image_rect"
         if topic == "/depth_sensor":
@@ -122,9 +123,11 @@ def disturbed(messages: Iterator[Message]) -> Iterator[Message]:
             time += SENSOR_DELAY
         if kind == "sensor_msgs/msg/Image" and frame == DARK:
             message.data = np.zeros_like(message.data)
-        if kind == "sensor_msgs/msg/Image" and frame == GLARE:
-            # Matched, but refused: it is restored with the water of the frames before.
-            message.data = np.minimum(2 * message.data.astype(int), 255).astype(np.uint8)
+        if topic == "/left/image_rect":
+            seen = message.data.reshape(message.height, message.width, 3)
+        if topic == "/right/image_rect" and frame == WALL:
+            # Of one range, so refused: it is restored with the water of the frames before.
+            message.data = np.roll(seen, -8, axis=1).ravel()
         if frame >= SET_BACK:
             message.header.stamp.sec -= 60
         yield topic, kind, message, time

@@ -21,8 +21,8 @@ import numpy as np
 import pytest
 from bag_copies import (
     FRAMES,
-    GLARE,
     HARD_PARAMETERS,
+    WALL,
     Message,
     compressed,
     copy_bag,
@@ -178,9 +178,9 @@ def test_a_frame_that_is_refused_alone_is_restored_with_the_water_before(
     hard: Path, hard_replayed: Path
 ) -> None:
     rows = list(read_rows(hard_replayed / "frames.csv"))
-    assert rows[GLARE]["status"] == "saturated"
-    assert {rows[GLARE - 1]["status"], rows[GLARE + 1]["status"]} == {"ok"}
-    time = sorted({time for topic, time, _ in messages_of(hard_replayed)})[GLARE - 1]
+    assert rows[WALL]["status"] == "range_spread_too_small"
+    assert {rows[WALL - 1]["status"], rows[WALL + 1]["status"]} == {"ok"}
+    time = sorted({time for topic, time, _ in messages_of(hard_replayed)})[WALL - 1]
     (told,) = (
         data for topic, at, data in messages_of(hard_replayed)
         if (topic, at) == ("/left/enhanced/image", time))

@@ -116,7 +116,8 @@ class Pipeline:
         known_water : callable, optional
             Returns the water that the frames before tell (`WaterFilter.known`), or None. It is
             called only where images are wanted by daylight and this frame alone is refused for what
-            it does not show; they are restored with that water, instead of left as they are.
+            it does not show, and not overexposed; they are restored with that water, instead of
+            left as they are.
 
         Returns
         -------
@@ -316,10 +317,13 @@ def _bridge(
 ) -> RestorationWater:
     """Water of the frames before, for one that is not restored for what it does not show.
 
-    As in the filter over frames, what contradicts a frame does so to those before it, too.
+    As in the filter over frames, what contradicts a frame does so to those before it, too. Veil and
+    light of another exposure are not those of a frame that is overexposed.
     """
     unseen = water.refused_in_light
-    if np.isfinite(shown.attenuation).any() or not unseen.any() or water.status in REFUTING:
+    if np.isfinite(shown.attenuation).any() or not unseen.any():
+        return shown
+    if water.status in REFUTING or Status.SATURATED in water.channel_status:
         return shown
     known = known_water()
     # One channel restored beside others that are not would be a cast of its colour.
