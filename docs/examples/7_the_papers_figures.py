@@ -32,7 +32,7 @@ def terminal(words):
         main(words.split()[1:])
 
 
-terminal("uw_visibility evaluate -o out --attenuation 0 0.2 --depth 2 --noise 0 --frames 0")
+terminal("uw_visibility evaluate -o out --attenuation 0 0.2 --depth 2 --noise 0")
 out = folder / "out"
 print(*sorted(file.name for file in out.iterdir()), sep="\n")
 

@@ -51,8 +51,8 @@ OPTIONS = {
     },
     # A dataset that is none, since the work on one takes its time.
     "evaluate": {
-        "--force": 0, "--attenuation": 1, "--depth": 1, "--frames": 1, "--marine-snow": 1,
-        "--caustics": 1, "--quick": 0, "--params-file": 1, "--jobs": 1, "-o": 1,
+        "--force": 0, "--attenuation": 1, "--depth": 1, "--frames": 1,
+        "--quick": 0, "--params-file": 1, "--jobs": 1, "-o": 1,
     },
     "warmup": {}, "demo": {}, "no-such-command": {},
 }

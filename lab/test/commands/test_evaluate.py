@@ -43,7 +43,7 @@ def test_a_folder_without_scenes(tmp_path, capsys):
 @pytest.mark.parametrize("name", ["view1.png", "view5.png", "disp1.png"])
 def test_an_unreadable_image(scene, tmp_path, capsys, name):
     (scene / name).write_bytes(b"no image")
-    words = (scene.parent, "-o", tmp_path / "out", "--quick", "--frames", "0")
+    words = (scene.parent, "-o", tmp_path / "out", "--quick")
     assert name in refuse(capsys, *words)
     assert not (tmp_path / "out").exists()
 
@@ -66,12 +66,14 @@ def test_a_folder_in_use(scene, tmp_path, capsys):
     (["--jobs", "0"], "--jobs"),
     (["--attenuation", "-0.1"], "attenuations"),
     (["--depth", "2", "nan"], "depths"),
-    (["--frames", "-3"], "frames"),
-    (["--marine-snow", "2"], "marine snow"),
-    (["--caustics", "-1"], "caustics"),
 ])
 def test_options_out_of_range(scene, tmp_path, capsys, words, named):
     assert named in refuse(capsys, scene, "-o", tmp_path / "out", *words)
+
+
+def test_a_survey_of_too_few_frames(tmp_path, capsys):
+    assert "frames of the survey" in refuse(
+        capsys, "--lamps", "--frames", "-3", "-o", tmp_path / "out")
 
 
 def test_parameters_that_simulated_water_does_not_have(scene, tmp_path, capsys):

@@ -51,7 +51,7 @@ def evaluate(
     (beside / "mine.py").write_text(OWN)
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n")
     (metadata / "entry_points.txt").write_text(f"[uw_visibility.methods]\n{entries}\n")
-    options = ["--quick", "--attenuation", "0.2", "--frames", "0", "--noise", "0"]
+    options = ["--quick", "--attenuation", "0.2", "--noise", "0"]
     return subprocess.run(
         [sys.executable, "-m", "uw_visibility.cli", "evaluate", str(scene), "-o",
          str(folder / "out"), *options],

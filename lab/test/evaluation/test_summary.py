@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uw_visibility_lab.evaluation.experiments import frame_to_frame
 from uw_visibility_lab.evaluation.readings import Reading, Truth
 from uw_visibility_lab.evaluation.summary import water_errors
 
@@ -65,14 +64,3 @@ def test_what_is_not_assessed_is_counted_by_reason():
     assert errors["mean_attenuation_error"]["assessed"] == 2
     assert errors["distance_relative_error"]["assessed"] == 1
     assert errors["mean_attenuation_error"]["of"] == 3
-
-
-def test_frame_to_frame_changes_leave_out_the_bias_and_the_gaps():
-    def change(*errors):
-        places = [place(0.1, error) for error in errors]
-        return frame_to_frame([p[0] for p in places], [p[1] for p in places])
-
-    assert change(0.05, 0.05, 0.05) == pytest.approx(0.0, abs=1e-12)
-    assert change(0.0, 0.03, math.nan, 9.0, 9.04) == pytest.approx(
-        math.sqrt((0.03**2 + 0.04**2) / 2))
-    assert math.isnan(change(0.0))

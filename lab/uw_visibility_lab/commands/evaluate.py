@@ -23,10 +23,12 @@ if TYPE_CHECKING:
 # Each takes up to 1 GB.
 MOST_JOBS = 256
 RESULT = "evaluation.json"
-TABLES = ("cases", "conditions", "noisy_cases", "noise", "edges", "reliability", "transect",
-          "table1", "adverse_cases", "adverse", "lamp_cases", "survey")
-FIGURES = ("fig3_*", "fig5", "fig6", "fig7", "fig7_pictures", "fig9", "fig10", "reliability",
-           "lamps", "survey")
+# Those that earlier versions wrote are replaced as well.
+EARLIER = ("edges", "transect", "table1", "fig10")
+TABLES = ("cases", "conditions", "noisy_cases", "noise", "reliability", "adverse_cases", "adverse",
+          "lamp_cases", "survey", *EARLIER)
+FIGURES = ("fig3_*", "fig5", "fig6", "fig7", "fig7_pictures", "fig9", "reliability", "lamps",
+           "survey", *EARLIER)
 PRODUCTS = Products(
     RESULT, (
         *(f"{name}.csv" for name in TABLES),
@@ -39,7 +41,7 @@ Rerun section III of the paper: put stereo scenes with known disparity under wat
 for each mean attenuation and depth of a grid, and compare what the pipeline makes of
 them with the truth, with OpenCV's matcher and histogram methods, and with the oracle,
 which knows the water and the ranges; with MC-CNN, too, where MCCNN and libsgm are
-installed. A rendered transect stands for section IV.
+installed.
 
 The water there is lit as the scene is, and parameter water.veil is paper unless it is set.
 
@@ -63,17 +65,14 @@ written to DIR:
   conditions.csv    means over the scenes for each water
   noisy_cases.csv   the same with noise of the sensor
   noise.csv         means over the scenes for each noise of the sensor and α, at one depth
-  transect.csv      a row for each frame of the transect
   evaluation.json   all of these, the settings, and the summary
   fig3_SCENE.png    pixels over range, envelopes and fitted curves (Fig. 3)
-  table1.csv        computation times of the steps, ours and the paper's (Table I)
   fig5.png          disparities of the pair under water and improved ones (Fig. 5)
   fig6.png          attenuation, unmatched and correct disparities over turbidity (Fig. 6),
                     and these with noise
   fig7.png          attenuation and colour difference over depth (Fig. 7), and
                     fig7_pictures.png the images
   fig9.png          histogram equalisation, CLAHE, ours, oracle (Fig. 9)
-  fig10.png         attenuation, visibility distance and depth of the transect (Fig. 10)
 
 with --adverse:
   adverse_cases.csv each effect, level, scene and water: every estimate and its truth
@@ -97,12 +96,9 @@ The result does not depend on --jobs.
 
 exit code: 0 done, 2 unusable input or options, 1 a failure inside"""
 
-QUICK_ATTENUATIONS, QUICK_DEPTHS, QUICK_FRAMES = (0.0, 0.2), (2.0,), 3
-QUICK_SIZE = (320, 240)
+QUICK_ATTENUATIONS, QUICK_DEPTHS = (0.0, 0.2), (2.0,)
 QUICK_SURVEY = 12
 NOISES, QUICK_NOISES = ("1", "2", "4", "camera"), ("2",)
-FRAMES = 20
-
 
 OPTIONS: dict[str, Options] = {
     "": {
@@ -111,19 +107,12 @@ OPTIONS: dict[str, Options] = {
         "--noise N ...": (
             None, "noises of the sensor beside none, at one depth: Gaussian of N codes of 255, or "
             f"camera for shot and read noise; 0 for no other ({' '.join(NOISES)})", str),
-        "--frames N": (
-            None, f"frames of the transect, 0 for none ({FRAMES}); with --lamps of the survey "
-            "(100)", int),
-        "--marine-snow SHARE": (
-            0.0, "share of the transect's pixels that particles cover, 0 .. 0.5"),
-        "--caustics SHARE": (0.0, "change of the transect's light by waves, 0 .. 1"),
         "--paper": (
             False, "the grid of section III: α 0 to 0.3 1/m by 0.05, z 0 to 5 m; four times the "
             "waters"),
         "--format {png,pdf,svg}": ("png", "of the figures: png, or pdf or svg for print"),
         "--quick": (
-            False, "a small grid (α 0 and 0.2 1/m, z 2 m, noise of 2 codes) and a short, small "
-            "transect"),
+            False, "a small grid (α 0 and 0.2 1/m, z 2 m, noise of 2 codes)"),
         "--jobs N": (1, "processes that share the work; each takes up to 1 GB"),
         "--params-file YAML": (
             None, "parameters of the pipeline, in the form of config/uw_visibility.yaml", Path),
@@ -132,7 +121,10 @@ OPTIONS: dict[str, Options] = {
         "--adverse": (False, "water and cameras that are not the model's"),
         "--effects NAME ...": ([], "these effects only; an unknown name lists them", str),
     },
-    "study under lamps": {"--lamps": (False, "reefs and a survey by night")},
+    "study under lamps": {
+        "--lamps": (False, "reefs and a survey by night"),
+        "--frames N": (None, "frames of the survey, 0 for none (100)", int),
+    },
     "both studies": {
         "--seeds N": (None, "draws of noise (1); with --lamps also of reefs and poses (3)", int),
         "--ranges {true,matched}": (
@@ -272,20 +264,8 @@ def _lamp_plan(arguments: argparse.Namespace) -> LampPlan:
 def _plan(arguments: argparse.Namespace) -> Plan:
     from uw_visibility_lab.evaluation import experiments
     from uw_visibility_lab.evaluation.scenes import find_scenes
-    from uw_visibility_lab.simulation.camera import StereoCamera
-    from uw_visibility_lab.simulation.frame import Effects
-    from uw_visibility_lab.simulation.transect import Transect
 
     quick = arguments.quick
-    frames = arguments.frames
-    if frames is None:
-        frames = QUICK_FRAMES if quick else FRAMES
-    transect = None
-    if frames != 0:
-        width, height = QUICK_SIZE if quick else (640, 480)
-        transect = Transect(
-            frames, camera=StereoCamera(width, height, width * 15 / 16),
-            effects=Effects(arguments.marine_snow, arguments.caustics))
     if quick and arguments.paper:
         raise InputError("--paper and --quick are two grids: give one of them")
     attenuations, depths = (
@@ -296,7 +276,6 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         attenuations=tuple(
             arguments.attenuation or (QUICK_ATTENUATIONS if quick else attenuations)),
         depths=tuple(arguments.depth or (QUICK_DEPTHS if quick else depths)),
-        transect=transect,
         # Veil and light are one in the paper's experiments.
         config=read_config(arguments.params_file, {"water.veil": "paper"}),
         noises=tuple(arguments.noise or (QUICK_NOISES if quick else NOISES)),

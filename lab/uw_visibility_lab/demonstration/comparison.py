@@ -9,18 +9,22 @@ import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from uw_visibility.config.schema import AssessmentConfig
-from uw_visibility.images.arrays import DisparityMap
+from uw_visibility.images.arrays import Array, DisparityMap
 from uw_visibility.messages.images import read_disparity, read_image
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility_lab.demonstration.recording import RecordedFrame, read_vector
-from uw_visibility_lab.evaluation.figures.curves import Series, draw_series
-from uw_visibility_lab.evaluation.figures.style import DISPARITY_COLOURS, save
+from uw_visibility_lab.evaluation.figures.style import (
+    DISPARITY_COLOURS,
+    OURS,
+    TRUTH_STYLE,
+    save,
+)
 from uw_visibility_lab.evaluation.metrics import correct_fraction, matched_fraction
 from uw_visibility_lab.evaluation.tables import as_csv
 
@@ -139,14 +143,61 @@ def write_results(folder: Path, rows: Sequence[FrameComparison]) -> None:
         for row in rows
     ]
     (folder / "frames.csv").write_text(as_csv(table), encoding="utf-8")
-    draw_series(
-        folder / "series.png", "Estimates of the node over the transect",
-        np.array([row.time for row in rows]), {
-            label: Series(*(
+    _draw_series(
+        folder / "series.png", np.array([row.time for row in rows]), {
+            label: _Series(*(
                 np.array([getattr(row, field) for row in rows])
                 for field in (name, f"{name}_stddev", f"true_{name}")))
             for name, label in QUANTITIES.items()
         })
+
+
+class _Series(NamedTuple):
+    """A quantity over time: estimates, their σ and the truth; NaN = not assessed."""
+
+    estimate: Array
+    stddev: Array
+    truth: Array
+
+
+def _draw_series(path: Path, time: Array, panels: Mapping[str, _Series]) -> None:
+    """Draw estimates over time (s) with bands of 1 and 2 σ and the truth, a panel for each."""
+    figure = Figure(figsize=(9.0, 8.2), layout="constrained")
+    grid = figure.subplots(len(panels), 1, sharex=True)
+    for axes, (label, (value, sigma, truth)) in zip(grid, panels.items(), strict=True):
+        for factor, opacity in ((2, 0.13), (1, 0.25)):
+            axes.fill_between(
+                time, value - factor * sigma, value + factor * sigma, color=OURS, alpha=opacity,
+                linewidth=0.0, label=f"± {factor} σ",
+            )
+        axes.plot(
+            time, value, "o-", color=OURS, markersize=3.5, linewidth=1.2, label="each frame alone")
+        axes.plot(time, truth, **TRUTH_STYLE)
+        axes.set_ylabel(label)
+        axes.set_ylim(*_limits(value, truth))
+        axes.grid(alpha=0.25)
+        missing = time[~np.isfinite(value)]
+        if missing.size:
+            axes.plot(
+                missing, np.zeros(missing.size), "|", color="#cc2020", markersize=9.0,
+                transform=axes.get_xaxis_transform(), clip_on=False, label="not assessed",
+            )
+    grid[-1].set_xlabel("time [s]")
+    handles: dict[str, object] = {}
+    for axes in grid:
+        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    figure.legend(
+        list(handles.values()), list(handles), loc="outside lower center", ncols=6, frameon=False)
+    figure.suptitle("Estimates of the node over the transect")
+    save(figure, path)
+
+
+def _limits(value: Array, truth: Array) -> tuple[float, float]:
+    """Return limits that hold the truth and nearly all estimates; a wild one does not set them."""
+    known = value[np.isfinite(value)]
+    low, high = np.percentile(known, [3, 97]) if known.size else (0.0, 0.0)
+    top = max(float(truth.max()), float(high))
+    return min(0.0, 1.15 * float(low)), 1.2 * top
 
 
 def draw_frame(

@@ -125,8 +125,6 @@ class CaseResult:
     reliability: Reliability | None = None  # of our confidence; None where the pair was refused
     # small images under water and enhanced, where the case asked for them
     thumbnails: dict[str, Image8] = field(default_factory=dict)
-    # durations of the pipeline's stages; empty where the pair was refused
-    timing_ms: dict[str, float] = field(default_factory=dict)
 
     def row(self) -> dict[str, Any]:
         """Return the case as a row of a table."""
@@ -210,7 +208,6 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         ),
         thumbnails={} if not case.thumbnails else {
             name: _thumbnail(images[name]) for name in ("degraded", "final") if name in images},
-        timing_ms={} if result is None else dict(result.timing_ms),
         noise=case.noise,
         reliability=None if result is None or result.stereo.confidence is None else Reliability.of(
             result.disparity, result.stereo.confidence, *known),

@@ -4,34 +4,22 @@
 
 Artificial degradation of scenes with known disparity "to approximate the underwater
 survey requirements of an AUV in a depth range of 0 - 5 m and a mean attenuation
-coefficient of 0 - 0.3 1/m" (section III), and a transect like those of section IV.
+coefficient of 0 - 0.3 1/m" (section III).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
-import numpy as np
-
-from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.errors import InputError, check_range
-from uw_visibility.optics.spectra import clear_water_attenuation, load_response
-from uw_visibility.pipeline.pipeline import Pipeline
-from uw_visibility.water.series.filter import WaterFilter
+from uw_visibility.errors import check_range
 from uw_visibility_lab.evaluation.cases import Case, CaseResult, evaluate_case
 from uw_visibility_lab.evaluation.degrade import sensor_of
 from uw_visibility_lab.evaluation.parallel import Progress, run_cases
-from uw_visibility_lab.evaluation.readings import Reader, Reading, Truth
 from uw_visibility_lab.evaluation.reliability import Reliability
 from uw_visibility_lab.evaluation.scenes import SceneSource
-from uw_visibility_lab.evaluation.tables import flat
 from uw_visibility_lab.simulation.camera import NOISELESS
-from uw_visibility_lab.simulation.frame import RenderedFrame
-from uw_visibility_lab.simulation.transect import Transect
-from uw_visibility_lab.simulation.water import RESPONSE
 
 ATTENUATIONS = (0.0, 0.1, 0.2, 0.3)
 DEPTHS = (1.0, 2.0, 5.0)
@@ -54,7 +42,6 @@ class Plan:
     scenes: Sequence[SceneSource]  # scenes of the grid
     attenuations: tuple[float, ...] = ATTENUATIONS  # α, 1/m, rising
     depths: tuple[float, ...] = DEPTHS  # z, m, rising
-    transect: Transect | None = None  # the transect, where one is wanted
     # parameters of the pipeline, but for its threads. The paper's experiments have the paper's
     # model: one ambient light that is veil and light at once
     config: PipelineConfig = field(
@@ -100,79 +87,11 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class TransectRow:
-    """One frame of a transect."""
-
-    time: float  # s from the first frame
-    truth: Truth  # the water
-    reading: Reading  # what the pipeline says of this frame
-    tracked: Reading  # the same filtered over the frames so far
-    # what the same estimate says with exact ranges: what is left are noise, particles and caustics
-    exact: Reading
-
-    def row(self) -> dict[str, Any]:
-        """Return the frame as a row of a table."""
-        return flat({
-            "time": self.time, "true": self.truth, "pipeline": self.reading,
-            "tracked": self.tracked, "exact": self.exact,
-        })
-
-
-def evaluate_transect(transect: Transect, config: PipelineConfig) -> list[TransectRow]:
-    """Render a transect and assess its frames, each alone and filtered over time."""
-    pipeline = Pipeline(transect.camera.rig, config)
-    kappa = clear_water_attenuation(load_response(RESPONSE))
-    water_filter = WaterFilter(config)
-    reader = Reader(config)
-    rows = []
-    for time, frame in transect.render(Workers(config.threads)):
-        truth = Truth.of_water(
-            frame.attenuation, frame.ambient_light, kappa, frame.depth, config.assessment.contrast
-        )
-        known = np.isfinite(frame.range_left)
-        exact = reader.estimate(
-            frame.left, np.where(known, frame.range_left, np.float32(np.nan)))
-        rows.append(TransectRow(
-            time, truth, *_read(pipeline, water_filter, frame, time), exact))
-    return rows
-
-
-def _read(
-    pipeline: Pipeline, water_filter: WaterFilter, frame: RenderedFrame, time: float
-) -> tuple[Reading, Reading]:
-    """Read a frame alone, and the state filtered up to it."""
-    try:
-        result = pipeline.process(frame.left, frame.right, enhance=())
-    except InputError as error:
-        refused = Reading.refused(f"pair refused: {error}")
-        return refused, refused
-    alone = Reading.of_result(result)
-    filtered = water_filter.update(result.water, time)
-    if filtered is None:
-        return alone, Reading.refused("tracking is off")
-    return alone, Reading.of_result(filtered)
-
-
-def frame_to_frame(truths: Sequence[Truth], readings: Sequence[Reading]) -> float:
-    """Root mean square of how the error of α changes from frame to frame, 1/m.
-
-    Frames without an estimate are left out, with both of their neighbours' steps.
-    """
-    errors = np.array([
-        reading.mean_attenuation - truth.mean_attenuation
-        for truth, reading in zip(truths, readings, strict=True)])
-    steps = np.diff(errors)
-    steps = steps[np.isfinite(steps)]
-    return float(np.sqrt(np.mean(steps**2))) if steps.size else float("nan")
-
-
-@dataclass(frozen=True)
 class Evaluation:
     """Results of an evaluation."""
 
     plan: Plan  # what was asked for
     cases: list[CaseResult]  # in the order of `Plan.cases`
-    transect: list[TransectRow]  # empty where none was wanted
     noisy: list[CaseResult] = field(default_factory=list)  # in the order of `Plan.noisy_cases`
 
     def reliability(self) -> dict[str, Reliability]:
@@ -188,16 +107,6 @@ def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: it
     """Run the cases of a plan; the result is the same for any number of jobs."""
     for scene in plan.scenes:
         scene.load()
-    # The transect goes first: it is the longest piece.
-    work: list[Transect | Case] = [] if plan.transect is None else [plan.transect]
     cases, noisy = plan.cases(), plan.noisy_cases()
-    work += [*cases, *noisy]
-    ordered = run_cases(_evaluate, work, plan.config, jobs, progress)
-    transect = ordered.pop(0) if plan.transect is not None else []
-    return Evaluation(plan, ordered[:len(cases)], transect, ordered[len(cases):])
-
-
-def _evaluate(piece: Transect | Case, config: PipelineConfig) -> Any:
-    if isinstance(piece, Case):
-        return evaluate_case(piece, config)
-    return evaluate_transect(piece, config)
+    results = run_cases(evaluate_case, [*cases, *noisy], plan.config, jobs, progress)
+    return Evaluation(plan, results[:len(cases)], results[len(cases):])

@@ -4,11 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, READINGS
 from uw_visibility_lab.evaluation.degrade import title_of
@@ -16,23 +13,9 @@ from uw_visibility_lab.evaluation.experiments import Evaluation
 from uw_visibility_lab.evaluation.methods import of_kind
 from uw_visibility_lab.evaluation.summary import TURBID, Summary
 from uw_visibility_lab.evaluation.tables import as_text, flat, number, told, write_report
-from uw_visibility_lab.simulation.transect import Transect
-
-TABLE_I = {
-    "sparse disparity mesh": (
-        117.1, ("gain and foreground", "reduction", "support points", "coarse disparity")),
-    "visibility estimation (step 1)": (613.9, ("visibility estimation 1",)),
-    "image enhancement L (step 1)": (314.9, ("matting", "image enhancement 1")),
-    "improved disparity": (770.5, ("improved disparity", "full size", "interpolation")),
-    "visibility estimation (step 2)": (566.9, ("visibility estimation 2",)),
-    "image enhancement (step 2)": (182.2, ("image enhancement 2", "assessment")),
-}
-"""Mean time in ms in the paper (640x480, one processor of 2.4 GHz, MATLAB), and our stages."""
-TOTAL_OF_PAPER = 2565.5
 
 # Places that are printed for one reason; evaluation.json has them all.
 PLACES_SHOWN = 4
-TRANSECT = {"pipeline": "each frame alone", "tracked": "filtered", "exact": "exact ranges"}
 SHORT_MATCHES = (
     "SGBM", "CLAHE+", "oracle+", "ours raw", "ours", "true w.",
     *(name[:8] for name in of_kind("matcher")),
@@ -44,21 +27,18 @@ SHORT_IMAGES = (
 
 
 def write_evaluation(folder: Path, evaluation: Evaluation, summary: Summary) -> None:
-    """Write the tables of an evaluation as CSV, and most of them in ``evaluation.json``."""
+    """Write the tables of an evaluation as CSV, and those of cases in ``evaluation.json``."""
     in_json = {
         "cases": [case.row() for case in evaluation.cases],
         "noisy_cases": [case.row() for case in evaluation.noisy],
         "reliability": [
             {"noise": noise, **row}
             for noise, of_noise in evaluation.reliability().items() for row in of_noise.rows()],
-        "transect": [row.row() for row in evaluation.transect],
     }
     tables = {
         **in_json,
         "conditions": [flat(condition) for condition in summary["conditions"]],
         "noise": [flat(condition) for condition in summary["noise"]],
-        # Not in the JSON file: times differ from run to run, nothing else does.
-        "table1": timing_rows([case.timing_ms for case in evaluation.cases if case.timing_ms]),
     }
     plan = evaluation.plan
     settings = {
@@ -68,41 +48,9 @@ def write_evaluation(folder: Path, evaluation: Evaluation, summary: Summary) -> 
         "attenuations": plan.attenuations,
         "depths": plan.depths,
         "noises": plan.noises,
-        "transect": None if plan.transect is None else _of_transect(plan.transect),
         "parameters": told(plan.config),
     }
     write_report(folder, tables, {"settings": settings, "summary": summary, **in_json})
-
-
-def _of_transect(plan: Transect) -> dict[str, Any]:
-    return {
-        "frames": plan.frames, "width": plan.camera.width, "height": plan.camera.height,
-        "marine_snow": plan.effects.marine_snow, "caustics": plan.effects.caustics,
-        "seed": plan.seed,
-    }
-
-
-def timing_rows(timings: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
-    """Return median, mean and standard deviation of each step's time, beside the paper's mean.
-
-    timings: durations of stages in ms, of each case; two stages may overlap, so that the total is
-        less than their sum. The first case of a process loads kernels and allocates, which the
-        median does not see.
-    """
-    if not timings:
-        return []
-    steps = {
-        step: (paper, [sum(case.get(stage, 0.0) for stage in stages) for case in timings])
-        for step, (paper, stages) in TABLE_I.items()
-    }
-    # The raw pair is matched for comparison only.
-    steps["total"] = TOTAL_OF_PAPER, [
-        case["total"] - case.get("original disparity", 0.0) for case in timings]
-    return [
-        {"step": step, "median_ms": float(np.median(values)), "mean_ms": float(np.mean(values)),
-         "stddev_ms": float(np.std(values)), "paper_mean_ms": paper}
-        for step, (paper, values) in steps.items()
-    ]
 
 
 def summary_text(summary: Summary) -> str:
@@ -112,8 +60,6 @@ def summary_text(summary: Summary) -> str:
         parts += [f"{summary['cases']} cases: {', '.join(summary['scenes'])}"]
         parts += [*_water(summary["water"]), *_means(summary), *_conditions(summary)]
         parts += [*_noise(summary["noise"]), _not_assessed(summary["water"])]
-    if summary["transect"] is not None:
-        parts.append(_transect(summary["transect"]))
     return "\n\n".join(parts)
 
 
@@ -207,25 +153,3 @@ def _not_assessed(water: Summary) -> str:
                     lines.append(f"  {subject}: {reason}, {len(more)} x: {shown}")
     return "\n".join(["not assessed" if lines else "not assessed: none", *lines])
 
-
-def _transect(transect: Summary) -> str:
-    rows, lines = [], []
-    for name, how in TRANSECT.items():
-        found = transect[name]
-        for field, title, digits in (
-            ("mean_attenuation_error", "|α̂ − α| [1/m]", 4),
-            ("distance_relative_error", "visibility distance, relative", 3),
-            ("depth_error", "|ẑ − z| [m]", 3),
-        ):
-            rows.append([f"{title}, {how}", *_errors(found[field], digits)])
-        shares = " / ".join(
-            number(found["mean_attenuation_within"][f"{k}_sigma"], 2) for k in (1, 2, 3))
-        lines += [
-            f"  α within 1 / 2 / 3 σ, {how}: {shares}",
-            f"  error of α from frame to frame, rms, {how}: "
-            f"{number(found['frame_to_frame'], 4)} 1/m",
-            *(f"  not assessed, {how}: {reason}, {len(places)} x"
-              for reason, places in found["not_assessed"].items()),
-        ]
-    head = [f"transect of {transect['frames']} frames", "mean", "worst", "assessed", "worst at"]
-    return "\n".join([as_text(head, rows), *lines])

@@ -12,7 +12,7 @@ import numpy as np
 
 from uw_visibility.status import Status
 from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, READINGS, CaseResult
-from uw_visibility_lab.evaluation.experiments import Evaluation, TransectRow, frame_to_frame
+from uw_visibility_lab.evaluation.experiments import Evaluation
 from uw_visibility_lab.evaluation.metrics import fraction_within, normalised_errors
 from uw_visibility_lab.evaluation.readings import Reading, Truth
 
@@ -54,7 +54,6 @@ def summarise(evaluation: Evaluation) -> Summary:
         ],
         "unmatched": _unmatched(cases),
         "noise": _noise(evaluation),
-        "transect": _transect(evaluation.transect),
     }
 
 
@@ -185,24 +184,6 @@ def _mean_colour(cases: Sequence[CaseResult]) -> dict[str, dict[str, float | int
         }
         for name in IMAGES
     }
-
-
-def _transect(rows: list[TransectRow]) -> Summary | None:
-    if not rows:
-        return None
-    truths = [row.truth for row in rows]
-    places = [f"{row.time:g} s" for row in rows]
-    summary: Summary = {"frames": len(rows)}
-    for name, readings in (
-        ("pipeline", [row.reading for row in rows]),
-        ("tracked", [row.tracked for row in rows]),
-        ("exact", [row.exact for row in rows]),
-    ):
-        summary[name] = {
-            **water_errors(list(zip(truths, readings, places, strict=True))),
-            "frame_to_frame": frame_to_frame(truths, readings),
-        }
-    return summary
 
 
 def mean(values: Iterable[float]) -> float:

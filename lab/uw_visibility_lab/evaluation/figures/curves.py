@@ -1,24 +1,22 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Curves: Fig. 6, 7 and 10 of the paper, and the reliability of the matcher's confidence.
+"""Curves: Fig. 6 and 7 of the paper, and the reliability of the matcher's confidence.
 
-Fig. 6 and 7 are attenuation, matches and colour as the water changes, Fig. 10 is attenuation,
-visibility distance and depth along a transect.
+Fig. 6 and 7 are attenuation, matches and colour as the water changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from uw_visibility.images.arrays import Array
 from uw_visibility_lab.evaluation.cases import CaseResult
 from uw_visibility_lab.evaluation.degrade import title_of
-from uw_visibility_lab.evaluation.experiments import Evaluation, TransectRow
+from uw_visibility_lab.evaluation.experiments import Evaluation
 from uw_visibility_lab.evaluation.figures.style import (
     ATTENUATION_LABEL,
     DEPTH_LABEL,
@@ -33,12 +31,6 @@ from uw_visibility_lab.evaluation.figures.style import (
 from uw_visibility_lab.evaluation.reliability import Reliability
 
 ROW_HEIGHT = 2.7
-FILTERED = "#d55e00"
-QUANTITIES = (
-    ("mean_attenuation", ATTENUATION_LABEL),
-    ("distance", "visibility distance [m]"),
-    ("depth", DEPTH_LABEL),
-)
 # Okabe and Ito's colours.
 COLOURS = ("#000000", "#0072b2", "#009e73", "#e69f00", "#d55e00", "#cc79a7")
 
@@ -128,78 +120,6 @@ def _draw_panels(
         figure.legend(
             *axes.get_legend_handles_labels(), loc=place, ncols=2, frameon=False, fontsize=8)
     save(figure, path)
-
-
-def draw_transect(path: Path, rows: Sequence[TransectRow]) -> None:
-    """Draw Fig. 10: estimates along a transect, each frame alone and filtered, and the truth."""
-    def series(name: str) -> Series:
-        def of(records: Iterable[object], field: str = name) -> Array:
-            return np.array([getattr(record, field) for record in records])
-
-        alone = [row.reading for row in rows]
-        return Series(
-            of(alone), of(alone, f"{name}_stddev"), of(row.truth for row in rows),
-            of(row.tracked for row in rows), of(row.exact for row in rows))
-
-    draw_series(
-        path, "Transect (as Fig. 10 of the paper)", np.array([row.time for row in rows]),
-        {label: series(name) for name, label in QUANTITIES})
-
-
-class Series(NamedTuple):
-    """A quantity over time: estimates, their σ and the truth; NaN = not assessed."""
-
-    estimate: Array
-    stddev: Array
-    truth: Array
-    filtered: Array | None = None
-    exact: Array | None = None  # by exact ranges
-
-
-def draw_series(path: Path, title: str, time: Array, panels: Mapping[str, Series]) -> None:
-    """Draw estimates over time (s) with bands of 1 and 2 σ and the truth, a panel for each."""
-    figure = Figure(figsize=(9.0, 8.2), layout="constrained")
-    grid = figure.subplots(len(panels), 1, sharex=True)
-    for axes, (label, series) in zip(grid, panels.items(), strict=True):
-        value, sigma, truth, filtered, exact = series
-        for factor, opacity in ((2, 0.13), (1, 0.25)):
-            axes.fill_between(
-                time, value - factor * sigma, value + factor * sigma, color=OURS, alpha=opacity,
-                linewidth=0.0, label=f"± {factor} σ",
-            )
-        axes.plot(
-            time, value, "o-", color=OURS, markersize=3.5, linewidth=1.2, label="each frame alone")
-        if filtered is not None:
-            axes.plot(time, filtered, "-", color=FILTERED, linewidth=1.6, label="filtered")
-        if exact is not None:
-            axes.plot(
-                time, exact, "x:", color=OURS, markersize=4.0, linewidth=1.0, label="exact ranges")
-        axes.plot(time, truth, **TRUTH_STYLE)
-        axes.set_ylabel(label)
-        axes.set_ylim(*_limits(value, truth))
-        axes.grid(alpha=0.25)
-        missing = time[~np.isfinite(value)]
-        if missing.size:
-            axes.plot(
-                missing, np.zeros(missing.size), "|", color="#cc2020", markersize=9.0,
-                transform=axes.get_xaxis_transform(), clip_on=False, label="not assessed",
-            )
-    grid[-1].set_xlabel("time [s]")
-    handles: dict[str, object] = {}
-    for axes in grid:
-        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    figure.legend(
-        list(handles.values()), list(handles), loc="outside lower center", ncols=6, frameon=False)
-    figure.suptitle(title)
-    save(figure, path)
-
-
-def _limits(value: Array, truth: Array) -> tuple[float, float]:
-    """Return limits that hold the truth and nearly all estimates; a wild one does not set them."""
-    known = value[np.isfinite(value)]
-    low, high = np.percentile(known, [3, 97]) if known.size else (0.0, 0.0)
-    top = max(float(truth.max()), float(high))
-    return min(0.0, 1.15 * float(low)), 1.2 * top
 
 
 def draw_reliability(path: Path, by_noise: Mapping[str, Reliability]) -> None:

@@ -17,7 +17,7 @@ from uw_visibility_lab.evaluation.figures.pictures import (
 def write_figures(
     folder: Path, evaluation: Evaluation, file_format: str = "png"
 ) -> list[Path]:
-    """Write ``fig3_<scene>``, 5, 6, 7, 9, 10 and ``reliability``; return the files.
+    """Write ``fig3_<scene>``, 5, 6, 7, 9 and ``reliability``; return the files.
 
     file_format: ``png``, ``pdf`` or ``svg``. Figures without data are left out.
     """
@@ -39,6 +39,4 @@ def write_figures(
             draw_pictures_over_depth(file("fig7_pictures"), deeper)
         draw_pictures(file("fig9"), shown)
         curves.draw_reliability(file("reliability"), evaluation.reliability())
-    if evaluation.transect:
-        curves.draw_transect(file("fig10"), evaluation.transect)
     return written
