@@ -9,7 +9,8 @@ import pytest
 from scenes import stereo_pair, texture
 
 from uw_visibility_lab.evaluation import mccnn
-from uw_visibility_lab.evaluation.methods import of_kind, own_methods
+from uw_visibility_lab.evaluation.cases import MATCHES
+from uw_visibility_lab.evaluation.report import SHORT_MATCHES
 
 
 @pytest.mark.skipif(bool(mccnn.missing()), reason="MCCNN and libsgm are not installed")
@@ -23,15 +24,14 @@ def test_it_finds_a_shift_and_is_shown_beside_the_peers() -> None:
     assert np.nanmedian(inside) == pytest.approx(12.5, abs=0.3)
     # Where the right view does not reach, nothing is right.
     assert np.isnan(found[:, :10]).mean() > 0.5
-    own_methods.cache_clear()
-    assert of_kind("matcher")["mccnn"].title == mccnn.TITLE
+    assert MATCHES["mccnn"] == mccnn.TITLE
 
 
 def test_what_is_missing_is_named_by_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mccnn, "find_spec", lambda name: None if name == "mc_cnn" else name)
     assert mccnn.missing() == ["MCCNN"]
-    own_methods.cache_clear()
-    try:
-        assert "mccnn" not in own_methods()
-    finally:
-        own_methods.cache_clear()
+
+
+def test_each_matcher_has_a_column_on_the_terminal() -> None:
+    assert len(SHORT_MATCHES) == len(MATCHES)
+    assert ("mccnn" in MATCHES) is (not mccnn.missing()) is ("mccnn" in SHORT_MATCHES)

@@ -32,46 +32,46 @@ from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.observations import Envelopes
-from uw_visibility_lab.evaluation import baselines, metrics
+from uw_visibility_lab.evaluation import baselines, mccnn, metrics
 from uw_visibility_lab.evaluation.degrade import (
     Scene,
     fill_from_background,
     recover_radiance,
     sensor_of,
 )
-from uw_visibility_lab.evaluation.methods import of_kind, titles
 from uw_visibility_lab.evaluation.readings import Reader, Reading, Truth
 from uw_visibility_lab.evaluation.reliability import Reliability
 from uw_visibility_lab.evaluation.scenes import SceneSource, search_limit, tolerance
 from uw_visibility_lab.evaluation.tables import flat
 
-READINGS = titles("estimator", {
+READINGS = {
     "step1": "ours after step 1, ranges of the pipeline",
     "pipeline": "ours, ranges of the pipeline",
     "exact": "ours, exact ranges",
     "paper_pipeline": "plain method, ranges of the pipeline",
     "paper_exact": "plain method, exact ranges",
-})
+}
 """Estimates of the water, by their names in tables; the plain method is the paper's own fit."""
 
-MATCHES = titles("matcher", {
+MATCHES = {
     "sgbm": "SGBM, raw pair",
     "clahe_sgbm": "SGBM after CLAHE",
     "oracle_sgbm": "SGBM after the oracle",
     "ours_raw": "ours, raw pair",
     "ours": "ours, enhanced pair",
     "oracle_ours": "ours, true water and ranges",
-})
+    **({} if mccnn.missing() else {"mccnn": mccnn.TITLE}),
+}
 """Disparity maps, by their names in tables."""
 
-IMAGES = titles("restorer", {
+IMAGES = {
     "degraded": "degraded input",
     "histogram": "histogram equalisation",
     "clahe": "CLAHE",
     "step1": "ours after step 1",
     "final": "ours after step 2",
     "oracle": "oracle",
-})
+}
 """Images that are held against the scene in air, by their names in tables."""
 
 
@@ -181,11 +181,8 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         images["final"] = result.left_enhanced
         assert result.stereo.original is not None
         disparities |= {"ours_raw": result.stereo.original, "ours": result.disparity}
-    ranges = nothing if result is None else result.range
-    for name, own in of_kind("restorer").items():
-        images[name] = own.image(left, ranges, dtype=np.uint8)
-    for name, own in of_kind("matcher").items():
-        disparities[name] = own.image(left, right, count - 1, dtype=np.float32)
+    if "mccnn" in MATCHES:
+        disparities["mccnn"] = mccnn.match(left, right, count - 1)
     known = scene.disparity_left, tolerance(scene)
     return CaseResult(
         scene=scene.name,
@@ -245,9 +242,6 @@ class _Bench:
             readings["step1"] = reader.read(result.coarse_water)
             readings["pipeline"] = Reading.of_result(result)
             readings["paper_pipeline"] = reader.fit_plain(left, found)
-        for name, own in of_kind("estimator").items():
-            found = self.exact_range if result is None else result.range
-            readings[name] = reader.read(own.run(left, found, self.config.camera.transfer))
         return {name: readings[name] for name in READINGS}
 
 

@@ -44,7 +44,7 @@ def missing() -> list[str]:
 
 
 def match(left: Image8, right: Image8, max_disparity: int) -> DisparityMap:
-    """Match a rectified pair; see `uw_visibility_lab.evaluation.methods.Method`.
+    """Match a rectified pair, (H, W, 3) uint8 each; (H, W) float32, px, NaN where unmatched.
 
     Takes 10 bytes for each pixel and disparity, and 2 kB for each pixel.
     """

@@ -10,7 +10,6 @@ from pathlib import Path
 from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, READINGS
 from uw_visibility_lab.evaluation.degrade import title_of
 from uw_visibility_lab.evaluation.experiments import Evaluation
-from uw_visibility_lab.evaluation.methods import of_kind
 from uw_visibility_lab.evaluation.summary import TURBID, Summary
 from uw_visibility_lab.evaluation.tables import as_text, flat, number, told, write_report
 
@@ -18,12 +17,9 @@ from uw_visibility_lab.evaluation.tables import as_text, flat, number, told, wri
 PLACES_SHOWN = 4
 SHORT_MATCHES = (
     "SGBM", "CLAHE+", "oracle+", "ours raw", "ours", "true w.",
-    *(name[:8] for name in of_kind("matcher")),
+    *(["mccnn"] if "mccnn" in MATCHES else []),
 )
-SHORT_IMAGES = (
-    "input", "hist.", "CLAHE", "step 1", "final", "oracle",
-    *(name[:6] for name in of_kind("restorer")),
-)
+SHORT_IMAGES = ("input", "hist.", "CLAHE", "step 1", "final", "oracle")
 
 
 def write_evaluation(folder: Path, evaluation: Evaluation, summary: Summary) -> None:

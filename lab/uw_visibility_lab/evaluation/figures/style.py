@@ -24,6 +24,7 @@ CHANNEL_COLOURS = {"red": "#cc2020", "green": "#1e8a34", "blue": "#2050cc"}
 # the same in all figures.
 OURS, OURS_BEFORE, PLAIN = "#0072b2", "#56b4e9", "#d55e00"
 INPUT, HISTOGRAM, CLAHE, ORACLE = "#777777", "#cc79a7", "#e69f00", "#000000"
+LEARNT = "#009e73"
 
 Style = dict[str, Any]
 
@@ -31,22 +32,15 @@ Style = dict[str, Any]
 def _styles(
     titles: dict[str, str], *lines: tuple[str, str, str] | tuple[str, str, str, str]
 ) -> dict[str, Style]:
-    """Return the styles of methods: name, colour, marker and line; green for one's own."""
-    names = {name for name, *_ in lines}
-    own = [name for name in titles if name not in names]
-    lines += tuple(
-        (name, OWN, *OWN_LINES[number % len(OWN_LINES)]) for number, name in enumerate(own))
+    """Return the styles of methods that there are: name, colour, marker and line."""
     return {
         name: {
             "label": titles[name], "color": colour, "marker": marker,
             "linestyle": line[0] if line else "-", "markersize": 5.0, "linewidth": 1.6,
         }
-        for name, colour, marker, *line in lines
+        for name, colour, marker, *line in lines if name in titles
     }
 
-
-# Methods of one's own: greens, which no other has, by marker and line.
-OWN, OWN_LINES = "#009e73", (("<", "-"), (">", "--"), ("1", "-."), ("2", ":"))
 
 READING_STYLES = _styles(
     READINGS, ("step1", OURS_BEFORE, "s"), ("pipeline", OURS, "o"), ("exact", OURS, "x", ":"),
@@ -55,6 +49,7 @@ READING_STYLES = _styles(
 MATCH_STYLES = _styles(
     MATCHES, ("sgbm", INPUT, "^"), ("clahe_sgbm", CLAHE, "v"), ("oracle_sgbm", ORACLE, "D", ":"),
     ("ours_raw", OURS_BEFORE, "s"), ("ours", OURS, "o"), ("oracle_ours", OURS, "x", ":"),
+    ("mccnn", LEARNT, "<"),
 )
 IMAGE_STYLES = _styles(
     IMAGES, ("degraded", INPUT, "^"), ("histogram", HISTOGRAM, "P"), ("clahe", CLAHE, "v"),
