@@ -66,16 +66,16 @@ demo: venv
 	$(VENV)/bin/uw_visibility demo -o demo --force
 
 test: venv
-	$(VENV)/bin/python -m pytest -m "not long" $(PYTEST)
+	$(VENV)/bin/python -m pytest -m "not long and not browser" $(PYTEST)
 
 studies: venv
 	$(VENV)/bin/python -m pytest -m long $(PYTEST)
 
 quick: lint
-	$(VENV)/bin/python -m pytest -m "not node and not long" $(PYTEST)
+	$(VENV)/bin/python -m pytest -m "not node and not long and not browser" $(PYTEST)
 
 test-oldest: $(VENV_OLDEST)/.installed
-	$(VENV_OLDEST)/bin/python -m pytest $(PYTEST)
+	$(VENV_OLDEST)/bin/python -m pytest -m "not browser" $(PYTEST)
 
 soak: venv
 	$(VENV)/bin/python test/faults/soak.py --minutes $(or $(MINUTES),30) -o soak.json
@@ -117,7 +117,7 @@ docs: $(VENV_DOCS)/.installed
 links: $(VENV_DOCS)/.installed
 	$(VENV_DOCS)/bin/sphinx-build -q -b linkcheck -d docs/_build/doctrees docs docs/_build/links
 
-# axe-core is no package of Python; make test tests what does not need it.
+# axe-core is no package of Python, and a browser is not everywhere: make test does without.
 browser: venv
 	npm install --silent --no-save --no-package-lock axe-core
 	SITE=docs/_build/html $(VENV)/bin/python -m pytest -q test/replay/report/test_browser.py test/test_site.py

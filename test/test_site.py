@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from browsing import opened_browser, serious_violations, show
 
-pytestmark = pytest.mark.node
+pytestmark = pytest.mark.browser
 
 SITE = Path(os.environ.get("SITE", "no site")).resolve()
 # Themes keep templates among their files.

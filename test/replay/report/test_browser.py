@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pages in a browser: readable at every width, in light, dark and print, for everyone."""
+"""Pages in a browser: readable at every width, in light, dark and print; `make browser`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from browsing import opened_browser, serious_violations, show
 
 from uw_visibility.cli import main
 
-pytestmark = pytest.mark.node
+pytestmark = pytest.mark.browser
 
 WIDTHS = (390, 768, 1280)
 # What is printed of A4, px of CSS.
