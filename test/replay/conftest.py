@@ -21,6 +21,7 @@ from bag_copies import (
     HARD_PARAMETERS,
     copy_bag,
     disturbed,
+    leave_out_figures,
     parameter_file,
 )
 
@@ -44,14 +45,12 @@ def simulated(
 
 @pytest.fixture(autouse=True)
 def plain_report(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave the report's figure out: drawing takes longer than all else of a short replay.
+    """Leave the figures of pages out.
 
-    Results that all tests share, `replayed` and `hard_replayed`, are made before and have
-    it, and test_report draws it.
+    Results that several tests share, such as `replayed`, are made before and have them; test_report
+    draws figures by themselves.
     """
-    monkeypatch.setattr(
-        "uw_visibility.replay.report.report.draw_series", lambda columns: []
-    )
+    leave_out_figures(monkeypatch, "report.report", "day")
 
 
 @pytest.fixture(scope="session")

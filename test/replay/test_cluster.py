@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bag_copies import copy_bag
+from bag_copies import copy_bag, leave_out_figures
 
 from uw_visibility.cli import main
 from uw_visibility.replay import cluster as replay_cluster
@@ -29,6 +29,10 @@ def cluster() -> Iterator[Any]:
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
     ) as started:
+        with distributed.Client(started.scheduler_address, set_as_default=False) as client:
+            # The series of a report takes longer than all else.
+            client.run(exec, "from uw_visibility.replay.report import report\n"
+                             "report.draw_series = lambda columns: []")
         yield started
 
 
@@ -38,7 +42,9 @@ def alone(
 ) -> dict[str, bytes]:
     """What one process writes of two recordings."""
     out = tmp_path_factory.mktemp("alone") / "day"
-    assert main(["replay", str(transect), str(dive), "-o", str(out), "--jobs", "1"]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        leave_out_figures(patch, "report.report", "day")
+        assert main(["replay", str(transect), str(dive), "-o", str(out), "--jobs", "1"]) == 0
     return written(out)
 
 
@@ -81,6 +87,7 @@ def test_workers_take_recordings_from_a_store_and_put_results_there(
     assert (out / "index.html").is_file()
 
 
+@pytest.mark.long
 def test_what_lost_workers_left_is_gone_on_with(
     transect: Path, dive: Path, alone: dict[str, bytes], cluster: Any, tmp_path: Path
 ) -> None:
@@ -147,7 +154,7 @@ def test_a_scheduler_that_is_not_there_is_named(
     address: str, transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("uw_visibility.replay.cluster.TIMEOUT", "1s")
+    monkeypatch.setattr("uw_visibility.replay.cluster.TIMEOUT", "0.3s")
     command = ["replay", str(transect), "-o", str(tmp_path / "out")]
     assert main([*command, "--scheduler", address]) == 2
     assert f"cannot reach the scheduler {address}: " in capsys.readouterr().err

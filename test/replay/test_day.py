@@ -9,10 +9,12 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_copies import leave_out_figures
 
 from uw_visibility.cli import main
 from uw_visibility.replay.columns import COLUMNS
@@ -25,6 +27,14 @@ from uw_visibility_lab.simulation.transect import Transect
 HOUR = 3600
 LEGS = {"leg 1": (0.1, 2 * HOUR, 4), "leg 2": (0.3, 0, 3), "murky": (2.5, 4 * HOUR, 2)}
 """Attenuation, start after the usual one, and frames; the second is the first by time."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def plain_report() -> Iterator[None]:
+    """Leave the figures of single reports out; the page over all has its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        leave_out_figures(patch, "report.report")
+        yield
 
 
 @pytest.fixture(scope="module")

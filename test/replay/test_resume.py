@@ -17,7 +17,15 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from bag_copies import DARK, DIVE_FRAMES, HARD_PARAMETERS, messages_of, parameter_file, run
+from bag_copies import (
+    DARK,
+    DIVE_FRAMES,
+    HARD_PARAMETERS,
+    leave_out_figures,
+    messages_of,
+    parameter_file,
+    run,
+)
 
 from uw_visibility.cli import main
 from uw_visibility.config.files import aside_of
@@ -70,7 +78,7 @@ def original(hard: Path, tmp_path_factory: pytest.TempPathFactory) -> Interrupte
     said = io.StringIO()
     with pytest.MonkeyPatch.context() as patched, contextlib.redirect_stderr(said):
         # As plain_report does, which serves single tests.
-        patched.setattr("uw_visibility.replay.report.report.draw_series", lambda columns: [])
+        leave_out_figures(patched, "report.report")
         patched.setattr(
             RecordingProcessor, "answer", stop_at(INTERRUPTED_AT, RecordingProcessor.answer)
         )

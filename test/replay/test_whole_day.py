@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from bag_copies import copy_bag, shortened
+from bag_copies import copy_bag, leave_out_figures, shortened
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
@@ -51,10 +51,7 @@ def replayed_day(bags: list[Path], out: Path, *options: str) -> Path:
     for library in ("pandas", "xarray", "netCDF4", "pyarrow", "geopandas", "mcap"):
         pytest.importorskip(library)
     with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as ended:
-        # Drawing takes longer than all else, and is looked at elsewhere.
-        for module in ("report.report", "day"):
-            for name in ("draw_series", "draw_tracks"):
-                patch.setattr(f"uw_visibility.replay.{module}.{name}", lambda *_: [])
+        leave_out_figures(patch, "report.report", "day")
         patch.setattr("uw_visibility.replay.report.report.draw", lambda *_: [])
         main(["replay", *map(str, bags), "-o", str(out), "--jobs", "1", "--join",
               "/transmissometer", "--geo", "/gps/fix", "--netcdf", "--parquet", *options])

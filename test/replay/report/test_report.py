@@ -57,11 +57,6 @@ class Page(HTMLParser):
         ]
 
 
-@pytest.fixture(autouse=True)
-def plain_report() -> None:
-    """Draw the figure, other than in the tests beside."""
-
-
 def test_the_page_needs_no_network(replayed: Path) -> None:
     page = Page(replayed / "report.html")
     assert all(a.startswith(("data:", "#")) for a in page.addresses)
