@@ -63,13 +63,13 @@ def test_real_frames_with_a_plane_set_beside_them(
     assert len(files) > 5
     for file in files:
         image = cv2.imread(str(file))[..., ::-1]
-        width = 480
+        width = 320
         size = width, round(width * image.shape[0] / image.shape[1])
         image = np.ascontiguousarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
         if not red:
             image[..., 0] = 0
-        rows = np.linspace(8.0, 40.0, size[1])
-        rig = StereoRig(400.0, 0.12, ((width - 1) / 2, (size[1] - 1) / 2))
+        rows = np.linspace(5.0, 27.0, size[1])
+        rig = StereoRig(270.0, 0.12, ((width - 1) / 2, (size[1] - 1) / 2))
         config = PipelineConfig.from_parameters({"camera.transfer": transfer})
         disparity = np.repeat(rows[:, np.newaxis], width, 1).astype(np.float32)
         found = estimate_water(image, disparity, rig, config)

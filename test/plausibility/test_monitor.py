@@ -68,7 +68,7 @@ def first(reports: list[Report], verdict: Verdict) -> int:
 
 @pytest.mark.parametrize("rate", [2.0, 10.0])
 def test_right_sensor_is_never_accused_and_its_innovations_pass_as_they_say(rate: float) -> None:
-    runs = [run(round(120 * rate), seed, rate) for seed in range(8)]
+    runs = [run(round(120 * rate), seed, rate) for seed in range(8 if rate < 5.0 else 3)]
     found = [report.verdict for reports in runs for report in reports]
     assert Verdict.ERROR not in found
     assert found.count(Verdict.WARN) < 0.01 * len(found)
@@ -88,7 +88,7 @@ def test_jump_is_an_error_within_five_seconds(seed: int, size: float, rate: floa
     assert "a right sensor shows as much at most once in 100 h" in reports[-1].reason
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("rate", [0.5, -0.5])
 def test_drift_is_an_error_before_a_metre_and_a_half(seed: int, rate: float) -> None:
     reports = run(480, seed, fault=lambda time: rate / 60.0 * max(time - 60.0, 0.0))
@@ -135,7 +135,7 @@ def test_false_alarms_are_as_rare_as_they_are_said_to_be() -> None:
     hours, alarms = 0.02, 0
     config = replace(CONFIG, error_interval=hours, warn_interval=hours)
     random, monitor = np.random.default_rng(3), DepthMonitor(config)
-    frames, stddev, precision = 6_000, CONFIG.model_stddev, 0.1
+    frames, stddev, precision = 3_000, CONFIG.model_stddev, 0.1
     sizes = np.array((CAMERA.fast * precision, CAMERA.slow * stddev))
     wander = sizes * random.standard_normal(2)
     for index in range(frames):

@@ -343,8 +343,8 @@ def test_diagnostics_come_once_a_second(client: Any) -> None:
     assert np.median(gaps) == pytest.approx(1.0, abs=0.3), gaps
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("ready", [True, False])
+# An interruption of a node that is ready is in the next test.
+@pytest.mark.parametrize(("number", "ready"), [(signal.SIGTERM, True), (signal.SIGINT, False)])
 def test_signal_ends_the_node_soon_and_quietly(
     start_node: Callable[..., Any], number: int, ready: bool
 ) -> None:
@@ -434,6 +434,8 @@ def test_recorded_raw_pairs_are_rectified_and_processed(
         for p in pairs.values()
     ]
     assert len(frames) == 12
+    # All of one kind, and large: each takes a second.
+    del frames[4:]
     client = make_client({name: topic for topic, name in names.items()})
     client.connect(*frames[0])
     complete = []

@@ -84,7 +84,9 @@ def test_ending_the_demo_ends_the_node(tmp_path: Path) -> None:
     # It ends after the frame at hand, and before that kernels may have to be compiled.
     _, error = demo.communicate(timeout=600)
     assert demo.returncode == 130
-    assert error.strip() == "uw_visibility: interrupted"
+    # Where the machine is busy, it has told before that it still simulates.
+    assert error.splitlines()[-1] == "uw_visibility: interrupted"
+    assert "Traceback" not in error
     assert nodes_of(tmp_path) == []
     # The recording that was being written is not left behind in part.
     assert not (tmp_path / "transect").exists()

@@ -39,7 +39,7 @@ def jumping(random: Random, n: int) -> Array:
     return np.where(random.random(n) < 0.4, 9.0, 25.0) * np.exp(0.1 * random.normal(size=n))
 
 
-def shares(make: Callable[[Random, int], Array], n: int, runs: int = 100) -> tuple[float, float]:
+def shares(make: Callable[[Random, int], Array], n: int, runs: int = 50) -> tuple[float, float]:
     """Share of series with a trend, and with two groups."""
     random = np.random.default_rng(n)
     found = [
@@ -52,7 +52,7 @@ def shares(make: Callable[[Random, int], Array], n: int, runs: int = 100) -> tup
 def test_noise_is_neither_a_trend_nor_two_groups(n: int) -> None:
     for make in (constant, uniform):
         rising, jumps = shares(make, n)
-        # Two standard deviations are 4.6 %, with what 100 runs leave open.
+        # Two standard deviations are 4.6 %, with what 50 runs leave open.
         assert rising <= 0.11
         assert jumps <= 0.04
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 
 import cv2
@@ -75,6 +76,7 @@ def draw(seed: int, ratio: float | None = 1.0, open_water: bool = False) -> Draw
     return Draw(image, distance, beta, veil, light)
 
 
+@functools.cache
 def estimates(
     model: str, ratio: float | None, open_water: bool = False
 ) -> list[tuple[Draw, WaterEstimate]]:
