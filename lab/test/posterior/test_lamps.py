@@ -15,7 +15,5 @@ def test_a_reef_scores_better_by_the_fitted_numbers_than_by_absurd_ones() -> Non
     night = observe(case)
     assert night is not None and len(night.nodes.range) > 100
     np.testing.assert_array_equal(night.attenuation, case.attenuation)
-    fitted = score(FITTED, night)
-    assert 0.0 < fitted < 0.3
-    # Slopes that tell nothing, and ground whose trend may be anything.
-    assert fitted < score(FITTED._replace(trend=1e3, evidence=0.01), night)
+    # Ground whose trend may be anything, and next to no evidence.
+    assert score(FITTED, night) > score(FITTED._replace(trend=1e3, evidence=0.01), night) + 0.1

@@ -151,7 +151,7 @@ def judge(estimator: Estimator, cases: Iterable[Case]) -> Row:
         within=tuple(float((np.abs(scores) <= k).mean()) for k in (1, 2, 3)),  # type: ignore[arg-type]
         beyond=float(beyond.mean()), too_long=float((far > math.log(FACTOR)).mean()),
         too_short=float((far < -math.log(FACTOR)).mean()),
-        low_above=float((scores > 1.0).mean()), crps=float(crps(far, width).mean()),
+        low_above=float((scores > 1.0).mean()), crps=float(_crps(far, width).mean()),
         milliseconds=float(np.median(times)))
 
 
@@ -206,7 +206,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
 
 
-def crps(off: Array, stddev: Array) -> Array:
+def _crps(off: Array, stddev: Array) -> Array:
     """Continuous ranked probability score of normal distributions.
 
     Gneiting and Raftery 2007, doi:10.1198/016214506000001437, eq. 21.

@@ -3,7 +3,7 @@
 """Fit the numbers of the posterior under lamps, `uw_visibility.water.lamps.posterior.FITTED`.
 
 python -m uw_visibility_lab.posterior.lamps POOL [CASES]
-prints them: those of the least mean score over nights of three kinds, each by coordinates in turn.
+prints them: those of the greatest likelihood over nights of three kinds, by coordinates in turn.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from uw_visibility.water.lamps.nodes import Nodes
 from uw_visibility.water.lamps.posterior import FITTED, Fitted, infer
 from uw_visibility_lab.evaluation.lamps.cases import CAMERA, DEPTH, pose_of
 from uw_visibility_lab.posterior.cases import by_lamps, usual_clear_water
-from uw_visibility_lab.posterior.judge import LampCase, crps
+from uw_visibility_lab.posterior.judge import LampCase
 from uw_visibility_lab.simulation.frame import Renderer
 from uw_visibility_lab.simulation.lamps import Lighting, default_rig, lighting_parameters
 from uw_visibility_lab.simulation.scene import reef
@@ -46,9 +46,10 @@ CASES = 80
 SEED, REEFS = 11, 1000
 # Exponent of reflectance over its median: ground as even as sand and rock.
 EVEN = 0.35
-# Numbers are multiplied and divided by this as long as that helps by more than a part, which is
-# what other nights change the scores by.
-STEP, GAIN, ROUNDS = 1.5, 0.01, 2
+# Numbers are multiplied and divided by this as long as ln likelihood of a night grows by more.
+STEP, GAIN, ROUNDS = 1.5, 0.005, 2
+# A night that is off by more deviations counts as one of so many: it is wrong.
+WRONG = 5.0
 
 
 class Night(NamedTuple):
@@ -90,14 +91,15 @@ def observe(case: LampCase) -> Night | None:
 
 
 def score(fitted: Fitted, night: Night) -> float:
-    """Continuous ranked probability score of the clearest channel's ln β."""
+    """Logarithm of the posterior's density at the true ln β of the clearest channel."""
     found = infer(
         [night.nodes], night.lighting, night.clear_water, np.ones(3, np.bool_), ONE_SIGMA, fitted)
     if found is None:
         return math.nan
     best = int(np.argmin(night.attenuation))
-    off = found.log_attenuation[best] - math.log(night.attenuation[best])
-    return float(crps(np.array(off), np.sqrt(found.covariance[best, best])))
+    deviation = math.sqrt(found.covariance[best, best])
+    off = (found.log_attenuation[best] - math.log(night.attenuation[best])) / deviation
+    return -0.5 * min(abs(off), WRONG) ** 2 - math.log(deviation * math.sqrt(2.0 * math.pi))
 
 
 def main() -> None:
@@ -117,20 +119,19 @@ def main() -> None:
                 np.nanmean(list(pool.map(partial(score, fitted), nights, chunksize=4)))
                 for nights in kinds])
 
-        first = scores(FITTED)
-        fitted, least = FITTED, 1.0
-        print(f"{FITTED}: scores {np.round(first, 3)}", flush=True)
+        fitted, most = FITTED, float(scores(FITTED).mean())
+        print(f"{FITTED}: {most:.4f}", flush=True)
         for _ in range(ROUNDS):
             for name in Fitted._fields:
                 for factor in (STEP, 1.0 / STEP):
                     while True:
                         tried = fitted._replace(**{name: getattr(fitted, name) * factor})
-                        mean = float(np.mean(scores(tried) / first))
-                        print(f"{name} {getattr(tried, name):.4g}: {mean:.4f}", flush=True)
-                        if not mean < least - GAIN:
+                        found = scores(tried)
+                        print(f"{name} {getattr(tried, name):.4g}: {found.round(3)}", flush=True)
+                        if not found.mean() > most + GAIN:
                             break
-                        fitted, least = tried, mean
-    print(f"{fitted}: {least:.4f} of the first scores")
+                        fitted, most = tried, float(found.mean())
+    print(f"{fitted}: {most:.4f}")
 
 
 if __name__ == "__main__":

@@ -27,7 +27,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.config.lighting import Lamp, LightingConfig
@@ -408,12 +407,33 @@ def _interpolated(grid: list[_Fit], highest: float, fine: Array) -> tuple[Array,
     nodes = np.log([each.particles for each in grid])
     covariance = np.array([
         each.covariance / np.outer(each.attenuation, each.attenuation) for each in grid])
-    # Linear, so that it stays one.
     low = np.clip(np.searchsorted(nodes, fine) - 1, 0, len(nodes) - 2)
-    part = ((fine - nodes[low]) / (nodes[low + 1] - nodes[low]))[:, np.newaxis, np.newaxis]
+    step = nodes[low + 1] - nodes[low]
+    part = (fine - nodes[low]) / step
+
+    def cubic(values: Array) -> Array:
+        """Hermite's interpolation without overshoot.
+
+        Slopes are harmonic means of those on both sides (Fritsch and Butland 1984,
+        doi:10.1137/0905021).
+        """
+        across = (slice(None), *[np.newaxis] * (values.ndim - 1))
+        t, h = part[across], step[across]
+        secant = np.diff(values, axis=0) / np.diff(nodes)[across]
+        before, after = secant[:-1], secant[1:]
+        alike = before * after > 0.0
+        slope = np.concatenate((
+            secant[:1],
+            np.where(alike, 2.0 * before * after / np.where(alike, before + after, 1.0), 0.0),
+            secant[-1:]))
+        return np.asarray(
+            values[low] + (values[low + 1] - values[low]) * t**2 * (3.0 - 2.0 * t)
+            + h * t * (1.0 - t) * (slope[low] * (1.0 - t) - slope[low + 1] * t))
+
+    # A covariance stays one by linear interpolation.
+    share = part[:, np.newaxis, np.newaxis]
     return (
-        Akima1DInterpolator(nodes, evidence)(fine), Akima1DInterpolator(nodes, mean)(fine),
-        (1.0 - part) * covariance[low] + part * covariance[low + 1])
+        cubic(evidence), cubic(mean), (1.0 - share) * covariance[low] + share * covariance[low + 1])
 
 
 def _of_clearest(
