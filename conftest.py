@@ -1,9 +1,9 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests share, and how two processes share the tests.
+"""What the tests share, and how processes share the tests.
 
 Much of the suite waits, for nodes and processes that start, or has one thread. So
-pytest-xdist runs the whole of it (`python -m pytest`) in two processes, a file of tests
+pytest-xdist runs the whole of it (`python -m pytest`) in three processes, a file of tests
 in one of them. Tests that are named, as by `python -m pytest test/test_pair.py`, run in
 pytest's own process, and so does everything with `-n 0` or without pytest-xdist.
 """
@@ -26,7 +26,8 @@ from hypothesis import HealthCheck, settings
 from uw_visibility.compute.blas import use_one_thread
 from uw_visibility_lab.demonstration.node_process import reserved_domain
 
-WORKERS = 2
+# Of three workers one waits for a node most of the time, so that two processors are never idle.
+WORKERS = 3
 NODE_FIXTURES = {"start_node", "make_client"}
 # What renders whole studies, or damages much: for `make studies`; `make test` leaves them out.
 LONG = {
@@ -83,7 +84,7 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
         and config.pluginmanager.hasplugin("xdist")
         and (option.numprocesses, option.dist) == (None, "no")
         and not (option.usepdb or option.trace or option.collectonly or option.capture == "no")
-        and (os.cpu_count() or 1) >= WORKERS
+        and (os.cpu_count() or 1) > 1
     ):
         option.numprocesses = WORKERS
         # Tests of a file share nodes and scenes, and the order of files keeps the long ones
