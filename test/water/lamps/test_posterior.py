@@ -45,9 +45,9 @@ def nodes(
     albedo = np.exp(
         texture * rng.standard_normal(len(place)) + trend * np.log(distance))[:, None]
     scattered = np.log(scattering * (1.0 - np.exp(-0.3 * distance)))
+    shown = 0.3 * albedo * light + np.exp(scattered)[:, None]
     return Nodes(
-        place, 0.3 * albedo * light + np.exp(scattered)[:, None],
-        np.full((len(place), 3), 1e-6), distance, direction, normal,
+        place, shown, shown, np.full((len(place), 3), 1e-6), distance, direction, normal,
         np.broadcast_to(scattered, (len(ATTENUATIONS), 3, len(place))).copy(),
         np.zeros((len(ATTENUATIONS), 3)))
 
@@ -87,7 +87,8 @@ def test_patchy_ground_is_less_sure_and_the_truth_within() -> None:
 
 def test_exposure_tells_nothing_and_scales_what_it_should() -> None:
     shown = nodes(0.15, 0.2)
-    one, other = found(shown), found(replace(shown, light=0.25 * shown.light))
+    one, other = found(shown), found(replace(
+        shown, light=0.25 * shown.light, bright=0.25 * shown.bright))
     np.testing.assert_allclose(other.log_attenuation, one.log_attenuation, atol=1e-6)
     np.testing.assert_allclose(other.power, 0.25 * one.power, rtol=1e-5)
     np.testing.assert_allclose(other.scattering, 0.25 * one.scattering, rtol=1e-5)

@@ -29,6 +29,8 @@ ENOUGH = 0.5
 # Light of fewer code steps, or deviations of noise, is lifted by noise that is cut off at black;
 # brighter light is cut off at white. Deviation of ln irradiance that is taken for such nodes.
 FAINT, BRIGHT, USELESS = 2.5, 0.9, 2.0
+# Part of a node's blocks that are darker than what counts as bright.
+BRIGHT_BLOCKS = 0.95
 # Of a noise that was measured as less than this part of a step of the codes.
 LEAST_NOISE = 0.25
 
@@ -43,6 +45,8 @@ class Nodes:
         Row and column in the grid of nodes.
     light : (N, 3) float64 ndarray
         Mean linear irradiance, RGB.
+    bright : (N, 3) float64 ndarray
+        That of the brightest blocks of pixels in it, see `BRIGHT_BLOCKS`.
     variance : (N, 3) float64 ndarray
         Variance of ln irradiance by noise, and where codes end.
     range : (N,) float64 ndarray
@@ -57,6 +61,7 @@ class Nodes:
 
     place: Indices
     light: Array
+    bright: Array
     variance: Array
     range: Array
     direction: Array
@@ -67,7 +72,7 @@ class Nodes:
     def __post_init__(self) -> None:
         """Refuse arrays that do not fit one another."""
         number = len(self.range)
-        of_nodes = (self.light, self.variance, self.direction, self.normal)
+        of_nodes = (self.light, self.bright, self.variance, self.direction, self.normal)
         fits = self.place.shape == (number, 2)
         fits &= all(part.shape == (number, 3) for part in of_nodes)
         fits &= self.log_scattered.shape == (len(ATTENUATIONS), 3, number)
@@ -80,8 +85,9 @@ class Nodes:
         """Nodes of every so many-th row and column."""
         kept = (self.place % step == 0).all(axis=1)
         return Nodes(
-            self.place[kept] // step, self.light[kept], self.variance[kept], self.range[kept],
-            self.direction[kept], self.normal[kept], self.log_scattered[..., kept], self.log_far)
+            self.place[kept] // step, self.light[kept], self.bright[kept], self.variance[kept],
+            self.range[kept], self.direction[kept], self.normal[kept],
+            self.log_scattered[..., kept], self.log_far)
 
 
 def reduce_to_nodes(blocks: Blocks, rays: Array, tables: LampTables) -> Nodes:
@@ -108,11 +114,15 @@ def reduce_to_nodes(blocks: Blocks, rays: Array, tables: LampTables) -> Nodes:
     cut = (irradiance < FAINT * np.maximum(noise, blocks.step)) | (irradiance > BRIGHT)
     variance = (noise / irradiance) ** 2 / pixels + USELESS**2 * cut
     direction = _mean(away, surface)[shown]
+    # Nodes that show no surface are not taken.
+    hidden = np.where(surface[..., np.newaxis], light, -np.inf)[shown]
+    order = np.sort(hidden, axis=1)
+    bright = order[:, max(round(BRIGHT_BLOCKS * side**2) - 1, 0)]
     row, column = np.asarray((place + 0.5) * side * blocks.side - 0.5, np.float64).T
     places = tables.place(column, row, distance[shown])
     far = tables.log_scattered[:, :, len(tables.rows) // 2, len(tables.columns) // 2, -1]
     return Nodes(
-        place, irradiance, variance, distance[shown],
+        place, irradiance, np.maximum(bright, irradiance), variance, distance[shown],
         direction / np.linalg.norm(direction, axis=1, keepdims=True), normal[shown],
         trilinear(tables.log_scattered, *places), np.asarray(far, np.float64))
 

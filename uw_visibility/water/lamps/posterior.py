@@ -62,8 +62,8 @@ MOST_STEPS, LARGEST_STEP, CONVERGED = 40, 1.0, 0.02
 # Points of the normal distributions that the posterior of the clearest channel is made of.
 NORMAL = np.array([-1.6, -0.8, 0.0, 0.8, 1.6])
 FEWEST_NODES = 30
-# The bright nodes of a frame are that part of them, and nearly white (eq. 5).
-BRIGHT_NODES, BRIGHT_RADIANCE = 0.95, 0.9
+# What is bright is nearly white (eq. 5) in all but this part of the nodes.
+BRIGHT_NODES, BRIGHT_RADIANCE = 0.7, 0.9
 
 
 class Fitted(NamedTuple):
@@ -131,9 +131,10 @@ class LampPosterior:
 
 
 class _Scene(NamedTuple):
-    """What nodes show: ln irradiance and its variance, (N, 3) each."""
+    """What nodes show: ln irradiance, of bright blocks too, and its variance, (N, 3) each."""
 
     log_light: Array
+    log_bright: Array
     variance: Array
 
 
@@ -210,7 +211,8 @@ class _AtLamps:
         def joined(name: str) -> Array:
             return np.concatenate([getattr(nodes, name) for nodes in frames], axis=0)
 
-        self.scene = _Scene(np.log(joined("light")), joined("variance"))
+        self.scene = _Scene(
+            np.log(joined("light")), np.log(joined("bright")), joined("variance"))
         self.range = joined("range")
         self.log_scattered = np.concatenate(
             [nodes.log_scattered for nodes in frames], axis=2)
@@ -387,7 +389,9 @@ def _summed(
     direct = model.log_direct + model.by_exponent * p[2]
     scattered = model.log_scattered + amount
     level = np.exp(np.median(lamps.scene.log_light - np.logaddexp(direct, scattered), axis=0))
-    own = np.exp(lamps.scene.log_light - direct) - level * np.exp(scattered - direct)
+    # Images are restored as if the ground faced the lamps.
+    facing = direct - (USUAL_EXPONENT + p[2]) * model.by_exponent
+    own = np.exp(lamps.scene.log_bright - facing) - level * np.exp(scattered - facing)
     power = level / REFLECTANCE
     for c in range(3):
         clear = own[direct[:, c] > scattered[:, c], c]
