@@ -124,6 +124,16 @@ def test_too_few_nodes_tell_nothing() -> None:
     assert infer([few], LIGHTING, CLEAR_WATER, ALL, ONE_SIGMA) is None
 
 
+@pytest.mark.parametrize("changed", [{"light": 1e300}, {"light": 1e-300}, {"variance": 1e200}])
+def test_what_is_beyond_all_bounds_is_no_estimate_and_no_error(changed: dict) -> None:
+    shown = nodes(0.15)
+    wild = replace(shown, **{
+        name: np.where(np.arange(3) > 0, value, getattr(shown, name))
+        for name, value in changed.items()})
+    posterior = infer([wild], LIGHTING, CLEAR_WATER, ALL, ONE_SIGMA)
+    assert posterior is None or np.isfinite(posterior.log_attenuation).all()
+
+
 def test_the_same_nodes_give_the_same_bits() -> None:
     shown = nodes(0.2, 0.3)
     np.testing.assert_array_equal(found(shown).log_attenuation, found(shown).log_attenuation)

@@ -341,9 +341,13 @@ def _over_grid(
             lamps.scene, lamps.model(clear_water + particles, clear_water, day), details,
             _BETWEEN_CHANNELS * apart, _usual_scattering(particles), fitted, p, texture, precision)
         to_channels = (_BETWEEN_CHANNELS * apart).T
+        if not math.isfinite(evidence):
+            # It weighs nothing, and the next one starts anew.
+            evidence, p, precision = -np.inf, np.zeros(count), np.eye(count)
+            texture = np.zeros_like(texture)
         covariance = np.linalg.inv(precision)
         return _Fit(
-            particles, evidence if math.isfinite(evidence) else -np.inf,
+            particles, evidence,
             np.maximum(clear_water + particles + to_channels @ p[:2], 0.5 * clear_water),
             to_channels @ covariance[:2, :2] @ to_channels.T, p, np.diag(covariance)[-6:-3],
             texture)
@@ -531,6 +535,8 @@ def fit(
         for i in range(count):
             for j in range(i):
                 precision[j, i] = precision[i, j]
+        if not (np.isfinite(slope).all() and np.isfinite(precision).all()):
+            return math.nan
         change = np.linalg.solve(precision, slope)
         if step == MOST_STEPS - 1 or np.abs(change).max() < CONVERGED:
             break
