@@ -44,11 +44,16 @@ class UnderLamps:
 
     def __call__(self, case: LampCase) -> Answer:
         """Estimate the water of a case."""
-        height, width = case.image.shape[:2]
-        rig = StereoRig(case.focal_length, 1.0, (0.5 * (width - 1), 0.5 * (height - 1)))
-        estimator = LampEstimator(WaterConfig(), case.lighting, case.clear_water, rig.rays_at)
-        return answer_of(estimator.estimate_view(
-            View.of(case.image, case.transfer), case.ranges, range_error=case.range_error))
+        return answer_of(estimate_by_lamps(case))
+
+
+def estimate_by_lamps(case: LampCase) -> WaterEstimate:
+    """Estimate the water of a case by the lamps that are told."""
+    height, width = case.image.shape[:2]
+    rig = StereoRig(case.focal_length, 1.0, (0.5 * (width - 1), 0.5 * (height - 1)))
+    estimator = LampEstimator(WaterConfig(), case.lighting, case.clear_water, rig.rays_at)
+    return estimator.estimate_view(
+        View.of(case.image, case.transfer), case.ranges, range_error=case.range_error)
 
 
 def answer_of(found: WaterEstimate) -> Answer:

@@ -23,16 +23,13 @@ from uw_visibility.compute.blas import use_one_thread
 from uw_visibility.compute.processes import process_pool
 from uw_visibility.config.lighting import LightingConfig
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.config.water import WaterConfig
 from uw_visibility.images.arrays import Array
-from uw_visibility.images.view import View
-from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimate import ONE_SIGMA
-from uw_visibility.water.lamps.estimation import LampEstimator
 from uw_visibility.water.lamps.nodes import Nodes
 from uw_visibility.water.lamps.posterior import FITTED, Fitted, infer
 from uw_visibility_lab.evaluation.lamps.cases import CAMERA, DEPTH, pose_of
 from uw_visibility_lab.posterior.cases import by_lamps, usual_clear_water
+from uw_visibility_lab.posterior.estimators import estimate_by_lamps
 from uw_visibility_lab.posterior.judge import LampCase
 from uw_visibility_lab.simulation.frame import Renderer
 from uw_visibility_lab.simulation.lamps import Lighting, default_rig, lighting_parameters
@@ -81,13 +78,10 @@ def reefs(number: int) -> Iterator[LampCase]:
 
 def observe(case: LampCase) -> Night | None:
     """Reduce a case to nodes; None where there are too few."""
-    height, width = case.image.shape[:2]
-    rig = StereoRig(case.focal_length, 1.0, (0.5 * (width - 1), 0.5 * (height - 1)))
-    estimator = LampEstimator(WaterConfig(), case.lighting, case.clear_water, rig.rays_at)
-    found = estimator.estimate_view(View.of(case.image, case.transfer), case.ranges)
+    lamps = estimate_by_lamps(case).lamps
     assert case.attenuation is not None
-    return None if found.lamps is None or found.lamps.nodes is None else Night(
-        found.lamps.nodes, case.lighting, case.clear_water, case.attenuation)
+    return None if lamps is None or lamps.nodes is None else Night(
+        lamps.nodes, case.lighting, case.clear_water, case.attenuation)
 
 
 def score(fitted: Fitted, night: Night) -> float:

@@ -245,12 +245,18 @@ class _AtLamps:
         """Main directions of ln D of lamps that are off by a standard deviation each, (N, M)."""
         weight = np.exp(USUAL_EXPONENT * self._log_cosine)
 
+        def light_of(lamp: Lamp, facing: Array) -> Array:
+            r, lit, _ = (each[:, 0] for each in shine(points[:, np.newaxis], directions, lamp))
+            return np.asarray(
+                np.mean(lamp.colour) * facing * lit * np.exp(-math.exp(USUAL_PARTICLES) * r))
+
+        told = [light_of(lamp, facing) for lamp, facing in zip(lamps, weight, strict=True)]
+
         def log_direct(others: list[Lamp]) -> Array:
             total = np.zeros(len(points))
-            for lamp, facing in zip(others, weight, strict=True):
-                r, lit, _ = (each[:, 0] for each in shine(points[:, np.newaxis], directions, lamp))
-                total += np.mean(lamp.colour) * facing * lit * np.exp(
-                    -math.exp(USUAL_PARTICLES) * r)
+            # In most rigs one lamp differs from those that are told.
+            for lamp, other, light, facing in zip(lamps, others, told, weight, strict=True):
+                total += light if other is lamp else light_of(other, facing)
             return np.log(total + 1e-30)
 
         rigs = displaced(lamps, lighting.position_stddev, lighting.direction_stddev)
