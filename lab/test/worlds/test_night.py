@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -90,6 +91,32 @@ def test_rough_ground_darkens_less_than_lamberts_and_even_ground_differs_less() 
         return float(np.abs(np.diff(near, axis=1)).mean() / near.mean())
 
     assert texture(even) < 0.5 * texture(images["Lambert"])
+
+
+def test_even_ground_before_open_water_is_no_darker_than_uneven_one() -> None:
+    # Nothing is there in two thirds of the image, and its reflectance is 0.
+    rows = SHAPE[0] * 2 // 3
+    reflectance, ranges = FLOOR.reflectance.copy(), FLOOR.range.copy()
+    reflectance[:rows], ranges[:rows] = 0.0, np.inf
+    shore = replace(FLOOR, reflectance=reflectance, range=ranges)
+    ground_over_water = [
+        image[-30:].mean() / image[10:40].mean()
+        for image in (
+            draw_night(np.random.default_rng(3), shore, (), contrast=contrast).image.astype(float)
+            for contrast in (1.0, 0.2))]
+    assert ground_over_water[1] == pytest.approx(ground_over_water[0], rel=0.02)
+
+
+def test_clear_water_absorbs_red_and_does_not_scatter_it() -> None:
+    # Red is the channel that clear water takes most of, and particles take alike of all.
+    shore = replace(FLOOR, range=np.where(np.arange(SHAPE[0])[:, None] < 100, np.inf, FLOOR.range))
+    veils = []
+    for seed in range(12):
+        frame = draw_night(np.random.default_rng(seed), shore, ())
+        image = frame.image[10:60].astype(float).mean(axis=(0, 1))
+        veils.append(image[0] / image.max())
+        assert frame.attenuation[0] > frame.attenuation[2]
+    assert np.median(veils) < 0.8
 
 
 def test_daylight_is_told_and_adds_light() -> None:

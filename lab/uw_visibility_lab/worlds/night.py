@@ -96,13 +96,15 @@ def draw_night(
         name for name in names
         if not any(name in group[1:] and group[0] in names for group in _GROUPS))
     reflectance, ranges, _ = vary(streams("scene"), scene)
+    known = np.isfinite(ranges)
     if contrast != 1.0:
-        middle = np.maximum(np.median(reflectance, axis=(0, 1)), 1e-3)
+        # Where nothing is, reflectance is 0, which says nothing of the ground's.
+        middle = np.maximum(np.median(reflectance[known], axis=0), 1e-3)
         over_middle = np.maximum(reflectance, 1e-3) / middle
         reflectance = (middle * over_middle**contrast).astype(np.float32)
-    known = np.isfinite(ranges)
     water = draw_water(streams("water"))
-    beta = water.clear_water + _particles(streams("particles"))
+    particles = _particles(streams("particles"))
+    beta = water.clear_water + particles
     median = draw(streams("distance"), "lamps.distance")
     # Light goes there and back.
     median = min(median, 0.5 * draw(streams("path"), "water.most_path") / float(beta.min()))
@@ -111,7 +113,7 @@ def draw_night(
     if math.isnan(focal):
         focal = draw(streams("focal length"), "camera.focal_length")
     rays = by_lamps.rays_of(ranges.shape, focal)
-    rig = _draw_rig(streams("lamps"), names, beta)
+    rig = _draw_rig(streams("lamps"), names, particles)
     if "patches" in names:
         reflectance = reflectance * _patches(streams("patches"), rays, ranges)
     normals = None if "facing" in names else by_lamps.normals_of(rays, ranges)
@@ -147,9 +149,12 @@ def _particles(rng: np.random.Generator) -> Array:
     return np.asarray(draw(rng, "lamps.particles") * spread / spread.mean())
 
 
-def _draw_rig(rng: np.random.Generator, names: tuple[str, ...], beta: Array) -> by_lamps.Rig:
+def _draw_rig(
+    rng: np.random.Generator, names: tuple[str, ...], particles: Array
+) -> by_lamps.Rig:
     lamps = by_lamps.draw_lamps(rng)
-    scattering = beta * np.array([draw(rng, "lamps.albedo") for _ in range(3)])
+    # Clear water absorbs red, and hardly scatters.
+    scattering = particles * np.array([draw(rng, "lamps.albedo") for _ in range(3)])
     beam = by_lamps.GAUSSIAN
     for name, form in (("cosine beam", by_lamps.COSINE), ("rimmed beam", by_lamps.RIM)):
         beam = form if name in names else beam

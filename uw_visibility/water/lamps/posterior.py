@@ -13,9 +13,9 @@ tells, so that even ground gives a narrow posterior and a patchy one a wide one.
 own light covers a patch, what patches differ by is covered alike.
 
 For each of a grid of attenuations by particles the rest is fitted: what channels differ by, k, the
-scattered light, lamps that are not as they are told, and a trend of ln ρ along the light's path, as
-large as the frame's texture lets expect. The posterior is summed over the grid, with the rest
-marginalised by Laplace's approximation (Tierney and Kadane 1986,
+scattered light and its course, lamps that are not as they are told, and a trend of ln ρ along the
+light's path, as large as the frame's texture lets expect. The posterior is summed over the grid,
+with the rest marginalised by Laplace's approximation (Tierney and Kadane 1986,
 doi:10.1080/01621459.1986.10478240).
 """
 
@@ -42,9 +42,9 @@ USUAL_PARTICLES, PARTICLES_DEVIATION, REFINEMENTS, FINE = math.log(0.12), 1.0, 2
 # Deviation of a channel's attenuation by particles from the mean over the channels, as a part of
 # it, and of clear water's from what is told.
 CHANNEL_DEVIATION, CLEAR_WATER_DEVIATION = 0.3, 0.1
-# Mean and deviation of the exponent k: sand and rock are nearer to Lambert's 1 than to 0; more than
-# that is left for what slopes are off by.
-USUAL_EXPONENT, EXPONENT_DEVIATION = 0.7, 0.5
+# Mean and deviation of the exponent k: from 0 to 1 (belief `lamps.exponent` of the laboratory), and
+# what slopes are off by.
+USUAL_EXPONENT, EXPONENT_DEVIATION = 0.5, 0.5
 # Deviation of ln light of a node beside the model, whatever lights it: the tables' interpolation
 # alone is off by 0.025 at some node of half of the rigs.
 MODEL_DEVIATION = 0.03
@@ -53,6 +53,9 @@ MODEL_DEVIATION = 0.03
 # 0.4 to 0.95 and backscattering that differs twice between phase functions (beliefs `albedo`,
 # `lamps.albedo`, `lamps.phase` of the laboratory). Channels differ by the second alone.
 REFLECTANCE, ALBEDO, SCATTERING_DEVIATION, OF_CHANNELS = 0.3, 0.7, 1.0, 0.3
+# Deviation of ln of scattered light by what it does over ln range, and across and along the image:
+# between the phase functions and beams of the laboratory it differs by 0.04 to 0.2.
+COURSE_DEVIATION = 0.1
 # Deviations of a beam's angle and of a lamp's power, as a part of them (beliefs
 # `lamps.beam_error`, `lamps.power_error` of the laboratory), and so many main directions of what
 # these and places do.
@@ -85,8 +88,8 @@ class Fitted(NamedTuple):
 FITTED = Fitted()
 # Variance of the differences over that of the next finer scale, before the frame tells it, between
 # white noise (1) and a random walk (4); number of differences that this counts for. Least variance
-# of each channel's.
-GROWTH, GROWTH_WEIGHT, MOST_GROWTH, LEAST_TEXTURE = 2.0, 8.0, 4.0, 2e-4
+# of each channel's, and the largest one of ln ρ: algae and white sand are three deviations apart.
+GROWTH, GROWTH_WEIGHT, MOST_GROWTH, LEAST_TEXTURE, MOST_TEXTURE = 2.0, 8.0, 4.0, 2e-4, 1.0
 # Degrees of freedom of Student's distribution of the differences: with fewer, ground of two
 # reflectances is told by one of them.
 DEGREES = 6.0
@@ -142,8 +145,8 @@ class _Model(NamedTuple):
     """ln D and ln S at nodes for one attenuation, and what they change by.
 
     ln D at the usual exponent, its change by k, the path −d ln D / dβ, ln S and d ln S / dβ, (N, 3)
-    each; changes of ln D by lamps that are not as told, (N, M); a trend along the path, (N,); light
-    of white by daylight over that of lamps of power 1, (3,).
+    each; changes of ln D by lamps that are not as told, (N, M), and of ln S by its course, (N, K);
+    a trend along the path, (N,); light of white by daylight over that of lamps of power 1, (3,).
     """
 
     log_direct: Array
@@ -152,6 +155,7 @@ class _Model(NamedTuple):
     log_scattered: Array
     slope: Array
     moved: Array
+    course: Array
     trend: Array
     daylight: Array
 
@@ -223,6 +227,9 @@ class _AtLamps:
             self._shine(points, directions, joined("normal"), lamp)
             for lamp in lamps), strict=True))
         self.moved = self._main_directions(points, directions, lamps, lighting)
+        course = np.column_stack((np.log(self.range), directions[:, :2]))
+        course -= course.mean(axis=0)
+        self.course = COURSE_DEVIATION * course / np.maximum(course.std(axis=0), 1e-6)
 
     def _shine(
         self, points: Array, directions: Array, normals: Array, lamp: Lamp
@@ -278,7 +285,6 @@ class _AtLamps:
         rough, _ = self.direct(attenuation, 0.0)
         lambertian, _ = self.direct(attenuation, 1.0)
         by_exponent = lambertian - rough
-        by_exponent -= np.median(by_exponent, axis=0)
         _, path = self.direct(attenuation, USUAL_EXPONENT)
         direct = rough + USUAL_EXPONENT * by_exponent
         low, part, step = between(np.clip(attenuation, ATTENUATIONS[0], ATTENUATIONS[-1]))
@@ -303,7 +309,7 @@ class _AtLamps:
         mean = path.mean(axis=1)
         trend = (mean - mean.mean()) / max(float(mean.std()), 1e-6)
         return _Model(
-            direct, by_exponent, path, scattered, slope, self.moved, trend, daylight)
+            direct, by_exponent, path, scattered, slope, self.moved, self.course, trend, daylight)
 
 
 def _scaled(colour: tuple[float, float, float], by: float) -> tuple[float, float, float]:
@@ -334,8 +340,12 @@ class _Fit(NamedTuple):
 def _over_grid(
     lamps: _AtLamps, details: Details, clear_water: Array, day: Daylight, fitted: Fitted
 ) -> list[_Fit]:
-    """Fit the other unknowns over `PARTICLES`, each from the one before, denser at the best."""
-    count = 9 + lamps.moved.shape[1]
+    """Fit the other unknowns over `PARTICLES`, each from its neighbours, denser at the best.
+
+    Ground behind much scattered light and bare ground are two solutions for one frame. From one
+    side only one of them is found.
+    """
+    count = 9 + lamps.moved.shape[1] + lamps.course.shape[1]
 
     def fit_at(particles: float, start: _Fit | None) -> _Fit:
         apart = np.hypot(CHANNEL_DEVIATION * particles, CLEAR_WATER_DEVIATION * clear_water)
@@ -361,6 +371,9 @@ def _over_grid(
     fits: list[_Fit] = []
     for particles in PARTICLES:
         fits.append(fit_at(float(particles), fits[-1] if fits else None))
+    for i in range(len(fits) - 2, -1, -1):
+        fits[i] = max(
+            fits[i], fit_at(fits[i].particles, fits[i + 1]), key=lambda each: each.evidence)
     for _ in range(REFINEMENTS):
         best = int(np.argmax([each.evidence + _expected(each.particles) for each in fits]))
         fresh = [
@@ -398,19 +411,23 @@ def _summed(
     amount = _usual_scattering(best.particles) + p[-6:-3]
     direct = model.log_direct + model.by_exponent * p[2]
     scattered = model.log_scattered + amount
-    level = np.exp(np.median(lamps.scene.log_light - np.logaddexp(direct, scattered), axis=0))
+    log_level = np.median(lamps.scene.log_light - np.logaddexp(direct, scattered), axis=0)
+    level = np.exp(log_level)
     # Images are restored as if the ground faced the lamps.
-    facing = direct - (USUAL_EXPONENT + p[2]) * model.by_exponent
-    own = np.exp(lamps.scene.log_bright - facing) - level * np.exp(scattered - facing)
-    power = level / REFLECTANCE
+    cosine = (USUAL_EXPONENT + p[2]) * model.by_exponent
+    facing = direct - cosine
+    usual = level * np.exp(np.median(cosine, axis=0))
+    with np.errstate(over="ignore", invalid="ignore"):
+        own = np.exp(lamps.scene.log_bright - facing) - np.exp(log_level + scattered - facing)
+    power = usual / REFLECTANCE
     for c in range(3):
-        clear = own[direct[:, c] > scattered[:, c], c]
+        clear = own[(direct[:, c] > scattered[:, c]) & np.isfinite(own[:, c]), c]
         if len(clear):
-            power[c] = max(float(np.quantile(clear, BRIGHT_NODES)), level[c]) / BRIGHT_RADIANCE
+            power[c] = max(float(np.quantile(clear, BRIGHT_NODES)), usual[c]) / BRIGHT_RADIANCE
     return LampPosterior(
         middle, spread, _of_clearest(weight, mean, covariance, seen, quantiles),
         USUAL_EXPONENT + float(p[2]), power, level * np.exp(amount),
-        np.sqrt(best.scattering_variance), power * model.daylight)
+        np.sqrt(best.scattering_variance), power * model.daylight * level / usual)
 
 
 def _interpolated(grid: list[_Fit], highest: float, fine: Array) -> tuple[Array, Array, Array]:
@@ -475,9 +492,9 @@ def fit(
     Iterated weighted least squares of the details of ln E (Student's distribution: Lange, Little
     and Taylor 1989, doi:10.1080/01621459.1989.10478852), with the covariance of ln ρ of each scale
     fitted along. `p` holds differences of β (2, in units of `between_channels`), the exponent's
-    departure, displacements of lamps (M), ln of the amount of scattered light over the usual one
-    (3) and trends of ln ρ (3). `p`, `texture` (levels, 3, 3) and `precision` of `p` are updated;
-    textures of 0 are set first.
+    departure, displacements of lamps (M), the course of scattered light (K), ln of its amount over
+    the usual one (3) and trends of ln ρ (3). `p`, `texture` (levels, 3, 3) and `precision` of `p`
+    are updated; textures of 0 are set first.
     """
     number, count = scene.log_light.shape[0], len(p)
     residual = np.empty((number, 3))
@@ -563,13 +580,16 @@ def _linearise(
     jacobian: Any, share: Any,
 ) -> None:
     """Residuals of ln E, what `p` changes the model by, and the squared share of direct light."""
-    moved = model.moved.shape[1]
-    amount, trend = 3 + moved, 6 + moved
+    moved, bent = model.moved.shape[1], model.course.shape[1]
+    course = 3 + moved
+    amount, trend = course + bent, course + bent + 3
     jacobian[:] = 0.0
     for i in range(len(residual)):
-        shift = 0.0
+        shift, bend = 0.0, 0.0
         for m in range(moved):
             shift += model.moved[i, m] * p[3 + m]
+        for m in range(bent):
+            bend += model.course[i, m] * p[course + m]
         for c in range(3):
             departure = between_channels[0, c] * p[0] + between_channels[1, c] * p[1]
             direct = (
@@ -577,7 +597,7 @@ def _linearise(
                 - model.path[i, c] * departure + model.trend[i] * p[trend + c])
             scattered = (
                 model.log_scattered[i, c] + model.slope[i, c] * departure + usual_scattering
-                + p[amount + c])
+                + bend + p[amount + c])
             top = max(direct, scattered)
             total = top + math.log(math.exp(direct - top) + math.exp(scattered - top))
             own = math.exp(direct - total)
@@ -589,6 +609,8 @@ def _linearise(
             jacobian[i, c, 2] = own * model.by_exponent[i, c]
             for m in range(moved):
                 jacobian[i, c, 3 + m] = own * model.moved[i, m]
+            for m in range(bent):
+                jacobian[i, c, course + m] = (1.0 - own) * model.course[i, m]
             jacobian[i, c, amount + c] = 1.0 - own
             jacobian[i, c, trend + c] = own * model.trend[i]
 
@@ -683,6 +705,11 @@ def _update_texture(gathered: Any, weight: Any, texture: Any) -> None:
             if level > 0:
                 before += texture[level - 1, c, c]
             now += texture[level, c, c]
+        # Differences of means are weighted by the root of their number of nodes.
+        most = 3.0 * MOST_TEXTURE * 4.0**level
+        if now > most:
+            texture[level] *= most / now
+            now = most
         if level > 0:
             growth = min(max(now / before, 1.0), MOST_GROWTH)
 

@@ -26,13 +26,18 @@ from uw_visibility.compute.robust import charbonnier_weight, median_deviation
 from uw_visibility.config.lighting import Lamp, LightingConfig
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.lamps import displaced, incidence, phase_function, shine
+from uw_visibility.water.lamps.posterior import (
+    ALBEDO,
+    EXPONENT_DEVIATION,
+    REFLECTANCE,
+    USUAL_EXPONENT,
+)
 from uw_visibility.water.lamps.tracks import TILES, Sightings
 
 # Sightings that are fitted at most, and at least; frames that have to show a point.
 MOST_SIGHTINGS, FEWEST_SIGHTINGS, LEAST_FRAMES = 3000, 150, 3
-# Deviations of the priors of the exponent of the cosine and of the logarithm of s; the means
-# of the exponent, of the ground's reflectance, and of the share of scattering in attenuation.
-USUAL_EXPONENT, EXPONENT, SCATTERING, REFLECTANCE, ALBEDO = 0.8, 0.4, 0.7, 0.35, 0.7
+# Deviation of the prior of the logarithm of s.
+SCATTERING = 0.7
 # Median and deviation of the logarithm of attenuation, 1/m.
 USUAL_ATTENUATION, ATTENUATION = math.log(0.3), 1.0
 # Part of the light that is the ground's own at least, and that of sightings that count:
@@ -111,7 +116,7 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
 # they are beforehand, and its deviation.
 _BETA, _SCATTERING = slice(1, 4), slice(4, 7)
 START = np.array([USUAL_EXPONENT, *[USUAL_ATTENUATION] * 3, 0.0, 0.0, 0.0])
-DEVIATION = np.array([EXPONENT, *[ATTENUATION] * 3, *[SCATTERING] * 3])
+DEVIATION = np.array([EXPONENT_DEVIATION, *[ATTENUATION] * 3, *[SCATTERING] * 3])
 _PRIOR = 1.0 / DEVIATION**2
 
 
