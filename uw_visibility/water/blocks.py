@@ -30,6 +30,8 @@ MOST_RANGE_STEP = 0.1
 WIDEST = 12.0
 # Beyond these, m, a range is an error of computation.
 MIN_RANGE, MAX_RANGE = 1e-3, 1e5
+# What a black pixel counts where a clipped one counts 1, so that one sum has the number of both.
+MARK_OF_BLACK = 1 << 32
 
 
 class Blocks(NamedTuple):
@@ -87,10 +89,12 @@ def reduce_to_blocks(
     ranges = np.empty((height, width), np.float32)
     extreme = np.zeros((2, 3))
     table = linear_table(samples.transfer, image.dtype)
+    marks = np.zeros(len(table), np.int64)
+    marks[-1], marks[0] = 1, MARK_OF_BLACK
     mask = np.ones((1, 1), np.bool_) if valid is None else np.ascontiguousarray(valid)
     counted, known = _reduce(
-        image, np.ascontiguousarray(range_map, np.float32), mask, valid is not None, table, size,
-        light, ranges, extreme)
+        image, np.ascontiguousarray(range_map, np.float32), mask, valid is not None, table, marks,
+        size, light, ranges, extreme)
     share = 1.0 / max(counted * size * size, 1)
     middle = len(table) // 2
     return Blocks(
@@ -136,12 +140,8 @@ def place_by_range(
     measure = (measure - measure[0]) / (measure[-1] - measure[0])
     edges = np.interp(np.linspace(0, 1, number + 1), measure, grid)
     place = np.full(ranges.shape, -1, np.int8)
-    inside = near & (ranges >= low) & (ranges <= high)
-    shown = ranges[inside]
-    at = np.clip(np.searchsorted(edges, shown, "right") - 1, 0, number - 1)
-    place[inside] = at
-    count = np.bincount(at, minlength=number).astype(np.float64)
-    total = np.bincount(at, weights=shown, minlength=number)
+    count, total = np.zeros(number), np.zeros(number)
+    _place(ranges, near, edges, np.float32(low), np.float32(high), place, count, total)
     centres = np.sqrt(edges[1:] * edges[:-1])
     mean = np.where(count > 0, total / np.maximum(count, 1), centres)
     return place, mean, count, (float(low), float(high))
@@ -172,44 +172,70 @@ def stacked(frames: Sequence[tuple[Blocks, Array]]) -> Blocks:
 
 
 @njit(nogil=True)
+def _place(
+    ranges: Any, near: Any, edges: Any, low: Any, high: Any, place: Any, count: Any, total: Any
+) -> None:
+    """Fill the bins of blocks, and number and sum of the ranges of each bin."""
+    at = 0
+    for y in range(ranges.shape[0]):
+        for x in range(ranges.shape[1]):
+            distance = ranges[y, x]
+            if not (near[y, x] and distance >= low and distance <= high):
+                continue
+            # Neighbours are mostly of one bin.
+            while at > 0 and distance < edges[at]:
+                at -= 1
+            while at < len(count) - 1 and distance >= edges[at + 1]:
+                at += 1
+            place[y, x] = at
+            count[at] += 1.0
+            total[at] += distance
+
+
+@njit(nogil=True)
 def _reduce(
-    image: Any, range_map: Any, mask: Any, masked: bool, table: Any, size: int, light: Any,
-    ranges: Any, extreme: Any,
+    image: Any, range_map: Any, mask: Any, masked: bool, table: Any, marks: Any, size: int,
+    light: Any, ranges: Any, extreme: Any,
 ) -> tuple[int, int]:
     """Fill `light` and `ranges`; count clipped and black pixels, blocks, and those with range."""
     height, width = ranges.shape
-    top = len(table) - 1
+    area = size * size
     counted, known = 0, 0
-    sums = np.zeros(3)
     for y in range(height):
         for x in range(width):
-            sums[:] = 0.0
+            red, green, blue = 0.0, 0.0, 0.0
+            of_red, of_green, of_blue = 0, 0, 0
             near, far, total, number, whole = np.inf, 0.0, 0.0, 0, True
             for v in range(y * size, (y + 1) * size):
                 for u in range(x * size, (x + 1) * size):
                     if masked and not mask[v, u]:
                         whole = False
-                    for c in range(3):
-                        code = image[v, u, c]
-                        sums[c] += table[code]
+                    # Names, since sums in an array take twice the time.
+                    code = image[v, u, 0]
+                    red += table[code]
+                    of_red += marks[code]
+                    code = image[v, u, 1]
+                    green += table[code]
+                    of_green += marks[code]
+                    code = image[v, u, 2]
+                    blue += table[code]
+                    of_blue += marks[code]
                     distance = range_map[v, u]
                     if distance > MIN_RANGE and distance < MAX_RANGE:
                         near, far = min(near, distance), max(far, distance)
                         total += distance
                         number += 1
             ranges[y, x] = np.nan
-            if not whole or sums[0] + sums[1] + sums[2] == 0.0:
-                light[y, x, 0] = light[y, x, 1] = light[y, x, 2] = np.nan
+            if not whole or red + green + blue == 0.0:
+                light[y, x] = np.nan
                 continue
             counted += 1
-            for c in range(3):
-                light[y, x, c] = sums[c] / (size * size)
-            for v in range(y * size, (y + 1) * size):
-                for u in range(x * size, (x + 1) * size):
-                    for c in range(3):
-                        extreme[0, c] += image[v, u, c] == top
-                        extreme[1, c] += image[v, u, c] == 0
-            if 2 * number > size * size:
+            for c, (light_of, marked) in enumerate(
+                    ((red, of_red), (green, of_green), (blue, of_blue))):
+                light[y, x, c] = light_of / area
+                extreme[0, c] += marked % MARK_OF_BLACK
+                extreme[1, c] += marked // MARK_OF_BLACK
+            if 2 * number > area:
                 known += 1
                 if far - near <= MOST_RANGE_STEP * near:
                     ranges[y, x] = total / number
