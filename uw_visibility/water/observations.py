@@ -5,11 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from uw_visibility.compute.indexing import index_of
+from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array
 from uw_visibility.optics.transfer import linear_table
 from uw_visibility.water.blocks import Blocks, place_by_range
@@ -101,8 +104,9 @@ def observe(blocks: Blocks, range_error: float = 0.0) -> Envelopes:
     """
     counted = np.isfinite(blocks.light[..., 0])
     near = np.isfinite(blocks.range) & counted
-    shown = blocks.light[counted]
-    grey = len(shown) > 0 and bool((shown == shown[:, :1]).all())
+    red, green, blue = np.moveaxis(blocks.light, 2, 0)
+    # NaN, where a block does not count, equals nothing.
+    grey = bool(counted.any()) and np.array_equal((red == green) & (green == blue), counted)
     if not near.any():
         nothing = np.empty((3, 0))
         return Envelopes(
@@ -111,21 +115,19 @@ def observe(blocks: Blocks, range_error: float = 0.0) -> Envelopes:
     number = min(max(int(near.sum()) // (2 * FEWEST_OF_BIN), FEWEST_BINS), BINS)
     place, mean_range, count, limits = place_by_range(blocks.range, near, number)
     full = np.flatnonzero(count >= FEWEST_OF_BIN)
-    inside = np.flatnonzero(place >= 0)
-    order = inside[np.argsort(place.ravel()[inside], kind="stable")]
-    light, ranges = blocks.light.reshape(-1, 3)[order], blocks.range.ravel()[order]
-    ends = np.cumsum(count).astype(int)
+    ends = np.cumsum(count).astype(np.int64)
     inner = np.maximum(np.rint(STEEPNESS_QUANTILE * count).astype(int), DARKEST + 1)
-    # Dark, inner dark and bright irradiance, and ranges of the darkest blocks, by channel and bin.
-    found = np.empty((3, 3, len(full)))
-    darkest = np.empty((DARKEST, 3, len(full)), np.float32)
+    light = np.empty((3, ends[-1]), np.float32)
+    darkest = np.full((2, 3, number, DARKEST), np.inf, np.float32)
+    starts = ends - count.astype(np.int64)
+    _sort_into_bins(blocks.light, blocks.range, place, starts.copy(), light, *darkest)
+    # Inner dark and bright irradiance, by channel and bin.
+    found = np.empty((2, 3, len(full)))
     for i, at in enumerate(full):
-        here = slice(ends[at] - int(count[at]), ends[at])
-        ranks = (DARKEST - 1, inner[at] - 1, int(BRIGHT_QUANTILE * (count[at] - 1)))
-        ordered = np.argpartition(light[here], ranks, axis=0)
-        found[..., i] = np.take_along_axis(light[here], ordered[list(ranks)], 0)
-        darkest[..., i] = ranges[here][ordered[:DARKEST]]
-    dark, steep, bright = found
+        ranks = (inner[at] - 1, int(BRIGHT_QUANTILE * (count[at] - 1)))
+        found[..., i] = np.partition(light[:, starts[at]:ends[at]], ranks, axis=1)[:, ranks].T
+    steep, bright = found
+    dark = darkest[0][:, full, -1].astype(np.float64)
     slope = _Slope(blocks)
     scale = slope.at(dark)
     noise = scale * (slope.noise / blocks.side)[:, np.newaxis]
@@ -133,9 +135,37 @@ def observe(blocks: Blocks, range_error: float = 0.0) -> Envelopes:
     dark = dark + _noise_shift(noise, steep - dark, quantiles)
     return Envelopes(
         mean_range[full], count[full].astype(np.int64), dark,
-        darkest.mean(axis=0).astype(np.float64), bright, scale * blocks.step,
+        darkest[1][:, full].mean(axis=2).astype(np.float64), bright, scale * blocks.step,
         np.hypot(scale * FIXED_PATTERN / 255.0, noise), blocks.clipped, blocks.black, grey, limits,
         range_error)
+
+
+@njit(nogil=True)
+def _sort_into_bins(
+    light: Any, ranges: Any, place: Any, next_of: Any, ordered: Any, darkest: Any, of_darkest: Any
+) -> None:
+    """Fill irradiance by channel, bin after bin, and that of the darkest blocks, with their range.
+
+    `next_of` is where a bin begins, and changes. Of equals, those above and to the left are darker.
+    """
+    for y in range(place.shape[0]):
+        for x in range(place.shape[1]):
+            if place[y, x] < 0:
+                continue
+            i = index_of(place[y, x], 0, len(next_of) - 1)
+            for c in range(3):
+                value = light[y, x, c]
+                ordered[c, next_of[i]] = value
+                k = DARKEST - 1
+                if not value < darkest[c, i, k]:
+                    continue
+                while k > 0 and value < darkest[c, i, k - 1]:
+                    darkest[c, i, k] = darkest[c, i, k - 1]
+                    of_darkest[c, i, k] = of_darkest[c, i, k - 1]
+                    k -= 1
+                darkest[c, i, k] = value
+                of_darkest[c, i, k] = ranges[y, x]
+            next_of[i] += 1
 
 
 class _Slope:
