@@ -16,12 +16,14 @@ exponential is.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
+from uw_visibility.images.arrays import Array
 from uw_visibility.water.daylight.statistics import (
     BINS,
     COARSE,
@@ -47,7 +49,7 @@ LOG_THICKNESS = np.log(THICKNESS)
 STEP = float(LOG_THICKNESS[1] - LOG_THICKNESS[0])
 # Quantiles of the fits, by place in QUANTILES: of the dark ones, of all but the extremes, and the
 # one that is taken for black.
-DARK, ALL, BLACK = (1, 2, 3), (1, 2, 3, 4, 5, 6), (1,)
+DARK, ALL, BLACK = (1, 4), (1, 7), (1, 2)
 # Pairs of quantiles whose difference shows contrast.
 SPREADS = ((6, 2), (5, 3), (4, 1))
 # Weight of open water in a fit, in bins: it decides on the veil and its gradient, or has a part.
@@ -79,7 +81,7 @@ class GridFit(NamedTuple):
     Attributes
     ----------
     quantiles : tuple of int
-        What is fitted, by place in QUANTILES; tiles where empty.
+        What is fitted, from the first place in QUANTILES to before the last; tiles where empty.
     of_water : float
         Weight of open water.
     gradient, black : bool
@@ -92,7 +94,7 @@ class GridFit(NamedTuple):
         Of irradiance, for cameras whose curve is another than was told.
     """
 
-    quantiles: tuple[int, ...]
+    quantiles: tuple[int, int] | tuple[()]
     of_water: float = 0.0
     gradient: bool = False
     black: bool = False
@@ -117,6 +119,8 @@ FITS = (
     GridFit(ALL, exponent=GAMMA),
     GridFit(ALL, exponent=1.0 / GAMMA),
 )
+# Fits of the tiles by which the veil is levelled: with open water, and without.
+LEVEL_FITS = (GridFit((), FIXED, gradient=True), GridFit(()))
 # Fits whose veil the network sees, by place in FITS.
 KEEP_VEIL = [place for place, fit in enumerate(FITS) if fit.keeps_veil]
 OF_CURVES = (
@@ -160,12 +164,11 @@ def level(
     there = (probability > 0.0).astype(np.float32)
     seen = (np.exp(of_channels[..., (UPPER_WATER, LOWER_WATER)]) - FLOOR) * there
     rows = of_image[..., (UPPER_ROW, LOWER_ROW)]
-    tiles = (
-        of_tiles[..., :3, :, :], of_tiles[..., np.newaxis, WEIGHT, :, :],
-        of_tiles[..., np.newaxis, ROW, :, :], distance, seen, rows)
-    of_seen = np.broadcast_to(there, seen.shape)
-    residual, _ = _over_batch(*tiles, FIXED * of_seen, True, False)
-    without, _ = _over_batch(*tiles, 0.0 * of_seen, False, False)
+    bins = np.array(of_bins, np.float32)
+    light = np.exp(bins[..., :len(QUANTILES)]) - FLOOR
+    residuals, _ = _fit_all(
+        LEVEL_FITS, light, bins[..., -1], of_tiles, seen, there[..., 0], of_image)
+    residual, without = residuals[..., 0, :], residuals[..., 1, :]
     worse = residual.min(axis=-1) - without.min(axis=-1)
     apart = np.maximum(rows[..., 1] - rows[..., 0], 0.0)
     sure = probability[..., 0] * (apart / (apart**2 + LEAST_APART**2))[..., np.newaxis] / (
@@ -175,8 +178,6 @@ def level(
     thickness = np.exp(_least(residual))
     lost = slope[..., np.newaxis] * (
         1.0 - np.exp(-thickness[..., np.newaxis] * distance[..., np.newaxis, :]))
-    bins = np.array(of_bins, np.float32)
-    light = np.exp(bins[..., :len(QUANTILES)]) - FLOOR
     light -= (lost * of_image[..., np.newaxis, ROWS])[..., np.newaxis]
     bins[..., :len(QUANTILES)] = np.log(np.maximum(light, 0.0) + FLOOR) * bins[..., -1:]
     level_tiles = np.array(of_tiles, np.float32)
@@ -209,36 +210,24 @@ def curves(
     of_bins, of_tiles, seen, slope = level(of_bins, of_tiles, of_channels, of_image)
     there = of_bins[..., -1]
     q = np.exp(of_bins[..., :len(QUANTILES)]) - FLOOR
-    water = of_channels[..., IS_WATER, np.newaxis] > 0.0
-    # Groups that have a c of their own: quantiles, (..., 3, K, BINS), or tiles.
-    bins = there[..., np.newaxis, :], of_image[..., np.newaxis, np.newaxis, ROWS]
-    tiles = (of_tiles[..., np.newaxis, WEIGHT, :, :], of_tiles[..., np.newaxis, ROW, :, :])
-    rows = of_image[..., (UPPER_ROW, LOWER_ROW)]
-    residuals, veils = [], []
-    for fit in FITS:
-        mean = (
-            np.moveaxis(q[..., fit.quantiles], -1, -2) if fit.quantiles
-            else of_tiles[..., :3, :, :])
-        weight, row = bins if fit.quantiles else tiles
-        residual, veil = _over_batch(
-            mean if fit.exponent == 1.0 else np.maximum(mean, 0.0) ** fit.exponent, weight, row,
-            distance, seen, rows, np.broadcast_to(fit.of_water * water, seen.shape), fit.gradient,
-            fit.black, fit.growth)
-        residuals.append(residual * water if fit.of_water == FIXED else residual)
-        if fit.keeps_veil:
-            veils.append(veil)
+    water = of_channels[..., IS_WATER] > 0.0
+    residual, veil = _fit_all(FITS, q, there, of_tiles, seen, water, of_image)
+    for place, fit in enumerate(FITS):
+        if fit.of_water == FIXED:
+            residual[..., place, :] *= water[..., np.newaxis]
+    contrasts = []
     for place in CONTRASTS:
-        residual = np.zeros((*there.shape[:-1], len(THICKNESS)), np.float32)
+        of_contrast = np.zeros((*there.shape[:-1], len(THICKNESS)), np.float32)
         _fit_contrasts(
             *(np.ascontiguousarray(each, np.float32).reshape(-1, each.shape[-1]) for each in (
                 np.exp(2.0 * of_bins[..., place]), there,
                 np.broadcast_to(distance[..., np.newaxis, :], there.shape))),
-            residual.reshape(-1, len(THICKNESS)))
-        residuals.append(residual)
+            of_contrast.reshape(-1, len(THICKNESS)))
+        contrasts.append(of_contrast)
     # (..., 3, fits, grid)
-    residual, veil = np.stack(residuals, axis=-2), np.stack(veils, axis=-2)
+    residual = np.concatenate((residual, np.stack(contrasts, axis=-2)), axis=-2)
     least, at = residual.min(axis=-1), _least(residual)
-    log_veil = np.log(np.clip(veil, 0.5 * FLOOR, 8.0))
+    log_veil = np.log(np.clip(veil[..., KEEP_VEIL, :], 0.5 * FLOOR, 8.0))
     flat = (*of_bins.shape[:-2], -1)
     return np.concatenate((
         of_bins.reshape(flat), slope[..., np.newaxis],
@@ -249,111 +238,155 @@ def curves(
 
 def _least(residual: NDArray[np.floating]) -> NDArray[np.floating]:
     """ln thickness where residuals over the grid are least, by a parabola, (...)."""
-    middle = np.clip(residual.argmin(axis=-1), 1, len(THICKNESS) - 2)[..., np.newaxis]
-    before, here, after = (
-        np.take_along_axis(residual, middle + k, axis=-1)[..., 0] for k in (-1, 0, 1))
+    middle = np.clip(residual.argmin(axis=-1), 1, len(THICKNESS) - 2)
+    before, here, after = (_taken(residual, middle + k) for k in (-1, 0, 1))
     bend = np.maximum(before - 2.0 * here + after, 1e-6)
     step = np.clip(0.5 * (before - after) / bend, -1.0, 1.0)
-    return np.asarray(LOG_THICKNESS[0] + (middle[..., 0] + step) * STEP)
+    return np.asarray(LOG_THICKNESS[0] + (middle + step) * STEP)
 
 
 def _at(values: NDArray[np.floating], log_thickness: NDArray[np.floating]) -> NDArray[np.floating]:
     """Values over the grid, interpolated at a thickness."""
     place = np.clip((log_thickness - LOG_THICKNESS[0]) / STEP, 0.0, len(THICKNESS) - 1.001)
-    below = place.astype(int)[..., np.newaxis]
-    first, second = (np.take_along_axis(values, below + k, axis=-1)[..., 0] for k in (0, 1))
-    return np.asarray(first + (place - below[..., 0]) * (second - first))
+    below = place.astype(int)
+    first, second = (_taken(values, below + k) for k in (0, 1))
+    return np.asarray(first + (place - below) * (second - first))
 
 
-def _over_batch(
-    mean: NDArray[np.floating], weight: NDArray[np.floating], row: NDArray[np.floating],
-    distance: NDArray[np.floating], seen: NDArray[np.floating], rows: NDArray[np.floating],
-    of_seen: NDArray[np.floating], gradient: bool, black: bool, growth: float = 1.0,
+def _taken(values: NDArray[np.floating], at: NDArray[np.integer]) -> NDArray[np.floating]:
+    """Values (..., G) at one place of the grid each, (...)."""
+    flat = np.ascontiguousarray(values).reshape(-1, values.shape[-1])
+    return np.asarray(flat[np.arange(len(flat)), at.ravel()]).reshape(at.shape)
+
+
+@lru_cache
+def _plan(fits: tuple[GridFit, ...]) -> tuple[list[float], NDArray[np.int64], Array]:
+    """Exponents of fits; for each quantiles and exponent by place; and numbers for `_fit_veil`."""
+    exponents = list(dict.fromkeys(fit.exponent for fit in fits))
+    return (
+        exponents,
+        np.array([(*(fit.quantiles or (0, 0)), exponents.index(fit.exponent)) for fit in fits]),
+        np.array([(fit.of_water, fit.gradient, fit.black, fit.growth) for fit in fits]))
+
+
+def _fit_all(
+    fits: tuple[GridFit, ...], light: NDArray[np.floating], there: NDArray[np.floating],
+    of_tiles: NDArray[np.floating], seen: NDArray[np.floating], water: NDArray[Any],
+    of_image: NDArray[np.floating],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """`_fit_veil` for `mean` (..., 3, K, N): residuals and veils, (..., 3, G) each."""
-    before, (groups, bins) = mean.shape[:-2], mean.shape[-2:]
+    """Residuals and veils of fits, (..., 3, fits, G) each.
+
+    `light` (..., 3, BINS, K) are quantiles, with the weight `there` of each bin; `seen`
+    (..., 3, 2) is open water's light, where there is `water`, (..., 3).
+    """
+    exponents, places, numbers = _plan(fits)
+    powers = np.stack([
+        light if each == 1.0 else np.maximum(light, 0.0) ** each for each in exponents], axis=-3)
     flat = [
-        np.ascontiguousarray(np.broadcast_to(each, (*before, *end)), np.float32).reshape(-1, *end)
-        for each, end in (
-            (mean, (groups, bins)), (weight, (groups, bins)), (row, (groups, bins)),
-            (distance[..., np.newaxis, :], (bins,)), (seen, (2,)), (rows[..., np.newaxis, :], (2,)),
-            (of_seen, (2,)))]
-    residual = np.empty((len(flat[0]), len(THICKNESS)), np.float32)
-    veil = np.empty_like(residual)
-    _fit_veil(*flat, gradient, black, growth, residual, veil)
-    shape = (*before, len(THICKNESS))
+        np.ascontiguousarray(each, np.float32).reshape(-1, *each.shape[each.ndim - axes:])
+        for each, axes in (
+            (powers.swapaxes(-1, -2), 3), (there[..., np.newaxis, :], 2), (of_tiles, 3),
+            (np.exp(of_image[..., RANGES]), 1), (of_image[..., np.newaxis, ROWS], 2), (seen, 1),
+            (water, 0), (of_image[..., (UPPER_ROW, LOWER_ROW)], 1))]
+    shape = (*there.shape[:-1], len(fits), len(THICKNESS))
+    residual, veil = np.empty((2, len(flat[0]), *shape[-2:]), np.float32)
+    _fit_veils(*flat, places, numbers, residual, veil)
     return residual.reshape(shape), veil.reshape(shape)
 
 
 @njit(nogil=True)
+def _fit_veils(
+    light: Any, there: Any, tiles: Any, distance: Any, bin_row: Any, seen: Any, water: Any,
+    rows: Any, places: Any, numbers: Any, residual: Any, veil: Any,
+) -> None:
+    """`_fit_veil` for all images, channels and fits."""
+    transmission = np.empty((len(THICKNESS), distance.shape[1]), np.float32)
+    for i in range(len(light)):
+        image, c = i // 3, i % 3
+        for g in range(len(THICKNESS)):
+            for n in range(distance.shape[1]):
+                transmission[g, n] = np.exp(-THICKNESS[g] * distance[image, n])
+        for f in range(len(places)):
+            first, last, power = places[f]
+            if first < last:
+                mean, weight, row = light[i, power, first:last], there[i], bin_row[image]
+            else:
+                mean, weight, row = tiles[image, c], tiles[image, WEIGHT], tiles[image, ROW]
+            of_water, gradient, black, growth = numbers[f]
+            _fit_veil(
+                mean, weight, row, transmission, seen[i], rows[image],
+                np.float32(of_water) * water[i], gradient > 0.0, black > 0.0, growth,
+                residual[i, f], veil[i, f])
+
+
+@njit(nogil=True)
 def _fit_veil(
-    mean: Any, weight: Any, row: Any, distance: Any, seen: Any, rows: Any, of_seen: Any,
+    mean: Any, weight: Any, row: Any, transmission: Any, seen: Any, rows: Any, of_seen: Any,
     gradient: bool, black: bool, growth: float, residual: Any, veil: Any,
 ) -> None:
     """ln of the mean squared residual, and B_0, for each thickness.
 
     With `black`, c is −B: surfaces reflect nothing. Without `gradient`, B_1 is 0. `seen` is what
-    two parts of open water show at `rows`, with the weights `of_seen`.
+    two parts of open water show at `rows`, with the weight `of_seen`. All `mean`, (K, N), have the
+    weight and row of the first where there is no more, (1, N).
     """
-    many, groups, bins = mean.shape
-    transmission, unveiled = np.empty(bins, np.float32), np.empty(bins, np.float32)
-    for i in range(many):
-        for g in range(len(THICKNESS)):
-            for n in range(bins):
-                transmission[n] = np.exp(-THICKNESS[g] * distance[i, n])
-                unveiled[n] = transmission[n] if growth == 1.0 else transmission[n]**growth
-            # Normal equations of B_0 and B_1.
-            a00, a01, a11, b0, b1, energy, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for k in range(groups):
-                ll, l0, l1, ly = 0.0, 0.0, 0.0, 0.0
-                for n in range(bins):
-                    w = weight[i, k, n]
-                    if w <= 0.0:
-                        continue
-                    left, missing = transmission[n], unveiled[n]
-                    y = mean[i, k, n]
-                    # What B_0 and B_1 are multiplied with; c includes −B_0 if the rates are one.
-                    of_0 = 1.0 - missing if black or growth != 1.0 else 1.0
-                    of_1 = row[i, k, n] * (1.0 - missing)
-                    total += w
-                    energy += w * y * y
-                    a00 += w * of_0 * of_0
-                    a01 += w * of_0 * of_1
-                    a11 += w * of_1 * of_1
-                    b0 += w * of_0 * y
-                    b1 += w * of_1 * y
-                    if not black:
-                        ll += w * left * left
-                        l0 += w * left * of_0
-                        l1 += w * left * of_1
-                        ly += w * left * y
-                if ll > 1e-12:
-                    energy -= ly * ly / ll
-                    a00 -= l0 * l0 / ll
-                    a01 -= l0 * l1 / ll
-                    a11 -= l1 * l1 / ll
-                    b0 -= l0 * ly / ll
-                    b1 -= l1 * ly / ll
-            for j in range(2):
-                w = of_seen[i, j]
-                energy += w * seen[i, j] ** 2
-                a00 += w
-                a01 += w * rows[i, j]
-                a11 += w * rows[i, j] ** 2
-                b0 += w * seen[i, j]
-                b1 += w * rows[i, j] * seen[i, j]
-            a11 += (PRECISION / GRADIENT) ** 2
-            a00 = max(a00, 1e-9)
-            slope = 0.0
-            if gradient:
-                determinant = a00 * a11 - a01 * a01
-                if determinant > 1e-9 * a00 * a11:
-                    slope = (a00 * b1 - a01 * b0) / determinant
-            level = (b0 - a01 * slope) / a00
-            rest = energy - 2.0 * (level * b0 + slope * b1) + (
-                level * level * a00 + 2.0 * level * slope * a01 + slope * slope * a11)
-            residual[i, g] = np.log(max(rest, 0.0) / max(total, 1e-3) + PRECISION**2)
-            veil[i, g] = level
+    unveiled = np.empty(mean.shape[1], np.float32)
+    for g in range(len(THICKNESS)):
+        for n in range(mean.shape[1]):
+            left = transmission[g, n]
+            unveiled[n] = left if growth == 1.0 else left**growth
+        # Normal equations of B_0 and B_1.
+        a00, a01, a11, b0, b1, energy, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(mean.shape[0]):
+            ll, l0, l1, ly = 0.0, 0.0, 0.0, 0.0
+            own = min(k, len(weight) - 1)
+            for n in range(mean.shape[1]):
+                w = weight[own, n]
+                if w <= 0.0:
+                    continue
+                left, missing = transmission[g, n], unveiled[n]
+                y = mean[k, n]
+                # What B_0 and B_1 are multiplied with; c includes −B_0 if the rates are one.
+                of_0 = 1.0 - missing if black or growth != 1.0 else 1.0
+                of_1 = row[own, n] * (1.0 - missing)
+                total += w
+                energy += w * y * y
+                a00 += w * of_0 * of_0
+                a01 += w * of_0 * of_1
+                a11 += w * of_1 * of_1
+                b0 += w * of_0 * y
+                b1 += w * of_1 * y
+                if not black:
+                    ll += w * left * left
+                    l0 += w * left * of_0
+                    l1 += w * left * of_1
+                    ly += w * left * y
+            if ll > 1e-12:
+                energy -= ly * ly / ll
+                a00 -= l0 * l0 / ll
+                a01 -= l0 * l1 / ll
+                a11 -= l1 * l1 / ll
+                b0 -= l0 * ly / ll
+                b1 -= l1 * ly / ll
+        for j in range(2):
+            energy += of_seen * seen[j] ** 2
+            a00 += of_seen
+            a01 += of_seen * rows[j]
+            a11 += of_seen * rows[j] ** 2
+            b0 += of_seen * seen[j]
+            b1 += of_seen * rows[j] * seen[j]
+        a11 += (PRECISION / GRADIENT) ** 2
+        a00 = max(a00, 1e-9)
+        slope = 0.0
+        if gradient:
+            determinant = a00 * a11 - a01 * a01
+            if determinant > 1e-9 * a00 * a11:
+                slope = (a00 * b1 - a01 * b0) / determinant
+        level = (b0 - a01 * slope) / a00
+        rest = energy - 2.0 * (level * b0 + slope * b1) + (
+            level * level * a00 + 2.0 * level * slope * a01 + slope * slope * a11)
+        residual[g] = np.log(max(rest, 0.0) / max(total, 1e-3) + PRECISION**2)
+        veil[g] = level
 
 
 @njit(nogil=True)
@@ -393,14 +426,17 @@ def _decay(
     weight: NDArray[np.floating],
 ) -> NDArray[np.floating]:
     """Slopes of ln contrast over range in median ranges, and their residuals, (..., 3, 8)."""
-    x = np.broadcast_to(distance[..., np.newaxis, :], weight.shape)
     number = np.maximum(weight.sum(axis=-1, keepdims=True), 1.0)
-    away = (x - (weight * x).sum(axis=-1, keepdims=True) / number) * weight
+
+    def centred(values: NDArray[np.floating]) -> NDArray[np.floating]:
+        return (values - (weight * values).sum(axis=-1, keepdims=True) / number) * weight
+
+    away = centred(distance[..., np.newaxis, :])
     spread = np.maximum((away**2).sum(axis=-1), 1e-6)
     found = []
     for y in (*(np.log(np.maximum(q[..., a] - q[..., b], 0.0) + 0.5 * FLOOR)
                 for a, b in SPREADS), contrast):
-        off = (y - (weight * y).sum(axis=-1, keepdims=True) / number) * weight
+        off = centred(y)
         slope = (away * off).sum(axis=-1) / spread
         rest = off - slope[..., np.newaxis] * away
         found += [np.clip(slope, -9.0, 9.0), np.log((rest**2).sum(axis=-1) / number[..., 0] + 1e-4)]
