@@ -126,14 +126,10 @@ class Network:
     def infer(self, statistics: Statistics) -> Mixture:
         """Infer the posterior of an image's statistics."""
         features = standardise(features_of(*statistics[:4]), self.centre, self.spread)
-        found = [_run(layers, features) for layers in self.layers]
-        parts = [_components(outputs, logits) for outputs, logits, _ in found]
-        other_curve, lamps = np.mean([expit(flags) for _, _, flags in found], axis=0).tolist()
+        outputs, logits, flags = _run(self.layers, features)
+        other_curve, lamps = expit(flags).mean(axis=0).tolist()
         return Mixture(
-            np.concatenate([weight for weight, _, _ in parts]) / len(parts),
-            np.concatenate([mean for _, mean, _ in parts]),
-            np.concatenate([covariance for _, _, covariance in parts]),
-            other_curve, lamps, unlike(features, lit(statistics)))
+            *_components(outputs, logits), other_curve, lamps, unlike(features, lit(statistics)))
 
 
 def features_of(
@@ -169,20 +165,23 @@ def standardise(features: NDArray[Any], centre: Array, spread: Array) -> Array:
 
 
 def _run(
-    layers: tuple[NDArray[np.float32], ...], features: Array
+    networks: tuple[tuple[NDArray[np.float32], ...], ...], features: Array
 ) -> tuple[Array, Array, Array]:
-    """Outputs (3, OUTPUTS) of the channels, logits of the components (K,) and of the flags (2,)."""
-    (first, first_bias, second, second_bias, third, third_bias, last, last_bias, of, of_bias,
-     flags, flags_bias) = layers
-    hidden = gelu(normalise(features.astype(np.float32) @ first + first_bias))
-    mixed = np.concatenate((hidden, np.broadcast_to(hidden.mean(axis=0), hidden.shape)), axis=1)
-    hidden = gelu(normalise(mixed @ second + second_bias))
-    hidden = gelu(normalise(hidden @ third + third_bias))
-    together = hidden.mean(axis=0)
+    """Outputs (N, 3, OUTPUTS) of N networks, logits of the components (N, K) and of the flags."""
+    def layer(number: int, inputs: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.stack([
+            each @ layers[2 * number] + layers[2 * number + 1]
+            for each, layers in zip(inputs, networks, strict=True)])
+
+    seen = np.broadcast_to(features.astype(np.float32), (len(networks), *features.shape))
+    hidden = gelu(normalise(layer(0, seen)))
+    others = np.broadcast_to(hidden.mean(axis=1, keepdims=True), hidden.shape)
+    hidden = gelu(normalise(layer(1, np.concatenate((hidden, others), axis=2))))
+    hidden = gelu(normalise(layer(2, hidden)))
+    together = hidden.mean(axis=1)
     return (
-        (hidden @ last + last_bias).astype(np.float64),
-        (together @ of + of_bias).astype(np.float64),
-        (together @ flags + flags_bias).astype(np.float64))
+        layer(3, hidden).astype(np.float64), layer(4, together).astype(np.float64),
+        layer(5, together).astype(np.float64))
 
 
 def normalise(x: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -198,23 +197,24 @@ def gelu(x: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _components(outputs: Array, logits: Array) -> tuple[Array, Array, Array]:
-    """Weights (K,), means (K, 9) and covariances (K, 9, 9) of the components."""
-    weight = np.exp(logits - logits.max())
-    weight /= weight.sum()
-    shaped = outputs.reshape(3, COMPONENTS, OF_COMPONENT).swapaxes(0, 1)
-    mean = shaped[..., :UNKNOWNS].reshape(COMPONENTS, -1)
-    lower = np.zeros((COMPONENTS, 3, UNKNOWNS, UNKNOWNS))
+    """Weights (K,), means (K, 9) and covariances (K, 9, 9) of the components of all networks."""
+    weight = np.exp(logits - logits.max(axis=1, keepdims=True))
+    weight /= weight.sum(axis=1, keepdims=True)
+    shaped = outputs.reshape(-1, 3, COMPONENTS, OF_COMPONENT).swapaxes(1, 2).reshape(
+        -1, 3, OF_COMPONENT)
+    mean = shaped[..., :UNKNOWNS].reshape(len(shaped), -1)
+    lower = np.zeros((len(shaped), 3, UNKNOWNS, UNKNOWNS))
     diagonal = np.arange(UNKNOWNS)
     lower[..., diagonal, diagonal] = np.exp(np.clip(
         shaped[..., UNKNOWNS:2 * UNKNOWNS], LEAST_LOG_DEVIATION, MOST_LOG_DEVIATION))
     row, column = np.tril_indices(UNKNOWNS, -1)
     lower[..., row, column] = shaped[..., 2 * UNKNOWNS:UNKNOWNS + 6]
-    loading = shaped[..., UNKNOWNS + 6:].reshape(COMPONENTS, -1, FACTORS)
+    loading = shaped[..., UNKNOWNS + 6:].reshape(len(shaped), -1, FACTORS)
     covariance = loading @ loading.swapaxes(1, 2)
     for c in range(3):
         block = slice(c * UNKNOWNS, (c + 1) * UNKNOWNS)
         covariance[:, block, block] += lower[:, c] @ lower[:, c].swapaxes(1, 2)
-    return weight, mean, covariance
+    return weight.ravel() / len(outputs), mean, covariance
 
 
 def load(path: Path) -> Network:
